@@ -21,7 +21,7 @@ from pathlib import Path
 
 TOP = Path(__file__).resolve().parent.parent
 DIST, WORK = TOP / "dist", TOP / "build" / "app"
-PACKAGES = ("pfwd_plugins", "pfwd_device", "inversion", "pfwd_survey", "pfwd", "tui", "simulators")
+PACKAGES = ("pfwd_plugins", "pfwd_device", "inversion", "pfwd", "tui", "simulators")
 METADATA = ("pfwd", "numpy", "scipy", "h5py", "matplotlib", "textual")
 """Whose versions reports and --version name."""
 

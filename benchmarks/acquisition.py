@@ -82,11 +82,11 @@ class _Meter(threading.Thread):
 
 def child(url: str, folder: str, drops: int) -> dict[str, Any]:
     """Measure in this process, and what that took."""
+    from pfwd.session.events import DropSaved, SessionEvent
+    from pfwd.session.live import LiveFeed
+    from pfwd.session.session import Session, SessionPlan
+    from pfwd.session.setup_file import MeasuringSetup
     from pfwd_device.recording import SurveyWriter
-    from pfwd_survey.measuring.events import DropSaved, SessionEvent
-    from pfwd_survey.measuring.live import LiveFeed
-    from pfwd_survey.measuring.session import Session, SessionPlan
-    from pfwd_survey.measuring.setup_file import MeasuringSetup
 
     saved = 0
 

@@ -22,10 +22,10 @@ from platformdirs import user_cache_path
 
 from benchmarks.archive_drops import write_archive
 from benchmarks.output import Reporter
-from pfwd_survey import AnalysisOptions
-from pfwd_survey.archive.local import LocalWorkers
-from pfwd_survey.archive.run import Summary, invert_archive
-from pfwd_survey.archive.work import Failure
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.archive.local import LocalWorkers
+from pfwd.archive.run import Summary, invert_archive
+from pfwd.archive.work import Failure
 
 MILLION = 1_000_000
 _SAMPLING_S = 0.2

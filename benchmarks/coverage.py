@@ -38,7 +38,8 @@ from inversion.forward.model import ForwardModel
 from inversion.measured.record import CONTACT_END_FRACTION
 from inversion.records import known
 from inversion.threads import single_threaded_blas
-from pfwd_survey import read_traces, record_of
+from pfwd.analysis.analyse import record_of
+from pfwd.files.traces import read_traces
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
 from simulators.mesh import Ground, Plate, Resolution
 from simulators.traces import Recording, write_traces

@@ -31,7 +31,9 @@ from benchmarks.output import Reporter
 from inversion import SurrogateLibrary
 from inversion.records import known
 from inversion.threads import single_threaded_blas
-from pfwd_survey import AnalysisOptions, analyse_point, read_traces
+from pfwd.analysis.analyse import analyse_point
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.files.traces import read_traces
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
 from simulators.mesh import Ground, Plate
 from simulators.traces import Recording, write_traces

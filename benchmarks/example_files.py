@@ -1,6 +1,6 @@
 """The example files that ship with `pfwd`, made from finite elements by one command.
 
-What was simulated stands in ``pfwd/data/README.md`` and in no header of a file.
+What was simulated stands in ``pfwd/scripting/data/README.md`` and in no header of a file.
 """
 
 import argparse
@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.output import Reporter
+from pfwd.analysis.analyse import analyse_files
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.export.export import export_survey
+from pfwd.files.importing import import_files
 from pfwd_device.recording import SurveyWriter, read_survey
-from pfwd_survey.exporting.export import export_survey
-from pfwd_survey.files.importing import import_files
-from pfwd_survey.inverting.analysis import analyse_files
-from pfwd_survey.inverting.options import AnalysisOptions
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
 from simulators.effects.channels import delayed
 from simulators.mesh import Ground, Plate
@@ -73,7 +73,7 @@ SURVEY = {
 
 
 def run(arguments: list[str]) -> int:
-    """``--output FOLDER`` (default pfwd/data), ``--json``."""
+    """``--output FOLDER`` (default pfwd/scripting/data), ``--json``."""
     parser = argparse.ArgumentParser(prog="pfwd bench example_files", description=__doc__)
     parser.add_argument("--output", type=Path, default=FOLDER, metavar="FOLDER")
     parser.add_argument("--json", action="store_true")

@@ -36,7 +36,8 @@ from inversion.forward.layered import (
 from inversion.forward.layered.quadrature import Layout, nodes
 from inversion.forward.model import transfer_function
 from inversion.threads import single_threaded_blas
-from pfwd_survey import read_traces, record_of
+from pfwd.analysis.analyse import record_of
+from pfwd.files.traces import read_traces
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Ground, Layer, Plate
 

@@ -22,8 +22,9 @@ from inversion import Instrument, Record, Settings, invert
 from inversion.measured.record import Sensor
 from inversion.records import known
 from inversion.result import InversionResult
-from pfwd_survey import read_traces, record_of
-from pfwd_survey.spawning import worker_pool
+from pfwd.analysis.analyse import record_of
+from pfwd.files.traces import read_traces
+from pfwd.spawning import worker_pool
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Ground, Layer, Plate
 

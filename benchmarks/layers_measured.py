@@ -21,9 +21,9 @@ from inversion.fitting.layered.number import left_out_errors
 from inversion.inference.posterior import Posterior
 from inversion.inference.structures import fit_drops
 from inversion.threads import single_threaded_blas
-from pfwd_survey.inverting.diagnosis.entries import entries_of
-from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.spawning import worker_pool
+from pfwd.analysis.diagnosis.entries import entries_of
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.spawning import worker_pool
 
 LADDER: tuple[tuple[str, tuple[tuple[str, ...], ...]], ...] = (
     ("homogeneous", ((), ("bedrock",))),

@@ -211,7 +211,7 @@ def _campaign(
 
 def by_library(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
     """Return diagnoses by file name; a file that was refused has none."""
-    from pfwd_survey.inverting.diagnosis.diagnose import diagnose_files
+    from pfwd.analysis.diagnosis.diagnose import diagnose_files
 
     done = diagnose_files([str(file) for file in files], jobs=jobs)
     return {

@@ -18,11 +18,11 @@ import numpy as np
 from benchmarks.output import Reporter
 from inversion.diagnosis import PointDiagnosis
 from inversion.records import known
-from pfwd_survey.errors import SurveyError
-from pfwd_survey.inverting.diagnosis.diagnose import diagnose_entries
-from pfwd_survey.inverting.diagnosis.entries import DiagnosisPoint, entries_of
-from pfwd_survey.inverting.diagnosis.result import HeldOut
-from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd.analysis.diagnosis.diagnose import diagnose_entries
+from pfwd.analysis.diagnosis.entries import DiagnosisPoint, entries_of
+from pfwd.analysis.diagnosis.result import HeldOut
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.errors import SurveyError
 
 
 def run(arguments: list[str]) -> int:

@@ -15,12 +15,12 @@ from typing import Any
 
 from benchmarks.output import Reporter
 from benchmarks.terminal_picture import runs_of_app, save_picture
-from pfwd_survey.files.editing import Edit, edit_survey
-from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.judging import JobRequest, Station
-from pfwd_survey.measuring.measure import measure
-from pfwd_survey.measuring.plan import SessionPlan
-from pfwd_survey.procedures import plain_procedure
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.files.editing import Edit, edit_survey
+from pfwd.judging import JobRequest, Station
+from pfwd.procedures import plain_procedure
+from pfwd.session.measure import measure
+from pfwd.session.plan import SessionPlan
 from simulators.instrument import serve
 from tui.screen.app import PfwdApp
 from tui.screen.drawing.glyphs import BRAILLE

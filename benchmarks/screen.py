@@ -162,7 +162,7 @@ def child(url: str, folder: str, told: str, seconds: float) -> None:
     """The screen in this process; it ends by itself and writes what it cost."""
     import asyncio
 
-    from pfwd_survey.measuring.plan import SessionPlan
+    from pfwd.session.plan import SessionPlan
     from tui.screen.app import PfwdApp
     from tui.screen.session.sources import LiveSource
     from tui.screen.settings import ScreenSettings

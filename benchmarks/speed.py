@@ -16,7 +16,8 @@ from inversion.forward.published import published_displacement
 from inversion.measured.record import prepare
 from inversion.records import known
 from inversion.threads import single_threaded_blas
-from pfwd_survey import read_traces, record_of
+from pfwd.analysis.analyse import record_of
+from pfwd.files.traces import read_traces
 
 _SOLVES = 8000
 _BATCH = 80

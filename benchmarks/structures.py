@@ -35,8 +35,8 @@ from inversion.inference.structures import (
     fit_briefly,
 )
 from inversion.threads import single_threaded_blas
-from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.spawning import worker_pool
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.spawning import worker_pool
 
 # What the drops of the published survey show beside the question.
 _BESIDE: Structure = frozenset(

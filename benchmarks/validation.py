@@ -29,9 +29,9 @@ from inversion import (
 )
 from inversion.records import known as known_value
 from inversion.threads import single_threaded_blas
-from pfwd_survey import read_traces, record_of
-from pfwd_survey.inverting.analysis import settings_of
-from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd.analysis.analyse import record_of, settings_of
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.files.traces import read_traces
 from simulators.drop import DropSimulator, Hammer, SimulatedDrop
 from simulators.mesh import Ground, Plate
 from simulators.traces import Recording, write_traces

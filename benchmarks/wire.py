@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.output import Reporter
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.session.events import DropSaved, SessionEvent
+from pfwd.session.measure import measure
+from pfwd.session.session import Session, SessionPlan
 from pfwd_device.recording import read_survey
-from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.measuring.events import DropSaved, SessionEvent
-from pfwd_survey.measuring.measure import measure
-from pfwd_survey.measuring.session import Session, SessionPlan
 from simulators.bad_link import BadLink
 from simulators.firmware import BoardOptions, FirmwareError, HostBoard, Played, play_scenario
 

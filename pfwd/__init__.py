@@ -11,17 +11,19 @@ names below are loaded on first use, so that the import is quick.
 
 from typing import TYPE_CHECKING
 
+from inversion import notices
+from pfwd import notice_texts
 from pfwd_plugins.lazy_names import lazy_getattr
 
 if TYPE_CHECKING:
     from inversion.errors import InversionError
-    from pfwd.diagnosing import Diagnoses, Diagnosis, diagnose
-    from pfwd.examples import example
-    from pfwd.inverting import invert
-    from pfwd.measured import Drop, Point, Points, drop, read
-    from pfwd.results import Result, Results
-    from pfwd.surveys import Survey, open
-    from pfwd_survey.errors import OptionError, SurveyError
+    from pfwd.errors import OptionError, SurveyError
+    from pfwd.scripting.diagnosing import Diagnoses, Diagnosis, diagnose
+    from pfwd.scripting.examples import example
+    from pfwd.scripting.inverting import invert
+    from pfwd.scripting.measured import Drop, Point, Points, drop, read
+    from pfwd.scripting.results import Result, Results
+    from pfwd.scripting.surveys import Survey, open
 
 __all__ = [
     "Diagnoses",
@@ -44,25 +46,27 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Diagnoses": "pfwd.diagnosing",
-    "Diagnosis": "pfwd.diagnosing",
-    "Drop": "pfwd.measured",
+    "Diagnoses": "pfwd.scripting.diagnosing",
+    "Diagnosis": "pfwd.scripting.diagnosing",
+    "Drop": "pfwd.scripting.measured",
     "InversionError": "inversion.errors",
-    "OptionError": "pfwd_survey.errors",
-    "Point": "pfwd.measured",
-    "Points": "pfwd.measured",
-    "Result": "pfwd.results",
-    "Results": "pfwd.results",
-    "Survey": "pfwd.surveys",
-    "SurveyError": "pfwd_survey.errors",
+    "OptionError": "pfwd.errors",
+    "Point": "pfwd.scripting.measured",
+    "Points": "pfwd.scripting.measured",
+    "Result": "pfwd.scripting.results",
+    "Results": "pfwd.scripting.results",
+    "Survey": "pfwd.scripting.surveys",
+    "SurveyError": "pfwd.errors",
     "__version__": "pfwd.version",
-    "diagnose": "pfwd.diagnosing",
-    "drop": "pfwd.measured",
-    "example": "pfwd.examples",
-    "invert": "pfwd.inverting",
-    "open": "pfwd.surveys",
-    "read": "pfwd.measured",
+    "diagnose": "pfwd.scripting.diagnosing",
+    "drop": "pfwd.scripting.measured",
+    "example": "pfwd.scripting.examples",
+    "invert": "pfwd.scripting.inverting",
+    "open": "pfwd.scripting.surveys",
+    "read": "pfwd.scripting.measured",
 }
+
+notices.register(notice_texts.TEMPLATES, notice_texts.TERMS, notice_texts.EARLIER)
 
 __getattr__ = lazy_getattr(globals(), _HOMES)
 

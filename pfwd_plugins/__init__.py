@@ -3,8 +3,8 @@
 A package names an object in its metadata, in one of four groups::
 
     [project.entry-points."pfwd.dialects"]         # a pfwd_device.wire.registry.DialectEntry
-    [project.entry-points."pfwd.import_formats"]   # a pfwd_survey.files.foreign.registry.Format
-    [project.entry-points."pfwd.export_formats"]   # a pfwd_survey.exporting.registry.ExportFormat
+    [project.entry-points."pfwd.import_formats"]   # a pfwd.files.foreign.registry.Format
+    [project.entry-points."pfwd.export_formats"]   # a pfwd.export.registry.ExportFormat
     [project.entry-points."pfwd.effects"]          # an inversion.effects.Effect
     toy = "toy_package:TOY"
 

@@ -18,10 +18,10 @@ PACKAGES = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
 @pytest.mark.parametrize(
     ("module", "unwanted"),
     [
-        ("pfwd_device", ["scipy", "textual", "rich", "matplotlib", "inversion", "pfwd_survey"]),
+        ("pfwd_device", ["scipy", "textual", "rich", "matplotlib", "inversion", "pfwd"]),
         ("inversion", ["textual", "rich", "matplotlib", "serial", "h5py", "pfwd_device"]),
-        ("simulators", ["textual", "inversion", "pfwd_survey"]),
-        ("pfwd_survey.files.traces", ["textual", "rich", "matplotlib", "scipy", "h5py", "tui"]),
+        ("simulators", ["textual", "inversion", "pfwd"]),
+        ("pfwd.files.traces", ["textual", "rich", "matplotlib", "scipy", "h5py", "tui"]),
         (
             "pfwd",
             [

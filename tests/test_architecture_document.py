@@ -9,7 +9,7 @@ import pytest
 
 TOP = Path(__file__).resolve().parents[1]
 TEXT = (TOP / "docs" / "architecture.md").read_text(encoding="utf-8")
-PACKAGES = ("pfwd_plugins", "pfwd_device", "inversion", "pfwd_survey", "pfwd", "tui", "simulators")
+PACKAGES = ("pfwd_plugins", "pfwd_device", "inversion", "pfwd", "tui", "simulators")
 NAMES = sorted(set(re.findall(rf"`((?:{'|'.join(PACKAGES)})\.[\w.]+)`", TEXT)))
 
 

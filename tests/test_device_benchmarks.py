@@ -13,7 +13,7 @@ from benchmarks import archive_drops, devices
 from benchmarks.__main__ import main
 from benchmarks.devices import DEVICES, SITES, Case, Reading
 from benchmarks.output import Reporter
-from pfwd_survey import read_traces
+from pfwd.files.traces import read_traces
 from simulators.drop import SimulatedDrop
 
 

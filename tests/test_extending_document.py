@@ -207,7 +207,7 @@ def test_a_dialect_does_not_depend_on_how_the_bytes_were_cut(folder: Path) -> No
 
 
 def test_an_import_format_is_read(folder: Path, survey: Path) -> None:
-    code = "from pfwd_survey.files.reading import read_points; (p,) = read_points('point.toy');"
+    code = "from pfwd.files.reading import read_points; (p,) = read_points('point.toy');"
     done = python(folder, "-c", code + "print(p.setup.plate_radius, p.drops[0].load.max())")
     radius, peak = map(float, done.stdout.split())
     assert radius == 0.15
@@ -319,7 +319,7 @@ def test_a_page_is_shown_by_its_key(folder: Path) -> None:
 
 
 def test_the_catalogue_of_texts_that_is_copied_is_there() -> None:
-    assert files("pfwd_survey.reporting").joinpath("catalogues", "en.toml").is_file()
+    assert files("pfwd.report").joinpath("catalogues", "en.toml").is_file()
 
 
 def test_without_the_package_nothing_of_it_is_known(folder: Path, tmp_path: Path) -> None:

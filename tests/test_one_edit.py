@@ -26,10 +26,10 @@ exec(compile(text.replace(old, field), str(source), "exec"), module.__dict__)
 
 import pfwd
 from pfwd_device.recording import DropRecord, SurveyWriter
-from pfwd_survey.exporting.export import export_survey
-from pfwd_survey.files.header import declared_values
-from pfwd_survey.inverting.results import DropResult
-from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop, result_of
+from pfwd.export.export import export_survey
+from pfwd.files.header import declared_values
+from pfwd.analysis.results import DropResult
+from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
 
 with SurveyWriter.open(folder / "s", publish=False, reserve_bytes=0) as writer:
     declared = declared_values(SETUP)
@@ -39,7 +39,7 @@ with SurveyWriter.open(folder / "s", publish=False, reserve_bytes=0) as writer:
     writer.save_result(record, result.to_json())
 for form in ("table", "jsonl", "xlsx"):
     export_survey(folder / "s", form, folder / f"made.{form}")
-from pfwd_survey.reporting.composing import result_values
+from pfwd.report.composing import result_values
 assert "settlement_index_m 0.0125" in result_values(result)
 print(json.dumps(pfwd.open(str(folder / "s")).to_dict()))
 """

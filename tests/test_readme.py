@@ -35,7 +35,7 @@ def test_the_example_of_the_readme_finds_the_simulated_modulus(tmp_path: Path) -
     found = re.search(r"^E = ([\d.]+) MPa, ([\d.]+) to ([\d.]+) MPa", printed, re.M)
     assert found is not None
     modulus, low, high = map(float, found.groups())
-    # pfwd/data/README.md: 80 MPa were simulated.
+    # pfwd/scripting/data/README.md: 80 MPa were simulated.
     assert low <= 80.0 <= high
     assert modulus == pytest.approx(80.0, rel=0.01)
 

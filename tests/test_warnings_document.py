@@ -7,7 +7,7 @@ import os
 import re
 from pathlib import Path
 
-import pfwd_survey  # noqa: F401  registers its warnings
+import pfwd  # noqa: F401  registers its warnings
 from inversion.notices import fill_template, gaps_of, templates
 
 PAGE = Path(__file__).parents[1] / "docs" / "warnings.md"

@@ -5,18 +5,18 @@ import contextlib
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from pfwd_survey.errors import OptionError, refusal
-from pfwd_survey.exporting.json_text import json_text
-from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.errors import OptionError, refusal
+from pfwd.export.json_text import json_text
 from tui.diagnosis_lines import show_diagnosis
 from tui.output import clean, say
 from tui.progress import counting
 from tui.survey_lines import printed_results
 
 if TYPE_CHECKING:
-    from pfwd_survey.archive.run import Summary
-    from pfwd_survey.archive.work import Failure
-    from pfwd_survey.archive.workers import Workers
+    from pfwd.archive.run import Summary
+    from pfwd.archive.work import Failure
+    from pfwd.archive.workers import Workers
 
 FAILURES_SAID = 20
 """The first ones say what is wrong; all of them are in the tables."""
@@ -35,7 +35,7 @@ def run_over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
         raise OptionError(refusal(why, "one of them", "both", hint))
     if args.scheduler is not None and args.jobs > 1:
         raise OptionError(refusal("--scheduler and --jobs", "one of the two", "both"))
-    from pfwd_survey.archive.sources import refuse_missing
+    from pfwd.archive.sources import refuse_missing
 
     refuse_missing(args.files)
     with contextlib.closing(_workers(args, options)) as workers:
@@ -46,21 +46,21 @@ def run_over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
 
 def _workers(args: argparse.Namespace, options: AnalysisOptions) -> "Workers":
     if args.scheduler is not None:
-        from pfwd_survey.archive.cluster import ClusterWorkers, check_address, unprotected
+        from pfwd.archive.cluster import ClusterWorkers, check_address, unprotected
 
         check_address(args.scheduler)
         remark = unprotected(args.scheduler)
         if remark is not None:
             say(remark)
         return ClusterWorkers(options, args.scheduler)
-    from pfwd_survey.archive.local import LocalWorkers
+    from pfwd.archive.local import LocalWorkers
 
     return LocalWorkers(options, args.jobs)
 
 
 def _print_all(args: argparse.Namespace, options: AnalysisOptions, workers: "Workers") -> int:
     """Print results in the order in which they are done."""
-    from pfwd_survey.archive.run import invert_stream
+    from pfwd.archive.run import invert_stream
 
     sources = refused = 0
     for outcome in invert_stream(args.files, options, workers):
@@ -78,8 +78,8 @@ def _print_all(args: argparse.Namespace, options: AnalysisOptions, workers: "Wor
 
 def _keep_all(args: argparse.Namespace, options: AnalysisOptions, workers: "Workers") -> int:
     """Keep results as tables and print what was done."""
-    from pfwd_survey.archive.run import invert_archive
-    from pfwd_survey.archive.sources import count_sources
+    from pfwd.archive.run import invert_archive
+    from pfwd.archive.sources import count_sources
 
     said = 0
     with counting(lambda: count_sources(args.files, args.archive)) as show:

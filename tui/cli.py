@@ -14,8 +14,8 @@ import warnings
 from collections.abc import Sequence
 
 import pfwd_plugins
-from pfwd_survey.errors import DeviceError, OptionError, SurveyError
-from pfwd_survey.processes import children_shielded
+from pfwd.errors import DeviceError, OptionError, SurveyError
+from pfwd.processes import children_shielded
 from tui.interrupts import stopped_by_signals, take_no_more_signals
 from tui.output import SPELLING, say
 from tui.parser import FIRST_STEPS, build_parser

@@ -4,19 +4,19 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, TypeGuard
 
-from pfwd_survey.digits import read_in, rounded, with_ends, with_width
-from pfwd_survey.exporting.json_text import json_text
-from pfwd_survey.inverting.diagnosis.result import (
+from pfwd.analysis.diagnosis.result import (
     DiagnosisResult,
     EffectResult,
     FittedState,
     HeldOut,
 )
-from pfwd_survey.message_groups import as_ranges, group_messages
+from pfwd.digits import read_in, rounded, with_ends, with_width
+from pfwd.export.json_text import json_text
+from pfwd.message_groups import as_ranges, group_messages
 from tui.output import clean
 
 if TYPE_CHECKING:
-    from pfwd_survey.procedures import PointModulus
+    from pfwd.procedures import PointModulus
 
 _VERDICT = {
     "clean": "CLEAN: no effect is asked for",
@@ -279,8 +279,8 @@ def show_diagnosis(
         The modulus in force at its point; by default that of the diagnosis alone.
     """
     if as_json:
-        from pfwd_survey.judging.verdicts import modulus_in_force
-        from pfwd_survey.procedures.point import in_force_as_dict
+        from pfwd.judging.verdicts import modulus_in_force
+        from pfwd.procedures.point import in_force_as_dict
 
         modulus = modulus_in_force(result) if modulus == "unknown" else modulus
         print(json_text(result.to_json() | in_force_as_dict(modulus)), flush=True)

@@ -8,6 +8,6 @@ def any_folder(files: Sequence[str]) -> bool:
     """Whether one stands for what is below it: a folder that is no survey."""
     if not any(map(os.path.isdir, files)):
         return False
-    from pfwd_survey.files.folders import is_survey
+    from pfwd.files.folders import is_survey
 
     return any(os.path.isdir(file) and not is_survey(file) for file in files)

@@ -3,8 +3,8 @@
 import datetime
 from typing import Any
 
-from pfwd_survey.judging import Job
-from pfwd_survey.judging.job import JobChange, target_text
+from pfwd.judging import Job
+from pfwd.judging.job import JobChange, target_text
 from tui.point_lines import NAMES
 
 MOST_STATIONS_SHOWN = 20

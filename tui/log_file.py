@@ -8,7 +8,7 @@ from collections import deque
 from io import TextIOWrapper
 from pathlib import Path
 
-from pfwd_survey.files.upkeep import refuse_links_in
+from pfwd.files.upkeep import refuse_links_in
 from tui.output import clean
 
 LARGEST = 1_000_000

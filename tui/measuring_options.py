@@ -7,15 +7,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from pfwd_survey.errors import OptionError, SurveyError, refusal
-from pfwd_survey.files.folders import is_survey
-from pfwd_survey.files.output_path import refuse_inside_survey
-from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.judging import Job, JobRequest, target_si
-from pfwd_survey.judging.stations import read_stations
-from pfwd_survey.judging.view import job_of_folder
-from pfwd_survey.measuring.setup_file import MeasuringSetup, read_setup_file, with_procedure
-from pfwd_survey.procedures import NO_PROCEDURE, Procedure, find_procedure
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.errors import OptionError, SurveyError, refusal
+from pfwd.files.folders import is_survey
+from pfwd.files.output_path import refuse_inside_survey
+from pfwd.judging import Job, JobRequest, target_si
+from pfwd.judging.stations import read_stations
+from pfwd.judging.view import job_of_folder
+from pfwd.procedures import NO_PROCEDURE, Procedure, find_procedure
+from pfwd.session.setup_file import MeasuringSetup, read_setup_file, with_procedure
 from tui.output import on_terminal, say
 
 

@@ -2,10 +2,10 @@
 
 import math
 
-from pfwd_survey.judging import PointView
-from pfwd_survey.judging.job import target_text
-from pfwd_survey.procedures import PointProgress, PointValue, Quantity, Verdict
-from pfwd_survey.procedures.point import UNSUPPORTED_MARK
+from pfwd.judging import PointView
+from pfwd.judging.job import target_text
+from pfwd.procedures import PointProgress, PointValue, Quantity, Verdict
+from pfwd.procedures.point import UNSUPPORTED_MARK
 from tui.output import clean
 
 NAMES = {

@@ -9,8 +9,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from pfwd_survey.errors import OptionError, quote, refusal
-from pfwd_survey.toml_reading import parse_toml
+from pfwd.errors import OptionError, quote, refusal
+from pfwd.toml_reading import parse_toml
 from tui.screen.settings import settings_file
 
 NAME = "report.toml"

@@ -6,12 +6,12 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-from pfwd_survey.exporting.json_text import json_text
-from pfwd_survey.inverting.drop_result import drop_result
-from pfwd_survey.inverting.results import DropAnalysis, DropResult
-from pfwd_survey.judging import Job, PointView
-from pfwd_survey.judging.job import target_text
-from pfwd_survey.measuring.events import (
+from pfwd.analysis.drop_result import drop_result
+from pfwd.analysis.results import DropAnalysis, DropResult
+from pfwd.export.json_text import json_text
+from pfwd.judging import Job, PointView
+from pfwd.judging.job import target_text
+from pfwd.session.events import (
     CalibrationChanged,
     DropAnalysed,
     DropNotPublished,
@@ -30,8 +30,8 @@ from pfwd_survey.measuring.events import (
     SurveyFilesChanged,
     TableBuilding,
 )
-from pfwd_survey.measuring.live_view import CompletePoints
-from pfwd_survey.measuring.repeats import Repeats
+from pfwd.session.live_view import CompletePoints
+from pfwd.session.repeats import Repeats
 from tui.diagnosis_lines import diagnosis_line
 from tui.format import drop_line
 from tui.output import clean, say

@@ -5,11 +5,11 @@ import itertools
 from collections import Counter
 from collections.abc import Sequence
 
-from pfwd_survey.exporting.json_text import json_text
-from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.message_groups import as_ranges, group_messages
-from pfwd_survey.procedures import Kind, PointDrop, judge
-from pfwd_survey.procedures.point import UNSUPPORTED_MARK
+from pfwd.analysis.results import DropResult
+from pfwd.export.json_text import json_text
+from pfwd.message_groups import as_ranges, group_messages
+from pfwd.procedures import Kind, PointDrop, judge
+from pfwd.procedures.point import UNSUPPORTED_MARK
 from tui.format import (
     NOTHING,
     UNEXPLAINED,
@@ -161,8 +161,8 @@ def _depth(result: DropResult) -> str:
 
 def _point_row(name: str, results: Sequence[DropResult]) -> tuple[str, ...]:
     """Mean of the measured drops with its interval, as reports have it."""
-    from pfwd_survey.inverting.drop_facts import with_modulus
-    from pfwd_survey.procedures import NO_PROCEDURE
+    from pfwd.analysis.drop_facts import with_modulus
+    from pfwd.procedures import NO_PROCEDURE
 
     measured = [r for r in results if r.status == "measured"]
     facts = [

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pfwd_survey.exporting.json_text import json_text
+from pfwd.export.json_text import json_text
 from tui.output import clean, counted, say
 
 

@@ -9,6 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pfwd.session.events import DropSaved, SessionEvent
+from pfwd.session.kept_drops import trigger_for
+from pfwd.session.measure import measure, replay
+from pfwd.session.session import Ending, SessionPlan
 from pfwd_device.acquisition.detection import DetectionSettings
 from pfwd_device.acquisition.driver import Driver
 from pfwd_device.acquisition.items import KeptDrop
@@ -17,10 +21,6 @@ from pfwd_device.recording import read_survey
 from pfwd_device.transport.opening import open_transport
 from pfwd_device.wire.binary import BinaryDialect
 from pfwd_device.wire.messages import Arm, Armed, DropOffer, Hello
-from pfwd_survey.measuring.events import DropSaved, SessionEvent
-from pfwd_survey.measuring.kept_drops import trigger_for
-from pfwd_survey.measuring.measure import measure, replay
-from pfwd_survey.measuring.session import Ending, SessionPlan
 from simulators.bad_link import BadLink
 from simulators.firmware import (
     BoardOptions,

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pfwd.session.setup_file import parse_setup
 from pfwd_device.acquisition.decoder import Decoder
 from pfwd_device.acquisition.detection import RawDrop
 from pfwd_device.acquisition.detector import Detector, Found
 from pfwd_device.acquisition.items import Connected, Gap, Samples
-from pfwd_survey.measuring.setup_file import parse_setup
 from simulators.firmware import Played, play_scenario, zig_command
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "build-an-instrument.md"

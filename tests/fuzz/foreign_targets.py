@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from pfwd.errors import SurveyError
+from pfwd.files.reading import read_points
+from pfwd.peaks.basin import basin_of
 from pfwd_device import Drop
 from pfwd_device.peaks import trace_peaks
-from pfwd_survey.errors import SurveyError
-from pfwd_survey.files.reading import read_points
-from pfwd_survey.peaks.basin import basin_of
 from tests.fuzz.outside_targets import memory_folder
 from tests.fuzz.targets import cuts, target
-from tests.pfwd_survey.files.foreign.peaks_builders import dynatest, f25, pddx, places, sweco
+from tests.pfwd.files.foreign.peaks_builders import dynatest, f25, pddx, places, sweco
 
 HEADER = b"plate_radius_m = 0.15\nsensor_offsets_m = [0.0, 0.3]\n"
 MAP = b"""plate_radius_m = 0.15

@@ -11,7 +11,7 @@ import atheris
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-with atheris.instrument_imports(include=["pfwd_device", "pfwd_survey"]):
+with atheris.instrument_imports(include=["pfwd_device", "pfwd"]):
     import tests.fuzz.foreign_targets
     import tests.fuzz.outside_targets  # noqa: F401  (these enter their targets)
     from tests.fuzz.targets import TARGETS

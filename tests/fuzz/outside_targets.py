@@ -5,6 +5,9 @@ import os
 import tempfile
 from pathlib import Path
 
+from pfwd.errors import SurveyError
+from pfwd.files.traces import read_traces
+from pfwd.session.setup_file import parse_setup
 from pfwd_device.errors import DeviceError, RecordingError
 from pfwd_device.recording import CaptureReader, check, read_survey, recover
 from pfwd_device.recording.capture import decode_capture
@@ -14,9 +17,6 @@ from pfwd_device.recording.ledger import head_line, parse_ledger
 from pfwd_device.recording.payload import decode_payload, encode_payload, payload_data
 from pfwd_device.recording.publishing import InlinePublisher
 from pfwd_device.recording.storage import Storage
-from pfwd_survey.errors import SurveyError
-from pfwd_survey.files.traces import read_traces
-from pfwd_survey.measuring.setup_file import parse_setup
 from tests.fuzz.targets import cuts, target
 
 SURVEY_ID = bytes(range(16))

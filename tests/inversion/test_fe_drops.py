@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 from inversion import InversionResult, Settings, SurrogateLibrary, invert
-from pfwd_survey.files.traces import read_traces
-from pfwd_survey.inverting.analysis import record_of
+from pfwd.analysis.analyse import record_of
+from pfwd.files.traces import read_traces
 
 
 @dataclass(frozen=True)

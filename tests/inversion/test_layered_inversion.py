@@ -26,8 +26,8 @@ from inversion.fitting.layered.intervals import LayeredUncertainty, layered_unce
 from inversion.forward.layered import LayeredGround, Medium
 from inversion.forward.layered.statics import effective_depth, effective_modulus
 from inversion.records import known
-from pfwd_survey.files.traces import read_traces
-from pfwd_survey.inverting.analysis import record_of
+from pfwd.analysis.analyse import record_of
+from pfwd.files.traces import read_traces
 from tests.inversion.layered_drops import (
     ALONE,
     DEPTH,

@@ -9,11 +9,11 @@ import pfwd
 
 MODULES = (
     "pfwd",
-    "pfwd.measured",
-    "pfwd.surveys",
-    "pfwd.examples",
-    "pfwd.inverting",
-    "pfwd.diagnosing",
+    "pfwd.scripting.measured",
+    "pfwd.scripting.surveys",
+    "pfwd.scripting.examples",
+    "pfwd.scripting.inverting",
+    "pfwd.scripting.diagnosing",
 )
 
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import pfwd
-from pfwd.examples import FOLDER, Traces
-from pfwd.shown import MOST_ROWS, html_table
-from pfwd_survey.exporting.columns import COLUMNS
+from pfwd.export.columns import COLUMNS
+from pfwd.scripting.examples import FOLDER, Traces
+from pfwd.scripting.shown import MOST_ROWS, html_table
 
 mpl.use("Agg")
 from matplotlib.figure import Figure
@@ -47,7 +47,7 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
 
 
 def test_the_import_brings_nothing_heavy_along() -> None:
-    heavy = ["numpy", "scipy", "h5py", "matplotlib", "pandas", "textual", "rich", "inversion"]
+    heavy = ["numpy", "scipy", "h5py", "matplotlib", "pandas", "textual", "rich"]
     code = f"import sys, pfwd; print(*(set({heavy}) & set(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", code], cwd=TOP, capture_output=True, text=True)
     assert (run.returncode, run.stdout.split()) == (0, [])
@@ -142,7 +142,7 @@ def test_a_survey_has_its_points_drops_and_results() -> None:
     assert [point.name for point in survey.points][:2] == ["km 0+000", "km 0+025"]
     assert len(survey.drops) == 8
     assert [one.status for one in survey.results][:2] == ["seating", "measured"]
-    # pfwd/data/README.md: what was simulated.
+    # pfwd/scripting/data/README.md: what was simulated.
     truths = [62e6, 48e6, 31e6, 55e6]
     assert [one.modulus for one in survey.results.measured] == pytest.approx(truths, rel=0.01)
     assert list(survey.to_dataframe().columns) == [column.name for column in COLUMNS]

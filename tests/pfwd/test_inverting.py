@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import pfwd
-from pfwd.options import DIAGNOSE_OPTIONS, INVERT_OPTIONS
-from pfwd_survey.files.traces import read_traces
-from pfwd_survey.inverting.analysis import analyse_files
-from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.screening.drops import REBOUND_OVER_LARGEST
+from pfwd.analysis.analyse import analyse_files
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.screening.drops import REBOUND_OVER_LARGEST
+from pfwd.files.traces import read_traces
+from pfwd.scripting.options import DIAGNOSE_OPTIONS, INVERT_OPTIONS
 
-# As pfwd/data/README.md says them; a file says nothing of it.
+# As pfwd/scripting/data/README.md says them; a file says nothing of it.
 TRUE_MODULI = {"half-space": 60e6, "layer": 45e6, "three-sensors": 80e6}
 
 
@@ -238,7 +238,7 @@ def test_the_diagnosis_finds_the_effect_of_the_example() -> None:
     (found,) = pfwd.diagnose(pfwd.example("unexplained"))
     # It moves by 4 %, and is known to 2.8 % either way: narrower than it moved it is not.
     assert (found.verdict, found.corrected, found.effects) == ("explained", False, ("sensor_lag",))
-    # The sensor comes 0.5 ms late, over a ground of 50 MPa (pfwd/data/README.md).
+    # The sensor comes 0.5 ms late, over a ground of 50 MPa (pfwd/scripting/data/README.md).
     (effect,) = found["effects"]
     assert effect["value"] == pytest.approx(5e-4, rel=0.02)
     before, after = found.before, found.after

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import pfwd
-from pfwd.examples import FOLDER
+from pfwd.files.importing import import_files
+from pfwd.files.traces import read_traces
+from pfwd.scripting.examples import FOLDER
 from pfwd_device.recording import SurveyWriter
-from pfwd_survey.files.importing import import_files
-from pfwd_survey.files.traces import read_traces
 
 HOSTILE = "\x1b[31m<b>$x_1$"
 

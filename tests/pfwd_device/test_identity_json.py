@@ -9,7 +9,7 @@ import pytest
 
 from pfwd_device.errors import SetupError
 from pfwd_device.identity_json import identity_as_dict, identity_from_dict
-from tests.pfwd_survey.scripted_feed import GEOPHONE, IDENTITY, LOAD
+from tests.pfwd.scripted_feed import GEOPHONE, IDENTITY, LOAD
 
 
 def test_an_identity_survives_json() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pfwd_survey.files.traces import read_traces
+from pfwd.files.traces import read_traces
 from simulators.campaign import (
     DRAWN,
     SITES,

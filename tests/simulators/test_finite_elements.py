@@ -472,7 +472,7 @@ def test_graded_lines_meet_their_breaks_and_sizes() -> None:
 
 
 def test_the_simulators_do_not_load_the_inversion() -> None:
-    code = "import sys, simulators.demo; print(*({'inversion', 'pfwd_survey'} & set(sys.modules)))"
+    code = "import sys, simulators.demo; print(*({'inversion', 'pfwd'} & set(sys.modules)))"
     top = Path(__file__).resolve().parents[2]
     run = subprocess.run(
         [sys.executable, "-c", code], cwd=top, capture_output=True, text=True, check=True

@@ -74,7 +74,7 @@ def test_it_ends_with_its_caller() -> None:
 def test_it_brings_no_inversion_along() -> None:
     code = (
         "import sys, simulators.instrument; "
-        "print(*({'inversion', 'pfwd_survey', 'textual', 'tui'} & set(sys.modules)))"
+        "print(*({'inversion', 'pfwd', 'textual', 'tui'} & set(sys.modules)))"
     )
     run = subprocess.run(
         [sys.executable, "-c", code], cwd=TOP, capture_output=True, text=True, check=True

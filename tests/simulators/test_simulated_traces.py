@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pfwd_survey.files.traces import read_traces
+from pfwd.files.traces import read_traces
 from simulators.demo import PLATE, demo_drops, demo_ground
 from simulators.drop import SimulatedDrop
 from simulators.mesh import GroundError

@@ -14,9 +14,9 @@ from typing import Any
 
 import pytest
 
-from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.outcome import FileOutcome
-from pfwd_survey.inverting.results import DropResult
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.outcome import FileOutcome
+from pfwd.analysis.results import DropResult
 from tui.cli import build_parser, main
 from tui.commands import bench
 from tui.commands.invert import options_from
@@ -30,7 +30,7 @@ class FakeAnalysis(types.ModuleType):
     """Stands in for the analysis: hands out prepared outcomes and keeps what it was asked."""
 
     def __init__(self, *outcomes: FileOutcome | Exception) -> None:
-        super().__init__("pfwd_survey.inverting.analysis")
+        super().__init__("pfwd.analysis.analyse")
         self.outcomes = outcomes
         self.asked: tuple[Any, ...] = ()
         self.closed = False
@@ -50,7 +50,7 @@ class FakeAnalysis(types.ModuleType):
 
 def analysis(monkeypatch: pytest.MonkeyPatch, *outcomes: FileOutcome | Exception) -> FakeAnalysis:
     fake = FakeAnalysis(*outcomes)
-    monkeypatch.setitem(sys.modules, "pfwd_survey.inverting.analysis", fake)
+    monkeypatch.setitem(sys.modules, "pfwd.analysis.analyse", fake)
     return fake
 
 
@@ -199,9 +199,9 @@ def test_people_get_a_table(
 def test_a_plot_is_drawn_of_all_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     drawn: list[Any] = []
-    plots = types.ModuleType("pfwd_survey.inverting.plots")
+    plots = types.ModuleType("pfwd.analysis.plots")
     plots.plot_outcomes = lambda *args: drawn.append(args) or []  # type: ignore[attr-defined,func-returns-value]
-    monkeypatch.setitem(sys.modules, "pfwd_survey.inverting.plots", plots)
+    monkeypatch.setitem(sys.modules, "pfwd.analysis.plots", plots)
     outcomes = [FileOutcome("a.csv", None, [RESULT]), FileOutcome("b.csv", "refused")]
     analysis(monkeypatch, *outcomes)
     assert main(["invert", "a.csv", "b.csv", "--plot", "out.PNG"]) == 1
@@ -269,8 +269,8 @@ def test_a_developer_may_see_the_traceback(monkeypatch: pytest.MonkeyPatch) -> N
 
 ENDLESS = textwrap.dedent("""
     import sys, time, types
-    from pfwd_survey.inverting.outcome import FileOutcome
-    from pfwd_survey.inverting.results import DropResult
+    from pfwd.analysis.outcome import FileOutcome
+    from pfwd.analysis.results import DropResult
     from tui.cli import main
 
     def analyse_files(paths, options, jobs, use_kept):
@@ -281,9 +281,9 @@ ENDLESS = textwrap.dedent("""
         finally:
             print("closed", file=sys.stderr)
 
-    fake = types.ModuleType("pfwd_survey.inverting.analysis")
+    fake = types.ModuleType("pfwd.analysis.analyse")
     fake.analyse_files = analyse_files
-    sys.modules["pfwd_survey.inverting.analysis"] = fake
+    sys.modules["pfwd.analysis.analyse"] = fake
     sys.exit(main(["invert", "a.csv", "--json"]))
 """)
 

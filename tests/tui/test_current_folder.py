@@ -13,12 +13,12 @@ from pathlib import Path
 
 import pytest
 
-from pfwd_survey.spawning import spawn_context
+from pfwd.spawning import spawn_context
 from simulators.demo import demo_drops
 from simulators.instrument import serve
 from tests.tui.console import PATIENCE, PLAIN, RATE, TOP
 
-OURS = ("pfwd_device", "pfwd_survey", "inversion", "simulators", "tui", "benchmarks")
+OURS = ("pfwd_device", "pfwd", "inversion", "simulators", "tui", "benchmarks")
 OTHERS = (
     "numpy",
     "scipy",
@@ -175,7 +175,8 @@ def test_the_benchmarks_run_nothing_of_the_folder(planted: Path) -> None:
 
 SCRIPT = """
 import sys
-from pfwd_survey import AnalysisOptions, analyse_files
+from pfwd.analysis.analyse import analyse_files
+from pfwd.analysis.options import AnalysisOptions
 
 if __name__ == "__main__":
     options = AnalysisOptions(method="least-squares", sensors="centre", bedrock_depth=1.2)
@@ -214,7 +215,7 @@ def test_a_process_started_meanwhile_leaves_the_variables_as_they_were(
 def test_there_is_one_place_that_says_how_a_python_process_is_started() -> None:
     # sys.executable is how one is started by hand, get_context how multiprocessing is asked to.
     places = {"executable": set(), "get_context": set(), "Pool": set()}
-    for package in ("pfwd_device", "inversion", "pfwd_survey", "tui", "simulators"):
+    for package in ("pfwd_device", "inversion", "pfwd", "tui", "simulators"):
         for path in (TOP / package).rglob("*.py"):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 name = getattr(node, "attr", None) or getattr(node, "id", None)

@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
-from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, HeldOut
+from pfwd.analysis.diagnosis.diagnose import Diagnosed
+from pfwd.analysis.diagnosis.result import DiagnosisResult, HeldOut
 from tui.cli import main
 from tui.commands.diagnose import _tell_what_stayed
 from tui.diagnosis_lines import diagnosis_lines

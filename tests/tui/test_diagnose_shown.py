@@ -5,8 +5,8 @@ import json
 import pytest
 
 from inversion.notices import Notice
-from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
-from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
+from pfwd.analysis.diagnosis.diagnose import Diagnosed
+from pfwd.analysis.diagnosis.result import DiagnosisResult
 from tui.commands.diagnose import show_all
 
 

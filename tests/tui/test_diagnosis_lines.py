@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from pfwd_survey.inverting.diagnosis.result import (
+from pfwd.analysis.diagnosis.result import (
     DiagnosisResult,
     EffectParameter,
     EffectResult,

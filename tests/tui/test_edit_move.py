@@ -4,17 +4,17 @@ from pathlib import Path
 
 import pytest
 
+from pfwd.files.editing import Edit
+from pfwd.files.header import declared_values
+from pfwd.judging import JobRequest, Station, SurveyView, point_views
+from pfwd.procedures import Kind, plain_procedure
+from pfwd.session.events import DropSaved, PointKnown
+from pfwd.session.live_view import apply_event
+from pfwd.session.plan import SessionPlan
+from pfwd.session.session import Session
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
-from pfwd_survey.files.editing import Edit
-from pfwd_survey.files.header import declared_values
-from pfwd_survey.judging import JobRequest, Station, SurveyView, point_views
-from pfwd_survey.measuring.events import DropSaved, PointKnown
-from pfwd_survey.measuring.live_view import apply_event
-from pfwd_survey.measuring.plan import SessionPlan
-from pfwd_survey.measuring.session import Session
-from pfwd_survey.procedures import Kind, plain_procedure
-from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop, result_of
-from tests.pfwd_survey.scripted_feed import Log, ScriptedFeed
+from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
+from tests.pfwd.scripted_feed import Log, ScriptedFeed
 from tui.cli import main
 
 

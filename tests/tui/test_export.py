@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.pfwd_survey.files.foreign.builders import dynz, prjz, pulse, thy, viewed
+from tests.pfwd.files.foreign.builders import dynz, prjz, pulse, thy, viewed
 from tests.tui.console import pfwd, records
 
 DROPS = {"1": [pulse(samples=750, peak=8000.0 + n) for n in range(3)]}

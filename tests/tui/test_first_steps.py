@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from pfwd_survey import port_advice
+from pfwd import port_advice
 from tui.cli import main
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pfwd_survey.inverting.results import DropResult
+from pfwd.analysis.results import DropResult
 from tui.format import drop_line
 from tui.survey_lines import result_lines
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
+from pfwd.files.header import declared_values
 from pfwd_device.recording import DropRecord, SurveyWriter
-from pfwd_survey.files.header import declared_values
 from simulators.instrument import serve
-from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop
+from tests.pfwd.report.surveys import SETUP, half_sine_drop
 from tests.tui.console import PLAIN, RATE, pfwd, records
 from tui.cli import main
 

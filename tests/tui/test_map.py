@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from pfwd_survey.errors import TraceError
-from pfwd_survey.files.foreign.column_map import read_map
-from pfwd_survey.files.foreign.map_draft import draft_map, map_text
-from pfwd_survey.files.reading import read_points
+from pfwd.errors import TraceError
+from pfwd.files.foreign.column_map import read_map
+from pfwd.files.foreign.map_draft import draft_map, map_text
+from pfwd.files.reading import read_points
 from tests.tui.console import pfwd
 
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import DropResult
+from pfwd.errors import OptionError
 from pfwd_device.recording import read_survey
 from pfwd_device.recording.survey_content import read_result
-from pfwd_survey.errors import OptionError
-from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.results import DropResult
 from simulators.instrument import serve
 from tests.tui.console import PLAIN, RATE, pfwd
 from tui.measuring_options import measuring_options

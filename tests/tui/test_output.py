@@ -8,7 +8,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from pfwd_survey.exporting.json_text import json_text
+from pfwd.export.json_text import json_text
 from tests.tui.console import PFWD, TOP
 from tui.output import clean, next_commands, spelled
 

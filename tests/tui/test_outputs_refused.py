@@ -11,7 +11,7 @@ from pfwd_device import Drop
 from pfwd_device.recording import DropRecord, SurveyWriter
 from pfwd_device.recording.publishing import InlinePublisher
 from pfwd_device.recording.storage import Storage
-from tests.pfwd_survey.files.trace_lines import HEADER, NAMES, rows
+from tests.pfwd.files.trace_lines import HEADER, NAMES, rows
 from tests.tui.console import pfwd
 from tui.cli import main
 

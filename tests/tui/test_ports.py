@@ -5,8 +5,8 @@ import json
 
 import pytest
 
+from pfwd.ports import Adapter, Port, Probe
 from pfwd_device.identity import ChannelIdentity, Identity, Role
-from pfwd_survey.ports import Adapter, Port, Probe
 from tui.commands import ports
 
 IDENTITY = Identity(

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from pfwd_device import Drop
-from pfwd_survey.files.header import PointSetup
-from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.inverting.screening.drops import Screening
-from pfwd_survey.judging import Job, drop_from_traces
-from pfwd_survey.measuring.events import (
+from pfwd.analysis.results import DropResult
+from pfwd.analysis.screening.drops import Screening
+from pfwd.files.header import PointSetup
+from pfwd.judging import Job, drop_from_traces
+from pfwd.procedures import plain_procedure
+from pfwd.session.events import (
     CalibrationChanged,
     DropAnalysed,
     DropNotSaved,
@@ -26,7 +26,7 @@ from pfwd_survey.measuring.events import (
     SensorCheck,
     TableBuilding,
 )
-from pfwd_survey.procedures import plain_procedure
+from pfwd_device import Drop
 from tui.format import drop_line
 from tui.log_file import KEPT, LARGEST, close_log, open_log
 from tui.session_lines import SessionLines

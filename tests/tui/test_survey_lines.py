@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from pfwd_survey.inverting.results import DropResult
+from pfwd.analysis.results import DropResult
 from tui.survey_lines import result_lines
 
 DROP = DropResult(

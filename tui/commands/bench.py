@@ -5,7 +5,7 @@ import os
 import subprocess
 from pathlib import Path
 
-from pfwd_survey.processes import python_command, python_environment
+from pfwd.processes import python_command, python_environment
 from tui.output import say
 
 TOP = Path(__file__).resolve().parents[2]

@@ -3,9 +3,9 @@
 import argparse
 import os
 
-from pfwd_survey.errors import OptionError, refusal
-from pfwd_survey.exporting.json_text import json_text
-from pfwd_survey.files.output_path import require_writable
+from pfwd.errors import OptionError, refusal
+from pfwd.export.json_text import json_text
+from pfwd.files.output_path import require_writable
 from tui.output import clean, say
 
 
@@ -17,7 +17,7 @@ def run(args: argparse.Namespace) -> int:
         raise OptionError(refusal("--stiffness", "a number > 0, in N/m", f"{args.stiffness:g}"))
     if args.output is not None:
         require_writable(args.output, "--output")
-    from pfwd_survey.inverting.calibrating import calibrate_files, write_calibration
+    from pfwd.analysis.calibrating import calibrate_files, write_calibration
 
     found = calibrate_files(
         args.files,

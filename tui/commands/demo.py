@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from pfwd_survey.files.folders import is_survey
-from pfwd_survey.files.output_path import require_writable
-from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.judging import JobRequest
-from pfwd_survey.measuring.measure import measure, stopped_by_signals
-from pfwd_survey.measuring.session import SessionPlan
-from pfwd_survey.procedures import Procedure, find_procedure
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.files.folders import is_survey
+from pfwd.files.output_path import require_writable
+from pfwd.judging import JobRequest
+from pfwd.procedures import Procedure, find_procedure
+from pfwd.session.measure import measure, stopped_by_signals
+from pfwd.session.session import SessionPlan
 from simulators.firmware import BoardOptions, HostBoard, Played, play_records, serve_firmware
 from simulators.instrument import SimulatedInstrument, serve
 from simulators.mesh import SimulationError
@@ -114,7 +114,7 @@ def _plan(args: argparse.Namespace, folder: Path, usual: Procedure | None) -> Se
 
 def _played(file: str, drops: int | None) -> Played:
     """The drops of a trace file as samples of a converter."""
-    from pfwd_survey.files.traces import read_traces
+    from pfwd.files.traces import read_traces
 
     point = read_traces(file)
     chosen = point.drops[:drops]
@@ -129,7 +129,7 @@ def _played(file: str, drops: int | None) -> Played:
 
 
 def _on_screen(args: argparse.Namespace) -> int:
-    from pfwd_survey.procedures import plain_procedure
+    from pfwd.procedures import plain_procedure
     from tui.screen.session.sources import DemoSource
     from tui.screen.show import show
 
@@ -175,8 +175,8 @@ def truth_lines(truth: Sequence[Mapping[str, Any]], found: Mapping[int, float]) 
 
 
 def _plot(folder: Path, plot: str) -> None:
-    from pfwd_survey.inverting.analysis import analyse_files
-    from pfwd_survey.inverting.plots import plot_outcomes
+    from pfwd.analysis.analyse import analyse_files
+    from pfwd.analysis.plots import plot_outcomes
 
     outcomes = list(analyse_files([str(folder)], AnalysisOptions()))
     for picture in plot_outcomes(outcomes, plot):

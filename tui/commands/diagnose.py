@@ -6,19 +6,19 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from pfwd_survey.errors import OptionError, refusal
-from pfwd_survey.files.output_path import require_writable
-from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.message_groups import as_ranges
+from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.errors import OptionError, refusal
+from pfwd.files.output_path import require_writable
+from pfwd.message_groups import as_ranges
 from tui.diagnosis_lines import diagnosis_warnings, nothing_lines, show_diagnosis
 from tui.files import any_folder
 from tui.output import clean, say
 from tui.progress import points_counted
 
 if TYPE_CHECKING:
-    from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
-    from pfwd_survey.procedures import PointModulus
+    from pfwd.analysis.diagnosis.diagnose import Diagnosed
+    from pfwd.procedures import PointModulus
 
 
 def run(args: argparse.Namespace) -> int:
@@ -42,12 +42,12 @@ def run(args: argparse.Namespace) -> int:
     )
     if args.archive is not None or args.scheduler is not None or any_folder(args.files):
         return _over_archive(args, options)
-    from pfwd_survey.inverting.diagnosis.device_file import (
+    from pfwd.analysis.diagnosis.device_file import (
         device_of,
         read_device,
         write_device_file,
     )
-    from pfwd_survey.inverting.diagnosis.diagnose import diagnose_files
+    from pfwd.analysis.diagnosis.diagnose import diagnose_files
 
     device, spread = read_device(args.device) if args.device else (None, None)
     # A plot and a device file need more than what a survey keeps.
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
         write_device_file(args.write_device, found, name)
         say(f"device effects written to {args.write_device}")
     if args.plot:
-        from pfwd_survey.inverting.diagnosis.plots import plot_diagnoses
+        from pfwd.analysis.diagnosis.plots import plot_diagnoses
 
         plot_diagnoses(
             [diagnosed for diagnosed in found if diagnosed.diagnosis is not None], args.plot
@@ -116,7 +116,7 @@ def _over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
 
 def keep_found(found: "Sequence[Diagnosed]", *, store: bool) -> None:
     """Keep new diagnoses with their surveys, and say which were kept before."""
-    from pfwd_survey.inverting.diagnosis.kept import keep_diagnoses
+    from pfwd.analysis.diagnosis.kept import keep_diagnoses
 
     by_file: dict[str, list[tuple[int, DiagnosisResult]]] = {}
     for diagnosed in found:
@@ -164,7 +164,7 @@ def _key(result: DiagnosisResult) -> _Key:
 
 def _moduli_in_force(results: Sequence[DiagnosisResult]) -> "dict[_Key, PointModulus | None]":
     """Return the moduli in force; each survey is read once."""
-    from pfwd_survey.judging.view import moduli_in_force
+    from pfwd.judging.view import moduli_in_force
 
     moduli: dict[_Key, PointModulus | None] = {}
     for file in dict.fromkeys(str(result.file) for result in results):

@@ -4,9 +4,9 @@ import argparse
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pfwd_survey.errors import OptionError, refusal
-from pfwd_survey.exporting.json_text import json_text
-from pfwd_survey.files.editing import (
+from pfwd.errors import OptionError, refusal
+from pfwd.export.json_text import json_text
+from pfwd.files.editing import (
     Edit,
     edit_survey,
     move_drop,
@@ -47,7 +47,7 @@ def _run(args: argparse.Namespace) -> int:
 
 def _warn_similar_point(survey: str, points: Sequence[Mapping[str, Any]], to: str) -> None:
     """Say when a drop was moved to a new point whose name another begins with, or the reverse."""
-    from pfwd_survey.judging.stations import similar_name
+    from pfwd.judging.stations import similar_name
     from tui.measuring_options import kept_job
 
     measured = {point["point"]: len(point["drops"]) for point in points}
@@ -70,7 +70,7 @@ def _edits(args: argparse.Namespace) -> list[Edit]:
         edits.append(Edit("position", parse_position(args.position)))
     if args.target is not None:
         # Loaded here: a note has to be quick.
-        from pfwd_survey.judging.job import target_si
+        from pfwd.judging.job import target_si
         from tui.measuring_options import kept_job
 
         judged = kept_job(args.survey).procedure_in_force
@@ -89,7 +89,7 @@ def _lines(point: Mapping[str, Any]) -> list[str]:
     state = "  DISCARDED" if point["discarded"] else ""
     lines = [f"point {name}{title}: {counted(len(point['drops']), 'drop')}{state}"]
     if point["target_pa"] is not None:
-        from pfwd_survey.judging.job import target_text
+        from pfwd.judging.job import target_text
 
         lines.append(f"  target {target_text(point['target_pa'])}")
     if point["position"] is not None:

@@ -2,8 +2,8 @@
 
 import argparse
 
-from pfwd_survey.exporting.export import export_survey
-from pfwd_survey.exporting.json_text import json_text
+from pfwd.export.export import export_survey
+from pfwd.export.json_text import json_text
 from tui.output import clean, counted, say
 
 MOST_PROCESSES = 2

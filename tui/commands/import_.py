@@ -3,9 +3,9 @@
 import argparse
 import os
 
-from pfwd_survey.errors import OptionError, refusal
-from pfwd_survey.exporting.json_text import json_text
-from pfwd_survey.files.importing import import_files
+from pfwd.errors import OptionError, refusal
+from pfwd.export.json_text import json_text
+from pfwd.files.importing import import_files
 from tui.output import clean, say
 
 _KINDS = {"peaks": "peaks only", "stiffness": "stiffness test"}

@@ -5,17 +5,17 @@ import contextlib
 import os
 from typing import TYPE_CHECKING
 
-from pfwd_survey.errors import OptionError, refusal
-from pfwd_survey.files.output_path import require_writable
-from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.outcome import FileOutcome
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.outcome import FileOutcome
+from pfwd.errors import OptionError, refusal
+from pfwd.files.output_path import require_writable
 from tui.files import any_folder
 from tui.format import By
 from tui.output import say
 from tui.survey_lines import printed_results
 
 if TYPE_CHECKING:
-    from pfwd_survey.inverting.diagnosis.diagnose import Diagnosed
+    from pfwd.analysis.diagnosis.diagnose import Diagnosed
 
 
 def run(args: argparse.Namespace) -> int:
@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
         from tui.archive import run_over_archive
 
         return run_over_archive(args, options)
-    from pfwd_survey.inverting.analysis import analyse_files
+    from pfwd.analysis.analyse import analyse_files
 
     refused = False
     kept: list[FileOutcome] = []
@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
             refused |= outcome.error is not None
             diagnosed = _diagnosed(outcome, options, args) if args.diagnose else []
             if diagnosed:
-                from pfwd_survey.inverting.diagnosis.diagnose import with_diagnoses
+                from pfwd.analysis.diagnosis.diagnose import with_diagnoses
 
                 outcome = with_diagnoses(outcome, diagnosed)
             show(outcome, as_json=args.json, by=args.by)
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
             if args.plot:
                 kept.append(outcome)
     if args.plot:
-        from pfwd_survey.inverting.plots import plot_outcomes
+        from pfwd.analysis.plots import plot_outcomes
 
         for picture in plot_outcomes(kept, args.plot):
             say(f"plot {picture}")
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _keep(outcome: FileOutcome, *, store: bool) -> None:
     """Keep new results with their survey, and say which were kept before."""
-    from pfwd_survey.inverting.keeping import keep_results, kept_text
+    from pfwd.analysis.keeping import keep_results, kept_text
 
     if outcome.of_survey:
         said = kept_text(outcome.file, [result for _, result in outcome.of_survey])
@@ -75,7 +75,7 @@ def _diagnosed(
     """The diagnoses of the points of a file that was inverted."""
     if outcome.error is not None:
         return []
-    from pfwd_survey.inverting.diagnosis.diagnose import diagnose_files
+    from pfwd.analysis.diagnosis.diagnose import diagnose_files
     from tui.progress import points_counted
 
     with points_counted() as progress:

@@ -2,12 +2,12 @@
 
 import argparse
 
-from pfwd_survey.exporting.json_text import json_text
-from pfwd_survey.files.folders import refuse_no_survey
-from pfwd_survey.files.jobs import keep_events
-from pfwd_survey.judging import JobRequest
-from pfwd_survey.judging.job import time_zone_of
-from pfwd_survey.procedures import find_procedure
+from pfwd.export.json_text import json_text
+from pfwd.files.folders import refuse_no_survey
+from pfwd.files.jobs import keep_events
+from pfwd.judging import JobRequest
+from pfwd.judging.job import time_zone_of
+from pfwd.procedures import find_procedure
 from tui.job_lines import job_lines
 from tui.measuring_options import job_request, kept_job
 from tui.output import clean, say

@@ -4,10 +4,10 @@ import argparse
 import contextlib
 from pathlib import Path
 
-from pfwd_survey.judging import JobRequest
-from pfwd_survey.measuring.plan import SessionPlan
-from pfwd_survey.measuring.position import PositionReceiver
-from pfwd_survey.procedures import plain_procedure
+from pfwd.judging import JobRequest
+from pfwd.procedures import plain_procedure
+from pfwd.session.plan import SessionPlan
+from pfwd.session.position import PositionReceiver
 from tui.commands import log
 from tui.measuring_options import (
     agreed_on_terminal,

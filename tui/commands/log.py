@@ -4,11 +4,11 @@ import argparse
 import contextlib
 import sys
 
-from pfwd_survey.measuring.events import DropSaved, SessionEvent
-from pfwd_survey.measuring.measure import measure, stopped_by_signals
-from pfwd_survey.measuring.position import PositionReceiver
-from pfwd_survey.measuring.session import Ending, Listener, SessionPlan
-from pfwd_survey.procedures import Procedure
+from pfwd.procedures import Procedure
+from pfwd.session.events import DropSaved, SessionEvent
+from pfwd.session.measure import measure, stopped_by_signals
+from pfwd.session.position import PositionReceiver
+from pfwd.session.session import Ending, Listener, SessionPlan
 from tui.log_file import close_log, open_log
 from tui.measuring_options import job_request, measuring_options, measuring_setup, try_output
 from tui.output import say

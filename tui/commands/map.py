@@ -6,10 +6,10 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pfwd_survey.errors import OptionError, refusal
-from pfwd_survey.files.foreign.column_map import UNITS
-from pfwd_survey.files.foreign.map_draft import DraftColumn, MapDraft, draft_map, map_text
-from pfwd_survey.files.output_path import require_writable
+from pfwd.errors import OptionError, refusal
+from pfwd.files.foreign.column_map import UNITS
+from pfwd.files.foreign.map_draft import DraftColumn, MapDraft, draft_map, map_text
+from pfwd.files.output_path import require_writable
 from tui.output import clean, say
 
 ROLES = ("time", "load", "sensor", "drop", "none")

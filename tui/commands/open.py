@@ -3,7 +3,7 @@
 import argparse
 import contextlib
 
-from pfwd_survey.files.folders import refuse_no_survey
+from pfwd.files.folders import refuse_no_survey
 from tui.output import on_terminal, say
 
 USAGE = 2
@@ -26,8 +26,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _lines(args: argparse.Namespace) -> int:
-    from pfwd_survey.exporting.json_text import json_text
-    from pfwd_survey.judging import point_views
+    from pfwd.export.json_text import json_text
+    from pfwd.judging import point_views
     from tui.screen.opened.rows import OpenedSurvey
 
     opened = OpenedSurvey(args.survey)

@@ -4,9 +4,9 @@ import argparse
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pfwd_survey.exporting.json_text import json_text
-from pfwd_survey.port_advice import port_advice
-from pfwd_survey.ports import Port, Probe, list_ports, probe_ports
+from pfwd.export.json_text import json_text
+from pfwd.port_advice import port_advice
+from pfwd.ports import Port, Probe, list_ports, probe_ports
 from tui.output import clean, say
 
 

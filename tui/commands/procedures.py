@@ -3,9 +3,9 @@
 import argparse
 import textwrap
 
-from pfwd_survey.exporting.json_text import json_text
-from pfwd_survey.procedures import Procedure, find_procedure, shipped_procedures
-from pfwd_survey.procedures.profile import CHECKS, Number
+from pfwd.export.json_text import json_text
+from pfwd.procedures import Procedure, find_procedure, shipped_procedures
+from pfwd.procedures.profile import CHECKS, Number
 from tui.output import clean
 
 _SHOWN = {

@@ -2,7 +2,7 @@
 
 import argparse
 
-from pfwd_survey.files.upkeep import recover_survey
+from pfwd.files.upkeep import recover_survey
 from tui.upkeep_lines import show
 
 

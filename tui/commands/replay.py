@@ -3,8 +3,8 @@
 import argparse
 from pathlib import Path
 
-from pfwd_survey.measuring.measure import replay, stopped_by_signals
-from pfwd_survey.measuring.setup_file import read_setup_file
+from pfwd.session.measure import replay, stopped_by_signals
+from pfwd.session.setup_file import read_setup_file
 from tui.commands.log import STATUS_OF_ENDING
 from tui.measuring_options import measuring_options
 from tui.session_lines import SessionLines

@@ -3,9 +3,9 @@
 import argparse
 import time
 
-from pfwd_survey.errors import OptionError, refusal
-from pfwd_survey.exporting.json_text import json_text
-from pfwd_survey.reporting.pictures_as_svg import SecondDrawer, second_drawer
+from pfwd.errors import OptionError, refusal
+from pfwd.export.json_text import json_text
+from pfwd.report.pictures_as_svg import SecondDrawer, second_drawer
 from tui.output import clean, say
 from tui.progress import telling
 from tui.report_settings import load_report_settings
@@ -15,9 +15,9 @@ def _target(args: argparse.Namespace) -> float | None:
     """Pa, or m: typed in the unit of what the report judges."""
     if args.target is None and args.target_deflection is None:
         return None
-    from pfwd_survey.files.folders import refuse_no_survey
-    from pfwd_survey.judging import target_si
-    from pfwd_survey.procedures import Quantity, find_procedure
+    from pfwd.files.folders import refuse_no_survey
+    from pfwd.judging import target_si
+    from pfwd.procedures import Quantity, find_procedure
     from tui.measuring_options import kept_job
 
     if args.target is not None and args.target_deflection is not None:
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace, second: SecondDrawer | None) -> int:
-    from pfwd_survey.reporting.report import ReportOptions, write_report
+    from pfwd.report.report import ReportOptions, write_report
 
     if args.seed < 0:
         raise OptionError(refusal("--seed", "a whole number >= 0", str(args.seed)))

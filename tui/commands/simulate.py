@@ -2,8 +2,8 @@
 
 import argparse
 
-from pfwd_survey.exporting.json_text import json_text
-from pfwd_survey.files.output_path import require_writable
+from pfwd.export.json_text import json_text
+from pfwd.files.output_path import require_writable
 from simulators.instrument import SimulateOptions, simulate
 from simulators.mesh import SimulationError
 from tui.output import say

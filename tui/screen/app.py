@@ -16,11 +16,12 @@ from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
 
-from pfwd_survey.errors import DeviceError, SurveyError
-from pfwd_survey.files.moving import moved_to
-from pfwd_survey.judging import JobRequest
-from pfwd_survey.judging.view import read_points
-from pfwd_survey.measuring.events import (
+from pfwd.errors import DeviceError, SurveyError
+from pfwd.files.moving import moved_to
+from pfwd.judging import JobRequest
+from pfwd.judging.view import read_points
+from pfwd.procedures import Verdict
+from pfwd.session.events import (
     CalibrationChanged,
     DropAnalysed,
     DropNotPublished,
@@ -32,9 +33,8 @@ from pfwd_survey.measuring.events import (
     PointDiagnosed,
     SurveyFilesChanged,
 )
-from pfwd_survey.measuring.plan import SessionPlan
-from pfwd_survey.measuring.position import FIX_NAMES, PositionReceiver
-from pfwd_survey.procedures import Verdict
+from pfwd.session.plan import SessionPlan
+from pfwd.session.position import FIX_NAMES, PositionReceiver
 from tui.output import clean
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
 from tui.screen.looks import LOOKS, Look

@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from pfwd_survey.measuring.events import Notice
-from pfwd_survey.procedures import Verdict
+from pfwd.procedures import Verdict
+from pfwd.session.events import Notice
 from tui.log_file import close_log, open_log
 from tui.output import counted, next_commands, on_terminal, say
 from tui.screen.session.sources import SessionSource

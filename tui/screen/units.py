@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from pfwd_survey.procedures import Quantity
+from pfwd.procedures import Quantity
 
 UnitsName = Literal["si", "us"]
 QuantityName = Literal[

@@ -8,8 +8,8 @@ import pytest
 from inversion import SurrogateLibrary
 from inversion.diagnosis import PointRecords
 from inversion.inference.diagnose import diagnose_point
-from pfwd_survey.files.traces import TracePoint, read_traces
-from pfwd_survey.inverting.analysis import record_of
+from pfwd.analysis.analyse import record_of
+from pfwd.files.traces import TracePoint, read_traces
 
 
 @pytest.fixture(scope="module")

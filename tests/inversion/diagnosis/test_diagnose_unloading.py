@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pfwd_survey.inverting.diagnosis.diagnose import diagnose_files
+from pfwd.analysis.diagnosis.diagnose import diagnose_files
 from simulators.campaign import SITES, make_campaign
 
 

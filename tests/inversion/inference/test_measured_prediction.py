@@ -14,8 +14,8 @@ from inversion.inference.held_out import held_out_error, without_held_out
 from inversion.inference.instrument import summarise_point
 from inversion.inference.population import PointSummary
 from inversion.inference.structures import Structure
-from pfwd_survey.inverting.diagnosis.entries import entries_of
-from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd.analysis.diagnosis.entries import entries_of
+from pfwd.analysis.options import AnalysisOptions
 
 pytestmark = pytest.mark.slow
 

@@ -21,8 +21,8 @@ from inversion.inference.structures import (
     least_gain,
     rank_structures,
 )
-from pfwd_survey.inverting.diagnosis.entries import entries_of
-from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd.analysis.diagnosis.entries import entries_of
+from pfwd.analysis.options import AnalysisOptions
 from simulators.drop import Hammer
 from simulators.effects.march import SoilLaw, strike
 from simulators.effects.response import ground_response

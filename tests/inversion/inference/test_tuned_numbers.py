@@ -11,7 +11,7 @@ MODULES = (
         "selection", "structures", "diagnose", "effects_found", "instrument", "modulus",
     )),
     *(f"inversion/diagnosis/{name}.py" for name in ("declarations", "findings")),
-    *(f"pfwd_survey/inverting/diagnosis/{name}.py" for name in (
+    *(f"pfwd/analysis/diagnosis/{name}.py" for name in (
         "shared_device", "device_effects", "points", "result",
     )),
 )  # fmt: skip
@@ -21,7 +21,7 @@ NO_DECISION = {
     "inversion/inference/effects_found.py": (1e-3, 1e-6, 2e5, 3),
     "inversion/inference/modulus.py": (0.05, 1e-9, 1e-9, 9.0, 0.025, 0.975, 0.5, 0.5),
     "inversion/inference/diagnose.py": (100e3,),
-    "pfwd_survey/inverting/diagnosis/result.py": (100,),
+    "pfwd/analysis/diagnosis/result.py": (100,),
 }
 MOST = 40
 

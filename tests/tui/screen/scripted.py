@@ -12,16 +12,13 @@ from typing import Any
 import numpy as np
 
 from inversion.result import TimeHistories
-from pfwd_device.acquisition.items import Samples
-from pfwd_device.drop import Channel, Drop
-from pfwd_device.identity import ChannelIdentity, Identity, Role
-from pfwd_device.wire.messages import Status
-from pfwd_survey.files.header import PointSetup
-from pfwd_survey.inverting.drop_facts import unbroken_peaks
-from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.inverting.screening.drops import Screening
-from pfwd_survey.judging import DropView, drop_from_traces
-from pfwd_survey.measuring.events import (
+from pfwd.analysis.drop_facts import unbroken_peaks
+from pfwd.analysis.results import DropResult
+from pfwd.analysis.screening.drops import Screening
+from pfwd.files.header import PointSetup
+from pfwd.judging import DropView, drop_from_traces
+from pfwd.procedures import Kind, PointDrop
+from pfwd.session.events import (
     CalibrationChanged,
     DropAnalysed,
     DropSaved,
@@ -30,8 +27,11 @@ from pfwd_survey.measuring.events import (
     LiveSamples,
     SavedDrop,
 )
-from pfwd_survey.measuring.plan import Ending, SessionPlan
-from pfwd_survey.procedures import Kind, PointDrop
+from pfwd.session.plan import Ending, SessionPlan
+from pfwd_device.acquisition.items import Samples
+from pfwd_device.drop import Channel, Drop
+from pfwd_device.identity import ChannelIdentity, Identity, Role
+from pfwd_device.wire.messages import Status
 from tui.screen.app import PfwdApp
 from tui.screen.drawing.glyphs import BRAILLE, Glyphs
 from tui.screen.settings import ScreenSettings

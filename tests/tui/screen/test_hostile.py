@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
+from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.judging import PointView
+from pfwd.session.events import Edited, InstrumentLost, Notice
 from pfwd_device.identity import ChannelIdentity, Identity, Role
-from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from pfwd_survey.judging import PointView
-from pfwd_survey.measuring.events import Edited, InstrumentLost, Notice
 from tests.tui.screen.scripted import (
     NOON,
     App,

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import DropResult
+from pfwd.session.events import SavedDrop
+from pfwd.session.plan import SessionPlan
 from pfwd_device import Drop
-from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.measuring.events import SavedDrop
-from pfwd_survey.measuring.plan import SessionPlan
 from tests.tui.screen.scripted import (
     Session,
     analysed,

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pfwd_survey.judging import Job, Station
-from pfwd_survey.measuring.events import JobKnown
-from pfwd_survey.measuring.live_trace import Envelope
-from pfwd_survey.procedures import plain_procedure
+from pfwd.judging import Job, Station
+from pfwd.procedures import plain_procedure
+from pfwd.session.events import JobKnown
+from pfwd.session.live_trace import Envelope
 from tests.tui.screen.scripted import Session, analysed, ready, saved, status, whole_point
 from tui.screen.drawing.glyphs import ASCII, BRAILLE, Glyphs
 from tui.screen.drawing.lines import text_of, width_of

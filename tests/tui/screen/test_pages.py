@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 from textual.widgets import Input, Label, Select
 
-from pfwd_survey.files.moving import MOVED_TO
-from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from pfwd_survey.judging import PointView
-from pfwd_survey.measuring.events import (
+from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.files.moving import MOVED_TO
+from pfwd.judging import PointView
+from pfwd.session.events import (
     CalibrationChanged,
     DropNotSaved,
     DropSaved,
@@ -19,7 +19,7 @@ from pfwd_survey.measuring.events import (
     PointBegan,
     Ready,
 )
-from pfwd_survey.measuring.pace import Pace
+from pfwd.session.pace import Pace
 from tests.tui.screen.scripted import (
     App,
     QuietSource,

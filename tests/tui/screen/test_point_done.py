@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 from textual import events
 
-from pfwd_survey.judging import Job, Station
-from pfwd_survey.judging.stations import next_name
-from pfwd_survey.measuring.events import DropNotSaved, JobKnown
-from pfwd_survey.measuring.plan import Ending
-from pfwd_survey.procedures import Verdict, find_procedure
+from pfwd.judging import Job, Station
+from pfwd.judging.stations import next_name
+from pfwd.procedures import Verdict, find_procedure
+from pfwd.session.events import DropNotSaved, JobKnown
+from pfwd.session.plan import Ending
 from tests.tui.screen.scripted import (
     App,
     QuietSource,

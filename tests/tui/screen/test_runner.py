@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from pfwd_survey.errors import DeviceError, RecordingError, SurveyError
-from pfwd_survey.measuring.events import Notice, Ready
-from pfwd_survey.measuring.plan import Ending, SessionPlan
+from pfwd.errors import DeviceError, RecordingError, SurveyError
+from pfwd.session.events import Notice, Ready
+from pfwd.session.plan import Ending, SessionPlan
 from tests.tui.screen.scripted import QuietSource, Session, samples
 from tui.screen.session import runner as runner_module
 from tui.screen.session.runner import SessionRunner

@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 
-from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, EffectResult
-from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.judging import Job, PointView
-from pfwd_survey.measuring.events import (
+from pfwd.analysis.diagnosis.result import DiagnosisResult, EffectResult
+from pfwd.analysis.results import DropResult
+from pfwd.judging import Job, PointView
+from pfwd.procedures import Verdict, find_procedure
+from pfwd.session.events import (
     BatteryLow,
     DropNotSaved,
     Edited,
@@ -25,8 +26,7 @@ from pfwd_survey.measuring.events import (
     SurveyFilesChanged,
     TableBuilding,
 )
-from pfwd_survey.measuring.plan import Ending
-from pfwd_survey.procedures import Verdict, find_procedure
+from pfwd.session.plan import Ending
 from tests.tui.screen.scripted import (
     NOON,
     Session,

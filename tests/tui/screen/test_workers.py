@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.worker.tasks import DiagnosisTask, TaskOutcome
+from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.worker.tasks import DiagnosisTask, TaskOutcome
 from tests.tui.screen.scripted import saved_drop
 from tui.screen.session.diagnosis import Diagnoser
 from tui.screen.session.drop_fits import Refits

@@ -5,15 +5,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pfwd_survey.inverting.results import DropResult, TimeHistories
-from pfwd_survey.inverting.screening.signals import (
+from pfwd.analysis.results import DropResult, TimeHistories
+from pfwd.analysis.screening.signals import (
     channels_outward,
     displacement_of,
     remove_offset,
 )
-from pfwd_survey.inverting.sensor_fits import sensor_fits
-from pfwd_survey.measuring.events import SavedDrop
-from pfwd_survey.measuring.live_trace import Envelope
+from pfwd.analysis.sensor_fits import sensor_fits
+from pfwd.session.events import SavedDrop
+from pfwd.session.live_trace import Envelope
 from tui.screen.drawing.axes import Curve, Figure
 from tui.screen.drawing.lines import TextRole
 from tui.screen.session.drop_state import DropState

@@ -14,8 +14,8 @@ from textual.content import Content
 from textual.widgets import DataTable, Input, Label, TabbedContent, TabPane
 from textual.widgets._tabs import Underline
 
-from pfwd_survey.errors import DeviceError, SurveyError
-from pfwd_survey.processes import start_text_child
+from pfwd.errors import DeviceError, SurveyError
+from pfwd.processes import start_text_child
 from tui.output import clean, counted, say
 from tui.screen.drawing.axes import stacked_plots
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
@@ -565,7 +565,7 @@ class OpenApp(App[int]):
 def _target(target: float | None) -> str:
     if target is None:
         return "-"
-    from pfwd_survey.judging.job import target_text
+    from pfwd.judging.job import target_text
 
     return target_text(target)
 
@@ -573,7 +573,7 @@ def _target(target: float | None) -> str:
 def mark(is_marked: bool) -> str:
     """Return the mark of a number that the data do not support, or nothing."""
     # Loaded when rows are shown: the frame is painted before.
-    from pfwd_survey.procedures.point import UNSUPPORTED_MARK
+    from pfwd.procedures.point import UNSUPPORTED_MARK
 
     return UNSUPPORTED_MARK if is_marked else ""
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from pfwd_survey.errors import DeviceError
-from pfwd_survey.inverting.screening.signals import channels_outward, displacement_of
+from pfwd.analysis.screening.signals import channels_outward, displacement_of
+from pfwd.errors import DeviceError
 from tui.screen.drawing.axes import Curve, Figure, plot_lines
 from tui.screen.drawing.glyphs import Glyphs
 from tui.screen.drawing.lines import Cell, Line, TextRole, cell, line

@@ -11,12 +11,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pfwd_survey.errors import DeviceError, SurveyError
-from pfwd_survey.files.folders import refuse_no_survey
+from pfwd.errors import DeviceError, SurveyError
+from pfwd.files.folders import refuse_no_survey
 
 if TYPE_CHECKING:
     # Loaded when the survey is read: the frame is painted before.
-    from pfwd_survey.judging import Job, PointView
+    from pfwd.judging import Job, PointView
 
 CACHE_VERSION = 4
 """To be raised when rows have other fields, or are judged otherwise."""
@@ -101,8 +101,8 @@ class OpenedSurvey:
         ------
         SurveyError, RecordingError
         """
-        from pfwd_survey.files.reading import survey_content
-        from pfwd_survey.judging import job_of
+        from pfwd.files.reading import survey_content
+        from pfwd.judging import job_of
 
         self.survey = survey_content(self.folder)
         self.job = job_of(self.survey)
@@ -133,8 +133,8 @@ class OpenedSurvey:
         at_once : int
             Number of rows in a part.
         """
-        from pfwd_survey.judging import point_view
-        from pfwd_survey.judging.earlier_rules import changed_verdicts
+        from pfwd.judging import point_view
+        from pfwd.judging.earlier_rules import changed_verdicts
 
         places = {row.name: place for place, row in enumerate(self.rows)}
         part: list[PointRow] = []
@@ -159,7 +159,7 @@ class OpenedSurvey:
 
     def view(self, name: str) -> "PointView | None":
         """Return a point by the name its drops have; None: it has not been read yet."""
-        from pfwd_survey.judging import point_view
+        from pfwd.judging import point_view
 
         stored = () if self.survey is None else self.survey.points
         point = next((point for point in stored if point.name == name), None)
@@ -192,8 +192,8 @@ class OpenedSurvey:
 
 
 def _bare(point: Any, job: "Job") -> PointRow:
-    from pfwd_survey.judging.places import place_in
-    from pfwd_survey.judging.stations import chainage_of_point
+    from pfwd.judging.places import place_in
+    from pfwd.judging.stations import chainage_of_point
 
     place = place_in(point.position) or place_in(point.declared)
     return PointRow(

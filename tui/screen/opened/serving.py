@@ -26,8 +26,8 @@ from ipaddress import IPv6Address, ip_address
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-from pfwd_survey.errors import DeviceError, OptionError, SurveyError, refusal
-from pfwd_survey.judging.job import target_text
+from pfwd.errors import DeviceError, OptionError, SurveyError, refusal
+from pfwd.judging.job import target_text
 from tui.screen.opened.rows import OpenedSurvey, PointRow, shares, shown_value
 from tui.screen.units import figures
 

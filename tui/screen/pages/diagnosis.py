@@ -6,8 +6,8 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
-from pfwd_survey.digits import read_in, rounded
-from pfwd_survey.inverting.diagnosis.result import DiagnosisResult, FittedState
+from pfwd.analysis.diagnosis.result import DiagnosisResult, FittedState
+from pfwd.digits import read_in, rounded
 from tui.diagnosis_lines import diagnosis_lines
 from tui.screen.drawing.blocks import TableColumn, TableRow, exactly, headed, table_lines, window
 from tui.screen.drawing.lines import Line, TextRole, cell, line, shorten, wrap

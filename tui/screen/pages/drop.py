@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
-from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd.analysis.options import AnalysisOptions
 from tui.screen.drawing.drop_figures import curves_of, default_span
 from tui.screen.drawing.lines import Line
 from tui.screen.pages.drop_view import PANELS, DropPageState, drop_lines

@@ -4,10 +4,10 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.judging import PointView
-from pfwd_survey.procedures import PointProgress, Quantity, Verdict
-from pfwd_survey.procedures.point import UNSUPPORTED_MARK
+from pfwd.analysis.results import DropResult
+from pfwd.judging import PointView
+from pfwd.procedures import PointProgress, Quantity, Verdict
+from pfwd.procedures.point import UNSUPPORTED_MARK
 from tui.screen.drawing.blocks import TableColumn, TableRow
 from tui.screen.drawing.lines import Line, TextRole, cell, fit, piece
 from tui.screen.session.drop_state import DropState

@@ -2,7 +2,7 @@
 
 from typing import Any, Protocol
 
-from pfwd_survey.measuring.plan import SessionPlan
+from pfwd.session.plan import SessionPlan
 from tui.screen.drawing.glyphs import Glyphs
 from tui.screen.looks import Look
 from tui.screen.session.diagnosis import Diagnoses

@@ -3,8 +3,8 @@
 import math
 from collections.abc import Collection
 
-from pfwd_survey.inverting.results import DropResult, LayerResult, TimeHistories
-from pfwd_survey.inverting.sensor_fits import sensor_fits
+from pfwd.analysis.results import DropResult, LayerResult, TimeHistories
+from pfwd.analysis.sensor_fits import sensor_fits
 from tui.screen.drawing.lines import Line, cell, line, wrap
 from tui.screen.units import NOTHING, Units, percent
 

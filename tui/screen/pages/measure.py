@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
-from pfwd_survey.judging.stations import next_name
+from pfwd.judging.stations import next_name
 from tui.screen.drawing.lines import Line
 from tui.screen.pages.dialogs import TextDialog
 from tui.screen.pages.measure_view import PANELS, TALL, WIDE, MeasureView, measure_lines

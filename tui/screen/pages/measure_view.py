@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pfwd_survey.measuring.live_trace import WINDOW, Envelope
-from pfwd_survey.procedures import NO_PROCEDURE, PLAIN, Quantity
+from pfwd.procedures import NO_PROCEDURE, PLAIN, Quantity
+from pfwd.session.live_trace import WINDOW, Envelope
 from tui.output import counted
 from tui.screen.drawing.axes import Figure, plot_lines, stacked_plots
 from tui.screen.drawing.blocks import beside, exactly, table_lines, window

@@ -5,10 +5,10 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
-from pfwd_survey.errors import OptionError
-from pfwd_survey.files.editing import Edit, parse_position
-from pfwd_survey.judging import PointView
-from pfwd_survey.procedures import PointProgress, Verdict
+from pfwd.errors import OptionError
+from pfwd.files.editing import Edit, parse_position
+from pfwd.judging import PointView
+from pfwd.procedures import PointProgress, Verdict
 from tui.screen.drawing.blocks import TableColumn, TableRow, exactly, headed, table_lines, window
 from tui.screen.drawing.lines import Line, cell, line, shorten
 from tui.screen.drawing.profile import Bar, profile_lines

@@ -10,8 +10,8 @@ from textual.content import Content
 from textual.screen import ModalScreen
 from textual.widgets import Button, Input, Label, Select
 
-from pfwd_survey.errors import OptionError
-from pfwd_survey.inverting.options import AnalysisOptions
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.errors import OptionError
 
 _CHOICES: dict[str, tuple[str, tuple[str, ...]]] = {
     "layers": ("layers", ("1", "2", "3", "4", "auto")),

@@ -10,10 +10,10 @@ from textual.containers import Horizontal, VerticalScroll
 from textual.content import Content
 from textual.widgets import Button, Input, Label, Select
 
-from pfwd_survey.errors import DeviceError, OptionError
-from pfwd_survey.judging import JobRequest
-from pfwd_survey.measuring.events import Notice
-from pfwd_survey.procedures import PLAIN, Procedure, shipped_names
+from pfwd.errors import DeviceError, OptionError
+from pfwd.judging import JobRequest
+from pfwd.procedures import PLAIN, Procedure, shipped_names
+from pfwd.session.events import Notice
 from tui.output import clean, counted
 from tui.screen.drawing.lines import Line, cell, line
 from tui.screen.pages.dialogs import Question
@@ -266,7 +266,7 @@ class SetupPage(Page):
         self.run_worker(self._find, thread=True, group="ports", exit_on_error=False)
 
     def _find(self) -> None:
-        from pfwd_survey.ports import list_ports, probe_ports
+        from pfwd.ports import list_ports, probe_ports
 
         try:
             ports = list_ports()

@@ -7,15 +7,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pfwd_survey.errors import OptionError, TraceError
-from pfwd_survey.files.header import KEYS, check_value
-from pfwd_survey.judging import JobRequest
-from pfwd_survey.judging.job import target_fault
-from pfwd_survey.judging.stations import read_stations
-from pfwd_survey.measuring.plan import SessionPlan
-from pfwd_survey.measuring.setup_file import with_procedure
-from pfwd_survey.procedures import PLAIN, Procedure, find_procedure, plain_procedure
-from pfwd_survey.procedures.plain import MEASURED, SEATING
+from pfwd.errors import OptionError, TraceError
+from pfwd.files.header import KEYS, check_value
+from pfwd.judging import JobRequest
+from pfwd.judging.job import target_fault
+from pfwd.judging.stations import read_stations
+from pfwd.procedures import PLAIN, Procedure, find_procedure, plain_procedure
+from pfwd.procedures.plain import MEASURED, SEATING
+from pfwd.session.plan import SessionPlan
+from pfwd.session.setup_file import with_procedure
 from tui.screen.units import QuantityName, Units, figures, judged_quantity
 
 

@@ -4,7 +4,7 @@ import datetime
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from pfwd_survey.measuring.events import InstrumentReady
+from pfwd.session.events import InstrumentReady
 
 
 @dataclass(slots=True)

@@ -8,10 +8,10 @@ import subprocess
 import threading
 from collections.abc import Callable
 
-from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.inverting.worker.tasks import DiagnosisTask, TaskOutcome
-from pfwd_survey.inverting.worker.worker import end_process, request, start_process
+from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.worker.tasks import DiagnosisTask, TaskOutcome
+from pfwd.analysis.worker.worker import end_process, request, start_process
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.screen_events import DiagnosisDone
 from tui.screen.session.sources import SessionSource

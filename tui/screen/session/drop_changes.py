@@ -1,8 +1,8 @@
 """Changes of a drop on the screen by an event."""
 
-from pfwd_survey.inverting.sensor_fits import sensor_fits
-from pfwd_survey.judging import DropView
-from pfwd_survey.measuring.events import DropAnalysed, DropSaved, Edited
+from pfwd.analysis.sensor_fits import sensor_fits
+from pfwd.judging import DropView
+from pfwd.session.events import DropAnalysed, DropSaved, Edited
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import DropRead, Refitted
 

@@ -9,13 +9,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pfwd_survey.errors import DeviceError, SurveyError
-from pfwd_survey.inverting.options import AnalysisOptions, with_layers_of
-from pfwd_survey.inverting.results import DropResult
-from pfwd_survey.inverting.worker.tasks import Building, Urgency
-from pfwd_survey.inverting.worker.worker import Answer, InversionWorker
-from pfwd_survey.measuring.events import Notice, SavedDrop, TableBuilding
-from pfwd_survey.measuring.stored_drops import add_result, recorded_drop, stored_results
+from pfwd.analysis.options import AnalysisOptions, with_layers_of
+from pfwd.analysis.results import DropResult
+from pfwd.analysis.worker.tasks import Building, Urgency
+from pfwd.analysis.worker.worker import Answer, InversionWorker
+from pfwd.errors import DeviceError, SurveyError
+from pfwd.session.events import Notice, SavedDrop, TableBuilding
+from pfwd.session.stored_drops import add_result, recorded_drop, stored_results
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.screen_events import DropRead, Refitted

@@ -3,10 +3,10 @@
 import math
 from dataclasses import dataclass, field
 
-from pfwd_survey.inverting.results import DropResult, TimeHistories
-from pfwd_survey.judging import DropView
-from pfwd_survey.measuring.drop_metadata import SATURATED
-from pfwd_survey.measuring.events import SavedDrop
+from pfwd.analysis.results import DropResult, TimeHistories
+from pfwd.judging import DropView
+from pfwd.session.drop_metadata import SATURATED
+from pfwd.session.events import SavedDrop
 from tui.screen.session.screen_events import Refitted
 
 

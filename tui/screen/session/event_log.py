@@ -2,7 +2,7 @@
 
 import logging
 
-from pfwd_survey.measuring.events import (
+from pfwd.session.events import (
     CalibrationChanged,
     DropAnalysed,
     DropNotPublished,

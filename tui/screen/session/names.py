@@ -2,9 +2,9 @@
 
 from collections.abc import Collection
 
-from pfwd_survey.errors import OptionError
-from pfwd_survey.judging.stations import similar_name
-from pfwd_survey.measuring.plan import SessionPlan
+from pfwd.errors import OptionError
+from pfwd.judging.stations import similar_name
+from pfwd.session.plan import SessionPlan
 
 
 def point_name_error(name: str) -> str:

@@ -8,9 +8,9 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from pfwd_survey.errors import DeviceError, RecordingError, SurveyError
-from pfwd_survey.measuring.events import LiveSamples, Notice, SessionEvent
-from pfwd_survey.measuring.live_trace import LiveTrace
+from pfwd.errors import DeviceError, RecordingError, SurveyError
+from pfwd.session.events import LiveSamples, Notice, SessionEvent
+from pfwd.session.live_trace import LiveTrace
 from tui.screen.session.screen_events import ScreenEvent, SessionBegan, SessionEnded
 from tui.screen.session.sources import SessionSource
 

@@ -3,11 +3,11 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from pfwd_survey.inverting.results import DropResult, TimeHistories
-from pfwd_survey.judging import PointView
-from pfwd_survey.measuring.events import SavedDrop, SessionEvent
-from pfwd_survey.measuring.plan import Ending
+from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.results import DropResult, TimeHistories
+from pfwd.judging import PointView
+from pfwd.session.events import SavedDrop, SessionEvent
+from pfwd.session.plan import Ending
 
 
 @dataclass(frozen=True, slots=True)

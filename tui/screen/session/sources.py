@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
-from pfwd_survey.inverting.options import AnalysisOptions
-from pfwd_survey.measuring.measure import Control, measure, replay
-from pfwd_survey.measuring.pace import Pace
-from pfwd_survey.measuring.plan import Ending, SessionPlan
-from pfwd_survey.measuring.session import Listener
-from pfwd_survey.measuring.setup_file import MeasuringSetup
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.session.measure import Control, measure, replay
+from pfwd.session.pace import Pace
+from pfwd.session.plan import Ending, SessionPlan
+from pfwd.session.session import Listener
+from pfwd.session.setup_file import MeasuringSetup
 
 
 class SessionSource(Protocol):

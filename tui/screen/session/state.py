@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from pfwd_survey.inverting.diagnosis.result import DiagnosisResult
-from pfwd_survey.judging import Job, PointView, SurveyView, value_of_drop
-from pfwd_survey.judging.advice import advice_on_drop, advice_on_point, of_effect
-from pfwd_survey.measuring.events import (
+from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.judging import Job, PointView, SurveyView, value_of_drop
+from pfwd.judging.advice import advice_on_drop, advice_on_point, of_effect
+from pfwd.procedures import Kind, PointProgress, PointValue, Procedure, plain_procedure
+from pfwd.session.events import (
     BatteryLow,
     CalibrationChanged,
     DropAnalysed,
@@ -34,9 +35,8 @@ from pfwd_survey.measuring.events import (
     SurveyFilesChanged,
     TableBuilding,
 )
-from pfwd_survey.measuring.live_view import apply_event, with_stored
-from pfwd_survey.measuring.plan import Ending
-from pfwd_survey.procedures import Kind, PointProgress, PointValue, Procedure, plain_procedure
+from pfwd.session.live_view import apply_event, with_stored
+from pfwd.session.plan import Ending
 from tui.screen.session.device_state import Device, device_of, lost_samples
 from tui.screen.session.drop_changes import (
     add_answer,

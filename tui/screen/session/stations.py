@@ -5,8 +5,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from pfwd_survey.judging import Job, Station
-from pfwd_survey.judging.stations import chainage_of
+from pfwd.judging import Job, Station
+from pfwd.judging.stations import chainage_of
 
 EARTH_RADIUS = 6_371_000.0
 """m; a sphere is good to half a percent of a distance."""

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from pfwd_survey.judging.stations import next_along, next_name
-from pfwd_survey.measuring.plan import Ending
-from pfwd_survey.procedures import Kind, Quantity
+from pfwd.judging.stations import next_along, next_name
+from pfwd.procedures import Kind, Quantity
+from pfwd.session.plan import Ending
 from tui.screen.session.state import SessionState
 from tui.screen.session.stations import next_station
 

@@ -4,12 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pfwd_survey.errors import DeviceError, SurveyError
-from pfwd_survey.files.editing import Edit, edit_survey
-from pfwd_survey.files.jobs import keep_events
-from pfwd_survey.judging import JobRequest
-from pfwd_survey.judging.view import job_of_folder
-from pfwd_survey.measuring.events import Edited, JobKnown, Notice
+from pfwd.errors import DeviceError, SurveyError
+from pfwd.files.editing import Edit, edit_survey
+from pfwd.files.jobs import keep_events
+from pfwd.judging import JobRequest
+from pfwd.judging.view import job_of_folder
+from pfwd.session.events import Edited, JobKnown, Notice
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.sources import SessionSource

@@ -12,8 +12,8 @@ import pytest
 
 from inversion import Instrument
 from inversion.forward.layered import LayeredForwardModel, LayeredGround, LayeredGrounds, Medium
-from pfwd_survey.files.traces import read_traces
-from pfwd_survey.inverting.analysis import record_of
+from pfwd.analysis.analyse import record_of
+from pfwd.files.traces import read_traces
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Ground, Layer, Plate
 

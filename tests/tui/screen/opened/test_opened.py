@@ -16,13 +16,13 @@ from textual.geometry import Region
 from textual.widgets import DataTable, Input, TabbedContent
 from textual.widgets._tabs import Underline
 
+from pfwd.analysis.diagnosis.holding import basis_of
+from pfwd.errors import OptionError, SurveyError
+from pfwd.files.header import declared_values
+from pfwd.judging import JobRequest, point_views
+from pfwd.procedures import plain_procedure
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
-from pfwd_survey.errors import OptionError, SurveyError
-from pfwd_survey.files.header import declared_values
-from pfwd_survey.inverting.diagnosis.holding import basis_of
-from pfwd_survey.judging import JobRequest, point_views
-from pfwd_survey.procedures import plain_procedure
-from tests.pfwd_survey.reporting.surveys import SETUP, half_sine_drop, result_of
+from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
 from tests.tui.screen.scripted import until
 from tui.cli import main
 from tui.screen.drawing.glyphs import BRAILLE

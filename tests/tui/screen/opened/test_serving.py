@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pfwd.errors import SurveyError
 from pfwd_device import Drop
 from pfwd_device.recording import DropRecord, SurveyWriter
-from pfwd_survey.errors import SurveyError
 from tui.screen.opened.rows import OpenedSurvey
 from tui.screen.opened.serving import MOST_WRONG, MOST_WRONG_IN_ALL, SurveyServer
 

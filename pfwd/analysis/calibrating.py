@@ -1,0 +1,210 @@
+"""Calibrates an instrument with drops on a rig of springs whose stiffness is declared."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any, Literal
+
+import numpy as np
+
+from inversion import InversionError, notices
+from inversion.calibration import Calibration, calibrate
+from inversion.notices import Notice
+from pfwd.analysis.diagnosis.device_file import DeviceEffect, write_effects
+from pfwd.analysis.rig_drops import rig_drop
+from pfwd.errors import SurveyError, refusal
+from pfwd.files.reading import read_points
+from pfwd.files.traces import TracePoint
+from pfwd.peaks.stiffness import stiffness_of
+
+GainOf = Literal["sensor", "load"]
+
+SEVERAL_RIGS = 0.1
+"""Relative difference of the stiffness at the peaks between groups of points that are said to have
+one stiffness, above which they are several rigs. Drops of one rig are within a few percent."""
+
+
+@dataclass(frozen=True, eq=False)
+class InstrumentCalibration:
+    """The constants of an instrument, and what they rest on."""
+
+    files: tuple[str, ...]
+    device: str | None
+    gain_of: GainOf
+    found: Calibration
+    stiffness: tuple[float, ...]
+    """Of the rigs, N/m."""
+    reasons: tuple[str, ...]
+    """Why it does not repeat; empty: it does."""
+    warnings: tuple[Notice, ...]
+
+    @property
+    def gain(self) -> tuple[float, float, tuple[float, float]]:
+        """Value, standard deviation and 95 % interval of the gain of its channel."""
+        gain = self.found.of("gain")
+        if self.gain_of == "sensor":
+            return gain.value, gain.deviation, gain.interval
+        low, high = gain.interval
+        return 1 / gain.value, gain.deviation / gain.value**2, (1 / high, 1 / low)
+
+    def to_json(self) -> Mapping[str, Any]:
+        """As ``pfwd calibrate --json`` prints it."""
+        value, deviation, interval = self.gain
+        said: dict[str, Any] = {
+            "files": list(self.files),
+            "device": self.device,
+            "drops": self.found.drops,
+            "repeats": not self.reasons,
+            "reasons": list(self.reasons),
+            "gain_of": self.gain_of,
+            "gain": {"value": value, "sd": deviation, "interval": list(interval)},
+        }
+        for name, key in (
+            ("natural_frequency", "natural_frequency_hz"),
+            ("damping", "damping"),
+            ("delay", "delay_s"),
+        ):
+            one = self.found.of(name)
+            said[key] = {"value": one.value, "sd": one.deviation, "interval": list(one.interval)}
+        rigs = zip(self.stiffness, self.found.masses, self.found.damping_ratios, strict=True)
+        said["rigs"] = [
+            {"stiffness_n_per_m": k, "mass_kg": mass, "damping_ratio": ratio}
+            for k, mass, ratio in rigs
+        ]
+        said["misfit_over_peak"] = self.found.misfit
+        return said | notices.to_json(self.warnings)
+
+
+def calibrate_files(
+    files: Sequence[str],
+    stiffness: float | None = None,
+    *,
+    point: str | None = None,
+    gain_of: GainOf = "sensor",
+    header: str | None = None,
+) -> InstrumentCalibration:
+    """The constants of the instrument that measured on rigs.
+
+    Parameters
+    ----------
+    files : sequence of str
+    stiffness : float, N/m, optional
+        Of the rig of all of them; None: as they declare it.
+    point : str, optional
+        Only points whose names begin so.
+    gain_of : "sensor" or "load"
+        Which channel has the gain.
+    header : path of a TOML file, optional
+
+    Raises
+    ------
+    SurveyError
+        If a file is refused, a stiffness is not known, or there are too few drops.
+    """
+    points = [
+        (file, found)
+        for file in files
+        for found in read_points(file, header)
+        if point is None or str(found.setup.point or "").startswith(point)
+    ]
+    if not points:
+        came = "none" if point is None else f"none whose name begins with {point}"
+        raise SurveyError(refusal(", ".join(files), "points on a rig", came))
+    known = [_stiffness(file, found, stiffness) for file, found in points]
+    rigs = sorted(set(known))
+    drops, warnings = [], []
+    for (file, found), own in zip(points, known, strict=True):
+        for drop in found.drops:
+            name = f"{found.setup.point or os.path.basename(file)}, drop {drop.number}"
+            made = rig_drop(drop, own, rigs.index(own), name)
+            if made is None:
+                warnings.append(Notice("no-centre-trace", {"drop": name}))
+            else:
+                drops.append(made)
+    devices = {str(found.setup.device) for _, found in points if found.setup.device is not None}
+    if len(devices) > 1:
+        came = f"of {', '.join(sorted(devices))}"
+        raise SurveyError(refusal(", ".join(files), "files of one device", came))
+    try:
+        result = calibrate(drops)
+    except InversionError as err:
+        raise SurveyError(f"{', '.join(files)}: {err}") from err
+    groups = [(own, found) for own, (_, found) in zip(known, points, strict=True) if found.drops]
+    return InstrumentCalibration(
+        tuple(files),
+        devices.pop() if devices else None,
+        gain_of,
+        result,
+        tuple(rigs),
+        (*_several_rigs(groups), *result.reasons),
+        tuple(warnings),
+    )
+
+
+def write_calibration(path: str | os.PathLike[str], found: InstrumentCalibration) -> None:
+    """Keep the constants, for ``--device``.
+
+    Raises
+    ------
+    SurveyError
+        If they do not repeat.
+    OSError
+        If the file cannot be written.
+    """
+    if found.reasons:
+        came = f"drops that do not repeat: {'; '.join(found.reasons)}"
+        raise SurveyError(refusal(os.fspath(path), "a calibration to keep", came))
+    value, deviation, _ = found.gain
+    frequency, damping, delay = (
+        found.found.of(name) for name in ("natural_frequency", "damping", "delay")
+    )
+    count = found.found.drops
+    effects = [
+        DeviceEffect(f"{found.gain_of}_gain", count, [("factor", "-", value, deviation)]),
+        DeviceEffect(
+            "geophone_response",
+            count,
+            [
+                ("natural_frequency", "Hz", frequency.value, frequency.deviation),
+                ("damping", "-", damping.value, damping.deviation),
+            ],
+        ),
+        DeviceEffect("sensor_lag", count, [("delay", "s", delay.value, delay.deviation)]),
+    ]
+    write_effects(path, found.device, effects)
+
+
+def _stiffness(file: str, point: TracePoint, given: float | None) -> float:
+    value = point.setup.rig_stiffness if given is None else given
+    if value is None or not value > 0:
+        where = f"{file}, point {point.setup.point}" if point.setup.point else file
+        hint = "give --stiffness N/m, or declare stiffness_n_per_m"
+        raise SurveyError(refusal(where, "the stiffness of the rig", "none", hint))
+    return float(value)
+
+
+def _several_rigs(groups: Sequence[tuple[float, TracePoint]]) -> list[str]:
+    """Where points of one stiffness show several at their peaks, by site."""
+    found = []
+    ordered = sorted(groups, key=lambda one: (one[0], str(one[1].setup.site)))
+    for own, of_rig in groupby(ordered, key=lambda one: one[0]):
+        middle: dict[str, float] = {}
+        for site, some in groupby(of_rig, key=lambda one: str(one[1].setup.site)):
+            values = [
+                one.secant_n_per_m
+                for _, point in some
+                for drop in point.drops
+                if (one := stiffness_of(drop, point.setup)) is not None
+            ]
+            if values:
+                middle[site] = float(np.median(values))
+        if middle and max(middle.values()) > (1 + SEVERAL_RIGS) * min(middle.values()):
+            shown = ", ".join(f"{value / 1e6:.3g} MN/m on {site}" for site, value in middle.items())
+            found.append(
+                f"one stiffness of {own / 1e6:.3g} MN/m is declared, at the peaks there is {shown}:"
+                " several rigs, choose the points of one with --point"
+            )
+    return found

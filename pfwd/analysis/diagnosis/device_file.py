@@ -1,0 +1,150 @@
+"""The file of a device: its effects, kept by ``--write-device`` and given with ``--device``."""
+
+import datetime
+import importlib.metadata
+import math
+import os
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from inversion.diagnosis.findings import EffectResult
+from inversion.effects import BY_NAME
+from inversion.records import known
+from pfwd.analysis.diagnosis.diagnose import Diagnosed
+from pfwd.analysis.diagnosis.points import DeviceValues
+from pfwd.errors import OptionError, refusal
+from pfwd.files.output_path import require_writable
+from pfwd.files.toml import toml_line
+from pfwd.toml_reading import LARGEST_TOML, parse_toml
+
+_SUFFIX = {"kg": "_kg", "s": "_s", "Hz": "_hz", "m/s": "_m_s", "m": "_m", "N/m": "_n_m"}
+"""Of a key, by the unit of its value."""
+
+
+def device_of(diagnosed: Sequence[Diagnosed]) -> str | None:
+    """The one device of diagnoses.
+
+    Raises
+    ------
+    OptionError
+        If they are of several.
+    """
+    names = {found.result.device for found in diagnosed if found.result and found.result.device}
+    if len(names) > 1:
+        raise OptionError(
+            refusal("--write-device", "files of one device", f"of {', '.join(sorted(names))}")
+        )
+    return names.pop() if names else None
+
+
+def write_device_file(
+    path: str | os.PathLike[str], diagnosed: Sequence[Diagnosed], device: str | None
+) -> None:
+    """Keep the device effects that were found, for ``--device``.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    effects: dict[str, list[EffectResult]] = {}
+    drops: dict[str, int] = {}
+    for point in diagnosed:
+        for effect in point.diagnosis.effects if point.diagnosis else ():
+            if effect.scope == "device" and point.diagnosis is not None:
+                name = known(effect.name)
+                effects.setdefault(name, []).append(effect)
+                drops[name] = drops.get(name, 0) + len(point.diagnosis.numbers)
+    device_effects = []
+    for name, found in effects.items():
+        best = min(found, key=lambda effect: known(effect.numbers[0].sd))
+        values = [(known(p.name), known(p.unit), known(p.value), known(p.sd)) for p in best.numbers]
+        device_effects.append(DeviceEffect(name, drops[name], values))
+    write_effects(path, device, device_effects)
+
+
+class DeviceEffect(NamedTuple):
+    """An effect of a device as its file has it."""
+
+    name: str
+    drops: int
+    """That it was found with."""
+    values: Sequence[tuple[str, str, float, float]]
+    """Name, unit, value and standard deviation of each parameter."""
+
+
+def write_effects(
+    path: str | os.PathLike[str], device: str | None, effects: Sequence[DeviceEffect]
+) -> None:
+    """Keep effects of a device, for ``--device``.
+
+    Raises
+    ------
+    OptionError, OSError
+        If the file cannot be written.
+    """
+    require_writable(path, "device file")
+    lines = [
+        toml_line("device", device or ""),
+        toml_line("date", datetime.date.today().isoformat()),
+        toml_line("software_version", importlib.metadata.version("pfwd")),
+    ]
+    for effect in effects:
+        lines += ["", f"[{effect.name}]", toml_line("drops", effect.drops)]
+        for name, unit, value, deviation in effect.values:
+            suffix = _SUFFIX.get(unit, "")
+            lines.append(toml_line(name + suffix, value))
+            if math.isfinite(deviation):
+                lines.append(toml_line(f"{name}_sd{suffix}", deviation))
+    text = "\n".join(lines) + "\n"
+    draft = f"{os.fspath(path)}.{os.getpid()}.tmp"
+    with open(draft, "w", encoding="utf-8", newline="\n") as stream:
+        stream.write(text)
+    os.replace(draft, path)
+
+
+def read_device_file(path: str | os.PathLike[str]) -> DeviceValues:
+    """Device effects of a file that ``--write-device`` made; raises as `read_device`."""
+    return read_device(path)[0]
+
+
+def read_device(path: str | os.PathLike[str]) -> tuple[DeviceValues, DeviceValues]:
+    """Device effects of a file, and their deviations, as far as it has any.
+
+    Raises
+    ------
+    OptionError
+        If it cannot be read, or names an effect or a parameter that is not known.
+    """
+    where = f"--device {os.fspath(path)}"
+    try:
+        with open(path, encoding="utf-8") as stream:
+            table = parse_toml(stream.read(LARGEST_TOML + 1))
+    except OSError as err:
+        raise OptionError(refusal(where, "a TOML file", err.strerror or str(err))) from err
+    except ValueError as err:
+        raise OptionError(refusal(where, "TOML", str(err))) from err
+    values: DeviceValues = {}
+    deviations: DeviceValues = {}
+    for name, entries in table.items():
+        if not isinstance(entries, dict):
+            continue
+        effect = BY_NAME.get(name)
+        if effect is None or effect.scope != "device":
+            raise OptionError(refusal(where, "device effects of the catalogue", repr(name)))
+        for p in effect.parameters:
+            key = p.name + _SUFFIX.get(p.unit, "")
+            value = entries.get(key)
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise OptionError(refusal(where, f"[{name}] {key} as a number", repr(value)))
+            if not p.lower <= value <= p.upper:
+                expected = f"[{name}] {key} from {p.lower:g} to {p.upper:g}"
+                raise OptionError(refusal(where, expected, f"{value:g}"))
+            values.setdefault(name, {})[p.name] = float(value)
+            spread = entries.get(f"{p.name}_sd{_SUFFIX.get(p.unit, '')}")
+            if isinstance(spread, int | float) and not isinstance(spread, bool):
+                if not 0.0 <= spread < math.inf:
+                    expected = f"[{name}] {p.name}_sd as a number >= 0"
+                    raise OptionError(refusal(where, expected, f"{spread:g}"))
+                deviations.setdefault(name, {})[p.name] = float(spread)
+    return values, deviations

@@ -1,0 +1,153 @@
+"""The points of files on their way to a diagnosis: which drops take part, and as what records."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+from inversion.diagnosis import PointRecords
+from inversion.notices import Notice
+from pfwd.analysis.analyse import record_of
+from pfwd.analysis.diagnosis.holding import basis_of
+from pfwd.analysis.keeping import question_of
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
+from pfwd.analysis.screening.drops import screen_point
+from pfwd.analysis.screening.duplicates import duplicate_drops
+from pfwd.analysis.screening.missing import whole_part
+from pfwd.files.reading import read_points
+from pfwd.files.traces import TracePoint
+from pfwd_device.recording import SurveyDrop
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class DiagnosisPoint:
+    """A point on its way through the diagnosis."""
+
+    file: str
+    device: str | None
+    """Name of the device that measured it."""
+    records: PointRecords | None
+    """None: no drop of it was measured."""
+    rejected: tuple[Notice, ...] = ()
+    warnings: tuple[Notice, ...] = ()
+    rig: TracePoint | None = None
+    """The point, where it is known that the weight fell on a rig of springs."""
+    point: str | None = None
+    """Name of the test point."""
+    question: str = ""
+    """Tells samples and declarations apart; empty: no drop was measured."""
+    basis: str = ""
+    """Tells declarations apart, see `holding.basis_of`."""
+    left_out: tuple[int, ...] = ()
+    """Numbers of drops that take no part."""
+    name: str = ""
+    """Differs from those of the other points of one request, see :func:`with_unique_names`."""
+    last: SurveyDrop | None = None
+    """The last measured drop, where a survey keeps it: its diagnosis is kept with that."""
+
+
+def with_unique_names(entries: Iterable[DiagnosisPoint | T]) -> list[DiagnosisPoint | T]:
+    """Return the points with a name by which their diagnoses are found; others as they are.
+
+    Drops that were declared differently are two points of the same file with the same name.
+    """
+    names: set[str] = set()
+    named: list[DiagnosisPoint | T] = []
+    for entry in entries:
+        if isinstance(entry, DiagnosisPoint):
+            base = name = f"{entry.file}, point {entry.point}"
+            number = 1
+            while name in names:
+                number += 1
+                name = f"{base} ({number})"
+            names.add(name)
+            entry = replace(entry, name=name)
+        named.append(entry)
+    return named
+
+
+def entries_of(file: str, options: AnalysisOptions) -> list[DiagnosisPoint]:
+    """The points of a file, read and screened."""
+    return [
+        entry_of(file, p, options) for p in read_points(file, options.header, options.overrides())
+    ]
+
+
+def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> DiagnosisPoint:
+    """A point that was read already, screened."""
+    if point.setup.is_stiffness_test:
+        device, called = _text(point.setup.device), _text(point.setup.point)
+        return DiagnosisPoint(file, device, None, (), point.warnings, point, called)
+    screenings = leave_out_bad_sensors(point, screen_point(point))
+    reasons = duplicate_drops(point.drops, screenings)
+    chosen = [
+        (whole_part(drop)[0], found)
+        for index, (drop, found) in enumerate(zip(point.drops, screenings, strict=True))
+        if found.status == "measured" and index not in reasons
+    ]
+    reasons |= {
+        index: str(found.reason)
+        for index, found in enumerate(screenings)
+        if found.status == "rejected"
+    }
+    rejected = tuple(
+        Notice("drop-rejected", {"drop": point.drops[index].number, "reason": reason})
+        for index, reason in sorted(reasons.items())
+    )
+    # A bad sensor is the same in every drop: said once.
+    every = [*point.warnings, *(w for _, found in chosen for w in found.warnings)]
+    warnings = tuple(dict.fromkeys(every))
+    name = _text(point.setup.device)
+    called = _text(point.setup.point)
+    if not chosen:
+        return DiagnosisPoint(file, name, None, rejected, warnings, point=called)
+    left_out = {offset for _, found in chosen for offset in found.left_out}
+    records = tuple(record_of(drop, point.setup, options, left_out) for drop, _ in chosen)
+    numbers = tuple(drop.number for drop, _ in chosen)
+    # Only what was declared is held; the search for effects needs the rest free.
+    made = PointRecords(
+        file if called is None else called,
+        records,
+        numbers,
+        elastic=options.elastic,
+        half_sine=options.load == "half-sine",
+    )
+    kept = [
+        drop
+        for drop, found in zip(point.kept, screenings if point.kept else (), strict=True)
+        if found.status == "measured"
+    ]
+    return DiagnosisPoint(
+        file,
+        name,
+        made,
+        rejected,
+        warnings,
+        point=called,
+        basis=basis_of(point.setup),
+        left_out=tuple(
+            drop.number
+            for index, (drop, found) in enumerate(zip(point.drops, screenings, strict=True))
+            if found.status != "measured" or index in reasons
+        ),
+        question=question_of(records, (made.elastic, made.half_sine), [rejected, warnings]),
+        last=kept[-1] if kept else None,
+    )
+
+
+def _text(value: object) -> str | None:
+    return None if value is None else str(value)
+
+
+def instrument_of(point: DiagnosisPoint) -> tuple[object, ...]:
+    """Return what points of one instrument have in common.
+
+    That is the declared device; without one the plate and the sensors.
+    """
+    if point.device is not None or point.records is None:
+        return (point.device,)
+    record = point.records.records[0]
+    sensors = tuple((sensor.offset, sensor.quantity) for sensor in record.sensors)
+    return None, record.instrument.plate_radius, sensors

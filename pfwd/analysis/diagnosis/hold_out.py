@@ -1,0 +1,205 @@
+"""Held-out drops and sensors: predicted by the rest of their point and by the other points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from inversion import InversionError
+from inversion.diagnosis import HeldOutPart, LeaveOut, PointDiagnosis, PointRecords
+from inversion.diagnosis.findings import HeldOut, PointSummary
+from inversion.effects.base import Values
+from inversion.inference.held_out import Allow, count_held_out, held_out_error
+from inversion.inference.instrument import (
+    MAX_RANKED_POINTS,
+    choose_structure,
+    structure_evidence,
+    summarise_point,
+)
+from inversion.inference.structures import Structure
+from inversion.notices import Notice
+from pfwd.analysis.diagnosis.entries import DiagnosisPoint, instrument_of
+from pfwd.analysis.diagnosis.points import (
+    DiagnosisByPoint,
+    ProgressCounter,
+    Workers,
+    library_of_process,
+    successful,
+)
+
+# Other points that say something of a point, on either side of it in the survey.
+_MAX_NEAR = 50
+# What a point cannot be fitted for.
+_FAILURES = (InversionError, np.linalg.LinAlgError)
+_Answer = HeldOutPart | Notice
+
+
+def with_predictions(
+    points: Sequence[DiagnosisPoint],
+    diagnoses: DiagnosisByPoint,
+    mode: LeaveOut,
+    workers: Workers,
+    *,
+    declared_effects: Mapping[str, Values] | None = None,
+    allow: Allow | None = None,
+    progress: Callable[[str, int], ProgressCounter] | None = None,
+) -> DiagnosisByPoint:
+    """Return the diagnoses with how well held-out parts are predicted.
+
+    Of the point nothing enters that is held out; the other points of its instrument are complete.
+
+    Parameters
+    ----------
+    points : sequence of DiagnosisPoint, with records
+    diagnoses : diagnoses of the points with all their records
+    mode : "next", "drop" or "sensor"
+    workers : Workers
+    declared_effects : values of device effects that are known, by effect and parameter
+    allow : what may be fitted to a held-out drop
+    progress : returns a counter of a kind of work on a number of points
+    """
+    counter = progress or _no_progress
+    found = dict(diagnoses)
+    groups: dict[tuple[object, ...], list[DiagnosisPoint]] = {}
+    for point in points:
+        if point.name in successful(diagnoses):
+            groups.setdefault(instrument_of(point), []).append(point)
+    for group in groups.values():
+        records = [_records(point) for point in group]
+        counts = [count_held_out(of_point, mode) for of_point in records]
+        if not any(counts):
+            continue
+        survey = _Survey(records, declared_effects or {}, workers, counter)
+        tasks = [(place, part) for place, count in enumerate(counts) for part in range(count)]
+        columns: list[Sequence[Any]] = [
+            [records[place] for place, _ in tasks],
+            [survey.structure_without(place) for place, _ in tasks],
+            [survey.other_points(place) for place, _ in tasks],
+            [part for _, part in tasks],
+        ]
+        predict = partial(
+            _held_out_error, mode=mode, declared_effects=declared_effects, allow=allow
+        )
+        counted = counter("held-out parts", len(tasks)).counted(workers.map(predict, *columns))
+        parts: dict[str, list[_Answer]] = {}
+        for (place, _), answer in zip(tasks, counted, strict=True):
+            parts.setdefault(group[place].name, []).append(answer)
+        for name, answers in parts.items():
+            diagnosis = found[name]
+            assert isinstance(diagnosis, PointDiagnosis)
+            found[name] = _with_parts(diagnosis, mode, answers)
+    return found
+
+
+class _Survey:
+    """What the points of one instrument say of each other."""
+
+    def __init__(
+        self,
+        records: Sequence[PointRecords],
+        declared_effects: Mapping[str, Values],
+        workers: Workers,
+        counter: Callable[[str, int], ProgressCounter],
+    ) -> None:
+        self._records = records
+        self._declared_effects = declared_effects
+        self._workers = workers
+        self._counter = counter
+        self._summaries: dict[Structure, list[PointSummary | None]] = {}
+        # One more than is needed, because a point has no part in the choice for itself.
+        ranked = records[: MAX_RANKED_POINTS + 1] if len(records) > 1 else []
+        work = workers.map(partial(_evidence, declared_effects=declared_effects), ranked)
+        self._evidence = list(counter("candidate models", len(ranked)).counted(work))
+
+    def structure_without(self, place: int) -> Structure | None:
+        """Return the structure that the other points show; None: there are none."""
+        evidence = [of for i, of in enumerate(self._evidence) if i != place and of]
+        return choose_structure(evidence[:MAX_RANKED_POINTS]) if evidence else None
+
+    def other_points(self, place: int) -> list[PointSummary]:
+        """Return the summaries of the other points."""
+        structure = self.structure_without(place)
+        if structure is None:
+            return []
+        if structure not in self._summaries:
+            summarise = partial(
+                _summary, structure=structure, declared_effects=self._declared_effects
+            )
+            work = self._workers.map(summarise, self._records)
+            counted = self._counter("points by themselves", len(self._records)).counted(work)
+            self._summaries[structure] = list(counted)
+        summaries = self._summaries[structure]
+        near = range(max(0, place - _MAX_NEAR), min(len(summaries), place + _MAX_NEAR + 1))
+        return [s for i in near if i != place and (s := summaries[i]) is not None]
+
+
+def _evidence(
+    records: PointRecords, declared_effects: Mapping[str, Values]
+) -> dict[Structure, float]:
+    """Return the log evidence of each structure; empty: the point cannot be fitted."""
+    try:
+        return structure_evidence(records, declared_effects, library_of_process())
+    except _FAILURES:
+        return {}
+
+
+def _summary(
+    records: PointRecords, structure: Structure, declared_effects: Mapping[str, Values]
+) -> PointSummary | None:
+    """Return the summary of a point; None: it cannot be fitted."""
+    try:
+        return summarise_point(records, structure, declared_effects, library_of_process())
+    except _FAILURES:
+        return None
+
+
+def _held_out_error(
+    records: PointRecords,
+    structure: Structure | None,
+    other_points: Sequence[PointSummary],
+    place: int,
+    *,
+    mode: LeaveOut,
+    declared_effects: Mapping[str, Values] | None,
+    allow: Allow | None,
+) -> _Answer:
+    """Return the errors of a held-out part, or why it cannot be predicted."""
+    try:
+        return held_out_error(
+            records,
+            structure,
+            other_points,
+            mode,
+            place,
+            declared_effects,
+            allow,
+            library_of_process(),
+        )
+    except _FAILURES as err:
+        values = {"part": place + 1, "mode": mode, "reason": str(err)}
+        return Notice("held-out-failed", values)
+
+
+def _with_parts(
+    diagnosis: PointDiagnosis, mode: LeaveOut, answers: Sequence[_Answer]
+) -> PointDiagnosis:
+    parts = [answer for answer in answers if isinstance(answer, HeldOutPart)]
+    warnings = [answer for answer in answers if isinstance(answer, Notice)]
+    return replace(
+        diagnosis,
+        held_out=HeldOut.of(mode, parts),
+        warnings=(*diagnosis.warnings, *warnings),
+    )
+
+
+def _no_progress(what: str, total: int) -> ProgressCounter:
+    return ProgressCounter(None, what, total)
+
+
+def _records(point: DiagnosisPoint) -> PointRecords:
+    assert point.records is not None
+    return point.records

@@ -1,0 +1,58 @@
+"""When a diagnosis that a survey keeps still holds: its point is as it was."""
+
+import hashlib
+from collections.abc import Collection
+from typing import Any
+
+from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.errors import SurveyError
+from pfwd.files.header import PointSetup, declared_values
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording import SurveyDrop, SurveyPoint
+
+NO_BASIS = frozenset(
+    {"operator", "procedure", "seating_drops", "site", "time_utc", "latitude", "longitude"}
+    | {"source", "photos", "material", "moisture_percent", "temperature_c", "device", "point"}
+)
+"""Keys of a header on which no result rests."""
+
+
+def basis_values(setup: PointSetup) -> dict[str, Any]:
+    """What a result rests on; the drops of a point may differ in everything else."""
+    said = declared_values(setup)
+    return {key: value for key, value in said.items() if key not in NO_BASIS}
+
+
+def basis_of(setup: PointSetup) -> str:
+    """Tells declarations apart on which a result rests: 16 hexadecimal digits."""
+    told = repr(sorted(basis_values(setup).items(), key=lambda item: item[0]))
+    return hashlib.sha256(told.encode()).hexdigest()[:16]
+
+
+def holds(found: DiagnosisResult, setup: PointSetup, drops: Collection[int]) -> bool:
+    """Whether a diagnosis is of the drops as they are now, and of what is declared of them.
+
+    Parameters
+    ----------
+    found : DiagnosisResult
+    setup : PointSetup, of the point's last drop
+    drops : collection of int, numbers of those that are neither discarded nor rejected
+    """
+    used, seen = set(found.drops or ()), {*(found.drops or ()), *(found.left_out or ())}
+    here = set(drops)
+    return bool(used) and used <= here <= seen and found.basis == basis_of(setup)
+
+
+def last_diagnosis(point: SurveyPoint) -> DiagnosisResult | None:
+    """The last diagnosis that is kept of a point, whatever was declared or discarded since."""
+    found = (read_diagnosis(drop) for drop in reversed(point.drops))
+    return next((kept for kept in found if kept is not None), None)
+
+
+def read_diagnosis(drop: SurveyDrop) -> DiagnosisResult | None:
+    """The last one that is kept with a drop; None: none, or it is damaged and can be asked anew."""
+    try:
+        said = drop.read_diagnosis()
+        return None if said is None else DiagnosisResult.from_json(said)
+    except (RecordingError, SurveyError):
+        return None

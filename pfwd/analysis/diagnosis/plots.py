@@ -1,0 +1,147 @@
+"""Pictures of diagnoses: traces, residual before and after, its spectrum, the ladder of effects."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inversion.diagnosis.findings import FittedState
+from inversion.records import known
+from pfwd.analysis.diagnosis.diagnose import Diagnosed
+from pfwd.digits import rounded, significant, with_ends
+from pfwd.errors import SurveyError, refusal
+from pfwd.files.output_path import require_writable
+from pfwd.matplotlib_start import start_matplotlib
+
+_BEFORE, _AFTER, _DATA = "#c44e52", "#2a6f97", "#222222"
+
+
+def plot_diagnoses(found: Sequence[Diagnosed], path: str | os.PathLike[str]) -> Path:
+    """Write a picture with one row a point.
+
+    Parameters
+    ----------
+    found : sequence of Diagnosed
+        With diagnoses.
+    path : path ending in .png, .svg or .pdf
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    SurveyError
+        If there is nothing to draw, or no file can be written there.
+    """
+    start_matplotlib()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    rows = [diagnosed for diagnosed in found if diagnosed.diagnosis is not None]
+    if not rows:
+        raise SurveyError(refusal("--plot", "at least one diagnosed point", "none"))
+    figure = Figure(figsize=(15, 3.4 * len(rows)), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(rows), 4, squeeze=False)
+    for row, diagnosed in zip(axes, rows, strict=True):
+        _draw_traces(row[0], diagnosed)
+        _draw_residual(row[1], diagnosed)
+        _draw_spectrum(row[2], diagnosed)
+        _draw_ladder(row[3], diagnosed)
+    target = require_writable(path, "--plot")
+    figure.savefig(target, dpi=110)
+    return target
+
+
+def _draw_traces(axis: Any, diagnosed: Diagnosed) -> None:
+    assert diagnosed.diagnosis is not None
+    for curves in diagnosed.diagnosis.curves:
+        time = curves.time * 1e3
+        for observed, before, after in zip(
+            curves.observed, curves.before, curves.after, strict=True
+        ):
+            axis.plot(time, before * 1e6, color=_BEFORE, lw=0.8, ls="--")
+            axis.plot(time, observed * 1e6, color=_DATA, lw=1.2)
+            axis.plot(time, after * 1e6, color=_AFTER, lw=0.9)
+    axis.set_title(f"{_name(diagnosed)}: {diagnosed.diagnosis.verdict}", fontsize=9)
+    axis.set_ylabel("displacement, µm (down +)", fontsize=8)
+    axis.set_xlabel("ms", fontsize=8)
+
+
+def _draw_residual(axis: Any, diagnosed: Diagnosed) -> None:
+    assert diagnosed.diagnosis is not None
+    for curves in diagnosed.diagnosis.curves:
+        time = curves.time * 1e3
+        for observed, before, after in zip(
+            curves.observed, curves.before, curves.after, strict=True
+        ):
+            peak = np.abs(observed).max()
+            axis.plot(time, 100 * (before - observed) / peak, color=_BEFORE, lw=0.8)
+            axis.plot(time, 100 * (after - observed) / peak, color=_AFTER, lw=0.9)
+        axis.axvline(curves.contact_end * 1e3, color="0.7", lw=0.7)
+    axis.set_title("residual before (red), after (blue)", fontsize=9)
+    axis.set_ylabel("% of the peak", fontsize=8)
+    axis.set_xlabel("ms", fontsize=8)
+
+
+def _draw_spectrum(axis: Any, diagnosed: Diagnosed) -> None:
+    assert diagnosed.diagnosis is not None
+    for curves in diagnosed.diagnosis.curves:
+        step = curves.time[1] - curves.time[0]
+        taper = np.hanning(curves.time.size)
+        for values, colour in ((curves.before, _BEFORE), (curves.after, _AFTER)):
+            left = (values[0] - curves.observed[0]) * taper
+            spectrum = np.abs(np.fft.rfft(left, 4 * left.size)) * step
+            frequency = np.fft.rfftfreq(4 * left.size, step)
+            part = (frequency > 2) & (frequency < 600)
+            axis.loglog(frequency[part], spectrum[part], color=colour, lw=0.8)
+    axis.set_title("spectrum of the residual, first sensor", fontsize=9)
+    axis.set_xlabel("Hz", fontsize=8)
+    axis.set_ylabel("m s", fontsize=8)
+
+
+def _draw_ladder(axis: Any, diagnosed: Diagnosed) -> None:
+    assert diagnosed.diagnosis is not None
+    effects = diagnosed.diagnosis.effects
+    # What points of a device share was not weighed at one of them.
+    names = [
+        effect.key if np.isfinite(known(effect.evidence)) else f"{effect.key} (shared)"
+        for effect in effects
+    ] or ["no effect"]
+    evidence = [float(np.nan_to_num(known(effect.evidence))) for effect in effects]
+    places = np.arange(len(names))
+    axis.barh(places, evidence or [0.0], color=_AFTER)
+    axis.set_yticks(places, names, fontsize=8)
+    axis.invert_yaxis()
+    axis.set_xlabel("evidence (log Bayes factor)", fontsize=8)
+    before, after = diagnosed.diagnosis.before, diagnosed.diagnosis.after
+    axis.set_title(
+        "\n".join(
+            f"{when} {_modulus(state)}, {significant(100 * state.left_over_peak, 2)} % left"
+            for when, state in (("before", before), ("after", after))
+        ),
+        fontsize=9,
+    )
+
+
+def _name(diagnosed: Diagnosed) -> str:
+    """Of the point; of a file that is one, of the file."""
+    point = None if diagnosed.result is None else diagnosed.result.point
+    return Path(diagnosed.file).name if point is None else point
+
+
+def _modulus(state: FittedState) -> str:
+    """Return the modulus with its interval, or why there is none."""
+    if state.modulus_interval_pa is None:
+        return "no modulus"
+    low, high = state.modulus_interval_pa
+    if state.modulus_pa is None:
+        near, far = (rounded(end / 1e6, end / 1e6) for end in (low, high))
+        return f"E left open ({near} to {far}) MPa"
+    value, near, far = with_ends(state.modulus_pa / 1e6, (low / 1e6, high / 1e6))
+    return f"E {value} ({near} to {far}) MPa"

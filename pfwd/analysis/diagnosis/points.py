@@ -1,0 +1,156 @@
+"""Diagnoses of single points, in this process or in several."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from threading import Lock
+from typing import Any, TypeVar
+
+import numpy as np
+
+from inversion import InversionError, SurrogateLibrary
+from inversion.diagnosis import (
+    PointDiagnosis,
+    PointRecords,
+)
+from inversion.inference.diagnose import diagnose_point
+from inversion.inference.instrument import InstrumentKnowledge
+from pfwd.analysis.diagnosis.entries import DiagnosisPoint
+from pfwd.spawning import worker_pool
+
+# Devices that share the processes, for each of these.
+_AT_ONCE = 2
+
+_R = TypeVar("_R")
+_G = TypeVar("_G")
+DeviceValues = dict[str, dict[str, float]]
+Progress = Callable[[str, int, int], None]
+"""Receives the kind of work, the number of points done, and their total number."""
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosisFailure:
+    """The reason why a point could not be diagnosed."""
+
+    reason: str
+
+
+DiagnosisByPoint = dict[str, PointDiagnosis | DiagnosisFailure]
+"""Diagnoses and failures by `DiagnosisPoint.name`."""
+
+
+def successful(outcomes: DiagnosisByPoint) -> dict[str, PointDiagnosis]:
+    """Return the diagnoses without the failures, in the same order."""
+    return {name: d for name, d in outcomes.items() if isinstance(d, PointDiagnosis)}
+
+
+class ProgressCounter:
+    """Thread-safe counter of diagnosed points, shared by the devices of a survey.
+
+    Parameters
+    ----------
+    progress : callable or None
+    what : str, kind of the work
+    total : int, number of points that are to be diagnosed, as far as is known
+    """
+
+    def __init__(self, progress: Progress | None, what: str, total: int) -> None:
+        self._progress = progress
+        self._what = what
+        self._done = 0
+        self._lock = Lock()
+        self.total = total
+
+    def expect(self, more: int) -> None:
+        """Add a number of points that are to be diagnosed."""
+        with self._lock:
+            self.total += more
+
+    def counted(self, results: Iterable[_R]) -> Iterator[_R]:
+        """Yield the results and report each."""
+        for result in results:
+            with self._lock:
+                self._done += 1
+                if self._progress is not None:
+                    self._progress(self._what, self._done, self.total)
+            yield result
+
+
+class Workers:
+    """Processes that share the work of several devices; a single one is this one.
+
+    Parameters
+    ----------
+    count : int
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._pool: ProcessPoolExecutor | None = None
+        self._waiting: ThreadPoolExecutor | None = None
+
+    def __enter__(self) -> Workers:
+        if self._count > 1:
+            self._pool = worker_pool(self._count)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        # What waits for the processes ends when they do.
+        for pool in (self._pool, self._waiting):
+            if pool is not None:
+                pool.shutdown(cancel_futures=True)
+
+    def map(self, function: Callable[..., _R], *columns: Sequence[Any]) -> Iterator[_R]:
+        """What a function gives for each row, in order."""
+        return map(function, *columns) if self._pool is None else self._pool.map(function, *columns)
+
+    def at_once(self, function: Callable[[_G], _R], groups: Sequence[_G]) -> Iterator[_R]:
+        """What a function that waits for these processes gives for each group, in order.
+
+        While one group waits for its last point, the processes are another's.
+        """
+        if self._pool is None or len(groups) < 2:
+            return map(function, groups)
+        self._waiting = ThreadPoolExecutor(_AT_ONCE * self._count)
+        return self._waiting.map(function, groups)
+
+
+def diagnose_all(
+    points: Sequence[DiagnosisPoint],
+    known: Sequence[InstrumentKnowledge],
+    workers: Workers,
+    counter: ProgressCounter,
+    *,
+    predict_last: bool = True,
+) -> DiagnosisByPoint:
+    """Diagnose points that have records, in order, each with what is known of its instrument."""
+    records = [point.records for point in points]
+    outcomes = counter.counted(
+        workers.map(partial(_diagnose, predict_last=predict_last), records, known)
+    )
+    return {point.name: outcome for point, outcome in zip(points, outcomes, strict=True)}
+
+
+def _diagnose(
+    records: PointRecords, known: InstrumentKnowledge, *, predict_last: bool
+) -> PointDiagnosis | DiagnosisFailure:
+    start = time.perf_counter()
+    try:
+        diagnosis = diagnose_point(records, library_of_process(), known, predict_last=predict_last)
+    except InversionError as err:
+        return DiagnosisFailure(str(err))
+    except np.linalg.LinAlgError as err:
+        # One odd record costs its own point, not those of all files.
+        reason = f"the fit broke down ({err}): check the header, and the unit of the times"
+        return DiagnosisFailure(reason)
+    return replace(diagnosis, elapsed=time.perf_counter() - start)
+
+
+@cache
+def library_of_process() -> SurrogateLibrary:
+    """Return the library of this process."""
+    return SurrogateLibrary()

@@ -1,0 +1,216 @@
+"""Diagnoses of the points of one device: what the device has in common, and then each point.
+
+Points are diagnosed by themselves, of many some. An effect of the device is shared if the evidence
+of these together says so. Then every point is diagnosed with these effects; what the other points
+say of their numbers is its prior. A point that this leaves far worse than the others is diagnosed
+by itself, too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from statistics import median
+
+from inversion.diagnosis import LeaveOut, PointDiagnosis
+from inversion.diagnosis.findings import HeldOut, HeldOutPart
+from inversion.inference.diagnose import EXPLAINED_TO
+from inversion.inference.instrument import InstrumentKnowledge, shared_effects
+from pfwd.analysis.diagnosis.device_effects import (
+    alternatives_of,
+    contradictions,
+    device_findings,
+    with_device,
+)
+from pfwd.analysis.diagnosis.entries import DiagnosisPoint
+from pfwd.analysis.diagnosis.points import (
+    DeviceValues,
+    DiagnosisByPoint,
+    Progress,
+    ProgressCounter,
+    Workers,
+    diagnose_all,
+    successful,
+)
+
+PREDICTED: tuple[LeaveOut, ...] = ("next", "drop", "sensor")
+"""What is held out and predicted without anything fitted to it."""
+# Of so many points, so many are diagnosed by themselves first.
+_MANY_POINTS, _FIRST_POINTS = 8, 4
+# Of the usual discrepancy, what makes a point odd; and of that with the others' device, what it has
+# to leave by itself to be told so.
+_FAR_MORE, _BY_ITSELF = 2.0, 2.0 / 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Phases:
+    """Counters for the progress of the two parts of the work.
+
+    Parameters
+    ----------
+    alone : ProgressCounter, points by themselves
+    together : ProgressCounter, points with what others show
+    """
+
+    alone: ProgressCounter
+    together: ProgressCounter
+
+    @classmethod
+    def of(cls, progress: Progress | None, points: int) -> Phases:
+        """Return the counters for a number of points."""
+        return cls(
+            ProgressCounter(progress, "each point by itself", points),
+            ProgressCounter(progress, "with what other points show", 0),
+        )
+
+
+def diagnose_device(
+    points: Sequence[DiagnosisPoint],
+    workers: Workers,
+    leave_out: LeaveOut | None,
+    phases: Phases,
+) -> DiagnosisByPoint:
+    """Diagnose the points of one device, or points that share none.
+
+    Parameters
+    ----------
+    leave_out : "point": each point with the values of its device from the others; None: the last
+        drop of each point; others: the prediction is made elsewhere
+    """
+    nothing = [InstrumentKnowledge()] * len(points)
+    if points[0].device is None or len(points) < 2:
+        return diagnose_all(points, nothing, workers, phases.alone, predict_last=leave_out is None)
+    first = _first_points(points)
+    phases.alone.total += len(first) - len(points)
+    alone = diagnose_all(first, nothing[: len(first)], workers, phases.alone, predict_last=False)
+    own = successful(alone)
+    gains = [diagnosis.gains for diagnosis in own.values()]
+    shared, absent = shared_effects(gains) if len(own) > 1 else (frozenset(), frozenset())
+    known_of = [
+        InstrumentKnowledge(
+            effects=shared,
+            absent=absent,
+            other_points=tuple(
+                diagnosis.summary
+                for name, diagnosis in own.items()
+                if name != point.name and diagnosis.summary is not None
+            ),
+            nearby=_nearby(point.name, own),
+        )
+        for point in points
+    ]
+    phases.together.expect(len(points))
+    predict = leave_out is None
+    again = diagnose_all(points, known_of, workers, phases.together, predict_last=predict)
+    odd = [point for point in points if point.name in _odd_points(again) - set(own)]
+    if odd:
+        phases.together.expect(len(odd))
+        found = diagnose_all(
+            odd, nothing[: len(odd)], workers, phases.together, predict_last=predict
+        )
+        for name, diagnosis in successful(found).items():
+            own[name] = diagnosis
+            if _left(diagnosis) < _BY_ITSELF * _left(successful(again)[name]):
+                again[name] = diagnosis
+    together = successful(again)
+    findings = device_findings(list(together.values()), shared)
+    if not findings.values:
+        return again
+    errors: dict[str, HeldOutPart] = {}
+    if leave_out == "point":
+        errors = _held_out_points(points, together, workers, phases)
+    alternatives = alternatives_of(list(own.values()))
+    for name, diagnosis in together.items():
+        told = with_device(diagnosis, findings, alternatives)
+        if name in own:
+            told = replace(told, warnings=(*told.warnings, *contradictions(own[name], findings)))
+        if name in errors:
+            told = replace(told, held_out=HeldOut.of("point", [errors[name]]))
+        again[name] = told
+    return again
+
+
+def _first_points(points: Sequence[DiagnosisPoint]) -> list[DiagnosisPoint]:
+    """Return the points that are diagnosed by themselves: all of few, some of many.
+
+    Which ones does not depend on the order of the files.
+    """
+    if len(points) < _MANY_POINTS:
+        return list(points)
+    ordered = sorted(points, key=lambda point: point.name)
+    return [ordered[(2 * k + 1) * len(points) // (2 * _FIRST_POINTS)] for k in range(_FIRST_POINTS)]
+
+
+def _left(diagnosis: PointDiagnosis) -> float:
+    """Return what no effect tells of a point, over the peak; NaN: it was not fitted."""
+    left = diagnosis.after.discrepancy_over_peak
+    return math.nan if left is None else left
+
+
+def _odd_points(outcomes: DiagnosisByPoint) -> set[str]:
+    """Return the names of points of which the device of the others leaves far more than usual."""
+    left = {name: _left(diagnosis) for name, diagnosis in successful(outcomes).items()}
+    fitted = [value for value in left.values() if math.isfinite(value)]
+    usual = max(median(fitted), EXPLAINED_TO) if fitted else math.inf
+    return {name for name, value in left.items() if value > _FAR_MORE * usual}
+
+
+def _nearby(name: str, own: Mapping[str, PointDiagnosis]) -> tuple[frozenset[str], ...]:
+    """Return the structure of a point by itself, or of others, and what most points have."""
+    counts = Counter(effect for diagnosis in own.values() for effect in diagnosis.structure)
+    common = frozenset(effect for effect, count in counts.items() if 2 * count > len(own))
+    others = [own[name]] if name in own else own.values()
+    return tuple(dict.fromkeys([common, *(other.structure for other in others)]))
+
+
+def _held_out_points(
+    points: Sequence[DiagnosisPoint],
+    diagnoses: Mapping[str, PointDiagnosis],
+    workers: Workers,
+    phases: Phases,
+) -> dict[str, HeldOutPart]:
+    """Return the error of each point with the device's values held as the other points say."""
+    held_out = [point for point in points if point.name in diagnoses]
+    known = []
+    for point in held_out:
+        others = [d for name, d in diagnoses.items() if name != point.name]
+        shared = frozenset(e.key for d in others for e in d.effects if e.scope == "device")
+        values: DeviceValues = device_findings(others, shared).values
+        known.append(InstrumentKnowledge(declared_effects=values))
+    phases.together.expect(len(held_out))
+    again = successful(diagnose_all(held_out, known, workers, phases.together, predict_last=False))
+    return {name: _as_part(name, diagnosis) for name, diagnosis in again.items()}
+
+
+def _as_part(name: str, diagnosis: PointDiagnosis) -> HeldOutPart:
+    """Return what is left of a point of which everything but its device was fitted."""
+    before, after = diagnosis.before, diagnosis.after
+    return HeldOutPart(
+        name=name,
+        fitted=_fitted_numbers(diagnosis),
+        before=before.residual_rms_over_peak,
+        after=after.residual_rms_over_peak,
+        contact_before=before.contact_residual_rms_over_peak,
+        contact_after=after.contact_residual_rms_over_peak,
+    )
+
+
+def _fitted_numbers(diagnosis: PointDiagnosis) -> tuple[str, ...]:
+    """Return the names of the numbers that were fitted to a point."""
+    summary = diagnosis.summary
+    if summary is None:
+        return ()
+    of_all = [f"{coordinate} ({effect or 'ground'})" for effect, coordinate in summary.values]
+    of_drops = [
+        f"{coordinate} ({effect}, drop {diagnosis.numbers[drop]})"
+        for (effect, coordinate), by_drop in summary.deviations.items()
+        for drop in by_drop
+    ]
+    stiffness = [
+        f"stiffness (drop {diagnosis.numbers[drop]})"
+        for drop, ratio in summary.stiffness.items()
+        if ratio != 0.0
+    ]
+    return (*of_all, *of_drops, *stiffness)

@@ -1,0 +1,312 @@
+"""What a measuring procedure has to know of a drop, from its record and its result."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfwd.analysis.results import DropResult, MeasuredFacts, fit_fault
+from pfwd.analysis.screening.drops import CENTRE, Screening, pulse_peak
+from pfwd.analysis.screening.missing import whole_part
+from pfwd.analysis.screening.signals import displacement_of, quiet_samples, remove_offset
+from pfwd.files.header import IMPORTED, PEAK_DEVIATIONS, PointSetup
+from pfwd.procedures import Kind, PointDrop
+from pfwd_device import Channel, Drop
+from pfwd_device.drop import Peaks
+from pfwd_device.peaks import trace_peaks
+from pfwd_device.response import correct_response
+
+FACTS_VERSION = 1
+"""To be raised when :func:`point_drop` finds others; those that were kept are then found anew."""
+
+FACTS_KEY = "facts"
+"""Of a drop's metadata; surveys of before have none."""
+
+PULSE_EDGE = 0.03
+"""Part of the peak load between which the pulse lies."""
+
+PEAK_WITHIN = 2.0
+"""Pulse durations after the start of the pulse within which the deflection has its peak: it lags
+the load by a fraction of one. Later maxima are rebounds, or drift of an integrated velocity."""
+
+END_PART = 0.05
+"""Part of the record at its end, over which what is left of a deflection is averaged."""
+
+
+def point_drop(
+    drop: Drop,
+    setup: PointSetup,
+    screening: Screening,
+    result: DropResult | None = None,
+    discarded: str | None = None,
+) -> PointDrop:
+    """A drop as a procedure sees it.
+
+    Parameters
+    ----------
+    drop : Drop
+    setup : PointSetup
+        Its declared geophone response is taken out of the peak: uncorrected, a geophone of 4.5 Hz
+        lowers the peak of a 17 ms pulse by 18 %.
+    screening : Screening
+    result : DropResult, optional
+    discarded : str, optional
+        Why a person discarded it; "" without a reason, None: nobody did.
+
+    Returns
+    -------
+    PointDrop
+    """
+    if drop.only_peaks is not None and not setup.is_stiffness_test:
+        return _of_peaks(drop.number, drop.only_peaks, setup, discarded)
+    if screening.status == "rejected":
+        return PointDrop(drop.number, Kind.REJECTED, reason=screening.reason)
+    kind = Kind.DISCARDED if discarded is not None else Kind(screening.status)
+    whole = whole_part(drop)[0]
+    load = remove_offset(whole.time, whole.load)
+    start, end = _pulse(load)
+    peak = float(load.max())
+    area = float(np.trapezoid(load[start:end], whole.time[start:end]))
+    duration = math.pi * area / (2 * peak) if peak > 0 else None
+    facts: dict[str, Any] = {"peak_load": peak, "pulse_duration": duration}
+    centre = [channel for channel in whole.channels if abs(channel.offset) < CENTRE]
+    if centre and duration:
+        facts |= _deflection(whole, centre[0], setup, start, duration)
+    found = PointDrop(drop.number, kind, reason=discarded or None, **facts)
+    return with_modulus(found, result, setup)
+
+
+def _of_peaks(number: int, peaks: Peaks, setup: PointSetup, discarded: str | None) -> PointDrop:
+    """A drop without traces, which are rejected for the inversion alone."""
+    kind = Kind.SEATING if number <= setup.seating_drops else Kind.MEASURED
+    if discarded is not None:
+        kind = Kind.DISCARDED
+    centre = peaks.centre
+    return PointDrop(
+        number,
+        kind,
+        peak_load=peaks.load,
+        peak_deflection=centre if centre is not None and centre > 0 else None,
+        reason=discarded or None,
+    )
+
+
+def own_facts(drop: Drop, setup: PointSetup, screening: Screening) -> tuple[PointDrop, float]:
+    """Return the facts of a drop's own record, and its `pulse_peak`, N; 0: it is not compared.
+
+    Parameters
+    ----------
+    drop : Drop
+    setup : PointSetup
+    screening : Screening
+        By the record alone.
+    """
+    facts = point_drop(drop, setup, screening)
+    if facts.kind is Kind.REJECTED:
+        return facts, 0.0
+    # The number of seating drops is counted with all drops of the point.
+    facts = dataclasses.replace(facts, kind=Kind.MEASURED)
+    only_peaks = drop.only_peaks is not None and not setup.is_stiffness_test
+    return facts, 0.0 if only_peaks else pulse_peak(drop)
+
+
+def facts_to_store(facts: PointDrop, peak: float, setup: PointSetup) -> MeasuredFacts | None:
+    """Return the facts that a survey stores; None: of a drop without traces, or on a rig.
+
+    Parameters
+    ----------
+    facts : PointDrop
+    peak : float
+        As `own_facts` returns both, N.
+    setup : PointSetup
+    """
+    if setup.is_stiffness_test:
+        return None
+    response: dict[str, Any] = {
+        "geophone_natural_frequency_hz": setup.geophone_natural_frequency,
+        "geophone_damping": setup.geophone_damping,
+    }
+    if facts.kind is Kind.REJECTED:
+        return MeasuredFacts(version=FACTS_VERSION, rejected=facts.reason, **response)
+    if not peak:
+        return None
+    return MeasuredFacts(
+        version=FACTS_VERSION,
+        peak_load_n=facts.peak_load,
+        pulse_peak_n=peak,
+        deflection_m=facts.peak_deflection,
+        velocity_m_per_s=facts.peak_velocity,
+        duration_s=facts.pulse_duration,
+        offset_over_peak=facts.offset_over_peak,
+        return_over_peak=facts.return_over_peak,
+        **response,
+    )
+
+
+def kept_facts(number: int, facts: MeasuredFacts | None, setup: PointSetup) -> PointDrop | None:
+    """Return a drop with its stored facts; None: they have to be computed from the traces.
+
+    Parameters
+    ----------
+    number : int
+        Of the drop within the point.
+    facts : MeasuredFacts or None
+    setup : PointSetup
+        As declared now: another response of the geophone makes another deflection.
+    """
+    if facts is None or facts.version != FACTS_VERSION or facts.more or setup.is_stiffness_test:
+        return None
+    then = facts.geophone_natural_frequency_hz, facts.geophone_damping
+    if then != (setup.geophone_natural_frequency, setup.geophone_damping):
+        return None
+    if facts.rejected is not None:
+        return PointDrop(number, Kind.REJECTED, reason=facts.rejected)
+    if facts.peak_load_n is None or facts.pulse_peak_n is None:
+        return None
+    return PointDrop(
+        number,
+        Kind.MEASURED,
+        facts.peak_load_n,
+        facts.deflection_m,
+        facts.duration_s,
+        facts.velocity_m_per_s,
+        offset_over_peak=facts.offset_over_peak,
+        return_over_peak=facts.return_over_peak,
+    )
+
+
+def stored_facts(
+    number: int, setup: PointSetup, metadata: Mapping[str, Any], result: DropResult | None
+) -> tuple[PointDrop, float] | None:
+    """Return the facts stored with a drop, or else with its result; and its `pulse_peak`, N.
+
+    None: they have to be computed from the traces.
+    """
+    said = metadata.get(FACTS_KEY)
+    recorded = MeasuredFacts.from_json(said) if isinstance(said, Mapping) else None
+    for facts in (recorded, None if result is None else result.facts):
+        found = kept_facts(number, facts, setup)
+        if found is not None and facts is not None:
+            return found, facts.pulse_peak_n or 0.0
+    return None
+
+
+def unbroken_peaks(drop: Drop) -> Peaks | None:
+    """Return the peaks of a drop before its first missing samples.
+
+    None: samples around the trigger are missing.
+    """
+    if drop.only_peaks is not None:
+        return drop.only_peaks
+    unbroken, missing, _ = whole_part(drop)
+    return trace_peaks(unbroken) if missing is None and unbroken.load.size else None
+
+
+def recorded_deflection(drop: Drop) -> float | None:
+    """Return the peak of the centre as recorded, m; None: `unbroken_peaks` has none."""
+    peaks = unbroken_peaks(drop)
+    peak = None if peaks is None else peaks.centre
+    return peak if peak is not None and math.isfinite(peak) else None
+
+
+def corrected_deflection(drop: Drop, setup: PointSetup) -> float | None:
+    """Return the peak of the centre without the declared response of the geophone, m.
+
+    None: samples around the trigger are missing.
+    """
+    if drop.only_peaks is not None:
+        return recorded_deflection(drop)
+    if setup.is_stiffness_test or whole_part(drop)[1] is not None:
+        return None
+    try:
+        return point_drop(drop, setup, Screening("measured")).peak_deflection
+    except (ValueError, IndexError):  # no pulse in it
+        return None
+
+
+MAX_PEAK_DEVIATION = 0.1
+"""Relative difference of a trace's peak from the stored one up to which they are one record: the
+modulus would be off as much. Filters of the makers' software change peaks by up to 2 %."""
+
+
+def _contradicts_its_file(number: int, setup: PointSetup | None) -> bool:
+    noted = None if setup is None else setup.extra.get(IMPORTED)
+    deviations = noted.get(PEAK_DEVIATIONS) if isinstance(noted, Mapping) else None
+    deviation = deviations.get(str(number)) if isinstance(deviations, Mapping) else None
+    return isinstance(deviation, int | float) and deviation > MAX_PEAK_DEVIATION
+
+
+def with_modulus(
+    facts: PointDrop, result: DropResult | None, setup: PointSetup | None = None
+) -> PointDrop:
+    """Return the same drop with the modulus of a result, or without one where there is none.
+
+    Parameters
+    ----------
+    facts : PointDrop
+    result : DropResult or None
+    setup : PointSetup, optional
+        Of the drop; has how far its peaks are from those that its file stores.
+    """
+    fault = None
+    if _contradicts_its_file(facts.number, setup):
+        fault = "the record contradicts the peak that its file stores"
+    if result is None or result.modulus_pa is None:
+        return dataclasses.replace(
+            facts,
+            record_fault=fault,
+            modulus=None,
+            modulus_interval=None,
+            residual=None,
+            fit_fault=None,
+        )
+    return dataclasses.replace(
+        facts,
+        record_fault=fault,
+        modulus=result.modulus_pa,
+        modulus_interval=result.modulus_interval_pa,
+        residual=result.contact_residual_rms_over_peak,
+        fit_fault=fault or fit_fault(result),
+    )
+
+
+def _pulse(load: NDArray[np.float64]) -> tuple[int, int]:
+    """First sample of the pulse and the one past its last."""
+    top = int(load.argmax())
+    low = load < PULSE_EDGE * load[top]
+    before, after = np.flatnonzero(low[:top]), np.flatnonzero(low[top:])
+    start = int(before[-1]) + 1 if before.size else 0
+    return start, top + int(after[0]) if after.size else load.size
+
+
+def _deflection(
+    drop: Drop, channel: Channel, setup: PointSetup, start: int, duration: float
+) -> dict[str, float]:
+    frequency, damping = setup.geophone_natural_frequency, setup.geophone_damping
+    if channel.quantity == "velocity" and frequency is not None and damping is not None:
+        velocity = remove_offset(drop.time, channel.values)
+        velocity = correct_response(velocity, drop.sampling_rate, frequency, damping)
+        steps = np.diff(drop.time) * (velocity[1:] + velocity[:-1]) / 2
+        moved = np.concatenate([[0.0], np.cumsum(steps)])
+    else:
+        moved = displacement_of(channel, drop.time)
+        velocity = np.gradient(moved, drop.time)
+        if channel.quantity == "velocity":
+            velocity = remove_offset(drop.time, channel.values)
+    until = drop.time[start] + PEAK_WITHIN * duration
+    part = slice(start, max(start + 2, int(np.searchsorted(drop.time, until))))
+    peak = float((moved[part] - moved[start]).max())
+    if peak <= 0:
+        return {}
+    facts = {"peak_deflection": peak, "peak_velocity": float(velocity[part].max())}
+    if channel.quantity == "displacement":
+        # Of an integrated velocity both would be the drift of the integration.
+        quiet = quiet_samples(drop.time)
+        if quiet:
+            facts["offset_over_peak"] = abs(float(channel.values[:quiet].mean())) / peak
+        last = max(1, int(END_PART * moved.size))
+        facts["return_over_peak"] = abs(float(moved[-last:].mean())) / peak
+    return facts

@@ -1,0 +1,99 @@
+"""The result of one drop, made of its screening and its inversion."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Sequence
+from typing import Any
+
+from inversion.notices import Notice
+from inversion.result import InversionResult
+from pfwd.analysis.drop_facts import (
+    corrected_deflection,
+    facts_to_store,
+    own_facts,
+    recorded_deflection,
+)
+from pfwd.analysis.results import DropAnalysis, DropResult
+from pfwd.analysis.screening.missing import whole_part
+from pfwd.analysis.screening.signals import remove_offset
+from pfwd_device import Drop
+
+
+def drop_result(
+    path: str | os.PathLike[str],
+    analysis: DropAnalysis,
+    point_warnings: Sequence[Notice] = (),
+    point: Any = None,
+) -> DropResult:
+    """Return the result of one drop, with the keys of ``pfwd invert --json``.
+
+    Parameters
+    ----------
+    path : str or path-like
+        Of the file with the drop.
+    analysis : DropAnalysis
+    point_warnings : sequence of Notice
+        Warnings about the point.
+    point : optional
+        Name of the test point.
+    """
+    if analysis.stored is not None:
+        number, name = analysis.drop.number, os.fspath(path)
+        return dataclasses.replace(
+            analysis.stored, file=name, point=point, drop=number, refit=None, stored=True
+        )
+    status, reason = analysis.screening.status, analysis.screening.reason
+    if analysis.fault is not None:
+        status, reason = "rejected", analysis.fault
+    warnings = [*point_warnings, *analysis.screening.warnings]
+    fields: dict[str, Any] = {}
+    if analysis.result is not None:
+        names = [field.name for field in dataclasses.fields(InversionResult)]
+        fields = {name: getattr(analysis.result, name) for name in names}
+        fields["explained"] = analysis.result.explained and not analysis.screening.clipped
+        warnings += fields.pop("warnings") or ()
+    if analysis.asked is not None and analysis.fault is None:
+        fields |= dataclasses.asdict(analysis.asked)
+    return DropResult(
+        file=os.fspath(path),
+        point=point,
+        drop=analysis.drop.number,
+        status=status,
+        reason=reason if status == "rejected" else None,
+        peak_load_n=_peak_load(analysis.drop),
+        **_deflections(analysis),
+        warnings=tuple(warnings),
+        **fields,
+    )
+
+
+def _peak_load(drop: Drop) -> float | None:
+    """Return the peak load without its offset, N; None if samples at the trigger are missing."""
+    if drop.only_peaks is not None:
+        return drop.only_peaks.load
+    whole, missing, _ = whole_part(drop)
+    if missing is not None or not whole.load.size:
+        return None
+    peak = float(remove_offset(whole.time, whole.load).max())
+    return peak if math.isfinite(peak) else None
+
+
+def _deflections(analysis: DropAnalysis) -> dict[str, Any]:
+    """Return the peaks of the centre sensor, and the facts for the procedure of a used drop."""
+    drop, setup = analysis.drop, analysis.setup
+    recorded = recorded_deflection(drop)
+    facts = None
+    if setup is not None and analysis.screening.status != "rejected":
+        facts = facts_to_store(*own_facts(drop, setup, analysis.screening), setup)
+    if facts is not None:
+        corrected = facts.deflection_m
+    else:
+        corrected = None if setup is None else corrected_deflection(drop, setup)
+    return {
+        "deflection_recorded_m": recorded,
+        "deflection_corrected_m": corrected,
+        "facts": facts,
+    }

@@ -1,0 +1,220 @@
+"""Results that a survey keeps: a question that was asked before is answered from there.
+
+A question is the drops as they enter the analysis, with all that was declared, and the settings.
+Every result is kept with the software and the settings that made it; nothing is written over.  The
+result that counts for a drop is the last that was made as is usual: what somebody tried with
+other settings is kept as well, and does not count.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import importlib.metadata
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pfwd.analysis.options import AS_DECLARED
+from pfwd.analysis.results import DropResult
+from pfwd.errors import SurveyError
+from pfwd.files.spare import open_for_edits
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording import Survey, SurveyDrop, read_survey
+from pfwd_device.recording.layout import ResultKind
+
+if TYPE_CHECKING:
+    # Only for annotations: who shows results does not load the inversion.
+    from inversion import Record
+
+_DIGITS = 32
+
+
+def software_name() -> str:
+    """Name and version of what makes results here."""
+    return f"pfwd {importlib.metadata.version('pfwd')}"
+
+
+def question_of(records: Iterable[Record], settings: object, said: object = ()) -> str:
+    """Tells questions apart: 32 hexadecimal digits.
+
+    Parameters
+    ----------
+    records : iterable of Record
+        With the samples and everything that was declared.
+    settings : dataclass or other value with one text for one meaning
+    said : value of JSON
+        What was said of the drops and comes with the result, as warnings of the screening.
+    """
+    told = hashlib.sha256()
+    for record in records:
+        told.update(repr(_declared(record)).encode())
+        for values in (record.time, record.load, *(sensor.values for sensor in record.sensors)):
+            told.update(np.ascontiguousarray(values, np.float64).tobytes())
+        told.update(repr([(s.offset, s.quantity) for s in record.sensors]).encode())
+    told.update(repr(settings).encode())
+    told.update(json.dumps(said, sort_keys=True, default=str).encode())
+    return told.hexdigest()[:_DIGITS]
+
+
+def _declared(record: Record) -> dict[str, Any]:
+    left_out = ("time", "load", "sensors")
+    names = [field.name for field in dataclasses.fields(record) if field.name not in left_out]
+    return {name: getattr(record, name) for name in names}
+
+
+def kept_answer(drop: SurveyDrop, question: str) -> DropResult | None:
+    """The result that the survey keeps of a question about a drop.
+
+    Parameters
+    ----------
+    drop : SurveyDrop
+    question : str
+        As `question_of` tells it.
+    """
+    try:
+        stored = drop.read_results()
+    except RecordingError:
+        return None  # it can be asked anew
+    for said in reversed(stored):
+        if said.get("question") == question:
+            result = DropResult.from_json(said)
+            if not result.unreadable:
+                return result
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class Keepsake:
+    """What is to be kept with a drop of a survey."""
+
+    number: int
+    """Of the drop within the survey."""
+    kind: ResultKind
+    result: dict[str, Any]
+    """As JSON."""
+
+
+def keep(folder: str, found: Sequence[Keepsake], survey: Survey | None = None) -> str | None:
+    """Keep results with a survey.
+
+    Parameters
+    ----------
+    folder : path of the survey
+    found : sequence of Keepsake
+    survey : Survey, optional
+        As it was read before; saves reading it again.
+
+    Returns
+    -------
+    str or None
+        Why they could not be kept, on one line: another program writes the survey, or nobody may.
+    """
+    if not found:
+        return None
+    try:
+        with open_for_edits(folder, survey) as writer:
+            for item in found:
+                writer.save_result(item.number, item.result, item.kind)
+    except (RecordingError, SurveyError, OSError) as err:
+        return f"results are not kept: {err}"
+    return None
+
+
+def keep_results(
+    folder: str, results: Sequence[tuple[int, DropResult]], *, counting: bool = False
+) -> str | None:
+    """Keep new results of `pfwd invert` or of a report with the survey of their drops.
+
+    A result with the usual settings counts for its drop from now on, and one with the settings of
+    the one that counts; others are kept as trials. One that was chosen with other settings while
+    measuring stays: its modulus has another meaning.
+
+    Parameters
+    ----------
+    folder : path of the survey
+    results : sequence of (number of the drop within the survey, DropResult)
+    counting : bool
+        Whether they take the place of results that rest on other declarations than now.
+
+    Returns
+    -------
+    str or None
+        Why they could not be kept.
+    """
+    new = [(number, result) for number, result in results if not result.stored]
+    if not new:
+        return None
+    survey = read_survey(folder)
+    by_number = {drop.number: drop for drop in survey.drops}
+    found = []
+    for number, result in new:
+        if number not in by_number:
+            continue
+        counts = counting or _counts(by_number[number], result)
+        label = None if counts else result.settings or "other"
+        told = dataclasses.replace(result, refit=label, diagnosis=None)  # kept by itself
+        found.append(Keepsake(number, "drop" if counts else "trial", told.to_json()))
+    return keep(folder, found, survey)
+
+
+def kept_text(folder: str, results: Sequence[DropResult]) -> str | None:
+    """Which of the results of a survey were kept from before, in words; None: none.
+
+    Examples
+    --------
+    >>> kept_text("S", [DropResult(stored=True, software="pfwd 1.2"), DropResult()])
+    'S: 1 of 2 results were kept from before (pfwd 1.2); --refit computes them anew'
+    """
+    kept = [result for result in results if result.stored]
+    if not kept:
+        return None
+    software = sorted({result.software for result in kept if result.software})
+    return (
+        f"{folder}: {len(kept)} of {len(results)} results were kept from before "
+        f"({', '.join(software)}); --refit computes them anew"
+    )
+
+
+def _counts(drop: SurveyDrop, result: DropResult) -> bool:
+    try:
+        before = result_that_counts(drop)
+    except (RecordingError, SurveyError):
+        before = None  # damaged: the new one is better
+    settings = None if before is None else before.settings
+    return result.settings == (AS_DECLARED if settings is None else settings)
+
+
+def result_that_counts(drop: SurveyDrop) -> DropResult | None:
+    """The last result of a drop that is no trial; None: there is none.
+
+    Raises
+    ------
+    RecordingError, SurveyError
+        If it is damaged.
+    """
+    last = drop.read_last_result()
+    if last is None:
+        return None
+    found = DropResult.from_json(last)
+    if not found.is_trial:
+        return found
+    for said in reversed(drop.read_results()):  # of earlier versions, that named trials alike
+        found = DropResult.from_json(said)
+        if not found.is_trial:
+            return found
+    return None
+
+
+__all__ = [
+    "Keepsake",
+    "keep",
+    "keep_results",
+    "kept_answer",
+    "question_of",
+    "result_that_counts",
+    "software_name",
+]

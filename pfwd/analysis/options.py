@@ -1,0 +1,246 @@
+"""What a user asks of an analysis: the choices, checked against their ranges and each other."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from pfwd.errors import OptionError, TraceError, refusal
+from pfwd.files.header import DEEPEST_BEDROCK, SHALLOWEST_BEDROCK, check_value
+
+if TYPE_CHECKING:
+    from pfwd.analysis.results import DropResult
+
+Model = Literal["layer", "half-space"]
+Load = Literal["measured", "half-sine"]
+Plate = Literal["rigid-rough", "rigid-smooth", "published", "uniform"]
+Sensors = Literal["all", "centre"]
+Method = Literal["mpga", "least-squares"]
+Depth = float | Literal["unknown", "none"]
+Layers = int | Literal["auto"]
+Thickness = tuple[float, ...] | Literal["unknown"]
+
+MOST_LAYERS = 4
+"""Media that can be asked for."""
+
+AS_DECLARED = "as declared"
+"""The label of an analysis for which nothing was asked."""
+
+OPTION_OF_KEY = {
+    "plate_radius_m": "plate_radius",
+    "plate_mass_kg": "plate_mass",
+    "poisson_ratio": "poisson_ratio",
+    "density_kg_m3": "density",
+}
+"""The header keys that an option overrides, and the field of AnalysisOptions with its value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """How the record is used and searched, with nothing left open."""
+
+    load: Load
+    """The measured load, or the half-sine fitted to it."""
+    plate: Plate
+    """Contact of plate and ground."""
+    sensors: Sensors
+    """All sensors, or the one in the centre."""
+    method: Method
+    """How the parameters are searched."""
+
+
+DEFAULT = Choices("measured", "rigid-rough", "all", "mpga")
+"""What gives the truest modulus."""
+
+PUBLISHED = Choices("half-sine", "published", "centre", "mpga")
+"""The method of doi 10.11835/j.issn.2096-6717.2022.021."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnalysisOptions:
+    """What a user asks of an analysis; None: not said.
+
+    Raises
+    ------
+    OptionError
+        If a value is outside its range or two contradict each other.
+    """
+
+    model: Model | None = None
+    """Layer on a rigid base or half-space; not said: the layer, unless the depth says otherwise."""
+    bedrock_depth: Depth | None = None
+    """Depth of the rigid base, m, or that it is unknown or that there is none."""
+    layers: Layers | None = None
+    """Media with a modulus, the lowest included, or as many as the record can tell; not said: 1."""
+    thickness: Thickness | None = None
+    """Of all media but the lowest, from the top, m, or that it is fitted; not said: fitted."""
+    elastic: bool = False
+    """Leave the viscosity out of the model."""
+    load: Load | None = None
+    """The measured load, or the half-sine fitted to it."""
+    plate: Plate | None = None
+    """Contact of plate and ground."""
+    sensors: Sensors | None = None
+    """All sensors, or the one in the centre."""
+    joint: bool = False
+    """All drops of a point have one soil."""
+    method: Method | None = None
+    """How the parameters are searched."""
+    published: bool = False
+    """The published method as a whole."""
+    diagnose: bool = False
+    """Points are diagnosed: while measuring besides, over an archive in place of inverting."""
+    priors: bool = True
+    """What nature gives decides between grounds that fit alike."""
+    seed: int = 0
+    """Seed of everything random, >= 0."""
+    header: str | None = None
+    """TOML file whose keys win over those of the trace files."""
+    plate_radius: float | None = None
+    """Radius of the load plate, m; wins over every header, as do the following."""
+    poisson_ratio: float | None = None
+    """Poisson's ratio of the ground."""
+    density: float | None = None
+    """Density of the ground, kg/m3."""
+    plate_mass: float | None = None
+    """Mass between load cell and ground, kg."""
+
+    def __post_init__(self) -> None:
+        for key, value in self.overrides().items():
+            where = "--" + OPTION_OF_KEY[key].replace("_", "-")
+            try:
+                check_value(key, value, where)
+            except TraceError as err:
+                raise OptionError(str(err)) from err
+        depth = self.bedrock_depth
+        if not isinstance(depth, str | None) and not (
+            SHALLOWEST_BEDROCK <= depth <= DEEPEST_BEDROCK
+        ):
+            expected = (
+                f"a number from {SHALLOWEST_BEDROCK:g} to {DEEPEST_BEDROCK:g}, in m, or unknown or "
+                "none"
+            )
+            raise OptionError(refusal("--bedrock-depth", expected, f"{depth:g}"))
+        if self.seed < 0:
+            raise OptionError(refusal("--seed", "a whole number >= 0", str(self.seed)))
+        self._check_layers()
+        self._refuse_contradictions()
+
+    def _check_layers(self) -> None:
+        layers = self.layers
+        if layers not in (None, "auto", *range(1, MOST_LAYERS + 1)):
+            expected = f"a whole number from 1 to {MOST_LAYERS}, or auto"
+            raise OptionError(refusal("--layers", expected, str(layers)))
+        if self.thickness is None or self.thickness == "unknown":
+            return
+        said = ",".join(f"{value:g}" for value in self.thickness)
+        if not all(0.0 < value <= DEEPEST_BEDROCK for value in self.thickness):
+            expected = f"numbers > 0 up to {DEEPEST_BEDROCK:g}, in m, or unknown"
+            raise OptionError(refusal("--thickness", expected, said))
+        wanted = None if layers == "auto" else (layers or 1) - 1
+        if wanted is None or len(self.thickness) != wanted:
+            expected = "a value for each layer but the lowest, from the top, with --layers"
+            came = f"--thickness {said} and --layers {layers or 1}"
+            raise OptionError(refusal("--thickness", expected, came))
+        depth = self.bedrock_depth
+        if isinstance(depth, float | int) and sum(self.thickness) >= depth:
+            expected = f"layers that end above the rock at {depth:g} m"
+            raise OptionError(refusal("--thickness", expected, f"{sum(self.thickness):g} m"))
+
+    def _refuse_contradictions(self) -> None:
+        depth = self.bedrock_depth
+        if not self.priors and self.layers not in (None, 1):
+            why = f"--layers {self.layers}"
+            expected = "one of the two: a fit of layers rests on what nature gives"
+            raise OptionError(refusal(f"--no-priors and {why}", expected, "both"))
+        if self.model == "half-space" and depth not in (None, "none"):
+            raise _contradiction("--model half-space", f"--bedrock-depth {depth}")
+        if self.model == "layer" and depth == "none":
+            raise _contradiction("--model layer", "--bedrock-depth none")
+        if not self.published:
+            return
+        for name, published in dataclasses.asdict(PUBLISHED).items():
+            if getattr(self, name) not in (None, published):
+                raise _contradiction("--published", f"--{name} {getattr(self, name)}")
+        if self.joint:
+            raise _contradiction("--published", "--joint")
+        if self.layers not in (None, 1):
+            raise _contradiction("--published", f"--layers {self.layers}")
+        if depth == "unknown":
+            raise _contradiction("--published", "--bedrock-depth unknown")
+
+    @property
+    def label(self) -> str:
+        """The settings that differ from the default, in words.
+
+        Examples
+        --------
+        >>> AnalysisOptions(elastic=True, layers=2).label, AnalysisOptions().label
+        ('2 layers, elastic', 'as declared')
+        """
+        parts = []
+        if self.published:
+            parts.append("published method")
+        if self.model:
+            parts.append(self.model)
+        if self.bedrock_depth is not None:
+            depth = self.bedrock_depth
+            parts.append(f"bedrock {depth}" if isinstance(depth, str) else f"bedrock {depth:g} m")
+        parts += [f"{self.layers} layers"] if self.layers else []
+        if self.thickness is not None and self.thickness != "unknown":
+            parts.append("thickness " + ", ".join(f"{value:g}" for value in self.thickness) + " m")
+        parts += ["elastic"] if self.elastic else []
+        parts += [] if self.priors else ["no priors"]
+        parts += ["one ground for the drops of a point"] if self.joint else []
+        parts += [f"{self.load} load"] if self.load else []
+        parts += [f"{self.plate} plate"] if self.plate else []
+        parts += [f"{self.sensors} sensors"] if self.sensors else []
+        parts += [self.method] if self.method else []
+        parts += [f"Poisson's ratio {self.poisson_ratio:g}"] if self.poisson_ratio else []
+        parts += [f"density {self.density:g} kg/m3"] if self.density else []
+        parts += [f"plate mass {self.plate_mass:g} kg"] if self.plate_mass is not None else []
+        parts += [f"plate radius {self.plate_radius:g} m"] if self.plate_radius else []
+        parts += ["a header file"] if self.header is not None else []
+        parts += [f"seed {self.seed}"] if self.seed else []
+        return ", ".join(parts) or AS_DECLARED
+
+    @property
+    def choices(self) -> Choices:
+        """What was said, completed by what is published or by the default."""
+        base = PUBLISHED if self.published else DEFAULT
+        said = {name: getattr(self, name) for name in dataclasses.asdict(base)}
+        return dataclasses.replace(
+            base, **{name: value for name, value in said.items() if value is not None}
+        )
+
+    def overrides(self) -> dict[str, float]:
+        """The header keys that are given as options, with their values."""
+        said = {key: getattr(self, name) for key, name in OPTION_OF_KEY.items()}
+        return {key: value for key, value in said.items() if value is not None}
+
+
+def with_layers_of(options: AnalysisOptions, result: DropResult | None) -> AnalysisOptions:
+    """The options with the media that a result has, so that its modulus keeps its meaning.
+
+    Parameters
+    ----------
+    options : AnalysisOptions
+    result : DropResult or None
+
+    Returns
+    -------
+    AnalysisOptions
+        As many media, and their thickness where it was given; unchanged for homogeneous ground.
+    """
+    layers = () if result is None else result.layers or ()
+    if not 1 < len(layers) <= MOST_LAYERS or options.published:
+        return options
+    given = [layer.thickness_m for layer in layers[:-1] if layer.thickness_sd_m is None]
+    known = tuple(value for value in given if value is not None)
+    thickness = known if len(known) == len(layers) - 1 else None
+    return dataclasses.replace(options, layers=len(layers), thickness=thickness)
+
+
+def _contradiction(option: str, other: str) -> OptionError:
+    return OptionError(refusal(f"{option} and {other}", "one of the two", "both"))

@@ -1,0 +1,162 @@
+"""Plots of inverted drops: load, displacement measured and fitted, residual (matplotlib)."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pfwd.analysis.outcome import FileOutcome
+from pfwd.analysis.results import DropResult
+from pfwd.digits import with_ends
+from pfwd.errors import OptionError, refusal
+from pfwd.files.output_path import require_writable
+from pfwd.matplotlib_start import start_matplotlib
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_COLUMNS = 6
+"""Drops side by side in a picture; more are rows below each other."""
+
+MOST_IN_PICTURE = 24
+"""Drops of a picture; more are further pictures, NAME-2.png and so on. One of 24 has 4000 by
+4200 points, which viewers still open."""
+
+_COLUMN_INCHES, _HEIGHT_INCHES = 5.2, 8.0
+# Distinguishable without colour vision and, by their dashes, in print.
+_COLOURS = ("#0b3c5d", "#b8500f", "#3d7a2a", "#7b3f8c", "#8a6d00", "#444444")
+_DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)), (0, (1, 1)))
+
+
+def plot_outcomes(outcomes: Sequence[FileOutcome], path: str | os.PathLike[str]) -> list[Path]:
+    """Draw every inverted drop: a PDF with a page a drop, or pictures of at most 24 drops.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    OptionError
+        If nothing was inverted, or a file cannot be written.
+    """
+    shown = [
+        result for outcome in outcomes for result in outcome.results if result.history is not None
+    ]
+    target = Path(path)
+    if not shown:
+        raise OptionError(refusal("--plot", "at least one inverted drop", "none"))
+    require_writable(target, "--plot")
+    try:
+        if target.suffix.lower() == ".pdf":
+            _write_pages(shown, target)
+            return [target]
+        written = []
+        for number, begin in enumerate(range(0, len(shown), MOST_IN_PICTURE), 1):
+            file = target if number == 1 else target.with_stem(f"{target.stem}-{number}")
+            require_writable(file, "--plot")
+            _figure(shown[begin : begin + MOST_IN_PICTURE]).savefig(file, dpi=130)
+            written.append(file)
+    except OSError as error:
+        raise OptionError(refusal(f"--plot {target}", "a file to write", str(error))) from error
+    return written
+
+
+def _write_pages(shown: Sequence[DropResult], target: Path) -> None:
+    start_matplotlib()
+    from matplotlib.backends.backend_pdf import PdfPages
+
+    with PdfPages(target) as pages:
+        for item in shown:
+            pages.savefig(_figure([item]))
+
+
+def _figure(shown: Sequence[DropResult]) -> Figure:
+    # Without pyplot: no window system is asked for, and figures go when they are dropped.
+    start_matplotlib()
+    from matplotlib.figure import Figure
+
+    columns = min(len(shown), MOST_COLUMNS)
+    rows = math.ceil(len(shown) / columns)
+    size = (_COLUMN_INCHES * columns, _HEIGHT_INCHES * rows)
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots(
+        3 * rows, columns, squeeze=False, sharex=False, height_ratios=(1.0, 1.5, 0.8) * rows
+    )
+    for number, result in enumerate(shown):
+        row, column = divmod(number, columns)
+        three = axes[3 * row : 3 * row + 3, column]
+        for axis in three[:2]:
+            axis.sharex(three[2])
+            axis.tick_params(labelbottom=False)
+        _draw(three, result)
+    for number in range(len(shown), rows * columns):
+        row, column = divmod(number, columns)
+        for axis in axes[3 * row : 3 * row + 3, column]:
+            axis.set_axis_off()
+    return figure
+
+
+def _draw(axes: Any, result: DropResult) -> None:
+    history, pulse = result.history, result.half_sine
+    assert history is not None
+    time = 1e3 * history.time
+    load, deflection, residual = axes
+    load.plot(time, 1e-3 * history.load, color=_COLOURS[0], label="measured")
+    if pulse is not None and pulse.duration_s is not None and pulse.start_s is not None:
+        phase = np.clip((history.time - pulse.start_s) / pulse.duration_s, 0.0, 1.0)
+        load.plot(
+            time,
+            1e-3 * (result.half_sine_load_n or 0.0) * np.sin(np.pi * phase),
+            color=_COLOURS[1],
+            linestyle="--",
+            label=f"half-sine {1e3 * pulse.duration_s:.1f} ms",
+        )
+    load.set_ylabel("load, kN")
+    for row, offset in enumerate(history.offsets):
+        colour = _COLOURS[row % len(_COLOURS)]
+        name = "centre" if offset == 0.0 else f"{offset:g} m"
+        deflection.plot(
+            time, 1e6 * history.observed[row], ".", markersize=3, color=colour, label=name
+        )
+        deflection.plot(time, 1e6 * history.predicted[row], color=colour, linewidth=1.2)
+        residual.plot(
+            time,
+            1e6 * history.residual[row],
+            color=colour,
+            linestyle=_DASHES[row % len(_DASHES)],
+            linewidth=1.0,
+        )
+    deflection.set_ylabel("displacement, µm (dots measured, line fitted)")
+    residual.set_ylabel("fitted - measured, µm")
+    residual.set_xlabel("time after the trigger, ms")
+    for axis in axes:
+        axis.axhline(0.0, color="0.7", linewidth=0.6)
+        axis.axvline(1e3 * history.window_end, color="0.5", linewidth=0.8, linestyle=":")
+        axis.grid(alpha=0.25)
+    load.legend(fontsize=8)
+    deflection.legend(fontsize=8)
+    # Text from a file must not be read as a formula.
+    load.set_title(_title(result), fontsize=8, parse_math=False)
+
+
+def _title(result: DropResult) -> str:
+    ends = result.modulus_interval_pa or (math.nan, math.nan)
+    known = 1e-6 * (result.modulus_pa or math.nan)
+    modulus, lowest, highest = with_ends(known, (1e-6 * ends[0], 1e-6 * ends[1]))
+    depth = result.bedrock_depth_m
+    base = "half-space" if depth is None else f"bedrock {depth:.3g} m"
+    point = "" if result.point is None else f", point {result.point}"
+    return (
+        f"{Path(result.file or '').name}{point}, drop {result.drop}\n"
+        f"E {modulus} MPa, 95 % {lowest} to {highest}; {base}; "
+        f"η {1e-3 * (result.viscosity_pa_s or 0.0):.3g} kPa s\n"
+        f"{result.plate} plate {result.plate_radius_m:g} m, ν {result.poisson_ratio:g}; residual "
+        f"{100 * (result.window_residual_rms_over_peak or 0.0):.2g} % of peak up to the dotted line"
+    )

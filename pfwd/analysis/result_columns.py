@@ -1,0 +1,132 @@
+"""Columns of tables, generated from the fields of a result, and the cells that fill them."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import Field
+from functools import cache
+from typing import Any, Literal, NamedTuple, get_args, get_type_hints
+
+from inversion.notices import Notice
+from inversion.records import Interval, JsonRecord, TableColumn, stored_fields
+from inversion.result import HalfSinePulse, InversionResult, LayerResult
+from pfwd.analysis.options import MOST_LAYERS
+
+Kind = Literal["text", "whole", "number", "flag", "texts", "time"]
+
+N_LAYERS = "layers"
+"""Column with the number of media; each medium has columns of its own."""
+
+
+class ResultColumn(NamedTuple):
+    """One column."""
+
+    name: str
+    """With the SI unit at its end."""
+    kind: Kind
+    """texts: several, joined by ``"; "`` where a cell holds one text; time: ISO 8601."""
+    meaning: str
+
+
+_KINDS: Mapping[Any, Kind] = {
+    float | None: "number",
+    int | None: "whole",
+    str | None: "text",
+    bool | None: "flag",
+    tuple[str, ...] | None: "texts",
+    tuple[Notice, ...] | None: "texts",
+}
+
+
+@cache
+def result_columns(place: TableColumn) -> tuple[ResultColumn, ...]:
+    """Return the columns of results that stand in one part of a table, in their order."""
+    return tuple(_columns_of(InversionResult, place))
+
+
+def _columns_of(
+    record: type[JsonRecord], place: TableColumn, prefix: str = "", which: str = ""
+) -> Iterator[ResultColumn]:
+    hints = get_type_hints(record)
+    for field in _in_table_order(record):
+        if field.metadata["column"] != place:
+            continue
+        name, hint = prefix + field.name, hints[field.name]
+        parts = (which + field.metadata["meaning"], field.metadata["unit"])
+        meaning = ", ".join(part for part in parts if part)
+        if hint in _KINDS:
+            yield ResultColumn(name, _KINDS[hint], meaning)
+        elif hint == Interval | None:
+            for end in ("low", "high"):
+                yield ResultColumn(_end_of(name, end), "number", meaning)
+        elif HalfSinePulse in get_args(hint):
+            yield from _columns_of(HalfSinePulse, "established", f"{name}_")
+        else:
+            yield ResultColumn(N_LAYERS, "whole", "Media with a modulus; modulus_pa: the lowest")
+            for number in range(1, MOST_LAYERS + 1):
+                which = f"Medium {number} from the top: "
+                yield from _columns_of(LayerResult, "layers", f"layer_{number}_", which)
+
+
+def _in_table_order(record: type[JsonRecord]) -> list[Field[Any]]:
+    """Return the fields with each interval behind the standard deviation of its quantity."""
+    fields = {field.name: field for field in stored_fields(record)}
+    ordered: dict[str, Field[Any]] = {}
+    for name, field in fields.items():
+        ordered.setdefault(name, field)
+        interval = name.replace("_sd_", "_interval_")
+        if interval in fields:
+            ordered.setdefault(interval, fields[interval])
+    return list(ordered.values())
+
+
+def _end_of(name: str, end: str) -> str:
+    """Return the name of a column with one end of an interval: its unit stays last."""
+    quantity, _, unit = name.rpartition("_interval_")
+    return f"{quantity}_interval_{end}_{unit}"
+
+
+@cache
+def _interval_columns(record: Any, prefix: str = "") -> tuple[tuple[str, ...], ...]:
+    """Return field, column of the lower end and column of the upper end of each interval."""
+    hints = get_type_hints(record)
+    names = [f.name for f in stored_fields(record) if hints[f.name] == Interval | None]
+    return tuple(
+        (name, _end_of(prefix + name, "low"), _end_of(prefix + name, "high")) for name in names
+    )
+
+
+@cache
+def _scalar_columns(record: Any) -> tuple[str, ...]:
+    hints = get_type_hints(record)
+    fields = stored_fields(record)
+    return tuple(f.name for f in fields if f.metadata["column"] and hints[f.name] == float | None)
+
+
+@cache
+def _empty_layers() -> Mapping[str, None]:
+    names = [column.name for column in result_columns("layers")]
+    return dict.fromkeys(name for name in names if name.startswith("layer_"))
+
+
+def nested_cells(result: InversionResult) -> dict[str, Any]:
+    """Return the cells of what a result nests: intervals, half-sine and media."""
+    cells: dict[str, Any] = dict(_empty_layers())
+    _add_intervals(cells, result, "")
+    for name in _scalar_columns(HalfSinePulse):
+        cells[f"half_sine_{name}"] = (
+            None if result.half_sine is None else getattr(result.half_sine, name)
+        )
+    cells[N_LAYERS] = None if result.layers is None else len(result.layers)
+    for number, layer in enumerate((result.layers or ())[:MOST_LAYERS], 1):
+        prefix = f"layer_{number}_"
+        for name in _scalar_columns(LayerResult):
+            cells[prefix + name] = getattr(layer, name)
+        if not layer.modulus_known:
+            cells[f"{prefix}modulus_pa"] = None
+        _add_intervals(cells, layer, prefix)
+    return cells
+
+
+def _add_intervals(cells: dict[str, Any], record: Any, prefix: str) -> None:
+    kind: Any = type(record)
+    for name, low, high in _interval_columns(kind, prefix):
+        cells[low], cells[high] = getattr(record, name) or (None, None)

@@ -1,0 +1,504 @@
+"""Is this record a drop at all, and what should be known before its result is believed?
+
+A rejected drop is a normal outcome and no error. The limits below were set on raw and on processed
+records of portable and of heavy devices and on computed drops, so that no genuine drop of these is
+rejected and every rebound and false trigger among them is.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inversion.notices import Notice, Value
+from pfwd.analysis.screening.centre_sensor import Response, centre_sensor_fault
+from pfwd.analysis.screening.clipping import clipped_samples
+from pfwd.analysis.screening.missing import whole_part
+from pfwd.analysis.screening.signals import (
+    channels_outward,
+    displacement_of,
+    quiet_samples,
+    remove_offset,
+)
+from pfwd.files.header import PointSetup
+from pfwd.files.traces import TracePoint
+from pfwd.notice_texts import STIFFNESS_TEST
+from pfwd_device import Channel, Drop
+
+DropStatus = Literal["measured", "seating", "rejected"]
+
+NO_PULSE_LOAD = 100.0
+"""N; a hand on the guide rod does more. A load channel in kN stays below too, and is told so."""
+
+NO_PULSE_OVER_NOISE = 6.0
+"""Change of the load over its noise; pure noise, spikes removed, changes by 4 to 5."""
+
+FALSE_TRIGGER_LOAD = 1500.0
+"""N; rebounds and knocks stored as drops peak at 0.3 to 1.2 kN, drops from too low begin at 3 kN,
+and light deflectometers are made for 7 kN and more."""
+
+SHORTEST_PULSE = 2e-3
+"""s at half the peak; a weight on a spring gives 5 to 15 ms, a hammer on steel or an electric spike
+less than this."""
+
+SHORT_PULSE = 1e-2
+SMALL_PLATE = 0.1
+"""s, of the half-sine with the same peak and impulse, and m of radius. Portable and heavy devices
+load plates of this radius and more for 10.9 to 29 ms; a shorter pulse is most likely one whose time
+axis is wrong."""
+
+SECOND_PULSE = 0.5
+PULSE_GAP = 0.25
+"""Parts of the peak. A second pulse above the first, after a gap below the second, is no drop: to
+come down again with half the force the weight has to bounce off with half its speed, and then it is
+in the air for 0.2 s or more, longer than a record. Second contacts stay below a tenth."""
+
+PULSE_EDGE = 0.1
+"""Part of the peak to which the load has to fall within the record; what is missing then is 0.3 %
+of the impulse."""
+
+PULSE_START = 0.2
+"""Part of the peak at which the record may begin, for devices that store nothing before their
+trigger level; what is missing then is 1 % of the impulse."""
+
+REVERSED = 2.0
+"""Least upward over downward excursion of a reversed load; no load swings back so far."""
+
+DEAD_OVER_NOISE = 2.0
+"""Root mean square of a live channel over that of its own noise before the trigger."""
+
+DEAD_DEFLECTION = 1e-7
+"""m; under 1.5 kN even a plate on sound rock (50 GPa) moves so much."""
+
+FEWEST_QUIET_SAMPLES = 8
+"""A noise level from fewer is itself mostly chance."""
+
+CENTRE = 1e-3
+"""m; sensors nearer to the plate centre than this are the centre sensor."""
+
+SUSPECT_DEFLECTION = 0.02
+"""m; a plate that goes down so far has punched into the ground, or the values are in mm."""
+
+SUSPECT_LOAD = 500e3
+"""N; the heaviest falling weights reach some 300 kN."""
+
+CLIPPING_SCATTER = 0.01
+"""Part of a level of clipping by which drops may differ, because their offsets were taken off."""
+
+REBOUND_OVER_LARGEST = 0.2
+"""Peak load over the largest of the point. The lowest of several drop heights in use gives a
+quarter or more, rebounds and false triggers give a seventh or less."""
+
+PARTIAL_OVER_LARGEST = 0.7
+"""Peak load over the largest of the point; full drops from one height repeat within a quarter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Screening:
+    """What a look at a drop's record found."""
+
+    status: DropStatus
+    """What the drop counts as."""
+    reason: str | None = None
+    """Why it was rejected; None when it was not."""
+    warnings: tuple[Notice, ...] = ()
+    """What should be known of a drop that was not rejected."""
+    left_out: tuple[float, ...] = ()
+    """Offsets of the extra channels that take no part in the fit, m: they measured nothing, or
+    cannot be believed."""
+    clipped: bool = False
+    """Whether a channel of the fit ends in flat tops: the record is not what happened."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Pulse:
+    """The load pulse of a record."""
+
+    load: NDArray[np.float64]
+    """Load without offset, single-sample spikes and last sample, (n - 1,), N."""
+    noise: float
+    """Root mean square of the load's noise, N; 0 when it cannot be told."""
+    top: int
+    """Index of the peak."""
+    start: int
+    """Index of the first sample from which the load stays above PULSE_EDGE of the peak until it."""
+    end: int
+    """Index past the last sample that does so after the peak."""
+
+    @property
+    def peak(self) -> float:
+        """Largest downward load, N."""
+        return float(self.load[self.top])
+
+
+def screen(drop: Drop, setup: PointSetup) -> Screening:
+    """Status of a drop, judged by its own record alone.
+
+    Parameters
+    ----------
+    drop : Drop
+    setup : PointSetup
+        Tells how many of the first drops are seating.
+
+    Returns
+    -------
+    Screening
+    """
+    if setup.is_stiffness_test:
+        return Screening("rejected", STIFFNESS_TEST)
+    drop, reason, incomplete = whole_part(drop)
+    if reason:
+        return Screening("rejected", reason)
+    pulse = _find_pulse(drop)
+    reason = (
+        _load_fault(pulse, drop)
+        or _centre_fault(pulse, drop)
+        or _centre_motion_fault(pulse, drop, setup)
+    )
+    if reason:
+        return Screening("rejected", reason)
+    status: DropStatus = "seating" if drop.number <= setup.seating_drops else "measured"
+    dead = tuple(channel.offset for channel in drop.channels if _dead_extra(channel, pulse, drop))
+    warnings = [incomplete] if incomplete else []
+    clipped = _clipped(drop, dead)
+    said = (*warnings, *clipped, *_warnings(pulse, drop, setup))
+    return Screening(status, None, said, dead, clipped=bool(clipped))
+
+
+def screen_point(point: TracePoint) -> tuple[Screening, ...]:
+    """Status of every drop of a point, judged by its record and by the other drops.
+
+    A drop with a small part of the largest load is a rebound or a false trigger, one with a larger
+    part a drop from lower down.
+
+    Parameters
+    ----------
+    point : TracePoint
+
+    Returns
+    -------
+    tuple of Screening
+        In the order of the drops.
+    """
+    found = [screen(drop, point.setup) for drop in point.drops]
+    found = _without_refuted_clipping(point.drops, found)
+    peaks = [
+        0.0 if screening.status == "rejected" else pulse_peak(drop)
+        for drop, screening in zip(point.drops, found, strict=True)
+    ]
+    largest = max(peaks, default=0.0)
+    compared = [
+        compare(screening, peak, largest) for screening, peak in zip(found, peaks, strict=True)
+    ]
+    marked, rejected = [], 0
+    for drop, screening in zip(point.drops, compared, strict=True):
+        marked.append(counted(screening, drop.number, rejected, point.setup))
+        rejected += screening.status == "rejected"
+    return tuple(marked)
+
+
+def counted(screening: Screening, number: int, rejected: int, setup: PointSetup) -> Screening:
+    """A screening with its drop counted as the declared procedure counts.
+
+    A rejected drop does not load the ground as a drop does, and hence does not seat the plate.
+    Without a procedure the numbers of the drops alone count, as trace files have it.
+
+    Parameters
+    ----------
+    screening : Screening
+    number : int
+        Of the drop within the point.
+    rejected : int
+        How many drops of the point before it were rejected.
+    setup : PointSetup
+    """
+    if setup.procedure is None or screening.status == "rejected":
+        return screening
+    seating = number - rejected <= setup.seating_drops
+    return dataclasses.replace(screening, status="seating" if seating else "measured")
+
+
+def pulse_peak(drop: Drop) -> float:
+    """Peak load by which the drops of a point are compared, single spikes left out, N."""
+    return _find_pulse(whole_part(drop)[0]).peak
+
+
+def rebound_reason(peak: float, largest: float) -> str | None:
+    """Why a drop is a rebound or a knock beside the others of its point; None: it is a drop.
+
+    Parameters
+    ----------
+    peak, largest : float
+        `pulse_peak` of the drop, and the largest of the point, N.
+    """
+    if peak >= REBOUND_OVER_LARGEST * largest:
+        return None
+    return (
+        f"false trigger: peak load {_kilonewton(peak)} is {peak / largest:.0%} of the largest of "
+        f"this point ({_kilonewton(largest)}): a rebound or a knock"
+    )
+
+
+def compare(screening: Screening, peak: float, largest: float) -> Screening:
+    """Return the screening of a drop after its comparison with the others of its point.
+
+    Parameters
+    ----------
+    screening : Screening
+        By its record alone.
+    peak, largest : float
+        `pulse_peak` of the drop, and the largest of the point with this drop, N.
+    """
+    if screening.status == "rejected":
+        return screening
+    reason = rebound_reason(peak, largest)
+    if reason is not None:
+        return Screening("rejected", reason)
+    if peak < PARTIAL_OVER_LARGEST * largest:
+        values = {"peak_load_n": peak, "share": peak / largest, "largest_load_n": largest}
+        warning = Notice("partial-drop", values)
+        return dataclasses.replace(screening, warnings=(*screening.warnings, warning))
+    return screening
+
+
+def _find_pulse(drop: Drop) -> _Pulse:
+    # Some devices store a last sample of 0, which is no measurement.
+    load = _without_spikes(remove_offset(drop.time, drop.load)[:-1])
+    quiet = quiet_samples(drop.time)
+    # From the differences, because a slow drift or the foot of the pulse is no noise.
+    noise = float(np.diff(drop.load[:quiet]).std()) / np.sqrt(2) if quiet > 1 else 0.0
+    top = int(np.argmax(load))
+    low = load < PULSE_EDGE * load[top]
+    before = np.flatnonzero(low[:top])
+    after = np.flatnonzero(low[top:])
+    start = int(before[-1]) + 1 if before.size else 0
+    end = top + int(after[0]) if after.size else load.size
+    return _Pulse(load, noise, top, start, end)
+
+
+def _without_spikes(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Running median of three samples."""
+    padded = np.pad(values, 1, mode="edge")
+    return np.median([padded[:-2], padded[1:-1], padded[2:]], axis=0)
+
+
+def _load_fault(pulse: _Pulse, drop: Drop) -> str | None:
+    """Why the load is not that of a drop."""
+    change = float(np.ptp(pulse.load))
+    if change < max(NO_PULSE_LOAD, NO_PULSE_OVER_NOISE * pulse.noise):
+        hint = " (is the load in kN?)" if 1.0 < change < NO_PULSE_LOAD else ""
+        return f"no pulse: the load changes by {change:.3g} N at most{hint}"
+    upward = float(-pulse.load.min())
+    excursion = max(pulse.peak, upward)
+    if excursion < FALSE_TRIGGER_LOAD:
+        least = _kilonewton(FALSE_TRIGGER_LOAD)
+        return f"false trigger: peak load {_kilonewton(excursion)}, less than {least}"
+    late = _late_start(pulse, drop, excursion)
+    if late:  # before the polarity: seen from within the pulse, the rest after it lies upward
+        return late
+    if upward > REVERSED * pulse.peak:
+        return f"load of the wrong polarity: {_kilonewton(upward)} upward, downward is positive"
+    pulses = _count_pulses(pulse)
+    if pulses > 1:
+        return (
+            f"false trigger: {pulses} pulses above half of the peak load in one record; did the "
+            "weight hit twice? catch it after the first blow"
+        )
+    if pulse.end == pulse.load.size:
+        left = float(pulse.load[-1]) / pulse.peak
+        return f"pulse cut off by the window: the load ends at {left:.0%} of its peak"
+    return _too_short(pulse, drop)
+
+
+def _late_start(pulse: _Pulse, drop: Drop, excursion: float) -> str | None:
+    """Why the record does not hold the start of the pulse; `excursion` either way, N."""
+    quiet = max(quiet_samples(drop.time), 1)
+    last = max(pulse.load.size // 10, 1)
+    # Where the quiet part holds some of the pulse, its mean is no offset: the load moves within it,
+    # or comes to rest below it.
+    begins = max(
+        float(np.ptp(pulse.load[:quiet])),
+        float(pulse.load[0]),
+        -float(np.median(pulse.load[-last:])),
+    )
+    if begins > PULSE_START * excursion:
+        part = begins / excursion
+        return f"pulse cut off by the window: the load starts at {part:.0%} of its peak"
+    return None
+
+
+def _count_pulses(pulse: _Pulse) -> int:
+    """Excursions above SECOND_PULSE, each after a fall below PULSE_GAP, in parts of the peak."""
+    high = pulse.load > SECOND_PULSE * pulse.peak
+    low = pulse.load < PULSE_GAP * pulse.peak
+    decided = high[high | low]  # leaves out what lies between the two levels
+    return int(np.count_nonzero(decided[1:] & ~decided[:-1])) + int(decided[0])
+
+
+def _too_short(pulse: _Pulse, drop: Drop) -> str | None:
+    above = pulse.load[pulse.start : pulse.end] > pulse.peak / 2
+    duration = float(np.count_nonzero(above)) / drop.sampling_rate
+    if duration < SHORTEST_PULSE:
+        return f"false trigger: the load is above half its peak for {duration * 1e3:.2g} ms only"
+    return None
+
+
+def _centre_fault(pulse: _Pulse, drop: Drop) -> str | None:
+    """Why there is no deflection of the centre to work with."""
+    centre = [channel for channel in drop.channels if _is_centre(channel)]
+    if not centre:
+        return "no centre channel: none of the sensors stands at offset 0"
+    for channel in centre:
+        fault = _silent(channel, drop, pulse.start, pulse.end)
+        if fault:
+            return f"dead centre channel: {fault}"
+        deflection = float(np.abs(displacement_of(channel, drop.time)[: pulse.end]).max())
+        if deflection < DEAD_DEFLECTION:
+            return f"dead centre channel: it moves by {deflection * 1e6:.2g} um only"
+    return None
+
+
+def _centre_motion_fault(pulse: _Pulse, drop: Drop, setup: PointSetup) -> str | None:
+    """Return why the centre sensor's motion is not that of the plate."""
+    frequency, damping = setup.geophone_natural_frequency, setup.geophone_damping
+    response = None
+    if frequency is not None and damping is not None:
+        response = Response(frequency, damping)
+    # Some devices store a last sample of 0, which is no measurement.
+    time = drop.time[:-1]
+    outward = channels_outward(drop)
+    neighbours = [
+        displacement_of(channel, drop.time)[:-1] for channel in outward if not _is_centre(channel)
+    ][:2]
+    for channel in outward:
+        if _is_centre(channel):
+            centre = displacement_of(channel, drop.time)[:-1]
+            fault = centre_sensor_fault(time, pulse.load, centre, neighbours, response)
+            if fault:
+                return f"centre sensor cannot be believed: {fault}"
+    return None
+
+
+def _is_centre(channel: Channel) -> bool:
+    return abs(channel.offset) < CENTRE
+
+
+def _silent(channel: Channel, drop: Drop, start: int, end: int) -> str | None:
+    """Why nothing was measured between two samples."""
+    part = channel.values[start:end]
+    if np.ptp(part) == 0:
+        return f"constant at {part[0]:.6g}"
+    quiet = quiet_samples(drop.time)
+    if quiet < FEWEST_QUIET_SAMPLES:
+        return None
+    signal = remove_offset(drop.time, channel.values)
+    noise = float(np.sqrt(np.mean(signal[:quiet] ** 2)))
+    if np.sqrt(np.mean(signal[start:end] ** 2)) < DEAD_OVER_NOISE * noise:
+        return "nothing above its own noise"
+    return None
+
+
+def _clipped(drop: Drop, dead: Sequence[float]) -> list[Notice]:
+    return [warning for warning, _, _ in _clipped_channels(drop, dead)]
+
+
+def _clipped_channels(drop: Drop, dead: Sequence[float]) -> list[tuple[Notice, str, float]]:
+    """Warning, name of the channel, and signed level of each channel with a flat top."""
+    found = []
+    load = drop.load[:-1]
+    count = clipped_samples(load)
+    if count:
+        warning = Notice("load-clipped", {"samples": count})
+        found.append((warning, "load", float(load.max())))
+    for channel in drop.channels:
+        values = channel.values[:-1]
+        above, below = clipped_samples(values), clipped_samples(-values)
+        if above + below and channel.offset not in dead:
+            name = f"{channel.quantity} at {channel.offset:g} m"
+            warning = Notice("sensor-clipped", {**_channel(channel), "samples": above + below})
+            found.append((warning, name, float(values.max() if above else values.min())))
+    return found
+
+
+def _without_refuted_clipping(drops: Sequence[Drop], found: Sequence[Screening]) -> list[Screening]:
+    """Screenings without flat tops at a level that another drop of the point exceeds.
+
+    The level at which a channel is clipped is a property of the device.
+    """
+    recorded = [drop for drop in drops if drop.only_peaks is None]
+    result = []
+    for drop, screening in zip(drops, found, strict=True):
+        if screening.clipped:
+            channels = _clipped_channels(whole_part(drop)[0], screening.left_out)
+            refuted = {
+                warning
+                for warning, name, level in channels
+                if any(_exceeds(other, name, level) for other in recorded if other is not drop)
+            }
+            screening = dataclasses.replace(
+                screening,
+                warnings=tuple(w for w in screening.warnings if w not in refuted),
+                clipped=len(refuted) < len(channels),
+            )
+        result.append(screening)
+    return result
+
+
+def _exceeds(drop: Drop, name: str, level: float) -> bool:
+    """Return whether a channel of a drop goes beyond a signed level."""
+    recorded = {"load": drop.load}
+    recorded |= {f"{c.quantity} at {c.offset:g} m": c.values for c in drop.channels}
+    if name not in recorded:
+        return False
+    signed = np.sign(level) * recorded[name]
+    return bool(np.nanmax(signed) > (1.0 + CLIPPING_SCATTER) * abs(level))
+
+
+def _warnings(pulse: _Pulse, drop: Drop, setup: PointSetup) -> list[Notice]:
+    found = []
+    impulse = float(pulse.load[pulse.start : pulse.end].sum()) / drop.sampling_rate
+    duration = np.pi / 2 * impulse / pulse.peak
+    if duration < SHORT_PULSE and setup.plate_radius >= SMALL_PLATE:
+        values = {"pulse_duration_s": float(duration), "plate_radius_m": setup.plate_radius}
+        found.append(Notice("time-axis-suspect", values))
+    if pulse.peak > SUSPECT_LOAD:
+        found.append(Notice("load-suspect", {"peak_load_n": pulse.peak}))
+    for channel in drop.channels:
+        found += _channel_warnings(channel, pulse, drop)
+    return found
+
+
+def _channel_warnings(channel: Channel, pulse: _Pulse, drop: Drop) -> list[Notice]:
+    fault = _dead_extra(channel, pulse, drop)
+    if fault:
+        return [Notice("sensor-dead", {**_channel(channel), "fault": fault})]
+    found = []
+    moved = displacement_of(channel, drop.time)[: pulse.end]
+    deflection = float(np.abs(moved).max())
+    if deflection > SUSPECT_DEFLECTION:
+        unit = "m" if channel.quantity == "displacement" else "m/s"
+        values = {**_channel(channel), "deflection_m": deflection, "unit": unit}
+        found.append(Notice("deflection-suspect", values))
+    if _is_centre(channel) and moved[pulse.start :].mean() < 0:
+        found.append(Notice("polarity-suspect", _channel(channel)))
+    return found
+
+
+def _channel(channel: Channel) -> dict[str, Value]:
+    """Return quantity and place of a sensor as values of a warning."""
+    return {"quantity": channel.quantity, "offset_m": channel.offset}
+
+
+def _dead_extra(channel: Channel, pulse: _Pulse, drop: Drop) -> str | None:
+    """Why a channel beside the centre one measured nothing; None when it did."""
+    if _is_centre(channel):
+        return None
+    # A far sensor moves when the wave has come, which may be after the load has gone.
+    return _silent(channel, drop, pulse.start, pulse.load.size)
+
+
+def _kilonewton(load: float) -> str:
+    return f"{load / 1e3:.3g} kN"

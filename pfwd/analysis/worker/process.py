@@ -1,0 +1,131 @@
+"""The process beside the acquisition that inverts drops, one after the other.
+
+Started as ``python -m pfwd.analysis.worker.process``, so that a script that measures needs
+no guard against being run again. It is given a pickled task by its input and answers by its output;
+when the input ends, so does it: it never outlives the program that started it.
+"""
+
+import dataclasses
+import os
+import pickle
+import struct
+import sys
+import traceback
+from typing import IO, TYPE_CHECKING, Any
+
+from pfwd.analysis.drop_result import drop_result
+from pfwd.analysis.worker.tasks import (
+    Building,
+    DiagnosisTask,
+    Task,
+    TaskOutcome,
+    Urgency,
+)
+from pfwd.files.header import setup_warnings
+from pfwd_device.child_python import ignore_interrupts
+
+if TYPE_CHECKING:
+    from inversion import SurrogateLibrary
+
+_LENGTH = struct.Struct("<Q")
+
+
+def send(stream: IO[bytes], message: object) -> None:
+    """Write one message.
+
+    Raises
+    ------
+    OSError
+        If nobody reads any more.
+    """
+    data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
+    stream.write(_LENGTH.pack(len(data)) + data)
+    stream.flush()
+
+
+def receive(stream: IO[bytes]) -> Any:
+    """The next message.
+
+    Raises
+    ------
+    EOFError
+        If there is none, or the other side ended within it.
+    """
+    (length,) = _LENGTH.unpack(_exactly(stream, _LENGTH.size))
+    return pickle.loads(_exactly(stream, length))
+
+
+def _exactly(stream: IO[bytes], length: int) -> bytes:
+    data = stream.read(length)
+    if len(data) < length:
+        raise EOFError("the other side has ended")
+    return data
+
+
+def main() -> None:
+    """Answer until there is nothing more to come."""
+    ignore_interrupts()
+    source = sys.stdin.buffer
+    # Whatever a library prints must not come between the answers.
+    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as target:
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+        try:
+            _work(source, target)
+        except (EOFError, OSError):
+            return  # who started it has gone
+
+
+def _work(source: IO[bytes], target: IO[bytes]) -> None:
+    from inversion import SurrogateLibrary
+
+    def progress(what: str, fraction: float) -> None:
+        send(target, Building(what, fraction))
+
+    library = SurrogateLibrary(progress=progress)
+    while True:
+        send(target, outcome_of(receive(source), library))
+
+
+def outcome_of(task: Task | DiagnosisTask, library: "SurrogateLibrary") -> TaskOutcome:
+    """What comes of a task; whatever goes wrong in it is an outcome too."""
+    from pfwd.analysis.analyse import analyse_drop, rehearse
+
+    try:
+        if isinstance(task, DiagnosisTask):
+            return _diagnose(task)
+        if task.urgency is Urgency.PREPARE:
+            rehearse(task.drop, task.setup, task.options, library)
+            return TaskOutcome()
+        found = analyse_drop(task.drop, task.setup, task.screening, task.options, library)
+        result = drop_result(task.file, found, setup_warnings(task.setup, [task.drop]))
+        # Results of all drops of a survey are held; their histories are not.
+        return TaskOutcome(dataclasses.replace(result, history=None), result.history)
+    except Exception as err:  # the user has to hear of every unexpected error
+        fault = f"the analysis failed: {type(err).__name__}: {err}"
+        return TaskOutcome(fault=fault, details=traceback.format_exc())
+
+
+def _diagnose(task: DiagnosisTask) -> TaskOutcome:
+    from pfwd.analysis.diagnosis.diagnose import diagnose_entries, diagnose_files
+    from pfwd.analysis.diagnosis.entries import entry_of
+    from pfwd.analysis.diagnosis.kept import keep_diagnoses
+
+    not_stored = None
+    if isinstance(task.source, str):
+        points = list(diagnose_files([task.source], task.options, use_kept=True))
+        if os.path.isdir(task.source):
+            new = [(p.number, p.result) for p in points if p.number is not None and p.result]
+            not_stored = keep_diagnoses(task.source, new)
+    else:
+        device = {name: dict(values) for name, values in task.device.items()}
+        entry = entry_of(task.source.file, task.source, task.options)
+        points = list(diagnose_entries([entry], device or None))
+    return TaskOutcome(
+        fault=next((point.error for point in points if point.error is not None), None),
+        details=not_stored or "",
+        diagnoses=tuple(point.result for point in points if point.result is not None),
+    )
+
+
+if __name__ == "__main__":
+    main()

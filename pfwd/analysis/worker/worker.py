@@ -1,0 +1,263 @@
+"""Inverts drops beside the acquisition, in a process of its own that never makes it wait.
+
+What is asked first is answered first, except that a quick answer to a new drop goes before the full
+search of an older one. The process has one task at a time; a thread hands them over, so that nobody
+who asks waits for a pipe. When the process dies, another one is given the task that it had.
+"""
+
+import contextlib
+import itertools
+import subprocess
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from inversion.result import TimeHistories
+from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import DropResult
+from pfwd.analysis.screening.drops import Screening
+from pfwd.analysis.worker.tasks import (
+    Building,
+    DiagnosisTask,
+    Task,
+    TaskOutcome,
+    Urgency,
+)
+from pfwd.files.header import PointSetup
+from pfwd.files.traces import TracePoint
+from pfwd_device import Drop
+from pfwd_device.child_python import start_child
+
+MOST_ATTEMPTS = 2
+"""A task that has ended its process this often is given up."""
+
+CLOSING_TIME = 5.0
+"""s; how long an analysis that nobody waits for any more may hold up the end."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Answer:
+    """What came of a task."""
+
+    task: Task | DiagnosisTask
+    result: DropResult | None = None
+    """As in `TaskOutcome`, like the following."""
+    curves: TimeHistories | None = None
+    fault: str | None = None
+    details: str = ""
+    diagnoses: tuple[DiagnosisResult, ...] = ()
+
+
+Listener = Callable[[Answer | Building], None]
+
+
+class InversionWorker:
+    """Takes drops, gives moduli.
+
+    Parameters
+    ----------
+    listener : callable
+        Told every answer, in a thread of the worker's own.
+    """
+
+    def __init__(self, listener: Listener) -> None:
+        self._listener = listener
+        self._numbers = itertools.count(1)
+        self._changed = threading.Condition()
+        self._waiting: dict[int, Task | DiagnosisTask] = {}
+        self._under_way: int | None = None
+        self._closing = False
+        self._process: subprocess.Popen[bytes] | None = None
+        with contextlib.suppress(OSError):  # tried again, and told, when there is something to do
+            self._process = start_process()
+        self._thread = threading.Thread(target=self._work_off, name="worker", daemon=True)
+        self._thread.start()
+
+    def prepare(self, drop: Drop, setup: PointSetup, options: AnalysisOptions) -> int:
+        """Have ready what drops like this one need; its samples do not matter."""
+        return self._ask(Urgency.PREPARE, drop, setup, Screening("measured"), options, "")
+
+    def analyse(
+        self,
+        urgency: Urgency,
+        drop: Drop,
+        setup: PointSetup,
+        screening: Screening,
+        options: AnalysisOptions,
+        file: str,
+    ) -> int:
+        """Ask for an analysis and go on; the number comes back in the answer's task."""
+        return self._ask(urgency, drop, setup, screening, options, file)
+
+    def _ask(
+        self,
+        urgency: Urgency,
+        drop: Drop,
+        setup: PointSetup,
+        screening: Screening,
+        options: AnalysisOptions,
+        file: str,
+    ) -> int:
+        number = next(self._numbers)
+        return self._put(Task(number, urgency, drop, setup, screening, options, file))
+
+    def diagnose(
+        self,
+        point: TracePoint,
+        options: AnalysisOptions,
+        device: Mapping[str, Mapping[str, float]],
+    ) -> int:
+        """Ask what is behind the residual of a point; what the others show of the device is given.
+
+        The number comes back in the answer's task.
+        """
+        return self._put(DiagnosisTask(next(self._numbers), point, options, device))
+
+    def forget(self, number: int) -> bool:
+        """Nobody asks for a task any more; False: it is under way, or was answered."""
+        with self._changed:
+            if number == self._under_way or number not in self._waiting:
+                return False
+            del self._waiting[number]
+            self._changed.notify_all()
+            return True
+
+    def _put(self, task: Task | DiagnosisTask) -> int:
+        with self._changed:
+            self._waiting[task.number] = task
+            self._changed.notify_all()
+        return task.number
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Whether everything was answered within so many seconds."""
+        with self._changed:
+            return self._changed.wait_for(lambda: not self._waiting, timeout)
+
+    def close(self) -> None:
+        """End the process; what was not answered stays unanswered."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+        self._thread.join(0.2)
+        with self._changed:  # no other process is started from now on
+            process = self._process
+        if process is not None:
+            if self._thread.is_alive():
+                process.terminate()
+            end_process(process)
+        self._thread.join(CLOSING_TIME)
+
+    def _work_off(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._closing)
+                if self._closing:
+                    return
+                task = min(self._waiting.values(), key=_order)
+                self._under_way = task.number
+            answer = self._answer_to(task)
+            if answer is None:
+                return
+            self._listener(answer)
+            with self._changed:
+                del self._waiting[task.number]
+                self._under_way = None
+                self._changed.notify_all()
+
+    def _answer_to(self, task: Task | DiagnosisTask) -> Answer | None:
+        """The answer; None when nobody waits for it any more."""
+        reason = ""
+        for _ in range(MOST_ATTEMPTS):
+            try:
+                process = self._process_or_start()
+                if process is None:
+                    return None
+                outcome = request(process, task, self._listener)
+            except (EOFError, OSError) as err:
+                reason = f"{err}; exit code {self._reap()}"
+                if self._closing:
+                    return None
+            else:
+                return Answer(
+                    task,
+                    outcome.result,
+                    outcome.curves,
+                    outcome.fault,
+                    outcome.details,
+                    outcome.diagnoses,
+                )
+        fault = "the analysis ended by itself twice; the drop is safe, invert it again later"
+        return Answer(task, fault=fault, details=reason)
+
+    def _process_or_start(self) -> "subprocess.Popen[bytes] | None":
+        """The process, another one where it has died; None when nobody needs one any more."""
+        if self._process is not None and self._process.poll() is not None:
+            self._reap()
+        with self._changed:
+            if self._closing:
+                return None
+            if self._process is None:
+                self._process = start_process()
+            return self._process
+
+    def _reap(self) -> int | None:
+        with self._changed:
+            process, self._process = self._process, None
+        if process is None:
+            return None
+        end_process(process)
+        return process.returncode
+
+
+def _order(task: Task | DiagnosisTask) -> tuple[int, int]:
+    return task.urgency, task.number
+
+
+def request(
+    process: "subprocess.Popen[bytes]",
+    task: Task | DiagnosisTask,
+    report: Callable[[Building], object],
+) -> TaskOutcome:
+    """Send a task to a process, report the progress meanwhile and return the outcome.
+
+    Raises
+    ------
+    EOFError, OSError
+        If the process ends before.
+    """
+    from pfwd.analysis.worker.process import receive, send
+
+    assert process.stdin is not None
+    assert process.stdout is not None
+    send(process.stdin, task)
+    while isinstance(message := receive(process.stdout), Building):
+        report(message)
+    outcome: TaskOutcome = message
+    return outcome
+
+
+def start_process() -> "subprocess.Popen[bytes]":
+    """Start a process that answers tasks until its input ends.
+
+    Raises
+    ------
+    OSError
+        If the system starts no more processes.
+    """
+    return start_child("-m", "pfwd.analysis.worker.process")
+
+
+def end_process(process: "subprocess.Popen[bytes]") -> None:
+    """Close the input of a process and wait for its end; terminate or kill a busy one."""
+    with contextlib.suppress(OSError):  # what was not sent is not needed any more
+        if process.stdin is not None:
+            process.stdin.close()
+    for step in (None, process.terminate, process.kill):
+        if step is not None:
+            step()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(0.3 if step is None else CLOSING_TIME)
+            break
+    if process.stdout is not None:
+        process.stdout.close()

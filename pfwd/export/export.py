@@ -1,0 +1,178 @@
+"""Exports a survey: the one road for the command line and scripts."""
+
+import os
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import Any
+
+import pfwd_plugins
+from pfwd.errors import OptionError, SurveyError, quote, refusal
+from pfwd.export.output import refuse_taken
+from pfwd.export.registry import OWN, ExportFormat, find_format, format_names
+from pfwd.export.rows import Order, Results
+from pfwd.files.reading import survey_content
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording.index import no_collections
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """What came of an export."""
+
+    survey: str
+    format: str
+    path: str
+    points: int
+    """Of the survey."""
+    drops: int
+    """Of the survey, discarded ones with them."""
+    results: int | None
+    """How many drops have a result; None: the format holds none."""
+    notes: tuple[str, ...]
+    """What was left out, a sentence each."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """The record of ``pfwd export --json``."""
+        return {
+            "survey": self.survey,
+            "format": self.format,
+            "path": self.path,
+            "points": self.points,
+            "drops": self.drops,
+            "results": self.results,
+            "without_result": None if self.results is None else self.drops - self.results,
+            "notes": list(self.notes),
+        }
+
+
+def export_survey(
+    survey: str | os.PathLike[str],
+    form: str,
+    path: str | os.PathLike[str],
+    *,
+    force: bool = False,
+    invert: bool = False,
+    seed: int = 0,
+    jobs: int = 1,
+    delimiter: str | None = None,
+    decimal: str | None = None,
+) -> Exported:
+    """Write a survey to a file, or for ``csv`` to a folder; it is there whole or not at all.
+
+    Parameters
+    ----------
+    survey : path of a survey's folder, or of an exported one
+    form : str
+        Name of one in `pfwd.export.registry`.
+    path : of the file or folder, in a folder that is there
+    force : bool
+        Whether what is there may be replaced.
+    invert : bool
+        Invert the drops in place of taking the stored results. Nothing is written to the survey.
+    seed : int
+        Of the inversion, >= 0.
+    jobs : int
+        Processes that may work on it; a script that asks for more than one needs a guard
+        ``if __name__ == "__main__"``, as for `multiprocessing`.
+    delimiter, decimal : str, optional
+        Of a text in columns: a sign, or ``tab``; ``.`` or ``,``. A comma and a point where nothing
+        is said; with a decimal comma a semicolon is between the columns.
+
+    Returns
+    -------
+    Exported
+
+    Raises
+    ------
+    OptionError
+        If the format is unknown or holds no results to invert for, or the name is taken.
+    SurveyError
+        If the survey cannot be read, or what it holds does not fit into the format.
+    """
+    chosen = _format(form, invert=invert)
+    signs = _signs(chosen, delimiter, decimal)
+    refuse_taken(path, force=force)  # now, and not after the work
+    with ExitStack() as stack:
+        second = None
+        if chosen.by_parts and not invert:
+            from pfwd.export.parts import second_process
+
+            stack.enter_context(no_collections())  # what is read is needed to the end
+            second = stack.enter_context(second_process(os.fspath(survey), jobs))
+        content = survey_content(survey)
+        inverted = _inverted(os.fspath(survey), seed) if invert else None
+        order = Order(content, inverted, force, jobs, second, *signs)
+        notes, results = _written(chosen, order, path)
+    drops = len(content.drops)
+    if results is not None and results < drops:
+        notes.append(f"{drops - results} of {drops} drops have no result")
+    lost = [f"damaged survey: {text}" for text in content.damage]
+    return Exported(
+        os.fspath(survey),
+        form,
+        os.fspath(path),
+        len(content.points),
+        drops,
+        results,
+        (*notes, *lost),
+    )
+
+
+def _written(
+    form: ExportFormat, order: Order, path: str | os.PathLike[str]
+) -> tuple[list[str], int | None]:
+    """What was left out, and how many drops have a result; None: the format holds none."""
+    try:
+        notes = list(form.writer()(order, path))
+        return notes, order.results if form.with_results else None
+    except RecordingError as err:
+        raise SurveyError(str(err)) from err
+    except (SurveyError, OSError):
+        raise
+    except Exception as err:
+        if form.name in OWN:
+            raise
+        package = pfwd_plugins.package_of(pfwd_plugins.EXPORT_FORMATS, form.name)
+        came = f"{type(err).__name__}: {err}"
+        raise SurveyError(refusal(f"--format {form.name}", f"a file from {package}", came)) from err
+
+
+def _format(name: str, *, invert: bool) -> ExportFormat:
+    form = find_format(name)
+    if form is None:
+        raise OptionError(refusal("--format", f"one of {', '.join(format_names())}", quote(name)))
+    if invert and not form.with_results:
+        holding = ", ".join(sorted(own.name for own in OWN.values() if own.with_results))
+        raise OptionError(refusal("--invert", f"a format with results ({holding})", name))
+    return form
+
+
+def _signs(form: ExportFormat, delimiter: str | None, decimal: str | None) -> tuple[str, str]:
+    """Between the columns, and within numbers."""
+    for option, said in (("--delimiter", delimiter), ("--decimal", decimal)):
+        if said is not None and not form.delimited:
+            holding = ", ".join(own.name for own in OWN.values() if own.delimited)
+            raise OptionError(refusal(option, f"a format in columns ({holding})", form.name))
+    point = "." if decimal is None else decimal
+    if point not in (".", ","):
+        raise OptionError(refusal("--decimal", "a point or a comma", quote(decimal)))
+    between = ";" if point == "," else ","
+    if delimiter is not None:
+        between = "\t" if delimiter in ("tab", "\\t") else delimiter
+    printable = len(between) == 1 and (between == "\t" or between.isprintable())
+    if not printable or between in "\"'+-." or between.isalnum():
+        raise OptionError(refusal("--delimiter", "a sign such as ; or tab", quote(delimiter)))
+    if between == point:
+        came = f"{quote(between)} for both"
+        raise OptionError(refusal("--delimiter and --decimal", "two signs", came))
+    return between, point
+
+
+def _inverted(survey: str, seed: int) -> Results:
+    from pfwd.analysis.analyse import analyse_files
+    from pfwd.analysis.options import AnalysisOptions
+
+    (outcome,) = analyse_files([survey], AnalysisOptions(seed=seed))
+    if outcome.error is not None:
+        raise SurveyError(outcome.error)
+    return {(str(found.point), int(found.drop or 0)): found for found in outcome.results}

@@ -1,0 +1,218 @@
+"""Results on the map: ``geojson``, a feature a drop (RFC 7946), ``points-geojson``, a feature a
+point, and ``gpx``, a way point a point.
+
+GPX is version 1.1; a point without a position cannot be in it.
+"""
+
+import datetime
+import os
+from collections.abc import Sequence
+from itertools import groupby
+from typing import Any
+from xml.etree import ElementTree
+
+from pfwd.export.json_text import json_text
+from pfwd.export.output import new_file
+from pfwd.export.point_rows import PointValues, place_of_row, point_rows
+from pfwd.export.rows import Order, Row
+from pfwd.judging.job import target_text
+from pfwd.judging.places import Place
+from pfwd_device.recording.drop_file import software_version
+from pfwd_device.text import clean
+
+NAMESPACE = "http://www.topografix.com/GPX/1/1"
+SCHEMA = f"{NAMESPACE} {NAMESPACE}/gpx.xsd"
+_XSI = "http://www.w3.org/2001/XMLSchema-instance"
+
+
+def write_geojson(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write a feature for each drop that is not discarded; without a position its geometry is null.
+
+    Returns
+    -------
+    list of str
+        How many have no position, and how many were left out.
+    """
+    rows = order.rows
+    used = [row for row in rows if row.used]
+    _write_collection([_feature(row) for row in used], order, path)
+    notes = []
+    nowhere = sum(row.place is None for row in used)
+    if nowhere:
+        notes.append(f"{nowhere} of {len(used)} drops have no position: their geometry is null")
+    if len(used) < len(rows):
+        notes.append(f"{len(rows) - len(used)} discarded or damaged drops are left out")
+    return notes
+
+
+def write_points_geojson(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write a feature for each point; discarded ones are marked.
+
+    Returns
+    -------
+    list of str
+        How many have no position: their geometry is null.
+    """
+    rows = point_rows(order)
+    features = []
+    for (point, _), row in zip(order.points, rows, strict=True):
+        place = place_of_row(row)
+        values = {k: v for k, v in row.items() if k not in ("latitude", "longitude")}
+        features.append(
+            {
+                "type": "Feature",
+                "id": point.name,
+                "geometry": place and _geometry(place),
+                "properties": values,
+            }
+        )
+    _write_collection(features, order, path)
+    return without_position(rows)
+
+
+def without_position(rows: Sequence[PointValues]) -> list[str]:
+    """How many points have no position, as a note; nothing where all have one."""
+    nowhere = sum(place_of_row(row) is None for row in rows)
+    if not nowhere:
+        return []
+    return [f"{nowhere} of {len(rows)} points have no position: their geometry is null"]
+
+
+def _write_collection(
+    features: list[dict[str, Any]], order: Order, path: str | os.PathLike[str]
+) -> None:
+    collection = {
+        "type": "FeatureCollection",
+        "features": features,
+        "pfwd": {"version": software_version(), "survey_id": order.content.survey_id},
+    }
+    with (
+        new_file(path, force=order.force) as draft,
+        open(draft, "w", encoding="utf-8", newline="\n") as stream,
+    ):
+        stream.write(json_text(collection) + "\n")
+
+
+def _feature(row: Row) -> dict[str, Any]:
+    properties = {
+        name: value
+        for name, value in row.json_values.items()
+        if name not in ("latitude", "longitude", "discarded")
+    }
+    return {
+        "type": "Feature",
+        "id": f"{row.point.name}/{row.drop.number}",
+        "geometry": row.place and _geometry(row.place),
+        "properties": properties,
+    }
+
+
+def _geometry(place: Place) -> dict[str, Any]:
+    # Longitude comes first, and there is no member for the datum: it is WGS 84.
+    coordinates = [place.longitude, place.latitude]
+    if place.altitude is not None:
+        coordinates.append(place.altitude)
+    return {"type": "Point", "coordinates": coordinates}
+
+
+def write_gpx(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write a way point for each point that has a position and a drop that is not discarded.
+
+    Returns
+    -------
+    list of str
+        How many points were left out.
+    """
+    root = ElementTree.Element(
+        "gpx",
+        {
+            "version": "1.1",
+            "creator": f"pfwd {software_version()}",
+            "xmlns": NAMESPACE,
+            "xmlns:xsi": _XSI,
+            "xsi:schemaLocation": SCHEMA,
+        },
+    )
+    metadata = ElementTree.SubElement(root, "metadata")
+    _add(metadata, "name", f"PFWD survey {order.content.survey_id}".strip())
+    left_out = 0
+    # By the name that drops carry: titles of two points may be alike.
+    for _, group in groupby(order.rows, key=lambda row: row.point.name):
+        rows = [row for row in group if row.used]
+        place = next((row.place for row in rows if row.place is not None), None)
+        if place is None:
+            left_out += 1
+        else:
+            _way_point(root, place, rows)
+    with new_file(path, force=order.force) as draft:
+        tree = ElementTree.ElementTree(root)
+        ElementTree.indent(tree)
+        tree.write(draft, encoding="utf-8", xml_declaration=True)
+    return [f"{left_out} points without a position or drops are left out"] if left_out else []
+
+
+def _way_point(root: ElementTree.Element, place: Place, rows: list[Row]) -> None:
+    # As decimals: the schema has no exponents.
+    latitude, longitude = f"{place.latitude:.9f}", f"{place.longitude:.9f}"
+    point = ElementTree.SubElement(root, "wpt", {"lat": latitude, "lon": longitude})
+    if place.altitude is not None:
+        _add(point, "ele", f"{place.altitude:.3f}")
+    moment = next((text for row in rows if (text := _moment(row)) is not None), None)
+    if moment is not None:
+        _add(point, "time", moment)
+    _add(point, "name", rows[0].point.title)
+    drops = [f"drop {row.drop.number}: {_result_words(row)}" for row in rows]
+    _add(point, "desc", "; ".join([_verdict_words(rows[0]), *drops]))
+    _add(point, "type", "PFWD test point")
+
+
+def _moment(row: Row) -> str | None:
+    """When, with its time zone, as the schema wants it."""
+    try:
+        moment = datetime.datetime.fromisoformat(str(row.values["time_utc"]))
+    except ValueError:
+        return None
+    if moment.tzinfo is None:
+        moment = moment.replace(tzinfo=datetime.UTC)
+    moment = moment.astimezone(datetime.UTC)
+    return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def _add(parent: ElementTree.Element, name: str, text: str) -> None:
+    # XML has no letter for a control character, not even escaped.
+    ElementTree.SubElement(parent, name).text = clean(text, limit=100_000)
+
+
+def _verdict_words(row: Row) -> str:
+    """How the point of a drop stands on one line, units shown."""
+    values = row.values
+    unit, scale = ("mm", 1e3) if values["unit"] == "m" else ("MPa", 1e-6)
+    parts = []
+    if values["value"] is not None:
+        parts.append(f"{values['quantity']} = {values['value'] * scale:.4g} {unit}")
+    if values["interval_low"] is not None:
+        low, high = values["interval_low"] * scale, values["interval_high"] * scale
+        parts.append(f"95 % {low:.4g} to {high:.4g} {unit}")
+    if values["target"] is not None:
+        parts.append(f"target {target_text(values['target'])}")
+    parts.append(f"procedure {values['procedure']}")
+    return f"verdict {values['verdict']} ({', '.join(parts)})"
+
+
+def _result_words(row: Row) -> str:
+    """The result of a drop on one line, units shown."""
+    values = row.values
+    if values["modulus_pa"] is None:
+        reason = values["reason"] or "; ".join(values["warnings"]) or "no modulus"
+        return f"{values['status']} ({reason})"
+    parts = [f"{values['status']}, E = {values['modulus_pa'] / 1e6:.4g} MPa"]
+    if values["modulus_sd_pa"] is not None:
+        parts.append(f"sd {values['modulus_sd_pa'] / 1e6:.2g} MPa")
+    low, high = values["modulus_interval_low_pa"], values["modulus_interval_high_pa"]
+    if low is not None and high is not None:
+        parts.append(f"95 % {low / 1e6:.4g} to {high / 1e6:.4g} MPa")
+    parts.append(f"model {values['model']}")
+    parts.append(f"plate radius {values['plate_radius_m']:g} m")
+    parts.append(f"Poisson's ratio {values['poisson_ratio']:g}")
+    parts.append("warnings: " + ("; ".join(values["warnings"]) or "none"))
+    return ", ".join(parts)

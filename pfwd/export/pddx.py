@@ -1,0 +1,235 @@
+"""``pddx``: peaks of load and deflection in AASHTO's Pavement Deflection Data Exchange, 2.0.
+
+The sections and keys written here are those of public files of version 1.0. Version 2.0 is appendix
+C of FHWA-HRT-07-040, of which only the introduction was at hand: sections with descriptive names,
+entries as in .INI files, few changes from 1.0. Which keys it requires, how it writes time histories
+(none are written), whether drops are numbered from 0 or 1 and how it marks comments could not be
+verified. Moduli are not part of the format.
+"""
+
+import datetime
+import os
+from collections.abc import Iterator
+from itertools import groupby
+
+from pfwd.errors import SurveyError, refusal
+from pfwd.export.output import new_file
+from pfwd.export.rows import Order, Row
+from pfwd.judging.places import number
+from pfwd.judging.view import later_declarations
+from pfwd_device.recording.drop_file import software_version
+
+VERSION = "2.0"
+DELIMITER = ","
+
+_MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"]
+_REMARK = (
+    "Sections and keys as in public files of PDDX 1.0; not verified against the text of the "
+    "standard 2.0 (FHWA-HRT-07-040, appendix C).",
+    "DropData: peaks of the traces as recorded, offsets removed, with whatever response of the "
+    "geophones they carry; deflections downward positive. DropDeflectionCorrected: that of the "
+    "centre with the declared response taken out, by which points are judged.",
+    "DropKind: seating, measured or rejected (a rebound, a false trigger); only measured drops are "
+    "averaged. PointValue, PointTarget (kPa or micron) and PointVerdict belong to the procedure "
+    "named. These keys are not of the standard. Time histories are not in this file.",
+)
+
+
+def write_pddx(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write the peaks of all drops that are not discarded and have them.
+
+    Returns
+    -------
+    list of str
+        What was left out, and that the layout was not verified.
+
+    Raises
+    ------
+    SurveyError
+        If there is nothing to write.
+
+    Notes
+    -----
+    A file has one plate and one set of sensors: what was measured otherwise goes to further files,
+    numbered from 2.
+    """
+    rows = order.rows
+    # On a rig there is no pavement.
+    on_rig = sum(row.values["kind"] == "stiffness" for row in rows)
+    rows = [row for row in rows if row.values["kind"] != "stiffness"]
+    used = [row for row in rows if row.used and row.drop.peaks is not None]
+    if not used:
+        came = f"{on_rig} on a rig" if on_rig else "none"
+        raise SurveyError(refusal(order.content.path, "drops with peaks to export", came))
+    alike: dict[tuple[float, tuple[float, ...]], list[Row]] = {}
+    for row in used:
+        alike.setdefault(_configuration(order.content.path, row), []).append(row)
+    notes = ["the layout was not verified against the text of the PDDX 2.0 standard"]
+    for number_, (configuration, some) in enumerate(alike.items(), start=1):
+        file = _numbered(path, number_)
+        with (
+            new_file(file, force=order.force) as draft,
+            open(draft, "w", encoding="utf-8", newline="\r\n") as stream,
+        ):
+            for line in _lines(order, os.path.basename(file), some, configuration):
+                stream.write(line + "\n")
+        if len(alike) > 1:
+            radius, offsets = configuration
+            notes.append(
+                f"{file}: {len(some)} drops of the plate of {radius:g} m with "
+                f"{len(offsets)} sensor{'s' if len(offsets) > 1 else ''}; a file has one device"
+            )
+    if on_rig:
+        notes.append(f"{on_rig} drops on a rig are left out")
+    if len(used) < len(rows):
+        notes.append(f"{len(rows) - len(used)} discarded or incomplete drops are left out")
+    return notes
+
+
+def _numbered(path: str | os.PathLike[str], count: int) -> str:
+    """The path itself, and for further files the same with a number."""
+    name, ending = os.path.splitext(os.fspath(path))
+    return name + ending if count == 1 else f"{name}-{count}{ending}"
+
+
+def _lines(
+    order: Order, name: str, rows: list[Row], configuration: tuple[float, tuple[float, ...]]
+) -> Iterator[str]:
+    radius, offsets = configuration
+    first = rows[0].values
+    yield from _section(
+        "Pavement Deflection Data Exchange File",
+        PDDXVersionNumber=VERSION,
+        DelimiterSymbol=DELIMITER,
+        DecimalSymbol=".",
+    )
+    yield from _section(
+        "Units",
+        LoadPlateRadiusUnits="millimeter",
+        LoadUnits="kilo-Newton",
+        DeflectionUnits="micron",
+        TemperatureUnits="Celsius",
+        SensorLocationUnits="millimeter",
+        GPSUnits="degree,degree,meter",
+        TestLocationUnits="kilometer,meter,meter",
+    )
+    moments = sorted(moment for row in rows if (moment := _moment(row)) is not None)
+    yield from _section(
+        "Operations Information",
+        FileName=_text(name),
+        StartDate=_date(moments[0]) if moments else None,
+        EndDate=_date(moments[-1]) if moments else None,
+        OperatorName=_text(first["operator"]),
+    )
+    yield from _section(
+        "Device Information",
+        DeviceDesignationName="PFWD",
+        DeviceSerialNumber=_text(first["device"]),
+        DeviceLoadType="Impulse",
+    )
+    yield from _section(
+        "Device Configuration",
+        LoadPlateRadius=f"{radius * 1e3:g}",
+        NumberOfDeflectionSensors=str(len(offsets)),
+        DeflectionSensorXAxisDistances=DELIMITER.join(f"{offset * 1e3:g}" for offset in offsets),
+        DeflectionSensorYAxisDistances=DELIMITER.join("0" for _ in offsets),
+    )
+    yield from _section("Location Identification", SiteName=_text(first["site"]))
+    points = groupby(rows, key=lambda row: row.point.name)
+    for index, (_, group) in enumerate(points, start=1):
+        yield from _location(index, list(group))
+    # At the end, where a reader that knows no comments has everything.
+    yield from (f"; {line}" for line in (f"pfwd {software_version()}", *_REMARK))
+
+
+def _location(index: int, rows: list[Row]) -> Iterator[str]:
+    place = next((row.place for row in rows if row.place is not None), None)
+    moment = next((found for row in rows if (found := _moment(row)) is not None), None)
+    where = None
+    if place is not None:
+        degrees = f"{place.latitude:.8f}{DELIMITER}{place.longitude:.8f}"
+        where = f"{degrees}{DELIMITER}{place.altitude or 0:g}"
+    chainage = _chainage(rows[0])
+    drops: dict[str, str | None] = {}
+    kinds = dict(rows[0].point.progress.kinds)
+    for count, row in enumerate(rows, start=1):
+        peaks = row.drop.peaks
+        assert peaks is not None
+        numbers = [peaks.load / 1e3, *(peak * 1e6 for _, peak in peaks.displacements)]
+        drops[f"DropData_{count}"] = DELIMITER.join(f"{figure:.2f}" for figure in numbers)
+        drops[f"DropKind_{count}"] = kinds.get(row.drop.number)
+        corrected = row.values["deflection_corrected_m"]
+        if corrected is not None:
+            drops[f"DropDeflectionCorrected_{count}"] = f"{corrected * 1e6:.2f}"
+    yield from _section(
+        f"Test Location {index}",
+        TestLocation=None if chainage is None else f"{chainage / 1e3:g},0,0",
+        GPSLocation=where,
+        TestTime=None if moment is None else f"{moment:%H:%M:%S}",
+        TestComment=_text(rows[0].point.title),
+        **_standing(rows[0]),
+        NumberOfDrops=str(len(rows)),
+        **drops,
+    )
+
+
+def _standing(row: Row) -> dict[str, str | None]:
+    """How the point stands."""
+    values = row.values
+    scale = 1e6 if values["unit"] == "m" else 1e-3
+
+    def shown(key: str) -> str | None:
+        found = number(values[key])
+        return None if found is None else f"{found * scale:.2f}"
+
+    return {
+        "PointProcedure": _text(values["procedure"]),
+        "PointQuantity": _text(values["quantity"]),
+        "PointValue": shown("value"),
+        "PointTarget": shown("target"),
+        "PointVerdict": _text(values["verdict"]),
+    }
+
+
+def _section(name: str, **entries: str | None) -> Iterator[str]:
+    yield f"[{name}]"
+    for key, value in entries.items():
+        if value is not None:
+            yield f"{key} = {value}"
+    yield ""
+
+
+def _configuration(where: str, row: Row) -> tuple[float, tuple[float, ...]]:
+    """Plate radius and distances of the sensors of a drop, m."""
+    peaks, point = row.drop.peaks, row.point.source
+    assert peaks is not None
+    assert point is not None
+    declared = {**(row.drop.declared or {}), **later_declarations(point)}
+    radius = number(declared.get("plate_radius_m"))
+    if radius is None:
+        hint = "pfwd edit --set plate_radius_m=..."
+        raise SurveyError(refusal(where, "a plate radius", f"none in {row.point.title}", hint))
+    return radius, tuple(offset for offset, _ in peaks.displacements)
+
+
+def _chainage(row: Row) -> float | None:
+    """m, as a file of another program said it."""
+    noted = (row.drop.declared or {}).get("imported")
+    return number(noted.get("chainage_m")) if isinstance(noted, dict) else None
+
+
+def _moment(row: Row) -> datetime.datetime | None:
+    try:
+        return datetime.datetime.fromisoformat(str(row.values["time_utc"])).replace(tzinfo=None)
+    except ValueError:
+        return None
+
+
+def _date(moment: datetime.datetime) -> str:
+    # Written out: strftime uses the language of the system.
+    return f"{moment.day:02d}-{_MONTHS[moment.month - 1]}-{moment.year:04d}"
+
+
+def _text(value: object) -> str | None:
+    """A text that cannot be taken for another entry."""
+    return None if value is None else str(value).replace(DELIMITER, " ").strip() or None

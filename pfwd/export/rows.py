@@ -1,0 +1,484 @@
+"""One row per drop: where, when, what was measured, and the result with all that belongs to it."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from operator import attrgetter
+from typing import Any, Protocol
+
+from inversion import notices
+from inversion.notices import WARNING_CODES, WARNINGS, Notice, Value, from_sentence
+from pfwd.analysis.drop_facts import corrected_deflection
+from pfwd.analysis.result_columns import N_LAYERS, Kind, nested_cells, result_columns
+from pfwd.analysis.results import DropResult
+from pfwd.analysis.screening.missing import ONLY_PEAKS
+from pfwd.errors import SurveyError
+from pfwd.export.columns import COLUMNS
+from pfwd.files.header import Declaration, setup_from
+from pfwd.files.imported import on_rig
+from pfwd.judging import DropView, Job, PointView, job_of, point_view
+from pfwd.judging.places import Place, local_of, number, place_of, utc_of
+from pfwd.notice_texts import STIFFNESS_TEST
+from pfwd.peaks.basin import ASSUMED_POISSON_RATIO, RIGID, basin_of
+from pfwd.peaks.stiffness import stiffness_of
+from pfwd.procedures import Kind as DropKind
+from pfwd.procedures import unit_of
+from pfwd_device.drop import Peaks
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording.index import no_collections
+from pfwd_device.recording.survey_content import SurveyContent, SurveyPoint
+from pfwd_device.text import clean
+
+NO_RESULT = "no result"
+NOT_INVERTED = "not inverted yet: pfwd export --invert does it"
+LONGEST_CELL = 4096
+"""Characters; a note may be as long."""
+
+OF_THE_SURVEY = (
+    *("drop", "record", "point", "site", "operator", "device", "time_utc", "notes"),
+    *("peak_load_n", "deflection_recorded_m", "deflection_corrected_m"),
+    *("procedure", "quantity", "value", "interval_low", "interval_high", "unit", "target"),
+    "verdict",
+)
+"""Columns that say what the survey says now, not what was known when the result was found."""
+
+_OF_A_RESULT = {c.name: c.kind for c in COLUMNS if c.name not in OF_THE_SURVEY}
+_KEYS = frozenset(_OF_A_RESULT)
+_EMPTY: Mapping[str, Any] = dict.fromkeys(column.name for column in COLUMNS)
+
+SAME = 1e-9
+"""Relative difference up to which two declared values are one."""
+
+
+Results = Mapping[tuple[str, int], DropResult]
+"""By title of the point and number of the drop within it."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Row:
+    """A drop, ready for an export."""
+
+    point: PointView
+    drop: DropView
+    place: Place | None
+    values: Mapping[str, Any]
+    """Values by the names of ``COLUMNS``; None: not known."""
+    time_local: str | None = None
+    """Local time, ISO 8601; None: unknown."""
+    warnings: tuple[Notice, ...] = ()
+    """Of the result; the values have their sentences."""
+
+    @property
+    def json_values(self) -> dict[str, Any]:
+        """Values as JSON has them, with the codes of the warnings behind their sentences."""
+        written: dict[str, Any] = {}
+        for name, value in self.values.items():
+            written[name] = value
+            if name == WARNINGS:
+                written[WARNING_CODES] = None if value is None else notices.codes(self.warnings)
+        return written
+
+    @property
+    def peaks(self) -> Peaks | None:
+        """Peaks as recorded; None: samples around the trigger are missing."""
+        return self.drop.peaks
+
+    @property
+    def has_result(self) -> bool:
+        """Whether there is a result."""
+        return bool(self.values["status"] != NO_RESULT)
+
+    @property
+    def used(self) -> bool:
+        """Whether neither the drop nor its point is discarded, and it can be read."""
+        gone = self.point.discarded or self.drop.discarded is not None
+        return not gone and self.drop.declared is not None
+
+
+class RowMaker(Protocol):
+    """Another process that makes parts of the rows as text; one is `exporting.parts`'s."""
+
+    def make(
+        self,
+        survey_id: str,
+        job: Job,
+        texts: Callable[[Iterable[Row]], Iterator[str]],
+        parts: Sequence[Sequence[SurveyPoint]],
+        /,
+    ) -> Sequence[Any]:
+        """Ask for parts of the points; None stands for one that nobody makes."""
+        ...
+
+
+@dataclass(frozen=True)  # without slots, which leave no room for what is computed once
+class Order:
+    """A survey on its way into a format."""
+
+    content: SurveyContent
+    inverted: Results | None = None
+    """Results in place of the stored ones."""
+    force: bool = False
+    """Whether a file that is there may be replaced."""
+    jobs: int = 1
+    """Processes that may work on it."""
+    second: RowMaker | None = None
+    """Makes rows too, for who wants them as text."""
+    delimiter: str = ","
+    """Between the columns of a text."""
+    decimal: str = "."
+    """Decimal sign of a text."""
+
+    @cached_property
+    def job(self) -> Job:
+        """What the survey is measured by.
+
+        Raises
+        ------
+        SurveyError
+            If the procedure that the survey keeps cannot be read.
+        """
+        return job_of(self.content)
+
+    @cached_property
+    def points(self) -> list[tuple[PointView, tuple[Row, ...]]]:
+        """All points, each with the rows of its drops; read and judged once."""
+        with no_collections():
+            views = map(self.point, self.content.points)
+            return [(view, tuple(self.rows_of(view))) for view in views]
+
+    def point(self, point: SurveyPoint) -> PointView:
+        """Return one point, read with every call; with the results in place of the stored ones."""
+        view = point_view(point, self.job)
+        if self.inverted is None:
+            return view
+        drops = tuple(
+            drop.with_result(self.inverted.get((point.title, drop.number))) for drop in view.drops
+        )
+        # What was diagnosed was the fit of another result.
+        return replace(view, drops=drops, diagnosis=None)
+
+    @cached_property
+    def rows(self) -> list[Row]:
+        """All drops, point by point; made once."""
+        return [row for _, rows in self.points for row in rows]
+
+    def rows_of(self, point: PointView) -> Iterator[Row]:
+        """Return the rows of the drops of a point."""
+        return point_rows_of(self.content.survey_id, point, inverted=self.inverted is not None)
+
+    @cached_property
+    def results(self) -> int:
+        """How many drops have a result; who has not kept the rows may have counted them."""
+        return sum(row.has_result for row in self.rows)
+
+
+def point_rows_of(survey_id: str, point: PointView, *, inverted: bool = False) -> Iterator[Row]:
+    """Yield the rows of the drops of a point.
+
+    Parameters
+    ----------
+    survey_id : str
+    point : PointView
+    inverted : bool
+        Whether the results were found for this export; discarded drops then have none.
+    """
+    progress = point.progress
+    verdict = _point_columns(point)
+    kinds = dict(progress.kinds)
+    reasons = {drop.number: drop.reason for drop in progress.excluded}
+    for drop in point.drops:
+        reason = reasons.get(drop.number)
+        yield _row(survey_id, point, drop, verdict, kinds.get(drop.number), reason, inverted)
+
+
+def _point_columns(point: PointView) -> dict[str, Any]:
+    """Return value and verdict of a point as columns of the rows of its drops."""
+    job, progress = point.job, point.progress
+    value = progress.value
+    low, high = (None, None) if value is None or value.interval is None else value.interval
+    return {
+        "procedure": job.procedure_in_force.name,
+        "quantity": job.quantity.value,
+        "value": value and value.value,
+        "interval_low": low,
+        "interval_high": high,
+        "unit": unit_of(job.quantity),
+        "target": progress.target,
+        "verdict": progress.verdict.value,
+    }
+
+
+def _corrected_deflection(drop: DropView) -> float | None:
+    """Return the peak of the centre without the response that is declared now, m."""
+    if drop.own.peak_deflection is not None or drop.declared is None or drop.source is None:
+        return drop.own.peak_deflection
+    try:
+        # A drop that is rejected for its point has a peak all the same.
+        return corrected_deflection(drop.source.read_traces().drop, drop.setup)
+    except (RecordingError, SurveyError):
+        return None
+
+
+def _row(
+    survey_id: str,
+    point: PointView,
+    drop: DropView,
+    verdict: Mapping[str, Any],
+    kind: DropKind | None,
+    reason: str | None,
+    inverted: bool,
+) -> Row:
+    """Return the row of a drop.
+
+    Parameters
+    ----------
+    survey_id : str
+    point : PointView
+    drop : DropView
+    verdict : mapping
+        Value and verdict of the point, as columns.
+    kind : DropKind or None
+        Kind of the drop among the drops of its point.
+    reason : str or None
+        Reason why the drop takes no part.
+    inverted : bool
+        Whether the results were found for this export.
+    """
+    stored_point = point.source
+    assert stored_point is not None  # an export reads a stored survey
+    zone = point.job.time_zone
+    place = place_of(stored_point, drop)
+    values: dict[str, Any] = dict(_EMPTY)
+    values |= _facts(survey_id, point, drop)
+    values |= {
+        "latitude": place and place.latitude,
+        "longitude": place and place.longitude,
+        "altitude_m": place and place.altitude,
+        "peak_load_n": drop.peaks and drop.peaks.load,
+        "deflection_recorded_m": drop.peaks and drop.peaks.centre,
+        "deflection_corrected_m": _corrected_deflection(drop),
+    }
+    values |= verdict
+    declared = {**(drop.declared or {}), **stored_point.declared}
+    obstacle = None if drop.declared is None else _obstacle(drop, declared)
+    if obstacle is not None:
+        values |= {"status": "rejected", "reason": obstacle, "warnings": []}
+    elif drop.last_result is None:
+        fault = None if drop.fault is None else f"damaged: {drop.fault}"
+        discarded = inverted and (point.discarded or drop.discarded is not None)
+        why = "discarded drops are not inverted" if discarded else NOT_INVERTED
+        values |= {"status": NO_RESULT, "reason": fault or why, "warnings": []}
+    else:
+        values |= _result(drop.last_result, stored_point, drop)
+    if drop.declared is not None:
+        values |= _peak_values(drop, declared, values)
+    if values["status"] in ("seating", "measured"):
+        # As the procedure counts now, whatever it was when it was inverted.
+        if kind in (DropKind.SEATING, DropKind.MEASURED):
+            values["status"] = kind.value
+        elif kind is DropKind.REJECTED and drop.discarded is None:
+            values |= {"status": kind.value, "reason": reason}
+    warnings = tuple(values[WARNINGS])
+    values[WARNINGS] = _texts(warnings)
+    return Row(point, drop, place, values, _text(local_of(drop, zone)), warnings)
+
+
+def _obstacle(drop: DropView, declared: Mapping[str, Any]) -> str | None:
+    """Return the reason why a drop is never inverted; None: it can be."""
+    if on_rig(declared):
+        return STIFFNESS_TEST
+    return None if drop.has_traces else ONLY_PEAKS
+
+
+def _peak_values(
+    drop: DropView, declared: Mapping[str, Any], values: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the indices of a drop without traces, or the stiffness of a rig."""
+    if on_rig(declared):
+        assert drop.source is not None
+        try:
+            traces = drop.source.read_traces().drop
+            setup = setup_from(
+                {key: Declaration(value, "") for key, value in declared.items()}, drop.source.point
+            )
+        except (RecordingError, SurveyError):
+            return {"kind": "stiffness"}
+        stiffness = stiffness_of(traces, setup)
+        return {
+            "kind": "stiffness",
+            "secant_stiffness_n_per_m": stiffness and stiffness.secant_n_per_m,
+            "dynamic_stiffness_n_per_m": stiffness and stiffness.dynamic_n_per_m,
+        }
+    radius = number(declared.get("plate_radius_m"))
+    if drop.has_traces or drop.peaks is None or radius is None:
+        return {"kind": "traces" if drop.has_traces else "peaks"}
+    declared_ratio = number(declared.get("poisson_ratio"))
+    ratio = ASSUMED_POISSON_RATIO if declared_ratio is None else declared_ratio
+    basin = basin_of(drop.peaks, radius, ratio)
+    warnings = list(values[WARNINGS])
+    if basin.left_out:
+        places = tuple(f"{offset:g} m" for offset in basin.left_out)
+        warnings.append(Notice("sensors-without-index", {"places": places}))
+    return {
+        "kind": "peaks",
+        "poisson_ratio": ratio,
+        "plate_radius_m": radius,
+        "peak_modulus_pa": basin.peak_modulus_pa,
+        "peak_factor": RIGID,
+        "sci_m": basin.sci_m,
+        "bdi_m": basin.bdi_m,
+        "bci_m": basin.bci_m,
+        "area_m": basin.area_m,
+        "surface_moduli_pa": [f"{r:g}: {e:.4g}" for r, e in basin.surface_moduli_pa.items()],
+        WARNINGS: warnings,
+    }
+
+
+def _facts(survey_id: str, point: PointView, drop: DropView) -> dict[str, Any]:
+    """Return what is known of a drop apart from its peaks and its result, as columns."""
+    stored_point, stored_drop = point.source, drop.source
+    assert stored_point is not None
+    assert stored_drop is not None
+    declared = {**(drop.declared or {}), **stored_point.declared}
+    # An edit of the point wins over what was recorded with the drop.
+    edits = stored_point.edits
+    operators = [edit.get("value") for edit in edits if edit.get("what") == "operator"]
+    identity = drop.metadata.get("identity")
+    serial = identity.get("serial_number") if isinstance(identity, Mapping) else None
+    target = stored_drop.target if stored_drop.target is not None else stored_point.target
+    return {
+        "survey_id": survey_id or None,
+        "point": point.title,
+        "drop": drop.number,
+        "record": drop.record,
+        "discarded": point.discarded or drop.discarded is not None,
+        "time_utc": _text(utc_of(drop, point.job.time_zone)),
+        "site": _text(declared.get("site")),
+        "operator": _text([*operators, drop.metadata.get("operator"), declared.get("operator")]),
+        "device": _text([declared.get("device"), serial]),
+        "target_pa": number(target),
+        "notes": [*drop.notes, *point.notes],
+    }
+
+
+def _result(result: DropResult, point: SurveyPoint, drop: DropView) -> dict[str, Any]:
+    """Return the result as columns; a modulus without its accessories is left out."""
+    found = _cells(result)
+    nested = {
+        name: value if value is None or name == N_LAYERS else number(value)
+        for name, value in nested_cells(result).items()
+    }
+    warnings = list(result.warnings or map(from_sentence, found.get(WARNINGS) or ()))
+    warnings += _stale(result, point, drop)
+    missing = missing_parts(result)
+    if found.get("modulus_pa") is not None and missing:
+        found["modulus_pa"] = found["peak_modulus_pa"] = None
+        warnings.append(Notice("modulus-withheld", {"missing": tuple(missing)}))
+    found[WARNINGS] = warnings
+    if missing:
+        nested |= dict.fromkeys(_WITHHELD)
+    return found | nested
+
+
+def _cells(result: DropResult) -> dict[str, Any]:
+    """What a result has under the names of columns, each as its column's kind."""
+    if result.more.keys().isdisjoint(_KEYS):
+        return _known_cells(result)
+    # Another version may have such a key, or a value of another type for one.
+    values = result.values(_OF_A_RESULT)
+    return {name: _OF_KIND[_OF_A_RESULT[name]](value) for name, value in values.items()}
+
+
+def _known_cells(result: DropResult) -> dict[str, Any]:
+    """As :func:`_cells`, of a result whose keys are all known here.
+
+    A survey has many drops and a result many values: what they are is looked up once, above.
+    """
+    found: dict[str, Any] = {}
+    for name, value in zip(_NUMBER_NAMES, _NUMBER_VALUES(result), strict=True):
+        # Nearly always a float; this is `number` without the call.
+        sound = type(value) is float and math.isfinite(value)
+        found[name] = value if sound or value is None else number(value)
+    for name, as_kind, value in zip(_OTHER_NAMES, _OTHER_KINDS, _OTHER_VALUES(result), strict=True):
+        found[name] = as_kind(value)
+    return found
+
+
+def missing_parts(result: DropResult) -> list[str]:
+    """What a modulus must not be shown without, and this result does not have."""
+    interval = result.modulus_interval_pa
+    uncertain = number(result.modulus_sd_pa) is not None or (
+        interval is not None and number(interval[0]) is not None
+    )
+    parts = {
+        "an uncertainty": uncertain,
+        "its model": result.model is not None,
+        "the plate radius": number(result.plate_radius_m) is not None,
+        "Poisson's ratio": number(result.poisson_ratio) is not None,
+        "its warnings": result.warnings is not None,
+    }
+    return [name for name, there in parts.items() if not there]
+
+
+def _stale(result: DropResult, point: SurveyPoint, drop: DropView) -> list[Notice]:
+    """Return one warning for each declaration that changed since the result was made."""
+    now = {**(drop.declared or {})}
+    for edit in point.edits:
+        value = edit.get("value")
+        if edit.get("what") == "declared" and isinstance(value, Mapping):
+            now |= value
+    found = []
+    used = {"plate_radius_m": result.plate_radius_m, "poisson_ratio": result.poisson_ratio}
+    for key, value_then in used.items():
+        then, declared = number(value_then), number(now.get(key))
+        if then is None or declared is None:
+            continue
+        if abs(then - declared) > SAME * abs(declared):
+            values: dict[str, Value] = {"key": key, "then": then, "now": declared}
+            found.append(Notice("declaration-changed", values))
+    return found
+
+
+def _text(value: object) -> str | None:
+    """A text on one line, or the first of several that is one."""
+    if isinstance(value, list):
+        return next((text for item in value if (text := _text(item)) is not None), None)
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        return None
+    return clean(str(value), limit=LONGEST_CELL) or None
+
+
+def _texts(value: object) -> list[str]:
+    if isinstance(value, str):
+        value = [value]
+    if not isinstance(value, list | tuple):
+        return []
+    return [clean(str(item), limit=LONGEST_CELL) for item in value]
+
+
+def _whole(value: object) -> int | None:
+    return value if type(value) is int else None
+
+
+def _flag(value: object) -> bool | None:
+    return value if isinstance(value, bool) else None
+
+
+_OF_KIND: Mapping[Kind, Callable[[Any], Any]] = {
+    "number": number,
+    "whole": _whole,
+    "flag": _flag,
+    "text": _text,
+    "texts": _texts,
+}
+"""How the value of a result becomes that of a column."""
+
+# Nested records have columns of their own, see `nested_cells`.
+_FIELDS = [f.name for f in fields(DropResult) if f.name in _KEYS and f.name != N_LAYERS]
+_WITHHELD = [column.name for column in result_columns("layers")]
+_NUMBER_NAMES = tuple(name for name in _FIELDS if _OF_A_RESULT[name] == "number")
+_NUMBER_VALUES = attrgetter(*_NUMBER_NAMES)
+_OTHER_NAMES = tuple(name for name in _FIELDS if _OF_A_RESULT[name] != "number")
+_OTHER_KINDS = tuple(_OF_KIND[_OF_A_RESULT[name]] for name in _OTHER_NAMES)
+_OTHER_VALUES = attrgetter(*_OTHER_NAMES)

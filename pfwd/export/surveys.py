@@ -1,0 +1,119 @@
+"""What ``pfwd import`` takes back: ``h5``, the whole survey, and ``csv``, a folder of traces."""
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import count, groupby
+from typing import Any
+
+from pfwd.analysis.screening.missing import ONLY_PEAKS, whole_part
+from pfwd.errors import SurveyError
+from pfwd.export.output import new_file, new_folder
+from pfwd.export.rows import Order
+from pfwd.files.header import PointSetup
+from pfwd.files.reading import points_of
+from pfwd.files.survey_file import write_survey_file
+from pfwd.files.traces import TracePoint, write_traces
+from pfwd_device import Drop
+from pfwd_device.errors import RecordingError
+
+LONGEST_NAME = 60
+"""Characters of a point's name in that of its file."""
+
+SUFFIX = ".csv"
+
+
+def write_h5(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write the survey into one file, which every command reads like it; nothing is left out."""
+    with new_file(path, force=order.force) as draft:
+        write_survey_file(draft, order.content, order.jobs)
+    return []
+
+
+def write_csv(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write the traces of all drops that are not discarded, one file a test point.
+
+    Returns
+    -------
+    list of str
+        What was left out, a sentence each.
+    """
+    notes: list[str] = []
+    numbers = count(1)
+    with new_folder(path, SUFFIX, force=order.force) as folder:
+        for content in order.content.points:
+            try:
+                points = list(points_of(order.content.path, content))
+            except RecordingError as err:
+                raise SurveyError(f"{err}; pfwd edit --discard leaves it out") from err
+            for point in points:
+                whole = [drop for drop in point.drops if _is_whole(drop, point, notes)]
+                parts = [whole_part(drop)[0] for drop in whole]
+                # A file has one set of sensors.
+                for _, group in groupby(parts, key=_sensors):
+                    name = f"{next(numbers):04d}-{safe_name(content.title)}{SUFFIX}"
+                    drops = tuple(group)
+                    setup = _plain(point.setup)
+                    write_traces(folder / name, TracePoint(name, setup, drops))
+        _tell_discarded(order, notes)
+        if next(numbers) == 1:
+            raise SurveyError(_nothing_to_export(order.content.path, notes))
+    return notes
+
+
+def _nothing_to_export(path: str, notes: Sequence[str]) -> str:
+    """Return why a folder of traces would be empty, and where peaks can go."""
+    if any(ONLY_PEAKS in note for note in notes):
+        expected = "drops with a time history, which trace files hold, got peaks only"
+        return f"{path}: expected {expected}; export them with --format table, jsonl or pddx"
+    return f"{path}: expected drops to export, came none"
+
+
+def safe_name(text: str) -> str:
+    """A name as a part of a file's name that every system takes.
+
+    Examples
+    --------
+    >>> safe_name('km 12/3: "north"')
+    'km 12_3_ _north_'
+    """
+    name = re.sub(r'[<>:"/\\|?*\x00-\x1f\x7f\ufffd]', "_", text)[:LONGEST_NAME]
+    return name.rstrip(". ") or "point"
+
+
+def _is_whole(drop: Drop, point: TracePoint, notes: list[str]) -> bool:
+    _, reason, warning = whole_part(drop)
+    name = f"{point.setup.point}/{drop.number}"
+    if reason is not None:
+        notes.append(f"drop {name} is left out: {reason}")
+    elif warning is not None:
+        notes.append(f"drop {name}: {warning}")
+    return reason is None
+
+
+def _sensors(drop: Drop) -> tuple[tuple[str, float], ...]:
+    return tuple((channel.quantity, channel.offset) for channel in drop.channels)
+
+
+def _plain(setup: PointSetup) -> PointSetup:
+    """The setup without what TOML cannot hold: JSON's null."""
+    extra = {key: value for key, value in setup.extra.items() if value is not None}
+    return replace(setup, extra=_without_null(extra))
+
+
+def _without_null(value: Any) -> Any:
+    match value:
+        case Mapping():
+            return {str(k): _without_null(v) for k, v in value.items() if v is not None}
+        case list() | tuple():
+            return [_without_null(item) for item in value if item is not None]
+    return value
+
+
+def _tell_discarded(order: Order, notes: list[str]) -> None:
+    gone = sum(
+        point.discarded or drop.discarded for point in order.content.points for drop in point.drops
+    )
+    if gone:
+        notes.append(f"{gone} discarded drops are left out")

@@ -1,0 +1,151 @@
+"""One line a drop with its result: ``table`` (CSV, RFC 4180), ``jsonl`` and ``parquet``; one line
+a point with its verdict: ``points`` (CSV)."""
+
+import csv
+import os
+from collections.abc import Iterable, Iterator
+from functools import partial
+from operator import itemgetter
+from typing import Any
+
+from pfwd.errors import OptionError, refusal
+from pfwd.export.columns import COLUMNS
+from pfwd.export.json_text import json_text
+from pfwd.export.output import new_file
+from pfwd.export.parts import row_texts
+from pfwd.export.point_rows import POINT_COLUMNS, point_rows
+from pfwd.export.rows import Order, Row
+
+FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
+"""A spreadsheet takes text that begins so for a formula, and runs it."""
+
+_NAMES = [column.name for column in COLUMNS]
+_OF_ROW = itemgetter(*_NAMES)
+
+
+def write_table(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write the rows of all drops, discarded ones marked."""
+    with (
+        new_file(path, force=order.force) as draft,
+        # newline: the writer ends lines itself, on every system alike
+        open(draft, "w", encoding="utf-8", newline="") as stream,
+    ):
+        stream.write(csv.writer(_Line(), delimiter=order.delimiter).writerow(_NAMES))
+        texts = partial(table_texts, delimiter=order.delimiter, decimal=order.decimal)
+        stream.writelines(row_texts(order, texts))
+    return []
+
+
+def table_texts(rows: Iterable[Row], delimiter: str = ",", decimal: str = ".") -> Iterator[str]:
+    """The lines of rows in a table."""
+    writer = csv.writer(_Line(), delimiter=delimiter)
+    if decimal != ".":
+        for row in rows:
+            yield writer.writerow([cell(value, decimal) for value in _OF_ROW(row.values)])
+        return
+    for row in rows:
+        # The writer makes of a float and of None what `cell` does, and most values are those.
+        yield writer.writerow(
+            [
+                value if value is None or type(value) is float else cell(value)
+                for value in _OF_ROW(row.values)
+            ]
+        )
+
+
+def write_points(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write the rows of all points, discarded ones marked."""
+    with (
+        new_file(path, force=order.force) as draft,
+        open(draft, "w", encoding="utf-8", newline="") as stream,
+    ):
+        writer = csv.writer(stream, delimiter=order.delimiter)
+        writer.writerow([column.name for column in POINT_COLUMNS])
+        for row in point_rows(order):
+            writer.writerow([cell(value, order.decimal) for value in row.values()])
+    return []
+
+
+class _Line:
+    """What a `csv.writer` writes into, so that it returns its text."""
+
+    def write(self, text: str) -> str:
+        """The text."""
+        return text
+
+
+def write_jsonl(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write all drops, discarded ones marked, with the whole result as a JSON object each."""
+    with (
+        new_file(path, force=order.force) as draft,
+        open(draft, "w", encoding="utf-8", newline="\n") as stream,
+    ):
+        stream.writelines(row_texts(order, jsonl_texts))
+    return []
+
+
+def jsonl_texts(rows: Iterable[Row]) -> Iterator[str]:
+    """The lines of rows as JSON."""
+    for row in rows:
+        result = None if row.drop.last_result is None else row.drop.last_result.to_json()
+        more = {"declared": row.drop.declared or {}, "result": result}
+        yield json_text({**row.json_values, **more}) + "\n"
+
+
+def write_parquet(order: Order, path: str | os.PathLike[str]) -> list[str]:
+    """Write the rows of all drops, discarded ones marked, with types, units and meanings.
+
+    Raises
+    ------
+    OptionError
+        If pyarrow is not installed.
+    """
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError as err:
+        hint = "python -m pip install pyarrow, or another format"
+        expected = "the package pyarrow"
+        raise OptionError(refusal("--format parquet", expected, "none", hint)) from err
+    kinds: dict[str, Any] = {
+        "text": pyarrow.string(),
+        "time": pyarrow.string(),
+        "whole": pyarrow.int64(),
+        "number": pyarrow.float64(),
+        "flag": pyarrow.bool_(),
+        "texts": pyarrow.list_(pyarrow.string()),
+    }
+    fields = [
+        pyarrow.field(column.name, kinds[column.kind], metadata={"meaning": column.meaning})
+        for column in COLUMNS
+    ]
+    rows = order.rows
+    columns = [[row.values[column.name] for row in rows] for column in COLUMNS]
+    table = pyarrow.table(columns, schema=pyarrow.schema(fields))
+    with new_file(path, force=order.force) as draft:
+        parquet.write_table(table, draft)
+    return []
+
+
+def cell(value: Any, decimal: str = ".") -> str:
+    """A value as the text of a cell; text that a spreadsheet would run begins with an apostrophe.
+
+    Examples
+    --------
+    >>> cell(-1.5), cell("-1.5"), cell(None), cell(True), cell(["a", "=b"]), cell(1.5, ",")
+    ('-1.5', "'-1.5", '', 'true', 'a; =b', '1,5')
+    """
+    if type(value) is float:  # nearly always
+        return repr(value).replace(".", decimal)
+    match value:
+        case None:
+            return ""
+        case bool():
+            return "true" if value else "false"
+        case int() | float():
+            return repr(value).replace(".", decimal)
+        case list() | tuple():
+            return cell("; ".join(map(str, value)))
+    text = str(value)
+    # Blanks before the sign do not stop every spreadsheet.
+    return f"'{text}" if text.lstrip(" ").startswith(FORMULA) else text

@@ -1,0 +1,340 @@
+"""Dynatest's ``.F25``: peaks of an FWD as text.
+
+A line is a number that says what it is, then fields between commas. ``5002`` has the units
+(``"25SI"``), ``5011`` the date, ``5020`` the radius of the plate and the positions of the sensors
+(mm; ``N0``: none), ``5030`` to ``5032`` operator, road and section, ``5280`` a position, ``5301``
+to ``5303`` station, comment and temperatures (asphalt, surface, air). A line whose number is less
+than 5000 is a drop: its number, the pressure under the plate (kPa), deflections (um). Learned from
+one file of Dynatest's own program and one of a viewer; lines of other numbers are not read.
+
+A deflection belongs to the position in the same column of the last ``5020`` line, and that line may
+change within a file. Where a drop has more or fewer deflections than positions, those with a
+position are read and a remark names the line. Two kinds of drops are left out with a remark,
+because their numbers would be wrong: the last line of the file if it is cut off, and a drop with
+surplus deflections whose largest one is not at the plate, where columns and positions do not match.
+"""
+
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+
+from inversion.notices import Notice, Value
+from pfwd.errors import TraceError, quote, refusal
+from pfwd.files.foreign.common import (
+    Request,
+    finite,
+    position_of,
+    short_text,
+    temperature_of,
+)
+from pfwd.files.foreign.peaks_text import (
+    PLATES,
+    Station,
+    force_of,
+    lines_of,
+    local_moment,
+    number_of,
+    plate_radius,
+    points_of_stations,
+)
+from pfwd.files.foreign.units import celsius
+from pfwd.files.header import RADIUS
+from pfwd.files.traces import TracePoint
+
+NONE = "N0"
+"""What stands where nothing was measured."""
+
+_CELL = re.compile(r'((?:"[^"]*"|[^",]|"(?=[^"]*$))*),')
+
+DROPS_BELOW = 5000
+"""Numbers of lines from here on are no drops."""
+
+_LEADING_DIGITS = re.compile(r"\s*[1-9]\d{0,2}")
+_THREE_DIGITS = re.compile(r"\d{3}(\.\d*)?\s*")
+"""Two neighbouring fields that are one number, written with a comma between the thousands."""
+
+
+def read(file: str, request: Request) -> list[TracePoint]:
+    """The test points of a file, one a station.
+
+    Parameters
+    ----------
+    file : str
+    request : Request
+
+    Raises
+    ------
+    TraceError
+        If it is another file, its units are not SI, or a line is no drop.
+    """
+    reader = _Reader(file, request)
+    for number, line in lines_of(file):
+        if line.strip():
+            reader.take(_fields(line), number)
+    return reader.points()
+
+
+@dataclass(frozen=True, slots=True)
+class _DropLine:
+    """A line with a drop."""
+
+    station: Station
+    line: int
+    load: float
+    """N"""
+    deflections: dict[int, float]
+    """By index of the sensor's position, m."""
+    fields: int
+    """Number of deflection columns."""
+    too_short: bool
+    """Whether the line has fewer columns than line 5020 has positions."""
+
+
+class _Reader:
+    """Collects stations; what stands before a drop belongs to it."""
+
+    def __init__(self, file: str, request: Request) -> None:
+        self._file = file
+        self._request = request
+        self._common: dict[str, object] = {"source": "Dynatest F25"}
+        self._offsets: list[float] = []
+        """Positions of all sensors of the file, m."""
+        self._columns: list[int | None] = []
+        """Index into the positions for each column of a drop; None: no position."""
+        self._radius: float | None = None
+        self._radii: list[float] = []
+        self._stations: list[Station] = []
+        self._place: dict[str, float] = {}
+        self._strange: list[int] = []
+        """Lines that do not say what they are."""
+        self._drops: list[_DropLine] = []
+        self._remarks: dict[str, list[dict[str, Value]]] = {}
+        """Remarks on drop lines by kind."""
+        self._last_line = 0
+
+    def take(self, fields: list[str], line: int) -> None:
+        """Read one line."""
+        where = f"{self._file}, line {line}"
+        cells = [field.strip() for field in fields]
+        self._last_line = line
+        kind = finite(cells[0])
+        if kind is None:
+            self._strange.append(line)
+        elif kind < DROPS_BELOW:
+            self._drop(fields, line, where)
+        elif kind == 5001:
+            self._common["device"] = _text(cells, 6)
+        elif kind == 5002 and "SI" not in (cells[1] if len(cells) > 1 else ""):
+            raise TraceError(refusal(where, "units SI (25SI)", quote(",".join(cells[1:2]))))
+        elif kind == 5020:
+            self._plate(cells, where)
+        elif kind == 5030:
+            self._common["operator"] = _text(cells, 1)
+        elif kind == 5031:
+            self._common["site"] = _text(cells, 1)
+        elif kind == 5280:
+            self._position(cells)
+        elif kind == 5301:
+            self._station(cells)
+        elif kind == 5302 and self._stations:
+            self._stations[-1].noted["comment"] = _text(cells, 9)
+        elif kind == 5303 and self._stations:
+            self._temperatures(cells)
+
+    def _plate(self, cells: Sequence[str], where: str) -> None:
+        said = number_of(cells[1] if len(cells) > 1 else "", "the radius of the plate, mm", where)
+        self._radius = plate_radius(self._request, said / 1e3)
+        self._columns = []
+        for cell in _without_empty_end(cells[2:]):
+            column = None
+            if cell not in (NONE, ""):
+                offset = number_of(cell, "the position of a sensor, mm", where) / 1e3
+                column = self._sensor_index(offset)
+            self._columns.append(column)
+        if self._radius is None or not PLATES[0] <= self._radius <= PLATES[1]:
+            expected = "a plate radius of 20 to 1000 mm"
+            raise TraceError(refusal(where, expected, quote(cells[1]), "declare plate_radius_m"))
+        if self._radius not in self._radii:
+            self._radii.append(self._radius)
+
+    def _sensor_index(self, offset: float) -> int:
+        """Index of a position; two sensors of one line 5020 at one place have two."""
+        for index, known in enumerate(self._offsets):
+            if known == offset and index not in self._columns:
+                return index
+        self._offsets.append(offset)
+        return len(self._offsets) - 1
+
+    def _position(self, cells: Sequence[str]) -> None:
+        # A cause of failure that is not 0: no fix.
+        failed = len(cells) < 6 or finite(cells[1]) != 0
+        self._place = {} if failed else position_of(cells[3], cells[4])
+
+    def _station(self, cells: Sequence[str]) -> None:
+        station = _text(cells, 5) or "?"
+        moment = local_moment(*(finite(cell) for cell in cells[9:14]))
+        # Kilometres in one program, metres in another: it is kept as it was written.
+        noted: dict[str, object] = {"station": station, "time_local": moment}
+        noted["lane"] = _text(cells, 7)
+        found = Station(f"station {station}", dict(self._place), noted)
+        self._place = {}
+        self._stations.append(found)
+
+    def _temperatures(self, cells: Sequence[str]) -> None:
+        noted = self._stations[-1].noted
+        in_celsius = len(cells) > 1 and cells[1] == "0"
+        names = ("asphalt_temperature_c", "surface_temperature_c", "air_temperature_c")
+        for name, cell in zip(names, cells[2:5], strict=False):
+            value = finite(cell)
+            if value is not None:
+                noted[name] = temperature_of(value if in_celsius else celsius(value))
+
+    def _drop(self, fields: Sequence[str], line: int, where: str) -> None:
+        cells = [field.strip() for field in fields]
+        sensors = sum(column is not None for column in self._columns)
+        if not self._stations or self._radius is None or not sensors:
+            expected = "lines 5020 and 5301 before the first drop"
+            raise TraceError(refusal(where, expected, quote(",".join(cells[:3]))))
+        station = self._stations[-1]
+        radius = station.known.setdefault(RADIUS, self._radius)
+        if radius != self._radius:
+            expected = f"one plate at a station, of radius {1e3 * radius:g} mm"
+            raise TraceError(refusal(where, expected, f"{1e3 * self._radius:g} mm"))
+        width = len(self._columns)
+        # A row may end with fields for sensors that there are not.
+        surplus = len(_without_empty_end(cells[2:])) - width
+        joined = _with_joined_thousands(fields, surplus)
+        if joined is not None and self._largest_is_at_plate(joined[2:]):
+            self._remark("thousands-joined", line)
+            cells, surplus = joined, 0
+        values = cells[2:]
+        deflections = {
+            index: 1e-6 * number_of(cell, "a deflection, um", where)
+            for index, cell in zip(self._columns, values, strict=False)
+            if index is not None and cell not in (NONE, "")
+        }
+        pressure = number_of(cells[1] if len(cells) > 1 else "", "the pressure, kPa", where)
+        without_position = [
+            number
+            for number, cell in enumerate(values)
+            if cell not in (NONE, "") and (number >= width or self._columns[number] is None)
+        ]
+        counts = {"deflections": len(_without_empty_end(values)), "positions": sensors}
+        if without_position and not self._largest_is_at_plate(values):
+            self._remark("drop-columns-suspect", line, **counts)
+            return
+        if without_position:
+            columns = tuple(str(number + 1) for number in without_position)
+            self._remark("deflections-without-position", line, **counts, columns=columns)
+        too_short = len(values) < width
+        if too_short:
+            self._remark("deflections-missing", line, **counts)
+        load = force_of(1e3 * pressure, self._radius)
+        self._drops.append(_DropLine(station, line, load, deflections, len(values), too_short))
+
+    def _largest_is_at_plate(self, values: Sequence[str]) -> bool:
+        """Return whether the largest deflection is at the position nearest to the plate's centre.
+
+        The surface deflects most under the plate; where it does not seem to, the columns of the
+        drop are not those of the positions.
+        """
+        deflections = [
+            (finite(cell), column) for cell, column in zip_longest(values, self._columns)
+        ]
+        measured = [(value, column) for value, column in deflections if value is not None]
+        _, largest = max(measured, key=lambda pair: pair[0], default=(0.0, None))
+        nearest = min(
+            (column for _, column in measured if column is not None),
+            key=lambda column: abs(self._offsets[column]),
+            default=None,
+        )
+        return largest is not None and largest == nearest
+
+    def _remark(self, code: str, line: int, **values: Value) -> None:
+        name = os.path.basename(self._file)
+        self._remarks.setdefault(code, []).append({"file": name, "line": line, **values})
+
+    def _drop_lines(self) -> list[_DropLine]:
+        """Lines with drops, without a last one that is cut off."""
+        if not self._drops:
+            return []
+        last = self._drops[-1]
+        if last.line != self._last_line or not last.too_short:
+            return self._drops
+        if len(self._drops) > 1 and self._drops[-2].fields <= last.fields:
+            return self._drops  # as few sensors as in the drop before
+        self._remark("drop-cut-off", last.line)
+        return self._drops[:-1]
+
+    def points(self) -> list[TracePoint]:
+        """All that were found; the first lines 5301 to 5303 are the file's own."""
+        if not self._offsets:
+            hint = "is it a Dynatest F25 file?"
+            raise TraceError(
+                refusal(self._file, "a line 5020 with plate and sensors", "none", hint)
+            )
+        common = {key: value for key, value in self._common.items() if value}
+        name = os.path.basename(self._file)
+        for drop in self._drop_lines():
+            moved = tuple(drop.deflections.get(index) for index in range(len(self._offsets)))
+            drop.station.drops.append((drop.load, moved, drop.line))
+        if len(self._radii) == 1:
+            (radius,) = self._radii
+            remarks = [Notice("load-from-pressure", {"file": name, "plate_radius_m": radius})]
+        else:
+            radii = " or ".join(f"{radius:g}" for radius in self._radii)
+            remarks = [Notice("load-from-pressure-on-plates", {"file": name, "radii": radii})]
+        for line in self._strange:
+            self._remark("line-not-read", line)
+        remarks += [
+            Notice(code, {**first, "more": len(more)})
+            for code, (first, *more) in self._remarks.items()
+        ]
+        return points_of_stations(
+            self._file, self._stations, self._offsets, common, self._request, remarks
+        )
+
+
+def _fields(line: str) -> list[str]:
+    """Fields of a line; a comma between quotation marks separates nothing."""
+    return [field.replace('"', "") for field in _CELL.findall(line + ",")]
+
+
+def _without_empty_end(cells: Sequence[str]) -> list[str]:
+    """Fields up to the last one that is not empty."""
+    count = max((n for n, cell in enumerate(cells, start=1) if cell not in (NONE, "")), default=0)
+    return list(cells[:count])
+
+
+def _with_joined_thousands(fields: Sequence[str], surplus: int) -> list[str] | None:
+    """Return the fields of a drop with the numbers joined that a comma between thousands divides.
+
+    Parameters
+    ----------
+    fields : sequence of str
+        With the blanks around them: three digits that follow a comma without a blank are the rest
+        of a number where the columns are padded.
+    surplus : int
+        Number of fields that there are too many; None is returned if it is another number of pairs
+        that could be one number.
+    """
+    joined: list[str] = []
+    pairs = 0
+    for number, field in enumerate(fields):
+        divided = (
+            number > 1
+            and _THREE_DIGITS.fullmatch(field)
+            and _LEADING_DIGITS.fullmatch(fields[number - 1])
+        )
+        if divided:
+            joined[-1] += field.strip()
+            pairs += 1
+        else:
+            joined.append(field.strip())
+    return joined if pairs and pairs == surplus else None
+
+
+def _text(cells: Sequence[str], index: int) -> str | None:
+    return short_text(cells[index]) if len(cells) > index and cells[index] != NONE else None

@@ -1,0 +1,301 @@
+"""A first column map for a delimited text: what its separators, names and units look like.
+
+Nothing is certain here: the draft is shown, asked about, and written as a file that people read and
+correct. A sensor's distance that no name says is a question.
+"""
+
+import csv
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from pfwd.errors import TraceError, refusal
+from pfwd.files.foreign.column_map import UNITS, TextLayout
+from pfwd.files.toml import toml_line
+from pfwd_device.drop import Quantity
+
+Role = Literal["time", "load", "sensor", "drop", "none"]
+
+HEAD = 200_000
+"""Bytes that are looked at."""
+
+_DELIMITERS = (";", "\t", ",", "|", None)
+"""Tried in this order; None: runs of blanks."""
+
+_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
+
+_WORDS: tuple[tuple[Role, str], ...] = (
+    ("drop", r"\b(drop|blow|shot|stoss|stoß|schlag|chute|coup|锤|次)"),
+    ("load", r"(force|load|kraft|last|charge|\bf\b|荷载|力)"),
+    ("time", r"(time|zeit|temps|\bt\b|时间)"),
+    (
+        "sensor",
+        r"(geophon|sensor|defl|displ|weg|setzung|verschieb|velocity|geschwind|tassement|"
+        r"\b[sdvw]\d*\b|\bg\d+\b|沉降|位移|速度)",
+    ),
+)
+"""Names by which columns are recognised, the surest first."""
+
+_UNIT = re.compile(r"[\[(/,]\s*([A-Za-zµμ]+(?:/s)?)\s*[\])]?\s*$|\b([A-Za-zµμ]+(?:/s)?)\s*$")
+_DISTANCE = re.compile(r"@?\s*([+-]?\d+(?:[.,]\d+)?)\s*(mm|cm|m)\b")
+_CENTRE = re.compile(r"(cent(er|re)|mitte|\b[sdvw]0\b|中心)", re.IGNORECASE)
+
+_SAME_UNIT = {
+    "µm": "um",
+    "μm": "um",
+    "µs": "us",
+    "μs": "us",
+    "sec": "s",
+    "msec": "ms",
+    "kn": "kN",
+    "n": "N",
+    "lb": "lbf",
+    "kips": "kip",
+    "mils": "mil",
+    "inch": "in",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class DraftColumn:
+    """What a column seems to hold."""
+
+    position: int
+    """From 1."""
+    name: str
+    """As the file has it; empty: it has none."""
+    role: Role = "none"
+    unit: str | None = None
+    """None: not recognised."""
+    quantity: Quantity = "displacement"
+    """Of a sensor."""
+    offset: float | None = None
+    """Of a sensor, m; None: not said."""
+
+
+@dataclass(frozen=True, slots=True)
+class MapDraft(TextLayout):
+    """Layout that a text seems to have, and the likely meaning of its columns."""
+
+    columns: tuple[DraftColumn, ...]
+    plate_radius: float | None = None
+    """m; asked for, no text says it."""
+
+    def with_column(self, column: DraftColumn) -> "MapDraft":
+        """The same with one column said otherwise."""
+        columns = tuple(column if c.position == column.position else c for c in self.columns)
+        return replace(self, columns=columns)
+
+    @property
+    def missing(self) -> list[str]:
+        """What a map has to say and this one does not know, a few words each."""
+        roles = [column.role for column in self.columns]
+        found = [f"which column is the {role}" for role in ("time", "load") if role not in roles]
+        if "sensor" not in roles:
+            found.append("which column is a sensor")
+        for column in self.columns:
+            if column.role in ("time", "load", "sensor") and column.unit is None:
+                found.append(f"the unit of {column.name or column.position}")
+            if column.role == "sensor" and column.offset is None:
+                found.append(f"the distance of {column.name or column.position} from the centre")
+        return found
+
+
+def draft_map(file: str | os.PathLike[str]) -> MapDraft:
+    """What a text seems to be.
+
+    Raises
+    ------
+    TraceError
+        If it cannot be read, or holds no rows of numbers.
+    """
+    path = os.fspath(file)
+    try:
+        with open(path, "rb") as stream:
+            data = stream.read(HEAD)
+    except OSError as err:
+        raise TraceError(refusal(path, "a readable text", err.strerror or str(err))) from err
+    text, encoding = _decoded(data, path)
+    lines = text.splitlines()
+    if len(data) == HEAD:
+        lines = lines[:-1]  # cut off
+    best: tuple[int, int, MapDraft] | None = None
+    for delimiter in _DELIMITERS:
+        for decimal in (".", ","):
+            if delimiter == decimal:
+                continue
+            found = _as_table(path, lines, delimiter, decimal, encoding)
+            # Most numbers win: a wrong separator makes few columns, or texts of numbers.
+            if found is not None and (best is None or found[:2] > best[:2]):
+                best = found
+    if best is None:
+        hint = "a workbook is saved as CSV first" if data[:2] == b"PK" else ""
+        raise TraceError(refusal(path, "rows of two or more numbers", "none", hint))
+    return best[2]
+
+
+def _decoded(data: bytes, path: str) -> tuple[str, str]:
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return data.decode("utf-16", "replace"), "utf-16"
+    if b"\0" in data:
+        hint = "a workbook is saved as CSV first" if data[:2] == b"PK" else ""
+        raise TraceError(refusal(path, "a text", "binary data", hint))
+    try:
+        return data.decode("utf-8-sig"), "utf-8-sig"
+    except UnicodeDecodeError as err:
+        if err.start > len(data) - 4:  # a letter that the end cut
+            return data.decode("utf-8-sig", "ignore"), "utf-8-sig"
+        return data.decode("cp1252", "replace"), "cp1252"
+
+
+def _as_table(
+    path: str, lines: Sequence[str], delimiter: str | None, decimal: str, encoding: str
+) -> tuple[int, int, MapDraft] | None:
+    """How many numbers a reading finds, how many columns, and the draft; None: none."""
+    rows = [_cells(line, delimiter) for line in lines]
+    numeric = [_is_numeric(row, decimal) for row in rows]
+    first = next((i for i, found in enumerate(numeric) if found), None)
+    if first is None:
+        return None
+    width = len(rows[first])
+    body = [row for row, found in zip(rows, numeric, strict=True) if found and len(row) == width]
+    above = [i for i in range(first) if any(cell.strip() for cell in rows[i])]
+    fitting = [i for i in above if len(rows[i]) == width]
+    units_line = len(fitting) > 1 and _are_units(rows[fitting[-1]])
+    head = fitting[-2] if units_line else fitting[-1] if fitting else None
+    names = rows[head] if head is not None else [""] * width
+    units = rows[fitting[-1]] if units_line else [""] * width
+    draft = MapDraft(
+        file=path,
+        delimiter=delimiter,
+        decimal=decimal,
+        encoding=encoding,
+        skip_lines=first if head is None else head,
+        names=head is not None,
+        units_line=units_line,
+        columns=_columns(names, units),
+    )
+    return len(body) * width, width, draft
+
+
+def _cells(line: str, delimiter: str | None) -> list[str]:
+    if delimiter is None:
+        return line.split()
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    except csv.Error:
+        return []
+
+
+def _is_numeric(row: Sequence[str], decimal: str) -> bool:
+    other = "," if decimal == "." else "."
+    cells = [cell for cell in row if cell]
+    return len(cells) > 1 and all(
+        _NUMBER.fullmatch(cell) is not None and other not in cell for cell in cells
+    )
+
+
+def _are_units(row: Sequence[str]) -> bool:
+    known = [_unit_of(cell.strip("[]() "), None) for cell in row if cell]
+    return sum(unit is not None for unit in known) >= 2
+
+
+def _columns(names: Sequence[str], units: Sequence[str]) -> tuple[DraftColumn, ...]:
+    found: list[DraftColumn] = []
+    for position, (name, unit) in enumerate(zip(names, units, strict=True), start=1):
+        found.append(_column(position, name.strip(), unit.strip("[]() "), found))
+    return tuple(found)
+
+
+def _column(position: int, name: str, unit: str, before: Sequence[DraftColumn]) -> DraftColumn:
+    said = unit
+    if not said:
+        match = _UNIT.search(name)
+        said = next((part for part in match.groups() if part), "") if match else ""
+    taken = {column.role for column in before}
+    roles = [role for role, words in _WORDS if re.search(words, name, re.IGNORECASE)]
+    role: Role = next((r for r in roles if r == "sensor" or r not in taken), "none")
+    if role == "none":
+        # A name that says nothing: by its unit.
+        kinds = {"time": "time", "load": "load", "velocity": "sensor", "displacement": "sensor"}
+        by_unit = [kinds[kind] for kind in UNITS if _unit_of(said, kind) is not None]
+        free: list[Role] = [r for r in ("time", "load") if r in by_unit and r not in taken]
+        role = free[0] if free else "sensor" if "sensor" in by_unit else "none"
+    if role not in ("time", "load", "sensor"):
+        return DraftColumn(position, name, role)
+    if role != "sensor":
+        return DraftColumn(position, name, role, _unit_of(said, role))
+    quantity: Quantity = "velocity" if _unit_of(said, "velocity") is not None else "displacement"
+    first = not any(column.role == "sensor" for column in before)
+    return DraftColumn(
+        position, name, role, _unit_of(said, quantity), quantity, _offset(name, first=first)
+    )
+
+
+def _unit_of(text: str, kind: str | None) -> str | None:
+    """The unit that a text names, of a kind or of any."""
+    wanted = _SAME_UNIT.get(text, _SAME_UNIT.get(text.lower(), text))
+    tables = UNITS.values() if kind is None else (UNITS[kind],)
+    return wanted if any(wanted in table for table in tables) else None
+
+
+def _offset(name: str, *, first: bool) -> float | None:
+    """Distance that a name says; the first sensor stands in the centre as a rule."""
+    if _CENTRE.search(name):
+        return 0.0
+    found = _DISTANCE.search(name)
+    if found is not None:
+        scale = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}[found[2]]
+        return round(float(found[1].replace(",", ".")) * scale, 6)
+    return 0.0 if first else None
+
+
+def map_text(draft: MapDraft) -> str:
+    """The draft as the TOML of ``pfwd import --map``; what is not known stands as a comment."""
+    delimiter = {None: "blank", "\t": "tab"}.get(draft.delimiter, draft.delimiter)
+    name = os.path.basename(draft.file)
+    lines = [f"# What the columns of {_plain(name)} hold: a first draft, to be looked at."]
+    lines += ["# Every key is explained in examples/column-map.toml.", ""]
+    if draft.plate_radius is not None:
+        lines.append(toml_line("plate_radius_m", draft.plate_radius))
+    else:
+        lines.append("# plate_radius_m = 0.15   # not in the file: say it, here or in --header")
+    lines += ["", "[text]", toml_line("delimiter", delimiter), toml_line("decimal", draft.decimal)]
+    lines += [toml_line("encoding", draft.encoding), toml_line("skip_lines", draft.skip_lines)]
+    lines += [toml_line("names", draft.names), toml_line("units_line", draft.units_line)]
+    for column in draft.columns:
+        if column.role == "none":
+            what = column.name or "no name"
+            lines += ["", f"# column {column.position} ({_plain(what)}) is not used"]
+        else:
+            lines += ["", *_column_lines(column)]
+    return "\n".join(lines) + "\n"
+
+
+def _column_lines(column: DraftColumn) -> list[str]:
+    lines = ["[[sensor]]" if column.role == "sensor" else f"[{column.role}]"]
+    lines.append(toml_line("column", column.name or column.position))
+    if column.role == "drop":
+        return lines
+    if column.role == "sensor":
+        lines.append(toml_line("quantity", column.quantity))
+    kind = column.quantity if column.role == "sensor" else column.role
+    if column.unit is None:
+        lines.append(f"# unit = ?   # one of {', '.join(UNITS[kind])}")
+    else:
+        lines.append(toml_line("unit", column.unit))
+    if column.role == "sensor":
+        if column.offset is None:
+            lines.append("# offset_m = ?   # distance from the centre of the plate, m")
+        else:
+            lines.append(toml_line("offset_m", column.offset))
+    if column.role != "time":
+        lines.append('positive = "down"   # "up" where numbers fall when the plate goes down')
+    return lines
+
+
+def _plain(text: str) -> str:
+    """A text that stays a comment of one line."""
+    return "".join(letter if letter.isprintable() else " " for letter in text)[:80]

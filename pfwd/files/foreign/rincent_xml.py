@@ -1,0 +1,289 @@
+"""``database.xml`` of Rincent's Minidyn: tables as repeated elements, raw channels in base64.
+
+Read by expat as a stream. A document type is refused, and with it every entity of its own: none of
+these files has one, and entities can read other files or fill the memory.
+"""
+
+import base64
+import binascii
+import itertools
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from xml.parsers import expat
+
+import numpy as np
+
+from inversion.notices import Notice, Value
+from pfwd.errors import TraceError, quote, refusal
+from pfwd.files.foreign.common import (
+    Values,
+    finite,
+    short_text,
+    temperature_of,
+)
+from pfwd.files.foreign.rincent_facts import (
+    Facts,
+    PointFacts,
+    named,
+    point_facts,
+    project_facts,
+)
+from pfwd_device.drop import Quantity
+
+ROOT = "MDDataSet"
+DEEPEST = 32
+"""Elements within each other; the format has four."""
+
+MOST_CELLS = 500_000
+"""Rows, columns and attributes of the whole set; a drop has some twenty."""
+
+LONGEST_NAME = 256
+"""Characters of a name in the set; those of the format have up to twenty."""
+
+QUANTITIES: Mapping[int, Quantity | None] = {1: None, 2: "velocity", 3: "displacement"}
+"""Of ``IdTypeCapteur``; an acceleration is no quantity that a trace file has."""
+
+_BARE = re.compile(
+    rb"&(?!(?:amp|lt|gt|quot|apos|#[0-9]{1,7}|#x[0-9A-Fa-f]{1,6});)|<(?![A-Za-z_/!?:]|[\x80-\xff])"
+)
+"""A sign of XML that can only be text: the maker's writer does not escape what a user typed."""
+
+MOST_BARE = 10_000
+"""Signs that are not escaped; people type them, a few to a point. Each takes five bytes for one."""
+
+_ENCODING = re.compile(rb"<\?xml[^>]{0,200}encoding")
+
+_ATTRIBUTE = re.compile(rb"=\s*[\"']")
+
+Row = Mapping[str, str]
+Tables = Mapping[str, list[dict[str, str]]]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RawDrop:
+    """Raw channels of one drop."""
+
+    point: str
+    """Identity of its point."""
+    number: int
+    """Within the point, from 1."""
+    load: Values
+    """(n,), N, with the offset of the load cell."""
+    quantity: Quantity | None
+    """What the sensor measured; None: acceleration."""
+    sensor: Values
+    """(n,), m/s or m, with its offset."""
+
+
+def mended(data: bytes, where: str) -> tuple[bytes, list[Notice]]:
+    """A data set as XML where its writer did not keep to it, and what was done.
+
+    Returns
+    -------
+    data : bytes
+    remarks : list of Notice
+        With file, member and line.
+    """
+    remarks = []
+    if not _ENCODING.match(data) and not data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        try:
+            data.decode("utf-8")
+        except UnicodeDecodeError as err:
+            line = data.count(b"\n", 0, err.start) + 1
+            remarks.append(Notice("text-not-utf-8", {"file": where, "line": line}))
+            data = data.decode("cp1252", errors="replace").encode()
+    bare = [found.start() for found in itertools.islice(_BARE.finditer(data), MOST_BARE + 1)]
+    if 0 < len(bare) <= MOST_BARE:  # else it is refused as what it is: no XML
+        line = data.count(b"\n", 0, bare[0]) + 1
+        values: dict[str, Value] = {"file": where, "line": line, "sign": chr(data[bare[0]])}
+        if len(bare) == 1:
+            remarks.append(Notice("sign-not-escaped", values))
+        else:
+            values["more_places"] = len(bare) - 1
+            remarks.append(Notice("signs-not-escaped", values))
+        data = _BARE.sub(_escaped, data)
+    return data, remarks
+
+
+def _escaped(found: re.Match[bytes]) -> bytes:
+    return b"&amp;" if found[0] == b"&" else b"&lt;"
+
+
+def read_tables(data: bytes, where: str) -> Tables:
+    """The tables of a data set: by name a list of rows, each by column; ``Force/Data`` is nested.
+
+    Raises
+    ------
+    TraceError
+        If it is no XML, has a document type, or another root.
+    """
+    cells = sum(1 for _ in itertools.islice(_ATTRIBUTE.finditer(data), MOST_CELLS + 1))
+    if cells > MOST_CELLS:
+        raise TraceError(refusal(where, f"at most {MOST_CELLS} attributes", "more"))
+    reader = _TableReader(where)
+    try:
+        reader.parser.Parse(data, True)
+    except expat.ExpatError as err:
+        came = f"{expat.ErrorString(err.code)} in line {err.lineno}"
+        hint = "the file was cut off or damaged: copy it again"
+        raise TraceError(refusal(where, "whole XML", came, hint)) from err
+    except (UnicodeError, ValueError, LookupError) as err:
+        if isinstance(err, TraceError):
+            raise
+        raise TraceError(refusal(where, "XML", quote(str(err)))) from err
+    return reader.tables
+
+
+class _TableReader:
+    """Collects rows and columns; what stands deeper gets a path."""
+
+    def __init__(self, where: str) -> None:
+        self.tables: dict[str, list[dict[str, str]]] = {}
+        self._where = where
+        self._path: list[str] = []
+        self._text: list[str] = []
+        self._cells = 0
+        self.parser = expat.ParserCreate(namespace_separator="}")
+        self.parser.buffer_text = True
+        self.parser.StartDoctypeDeclHandler = self._refuse_type
+        self.parser.EntityDeclHandler = self._refuse_type
+        self.parser.StartElementHandler = self._start
+        self.parser.EndElementHandler = self._end
+        self.parser.CharacterDataHandler = self._characters
+
+    def _refuse_type(self, *_: object) -> None:
+        raise TraceError(refusal(self._where, "XML without a document type", "one with entities"))
+
+    def _start(self, name: str, _attributes: object) -> None:
+        name = name.rpartition("}")[2]
+        if len(name) > LONGEST_NAME:
+            raise TraceError(refusal(self._where, f"names of at most {LONGEST_NAME}", quote(name)))
+        self._cells += 1
+        if self._cells > MOST_CELLS:
+            raise TraceError(refusal(self._where, f"at most {MOST_CELLS} rows and columns", "more"))
+        if not self._path and name != ROOT:
+            raise TraceError(refusal(self._where, f"a data set {ROOT}", quote(name)))
+        if len(self._path) >= DEEPEST:
+            raise TraceError(refusal(self._where, "tables of rows", "elements without end"))
+        if len(self._path) == 1:
+            self.tables.setdefault(name, []).append({})
+        self._path.append(name)
+        self._text.clear()
+
+    def _characters(self, text: str) -> None:
+        self._text.append(text)
+
+    def _end(self, _name: str) -> None:
+        if len(self._path) >= 3:
+            text = "".join(self._text).strip()
+            if text:
+                self.tables[self._path[1]][-1]["/".join(self._path[2:])] = text
+        self._path.pop()
+        self._text.clear()
+
+
+def facts_of(tables: Tables, where: str) -> Facts:
+    """What the data set says of its points.
+
+    Raises
+    ------
+    TraceError
+        If sampling rate or pre-trigger are missing or not the same for all points.
+    """
+    acquired = _only(tables, "ParamsAcqu", ("NbSamples", "FreqAcqu", "PreTrig"), where)
+    bearing = _only(tables, "ParamsPortance", ("DPlaque", "CPoisson"), where)
+    counted = _only(tables, "ParamsPoint", ("NbMiseEnPlace",), where)
+    serials = {row["Serial"] for row in tables.get("Machines", []) if "Serial" in row}
+    serial = serials.pop() if len(serials) == 1 else None
+    reports = {row["ID"]: row for row in tables.get("PVs", []) if "ID" in row}
+    places = {row["IdPoint"]: row for row in tables.get("GPSPoints", []) if "IdPoint" in row}
+    points = [
+        _point(row, reports.get(row.get("IdPV", ""), {}), places.get(row.get("ID", ""), {}))
+        for row in tables.get("Points", [])
+    ]
+    return project_facts(
+        where,
+        points,
+        rate=(acquired.get("FreqAcqu"), "FreqAcqu (Hz)"),
+        pre_trigger=(acquired.get("PreTrig"), "PreTrig (s)"),
+        diameter=bearing.get("DPlaque"),
+        poisson_ratio=bearing.get("CPoisson"),
+        seating=counted.get("NbMiseEnPlace"),
+        device=named("Minidyn", short_text(serial)),
+        samples=acquired.get("NbSamples"),
+    )
+
+
+def raw_drops(tables: Tables, where: str) -> list[RawDrop]:
+    """The raw channels of every drop, in the order of the data set.
+
+    Raises
+    ------
+    TraceError
+        If a channel is cut off or damaged.
+    """
+    found = []
+    for row in tables.get("Frappes", []):
+        if "Force/Data" not in row or "Capteur/Data" not in row:
+            continue
+        number = finite(row.get("Numero"))
+        point = row.get("IdPoint", "")
+        if number is None or not 0 <= number < 1e6 or number != int(number):
+            came = quote(row.get("Numero"))
+            raise TraceError(refusal(f"{where}, Frappes", "Numero, a whole number from 0", came))
+        at = f"{where}, point {quote(point)[1:-1]}, drop {int(number) + 1}"
+        kind = finite(row.get("IdTypeCapteur"))
+        if kind not in QUANTITIES:
+            expected = "IdTypeCapteur 1, 2 or 3"
+            raise TraceError(refusal(at, expected, quote(row.get("IdTypeCapteur"))))
+        load = _numbers(row, "Force", at)
+        sensor = _numbers(row, "Capteur", at)
+        found.append(RawDrop(point, int(number) + 1, load, QUANTITIES[int(kind or 0)], sensor))
+    return found
+
+
+def _numbers(row: Row, name: str, where: str) -> Values:
+    try:
+        # Line ends within are usual, other letters are damage.
+        text = "".join(row[f"{name}/Data"].split())
+        data = base64.b64decode(text, validate=True)
+    except (binascii.Error, ValueError) as err:
+        raise TraceError(refusal(where, f"{name} in base64", str(err))) from err
+    length = finite(row.get(f"{name}/Length"))
+    if len(data) % 8 or (length is not None and length != len(data)):
+        expected = "whole numbers of 8 bytes" if length is None else f"{length:.0f} bytes"
+        raise TraceError(refusal(where, f"{expected} in {name}", str(len(data))))
+    return np.frombuffer(data, "<f8").copy()
+
+
+def _point(row: Row, report: Row, place: Row) -> PointFacts:
+    return point_facts(
+        row.get("ID", ""),
+        named(short_text(report.get("Nom")), short_text(row.get("Numero"))),
+        row.get("Date"),
+        (place.get("Latitude"), place.get("Longitude")),
+        {
+            "site": short_text(report.get("Nom")),
+            "temperature_c": temperature_of(report.get("Temperature")),
+        },
+        {"position_dop": finite(place.get("HDOP"))},
+    )
+
+
+def _only(tables: Tables, name: str, keys: tuple[str, ...], where: str) -> Row:
+    """The row of a table of settings that is in use; several are fine if they say the same."""
+    rows = _used(tables, name)
+    different = {tuple(row.get(key) for key in keys) for row in rows}
+    if len(different) > 1:
+        expected = f"one set of {', '.join(keys)} for all points"
+        hint = "save the points with one setting as a project of their own"
+        raise TraceError(refusal(f"{where}, {name}", expected, f"{len(different)}", hint))
+    return rows[0] if rows else {}
+
+
+def _used(tables: Tables, name: str) -> list[dict[str, str]]:
+    """The rows that other tables refer to by ``Id`` and the name; all when none does."""
+    rows = tables.get(name, [])
+    wanted = {row[f"Id{name}"] for other in tables.values() for row in other if f"Id{name}" in row}
+    return [row for row in rows if row.get("ID") in wanted] or rows

@@ -1,0 +1,515 @@
+"""What is declared about a test point: the keys of a trace file's header."""
+
+import dataclasses
+import datetime
+import math
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+from inversion.notices import Notice, from_sentence
+from pfwd.errors import TraceError, quote, refusal
+from pfwd.files.toml import toml_line
+from pfwd.toml_reading import LARGEST_TOML, parse_toml
+from pfwd_device.text import clean
+
+if TYPE_CHECKING:
+    from pfwd_device import Drop
+
+FORMAT_KEY = "pfwd-traces"
+FORMAT_VERSION = 1
+
+RADIUS = "plate_radius_m"
+RESPONSE = "geophone_natural_frequency_hz"
+
+PEAK_DEVIATIONS = "peak_deviations"
+"""Key of what an import keeps: by the number of a drop the relative difference of its peaks from
+those that its file stores."""
+
+IMPORTED = "imported"
+"""Key with what the file of another program said besides the keys of this format; its ``remarks``
+are shown as warnings."""
+
+LONGEST_REMARK = 300
+"""Characters of such a remark."""
+
+SMALLEST_PLATE_RADIUS = 0.01
+"""m; a smaller plate is a mistake of units: the smallest of a light device has 0.05 m."""
+
+SHALLOWEST_BEDROCK, DEEPEST_BEDROCK = 0.01, 10_000.0
+"""m; shallower than a plate feels, and far deeper than one does: then it is a half-space."""
+
+LARGEST_PLATE_RADIUS = 1.0
+"""m; load plates end at 0.4 m, so a larger value was most likely written in another unit."""
+
+LIGHTEST_PLATE = 15.0
+"""kg/m2; a sheet of steel 2 mm thick. Load plates are of steel or aluminium, 15 mm and more."""
+
+_KEY = re.compile(r"""[ \t]*(?:([\w-]+)|"([^"\\]*)"|'([^']*)')[ \t]*[.=]""")
+"""A key at the beginning of a line."""
+
+FreeText = str | int | float
+
+
+@dataclass(frozen=True, slots=True)
+class PointSetup:
+    """What a trace file declares. None: not declared, hence unknown.
+
+    Raises
+    ------
+    TraceError
+        If a value is outside its range or of the wrong type; the message names the key of the file.
+    """
+
+    plate_radius: float
+    """Radius of the load plate, m, > 0; 0 in a stiffness test, which needs none."""
+    plate_mass: float | None = None
+    """Mass that moves between load cell and ground, kg, >= 0."""
+    poisson_ratio: float | None = None
+    """Poisson's ratio of the ground, 0 <= value < 0.5."""
+    density: float | None = None
+    """Density of the ground, kg/m3, > 0."""
+    bedrock_depth: float | None = None
+    """Depth of a rigid base, m, > 0; inf: known to have none."""
+    centre_sensor: Literal["plate", "ground"] = "plate"
+    """What the sensor at offset 0 stands on; "ground" is through a hole in the plate."""
+    geophone_natural_frequency: float | None = None
+    """Natural frequency of the response that the velocity columns still carry, Hz; 0: none, the
+    record is corrected."""
+    geophone_damping: float | None = None
+    """Damping ratio of that response, > 0; declared with the frequency or not at all, and not
+    needed with 0 Hz."""
+    load_filter_frequency: float | None = None
+    """Corner frequency of the filter in the load channel, Hz, > 0."""
+    load_delay: float | None = None
+    """Delay of the load channel, s."""
+    seating_drops: int = 0
+    """How many of the first drops are seating."""
+    model_floor: float | None = None
+    """Displacement error of the model that the user grants, m, >= 0."""
+    device: FreeText | None = None
+    """Identity of the instrument; points with the same one share the device's effects."""
+    site: FreeText | None = None
+    """Name of the site."""
+    point: FreeText | None = None
+    """Name of the test point."""
+    operator: FreeText | None = None
+    """Who measured."""
+    latitude: FreeText | None = None
+    """Degrees, north positive, when a number."""
+    longitude: FreeText | None = None
+    """Degrees, east positive, when a number."""
+    time_utc: FreeText | None = None
+    """When; dates and times of TOML are kept as their ISO 8601 text."""
+    procedure: FreeText | None = None
+    """Name of the measuring procedure; with one, rejected drops do not count as seating."""
+    material: FreeText | None = None
+    """Soil or layer, as a procedure's targets name it."""
+    moisture: float | None = None
+    """Moisture of the ground, percent by mass, >= 0."""
+    temperature: float | None = None
+    """Temperature of air or ground, degrees Celsius."""
+    test: Literal["ground", "stiffness"] = "ground"
+    """What the weight fell on; "stiffness" is a rig of springs, which has no modulus."""
+    rig_stiffness: float | None = None
+    """Known stiffness of that rig, N/m, > 0."""
+    photos: FreeText | None = None
+    """Names of pictures of the point, separated by commas."""
+    zone: FreeText | None = None
+    """Part of the site that the point counts to in statistics."""
+    plate_load_modulus: float | None = None
+    """Modulus of a static plate load test at the point, Pa, > 0."""
+    source: FreeText | None = None
+    """Where the record comes from."""
+    extra: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    """Keys that the format does not know, as TOML read them."""
+
+    def __post_init__(self) -> None:
+        for key, rule in KEYS.items():
+            value = getattr(self, rule.attribute)
+            if key == RADIUS and value == 0 and self.is_stiffness_test:
+                continue
+            if value is not None:
+                check_value(key, value, f"header key {key}")
+        corrected = self.geophone_natural_frequency == 0 and self.geophone_damping is None
+        alone = (self.geophone_natural_frequency is None) != (self.geophone_damping is None)
+        if alone and not corrected:
+            lonely, missing = RESPONSE, "geophone_damping"
+            if self.geophone_natural_frequency is None:
+                lonely, missing = missing, lonely
+            raise TraceError(
+                refusal(
+                    "header",
+                    "geophone_natural_frequency_hz and geophone_damping together",
+                    f"{lonely} alone",
+                    f"declare {missing} too, or {RESPONSE} = 0 if the record is corrected",
+                )
+            )
+        clashing = sorted(set(self.extra) & (set(KEYS) | {FORMAT_KEY}))
+        if clashing:
+            raise TraceError(refusal("header", "keys unknown to the format in extra", clashing[0]))
+
+    @property
+    def is_stiffness_test(self) -> bool:
+        """Whether it was a rig of springs that was hit, and no ground."""
+        return self.test == "stiffness" or self.rig_stiffness is not None
+
+
+class HeaderKey(NamedTuple):
+    """How one key of the header is checked and where its value goes."""
+
+    attribute: str
+    """Field of PointSetup."""
+    expected: str
+    """What is accepted, in words, for the message."""
+    accepts: Callable[[object], bool]
+    """Whether a value is accepted."""
+    hint: str = ""
+    """What to try when it is not."""
+
+
+def _number(accepts: Callable[[float], bool]) -> Callable[[object], bool]:
+    def check(value: object) -> bool:
+        # bool is an int to Python, and a number to nobody else.
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return False
+        try:
+            return accepts(float(value))
+        except OverflowError:  # an integer of hundreds of digits
+            return False
+
+    return check
+
+
+_positive = _number(lambda value: 0 < value < math.inf)
+_not_negative = _number(lambda value: 0 <= value < math.inf)
+_finite = _number(math.isfinite)
+
+
+def _free(value: object) -> bool:
+    return isinstance(value, str) or _finite(value)
+
+
+def _free_rule(attribute: str) -> HeaderKey:
+    return HeaderKey(attribute, "text in quotation marks or a finite number", _free)
+
+
+KEYS: dict[str, HeaderKey] = {
+    "plate_radius_m": HeaderKey(
+        "plate_radius",
+        f"a number >= {SMALLEST_PLATE_RADIUS:g}, in m",
+        _number(lambda value: SMALLEST_PLATE_RADIUS <= value < math.inf),
+    ),
+    "plate_mass_kg": HeaderKey("plate_mass", "a number >= 0, in kg", _not_negative),
+    "poisson_ratio": HeaderKey(
+        "poisson_ratio",
+        "0 <= number < 0.5",
+        _number(lambda value: 0 <= value < 0.5),
+        "0.5 is an incompressible soil, whose pressure waves are infinitely fast and which no "
+        "model here supports: use 0.49 for saturated clay",
+    ),
+    "density_kg_m3": HeaderKey("density", "a number > 0, in kg/m3", _positive),
+    "bedrock_depth_m": HeaderKey(
+        "bedrock_depth",
+        f"a number from {SHALLOWEST_BEDROCK:g} to {DEEPEST_BEDROCK:g}, in m, or inf for none",
+        _number(lambda value: SHALLOWEST_BEDROCK <= value <= DEEPEST_BEDROCK or value == math.inf),
+    ),
+    "centre_sensor": HeaderKey(
+        "centre_sensor",
+        '"plate" or "ground"',
+        lambda value: isinstance(value, str) and value in ("plate", "ground"),
+    ),
+    RESPONSE: HeaderKey(
+        "geophone_natural_frequency",
+        "a number > 0, in Hz, or 0 where the record is corrected",
+        _not_negative,
+    ),
+    "geophone_damping": HeaderKey("geophone_damping", "a number > 0", _positive),
+    "load_filter_hz": HeaderKey("load_filter_frequency", "a number > 0, in Hz", _positive),
+    "load_delay_s": HeaderKey("load_delay", "a finite number, in s", _finite),
+    "seating_drops": HeaderKey(
+        "seating_drops",
+        "a whole number >= 0",
+        lambda value: isinstance(value, int) and not isinstance(value, bool) and value >= 0,
+    ),
+    "model_floor_m": HeaderKey("model_floor", "a number >= 0, in m", _not_negative),
+    **{
+        name: _free_rule(name)
+        for name in (
+            "device",
+            "site",
+            "point",
+            "operator",
+            "latitude",
+            "longitude",
+            "time_utc",
+            "source",
+            "procedure",
+            "material",
+            "photos",
+            "zone",
+        )
+    },
+    "plate_load_modulus_pa": HeaderKey("plate_load_modulus", "a number > 0, in Pa", _positive),
+    "moisture_percent": HeaderKey("moisture", "a number >= 0, in percent by mass", _not_negative),
+    "test": HeaderKey(
+        "test",
+        '"ground" or "stiffness"',
+        lambda value: isinstance(value, str) and value in ("ground", "stiffness"),
+    ),
+    "stiffness_n_per_m": HeaderKey("rig_stiffness", "a number > 0, in N/m", _positive),
+    "temperature_c": HeaderKey(
+        "temperature",
+        "a number from -90 to 100, in degrees Celsius",
+        _number(lambda value: -90 <= value <= 100),
+    ),
+}
+
+
+def check_value(key: str, value: object, where: str) -> None:
+    """Refuse a value that the key does not accept.
+
+    Parameters
+    ----------
+    key : str
+        One of ``KEYS``.
+    value : object
+        As TOML read it.
+    where : str
+        File and line, or option, for the message.
+
+    Raises
+    ------
+    TraceError
+    """
+    rule = KEYS[key]
+    if not rule.accepts(value):
+        raise TraceError(refusal(where, f"{key}: {rule.expected}", quote(value), rule.hint))
+
+
+class Declaration(NamedTuple):
+    """A value and where it was found."""
+
+    value: Any
+    """As TOML read it."""
+    where: str
+    """File and line, for messages."""
+
+
+Declarations = dict[str, Declaration]
+
+
+def parse_declaration(text: str, where: str) -> tuple[str, Declaration] | None:
+    """Key and value of one header line without its ``#``; None when it is blank or a comment.
+
+    Parameters
+    ----------
+    text : str
+    where : str
+        File and line, for messages.
+
+    Returns
+    -------
+    tuple of str and Declaration, or None
+
+    Raises
+    ------
+    TraceError
+        If the line is not one ``key = value`` of TOML.
+    """
+    expected = "one TOML key = value"
+    try:
+        table = parse_toml(text)
+    except ValueError as err:  # also numbers without end
+        hint = 'text goes in quotation marks, as in site = "km 12"; a decimal sign is a point'
+        raise TraceError(refusal(where, expected, quote(text.strip()), hint)) from err
+    if not table:
+        return None
+    ((key, value),) = table.items()
+    if text.lstrip().startswith("["):
+        raise TraceError(refusal(where, expected, quote(text.strip()), "tables are not used here"))
+    return key, Declaration(value, where)
+
+
+def read_header_file(path: str | os.PathLike[str]) -> Declarations:
+    """The declarations of a TOML file, which stand in for the header of a trace file.
+
+    Parameters
+    ----------
+    path : path of a TOML file
+
+    Returns
+    -------
+    dict of str to Declaration
+
+    Raises
+    ------
+    TraceError
+        If the file cannot be read or is not TOML.
+    """
+    file = os.fspath(path)
+    try:
+        with open(file, encoding="utf-8-sig") as stream:
+            text = stream.read(LARGEST_TOML + 1)
+    except OSError as err:
+        raise TraceError(refusal(file, "a readable TOML file", err.strerror or str(err))) from err
+    except UnicodeDecodeError as err:
+        raise TraceError(refusal(file, "UTF-8 text", "other bytes")) from err
+    return parse_header(text, file)
+
+
+def parse_header(text: str, file: str) -> Declarations:
+    """The declarations of a TOML text.
+
+    Parameters
+    ----------
+    text : str
+    file : str
+        Where it is from, for messages.
+
+    Returns
+    -------
+    dict of str to Declaration
+
+    Raises
+    ------
+    TraceError
+        If it is not TOML.
+    """
+    try:
+        table = parse_toml(text)
+    except ValueError as err:  # also numbers without end
+        raise TraceError(refusal(file, "TOML", str(err))) from err
+    lines: dict[str, int] = {}
+    for number, line in enumerate(text.split("\n"), start=1):
+        if (found := _KEY.match(line)) is not None:
+            lines.setdefault(found[1] or found[2] or found[3], number)
+    return {
+        key: Declaration(value, f"{file}, line {lines[key]}" if key in lines else file)
+        for key, value in table.items()
+    }
+
+
+def check_version(declarations: Mapping[str, Declaration]) -> None:
+    """Refuse a format version that this program does not know; none at all is accepted.
+
+    Raises
+    ------
+    TraceError
+    """
+    if FORMAT_KEY not in declarations:
+        return
+    value, where = declarations[FORMAT_KEY]
+    if type(value) is not int or value != FORMAT_VERSION:
+        raise TraceError(
+            refusal(
+                where,
+                f"{FORMAT_KEY} = {FORMAT_VERSION}",
+                quote(value),
+                "a file of a newer version needs a newer program",
+            )
+        )
+
+
+def setup_from(declarations: Mapping[str, Declaration], where: str) -> PointSetup:
+    """The setup that declarations amount to.
+
+    Parameters
+    ----------
+    declarations : mapping of str to Declaration
+    where : str
+        File, and the line before which the header had to be complete.
+
+    Returns
+    -------
+    PointSetup
+
+    Raises
+    ------
+    TraceError
+        If the plate radius is missing, a value is outside its range, or half a pair is declared.
+    """
+    check_version(declarations)
+    known: dict[str, Any] = {}
+    extra: dict[str, Any] = {}
+    for key, declaration in declarations.items():
+        if key == FORMAT_KEY:
+            continue
+        if key not in KEYS:
+            extra[key] = declaration.value
+            continue
+        value = declaration.value
+        if isinstance(value, datetime.date | datetime.time) and KEYS[key].accepts is _free:
+            value = value.isoformat()
+        check_value(key, value, declaration.where)
+        known[KEYS[key].attribute] = value
+    if known.get("test") == "stiffness" or "rig_stiffness" in known:
+        known.setdefault("plate_radius", 0.0)
+    if "plate_radius" not in known:
+        hint = (
+            f"declare it there, or write {RADIUS} = 0.15 (in m) into a TOML file and give it with "
+            "--header; invert and diagnose take --plate-radius 0.15 as well"
+        )
+        if extra:
+            hint += f" (keys found that the format does not know: {quote(', '.join(extra))})"
+        raise TraceError(refusal(where, "a header key plate_radius_m", "none", hint))
+    try:
+        return PointSetup(**known, extra=extra)
+    except TraceError as err:
+        raise TraceError(f"{where}: {err}") from err
+
+
+def declared_values(setup: PointSetup) -> dict[str, Any]:
+    """The header keys that declare a setup, with their values; what is a default is left out."""
+    defaults = {item.name: item.default for item in dataclasses.fields(PointSetup)}
+    said = {key: getattr(setup, rule.attribute) for key, rule in KEYS.items()}
+    known = {key: v for key, v in said.items() if v != defaults[KEYS[key].attribute]}
+    if setup.is_stiffness_test and setup.plate_radius == 0:
+        del known[RADIUS]
+    return {**known, **setup.extra}
+
+
+def declared_lines(setup: PointSetup) -> Iterator[str]:
+    """The header lines, without ``#``, that declare a setup; the format version comes first."""
+    yield toml_line(FORMAT_KEY, FORMAT_VERSION)
+    for key, value in declared_values(setup).items():
+        yield toml_line(key, value)
+
+
+def setup_warnings(setup: PointSetup, drops: "Sequence[Drop]" = ()) -> tuple[Notice, ...]:
+    """What a user should know about a setup before its results are believed.
+
+    Parameters
+    ----------
+    setup : PointSetup
+    drops : sequence of Drop
+        Of the point; a velocity among their channels has to be declared.
+    """
+    warnings = []
+    if setup.is_stiffness_test:
+        warnings.append(Notice("stiffness-test"))
+    elif setup.plate_mass is None:
+        warnings.append(Notice("plate-mass-not-declared"))
+    elif (
+        setup.plate_radius <= LARGEST_PLATE_RADIUS
+        and setup.plate_mass < LIGHTEST_PLATE * math.pi * setup.plate_radius**2
+    ):
+        values = {"plate_mass_kg": setup.plate_mass, "plate_radius_m": setup.plate_radius}
+        warnings.append(Notice("plate-mass-too-small", values))
+    if setup.geophone_natural_frequency is None and any(
+        channel.quantity == "velocity" for drop in drops for channel in drop.channels
+    ):
+        warnings.append(Notice("geophone-not-declared"))
+    if setup.plate_radius > LARGEST_PLATE_RADIUS:
+        warnings.append(Notice("plate-radius-suspect", {"plate_radius_m": setup.plate_radius}))
+    warnings += [
+        Notice("header-key-unknown", {"key": quote(key)}) for key in setup.extra if key != IMPORTED
+    ]
+    noted = setup.extra.get(IMPORTED)
+    remarks = noted.get("remarks") if isinstance(noted, Mapping) else None
+    if isinstance(remarks, list):
+        texts = [clean(text, limit=LONGEST_REMARK) for text in remarks if isinstance(text, str)]
+        warnings += map(from_sentence, texts)
+    return tuple(warnings)

@@ -1,0 +1,233 @@
+"""What is to be done about a drop or a point, in words that a technician acts on.
+
+From what is known within a second of the drop: its own record, the drops before it, and the first
+fit. What an effect that the diagnosis found asks for is said by `of_effect`.
+"""
+
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from pfwd.judging.drops import DropView
+from pfwd.judging.job import Job
+from pfwd.procedures import Kind, PointDrop, PointProgress
+from pfwd.procedures.preconditions import presumed_load
+
+LOAD_DIFFERS = 0.15
+"""Of the median of the point's drops. Drops from one height repeat within a few percent; the next
+catch of a guide rod is a fifth and more away."""
+
+STILL_SETTLES = 0.10
+"""Part by which the last averaged drop may move less than the first one before the plate counts as
+not seated: with three drops that repeat to 3 % it is chance in one of a hundred points."""
+
+SINKS_ON = 0.10
+"""The same for a last drop that moves more: the ground gives way under the plate."""
+
+UNEVEN_CONTACT = 0.03
+"""Residual over the peak during the contact, of a fit that is not explained by noise. Even plates
+on simulated ground stay below 2 % (docs/validation.md)."""
+
+UNEVEN_BESIDE_OTHERS = 2.5
+"""Times the median of the other drops of the survey. Real instruments on real ground leave 3 to
+19 % drop after drop, by their own response and by layers: what stands out is the contact's."""
+
+FEWEST_OTHERS = 3
+"""Drops that have a usual residual."""
+
+UNEVEN_ALONE = 0.25
+"""Without others to compare: more than any even drop of a real instrument has left (0.19)."""
+
+LOOSE_SENSOR = 0.015
+"""Residual of one sensor over its own peak during the contact; sensors that sit leave 0.3 % of the
+simulated instrument's drops, one that rings on its seat 2 to 5 %."""
+
+LOOSE_BESIDE_OTHERS = 2.0
+"""Times the residual of the worst of the other sensors."""
+
+OTHERS_FIT = 0.03
+"""Residual of the other sensors up to which the model can tell that one of them is wrong: where all
+are fitted badly, the ground is another one."""
+
+
+class Advised(StrEnum):
+    """What is wrong."""
+
+    LOAD = "load"
+    """From another height, or another stress than the procedure presumes."""
+    SEATING = "seating"
+    """Too few seating drops."""
+    SINKING = "sinking"
+    """The ground gives way."""
+    CONTACT = "contact"
+    """The plate rocks, or lies on a stone."""
+    SENSOR = "sensor"
+    """A sensor has lost its hold."""
+    RANGE = "range"
+    """A channel is at the end of its range."""
+
+
+@dataclass(frozen=True, slots=True)
+class Advice:
+    """One thing to do."""
+
+    about: Advised
+    text: str
+    """One sentence."""
+    drop: int | None = None
+    """Number within the point; None: about the point."""
+
+
+def advice_on_drop(
+    job: Job,
+    drop: DropView,
+    others: Sequence[DropView],
+    *,
+    contact_residual: float | None = None,
+    usual_residuals: Sequence[float] = (),
+    sensor_residuals: Mapping[int, float] | None = None,
+    sensors_left_out: Sequence[int] = (),
+    saturated: bool = False,
+) -> list[Advice]:
+    """What is to be done about one drop.
+
+    Parameters
+    ----------
+    job : Job
+    drop : DropView
+    others : sequence of DropView
+        The other drops of its point.
+    contact_residual : float, optional
+        Of a fit that noise does not explain, over the peak; None: it is explained, or not there.
+    usual_residuals : sequence of float
+        The same of the other drops of the survey.
+    sensor_residuals : mapping, optional
+        The same of every sensor, over its own peak, by its number from 1.
+    sensors_left_out : sequence of int
+        Numbers of the sensors, from 1, that could not be believed.
+    saturated : bool
+        Whether the converter was at the end of its range.
+    """
+    number, facts = drop.facts.number, drop.facts
+    if facts.kind is Kind.REJECTED:
+        return []
+    found = [
+        Advice(
+            Advised.SENSOR,
+            f"re-seat sensor {sensor}: it does not move with the ground",
+            number,
+        )
+        for sensor in sensors_left_out
+    ]
+    loose = _loose_sensor(sensor_residuals or {})
+    if loose is not None:
+        text = f"re-seat sensor {loose}: it moves otherwise than the others and the ground"
+        found.append(Advice(Advised.SENSOR, text, number))
+    if saturated:
+        found.append(Advice(Advised.RANGE, _OF_EFFECT["saturation"], number))
+    found += _load(job, drop, [other.facts for other in others])
+    if contact_residual is not None and _is_uneven(contact_residual, usual_residuals):
+        text = (
+            f"drop {number} does not press evenly: lift the plate, clear stones, turn it a quarter "
+            "and press it flat"
+        )
+        found.append(Advice(Advised.CONTACT, text, number))
+    return found
+
+
+def _is_uneven(residual: float, usual: Sequence[float]) -> bool:
+    """Whether a drop leaves so much more than the others that its contact is to be looked at."""
+    if len(usual) < FEWEST_OTHERS:
+        return residual > UNEVEN_ALONE
+    return residual > max(UNEVEN_CONTACT, UNEVEN_BESIDE_OTHERS * statistics.median(usual))
+
+
+def _loose_sensor(residuals: Mapping[int, float]) -> int | None:
+    """The one sensor that is fitted badly beside others that are fitted well; None: none is."""
+    if len(residuals) < 2:
+        return None
+    worst = max(residuals, key=lambda sensor: residuals[sensor])
+    others = max(left for sensor, left in residuals.items() if sensor != worst)
+    least = max(LOOSE_SENSOR, LOOSE_BESIDE_OTHERS * others)
+    return worst if others <= OTHERS_FIT and residuals[worst] > least else None
+
+
+def _load(job: Job, drop: DropView, others: Sequence[PointDrop]) -> list[Advice]:
+    facts = drop.facts
+    load = facts.peak_load
+    if load is None:
+        return []
+    loads = [
+        other.peak_load
+        for other in others
+        if other.peak_load and other.kind not in (Kind.REJECTED, Kind.DISCARDED)
+    ]
+    usual = statistics.median(loads) if len(loads) > 1 else None
+    presumed = presumed_load(job.procedure_in_force, [facts], drop.setup.plate_radius)
+    if usual is not None and abs(load - usual) > LOAD_DIFFERS * usual:
+        side = "lower" if load < usual else "higher"
+        text = (
+            f"drop {facts.number} fell from {side}: {load / 1e3:.1f} kN, the others "
+            f"{usual / 1e3:.1f} kN; lift to the catch and repeat it"
+        )
+        return [Advice(Advised.LOAD, text, facts.number)]
+    if presumed is not None and not presumed.is_met_by(load):
+        text = (
+            f"wrong drop height: {load / 1e3:.3g} kN, the procedure needs "
+            f"{presumed.load / 1e3:.3g} kN: set the drop height as calibrated"
+        )
+        return [Advice(Advised.LOAD, text, facts.number)]
+    return []
+
+
+def advice_on_point(
+    progress: PointProgress, loads: Mapping[int, float | None] | None = None
+) -> list[Advice]:
+    """What is to be done about a point whose drops are averaged.
+
+    Parameters
+    ----------
+    progress : PointProgress
+    loads : mapping, optional
+        Peak load of every drop by its number, N: a drop from higher moves the plate more, and the
+        ground is not to be blamed for it.
+    """
+    change = progress.compaction_change
+    if change is None or len(progress.used) < 2:
+        return []
+    first, last = progress.used[0], progress.used[-1]
+    known = loads or {}
+    before, after = known.get(first), known.get(last)
+    if before and after:
+        change = (1.0 + change) * before / after - 1.0
+    if change < -STILL_SETTLES:
+        text = (
+            f"drop {last} moves {-100 * change:.0f} % less than drop {first}: the plate was not "
+            "seated; more seating drops, or discard the first and measure another"
+        )
+        return [Advice(Advised.SEATING, text)]
+    if change > SINKS_ON:
+        text = (
+            f"drop {last} moves {100 * change:.0f} % more than drop {first}: the ground gives way; "
+            "measure beside this place"
+        )
+        return [Advice(Advised.SINKING, text)]
+    return []
+
+
+_OF_EFFECT: Mapping[str, str] = {
+    "rough_contact": "the plate does not lie full: clear stones, turn it and press it flat",
+    "seating": "the plate was not seated: more seating drops",
+    "permanent_set": "the ground sinks on: more seating drops, or beside this place",
+    "rebound": "the weight came down again: catch it after the first blow",
+    "saturation": "a channel is at the end of its range: drop from lower, or take another range",
+    "baseline_drift": "a sensor drifts: re-seat it, and let nobody walk nearby",
+    "mains_hum": "mains hum: keep the cables away from power lines",
+    "sensor_lag": "a sensor answers late: press it down, look at its cable",
+}
+
+
+def of_effect(name: str) -> str | None:
+    """What an effect that the diagnosis found asks for; None: nothing at the point."""
+    return _OF_EFFECT.get(name)

@@ -1,0 +1,518 @@
+"""The job of a survey: what it is measured by, kept in it as events with their dates.
+
+A procedure is an event ``procedure`` with the whole text of its profile; everything else is an
+event ``job`` with the keys that were said, null where one was taken back. What was said last
+counts. Programs that do not know the event leave it alone.
+Targets of single points are edits of these points.
+"""
+
+import dataclasses
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from inversion.records import is_number
+from pfwd.errors import OptionError, SurveyError, quote, refusal
+from pfwd.procedures import (
+    NO_PROCEDURE,
+    Procedure,
+    Quantity,
+    find_procedure,
+    parse_procedure,
+    shipped_names,
+)
+from pfwd_device.recording.survey_content import SurveyContent
+
+PROCEDURE_EVENT, JOB_EVENT = "procedure", "job"
+
+MOST_STATIONS = 100_000
+"""More than the stations of any one job; a longer list is another file."""
+
+UNITS = ("si", "us")
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """A place that is to be measured."""
+
+    name: str
+    """As the point is to be called."""
+    chainage_m: float | None = None
+    """Along the line, m."""
+    latitude: float | None = None
+    """Degrees, north positive."""
+    longitude: float | None = None
+    """Degrees, east positive."""
+    target: float | None = None
+    """Pa, or m for a deflection; None: that of the job."""
+
+    def as_kept(self) -> dict[str, Any]:
+        """Without what is not known."""
+        said = dataclasses.asdict(self)
+        return {key: value for key, value in said.items() if value is not None}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobChange:
+    """One thing that was said of a job."""
+
+    time_utc: str
+    """When, ISO 8601; empty: not known."""
+    key: str
+    """Field of `Job`."""
+    value: Any
+    """As JSON knows it; of a procedure its name."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """What a survey is measured by. None: nobody said."""
+
+    procedure: Procedure | None = None
+    target: float | None = None
+    """Of points that have none of their own, Pa, or m for a deflection."""
+    stations: tuple[Station, ...] = ()
+    step_m: float | None = None
+    """From one station to the next along the line, m."""
+    operator: str | None = None
+    device: str | None = None
+    """Serial number of the instrument."""
+    calibration: tuple[Mapping[str, Any], ...] = ()
+    """Channel, and when it was calibrated and is due again."""
+    units: str | None = None
+    """si or us, as they are shown."""
+    time_zone: str | None = None
+    """Where it is measured, as the offset of local time: +02:00."""
+    changes: tuple[JobChange, ...] = ()
+    """Everything that was said, in order."""
+    _stations_by_name: Mapping[str, Station] = field(
+        default_factory=dict, repr=False, compare=False
+    )
+
+    def __post_init__(self) -> None:
+        known = {station.name: station for station in self.stations}
+        object.__setattr__(self, "_stations_by_name", known)
+
+    @property
+    def procedure_in_force(self) -> Procedure:
+        """The chosen one, or the one that averages every measured drop."""
+        return self.procedure or NO_PROCEDURE
+
+    @property
+    def quantity(self) -> Quantity:
+        """What its points are judged by."""
+        return self.procedure_in_force.quantity
+
+    def station(self, name: str) -> Station | None:
+        """By its name."""
+        return self._stations_by_name.get(name)
+
+    def target_faults(self) -> list[str]:
+        """Describe targets that the procedure in force cannot judge, one sentence each."""
+        procedure = self.procedure_in_force
+        lines = []
+        if self.target is not None and target_fault(self.target, procedure):
+            lines.append(f"the target {target_text(self.target)} of the survey")
+        stations = [
+            station
+            for station in self.stations
+            if station.target is not None and target_fault(station.target, procedure)
+        ]
+        if stations:
+            name, target = stations[0].name, target_text(stations[0].target or 0.0)
+            lines.append(f"{len(stations)} stations with targets such as {target} of {name}")
+        unit = target_unit(procedure)[0]
+        rule = f"not for procedure {procedure.name}, which judges {procedure.quantity} in {unit}"
+        return [f"{line}: {rule}. Enter it again with --target or --stations" for line in lines]
+
+    def with_request(self, request: "JobRequest", time_utc: str = "") -> "Job":
+        """The job as it is once this is said."""
+        said = request.said()
+        changes = [
+            JobChange(time_utc=time_utc, key=key, value=_plain(value))
+            for key, value in said.items()
+        ]
+        return dataclasses.replace(self, **said, changes=(*self.changes, *changes))
+
+    def as_request(self) -> "JobRequest":
+        """Everything that it says, to be said of another survey."""
+        names = [item.name for item in dataclasses.fields(JobRequest)]
+        return JobRequest(**{name: getattr(self, name) or None for name in names})
+
+    def as_json(self) -> dict[str, Any]:
+        """As one JSON object, SI units."""
+        unit = target_unit(self.procedure_in_force)[2]
+        return {
+            "procedure": None if self.procedure is None else self.procedure.name,
+            "quantity": self.quantity.value,
+            "target": self.target,
+            "unit": unit,
+            "stations": [station.as_kept() for station in self.stations],
+            "step_m": self.step_m,
+            "operator": self.operator,
+            "device": self.device,
+            "calibration": [dict(entry) for entry in self.calibration],
+            "units": self.units,
+            "time_zone": self.time_zone,
+            "changes": [dataclasses.asdict(change) for change in self.changes],
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobRequest:
+    """What is to be said of a job. None: nothing."""
+
+    procedure: Procedure | None = None
+    target: float | None = None
+    stations: tuple[Station, ...] | None = None
+    step_m: float | None = None
+    operator: str | None = None
+    device: str | None = None
+    calibration: tuple[Mapping[str, Any], ...] | None = None
+    units: str | None = None
+    time_zone: str | None = None
+
+    def __bool__(self) -> bool:
+        return bool(self.said())
+
+    def said(self) -> dict[str, Any]:
+        """The fields that are said, with their values."""
+        values = {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
+        return {name: value for name, value in values.items() if value is not None}
+
+    def over(self, other: "JobRequest") -> "JobRequest":
+        """Both together; what this one says wins."""
+        return JobRequest(**{**other.said(), **self.said()})
+
+    def news(self, job: Job) -> "JobRequest":
+        """What of it the job does not say yet."""
+        said = self.said()
+        return JobRequest(
+            **{key: value for key, value in said.items() if not _same(getattr(job, key), value)}
+        )
+
+    def differences(self, job: Job) -> list[str]:
+        """Where it says otherwise than the job does, one sentence each."""
+        lines = []
+        for key, value in self.news(job).said().items():
+            old = getattr(job, key)
+            if old is None or old == ():
+                continue
+            title = _TITLES.get(key)
+            if title is None:  # nobody chose it: the instrument, the clock
+                continue
+            was, now = _shown(key, old), _shown(key, value)
+            lines.append(f"{title} of the survey was {was}, now it is {now}")
+        if self.procedure is not None and "procedure" in self.news(job).said():
+            lines += job.with_request(self).target_faults()
+        return lines
+
+    def events(self) -> list[tuple[str, dict[str, Any]]]:
+        """What a survey keeps of it: names and details of events."""
+        said = self.said()
+        found: list[tuple[str, dict[str, Any]]] = []
+        procedure = said.pop("procedure", None)
+        if procedure is not None:
+            found.append((PROCEDURE_EVENT, procedure.as_kept()))
+        if said:
+            found.append((JOB_EVENT, {key: _plain(value) for key, value in said.items()}))
+        return found
+
+
+_TITLES = {
+    "procedure": "the procedure",
+    "target": "the target",
+    "stations": "the list of stations",
+    "step_m": "the step between stations",
+    "operator": "the operator",
+}
+"""What people choose for a survey; of the rest (instrument, clock, units of the screen) changes are
+kept and not asked about."""
+
+
+def _same(old: Any, new: Any) -> bool:
+    if isinstance(old, Procedure) and isinstance(new, Procedure):
+        kept = [(found.name, found.text, found.enforce_unverified) for found in (old, new)]
+        return kept[0] == kept[1]
+    return bool(old == new)
+
+
+def _shown(key: str, value: Any) -> str:
+    match key:
+        case "procedure":
+            return str(value.name)
+        case "target":
+            return target_text(value)
+        case "stations":
+            return f"one of {len(value)}"
+        case "step_m":
+            return f"{value:g} m"
+    return str(value)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Procedure):
+        return value.name
+    if isinstance(value, tuple):
+        return [item.as_kept() if isinstance(item, Station) else dict(item) for item in value]
+    return value
+
+
+def target_unit(procedure: Procedure) -> tuple[str, float, str]:
+    """Unit of a procedure's targets as people say it, SI units in one of it, and the SI unit."""
+    return ("mm", 1e-3, "m") if procedure.quantity is Quantity.DEFLECTION else ("MPa", 1e6, "Pa")
+
+
+def target_si(shown: float, procedure: Procedure, where: str = "--target") -> float:
+    """A target in SI, from a number in the unit in which the procedure's quantity is shown.
+
+    Raises
+    ------
+    OptionError
+        If it is no number > 0, or one that no drop can reach.
+    """
+    unit, scale, _ = target_unit(procedure)
+    if not 0 < shown < math.inf:
+        raise OptionError(refusal(where, f"a number > 0, in {unit}", f"{shown:g}"))
+    deflection = procedure.quantity is Quantity.DEFLECTION
+    value = shown / 1e3 if deflection else shown * scale  # 0.9 mm are 0.0009 m to the last digit
+    fault = target_fault(value, procedure)
+    if fault:
+        raise OptionError(f"{where}: {fault}")
+    return value
+
+
+LEAST_DEFLECTION_TARGET, MOST_DEFLECTION_TARGET = 1e-5, 1e-2
+"""m. A drop of 7.07 kN on a plate of 0.15 m radius deflects ground of 2 MPa by 11 mm and ground of
+2 GPa by 0.01 mm: every point would pass, or none."""
+
+LEAST_MODULUS_TARGET, MOST_MODULUS_TARGET = 2e6, 1e10
+"""Pa. Peat has 2 MPa, and every deflection that methods measure (up to 2 mm) lies below as a number
+in MPa; a bituminous base has 10 GPa, and every modulus in kPa from 10 MPa on lies above."""
+
+
+def target_fault(target: float, procedure: Procedure, unit: tuple[str, float] | None = None) -> str:
+    """Describe why a target is outside what a drop can reach; empty: it is not.
+
+    Parameters
+    ----------
+    target : float, Pa, or m for a deflection
+    procedure : Procedure
+        By which it is judged.
+    unit : name and SI units in one of it, optional
+        In which it was typed; None: MPa, or mm for a deflection.
+
+    Examples
+    --------
+    >>> target_fault(0.045, find_procedure("mndot")).partition(";")[0]
+    'expected a deflection of 0.01 to 10 mm, came 45 mm'
+    """
+    name, scale = unit or target_unit(procedure)[:2]
+    if procedure.quantity is Quantity.DEFLECTION:
+        kind, other = "deflection", "a modulus"
+        least, most = LEAST_DEFLECTION_TARGET, MOST_DEFLECTION_TARGET
+        is_other = target > most
+    else:
+        kind, other = "modulus", "a deflection"
+        least, most = LEAST_MODULUS_TARGET, MOST_MODULUS_TARGET
+        is_other = target < least
+    if least <= target <= most:
+        return ""
+    expected = f"a {kind} of {least / scale:.5g} to {most / scale:.5g} {name}"
+    question = f"did you mean {other if is_other else 'another unit'}?"
+    rule = f"procedure {procedure.name} judges a {kind} in {name}"
+    if procedure.name == NO_PROCEDURE.name:
+        rule = f"without a procedure a {kind} is judged, in {name}"
+    return f"expected {expected}, came {target / scale:.6g} {name}; {question} {rule}"
+
+
+def time_zone_of(said: str, where: str = "--time-zone") -> str:
+    """An offset of local time as a job keeps it: ``+02:00``.
+
+    Raises
+    ------
+    OptionError
+        If it is none.
+
+    Examples
+    --------
+    >>> time_zone_of("+2:00"), time_zone_of("Z"), time_zone_of("-0330")
+    ('+02:00', '+00:00', '-03:30')
+    """
+    found = _OFFSET.fullmatch(said.strip())
+    if said.strip().upper() in ("Z", "UTC"):
+        return "+00:00"
+    if found is None or int(found[2]) > MOST_HOURS or int(found[3] or 0) > 59:
+        hint = "winter and summer differ where clocks are changed"
+        raise OptionError(refusal(where, "an offset such as +02:00, or UTC", quote(said), hint))
+    return f"{found[1]}{int(found[2]):02d}:{int(found[3] or 0):02d}"
+
+
+_OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?", re.ASCII)
+MOST_HOURS = 14
+"""Of an offset; that of the Line Islands."""
+
+
+def target_text(target: float) -> str:
+    """A target with its unit; which quantity it can be one of is told by its size."""
+    from pfwd.procedures.judging import LARGEST_DEFLECTION
+
+    if target < LARGEST_DEFLECTION:
+        return f"{target * 1e3:g} mm"
+    return f"{target / 1e6:g} MPa"
+
+
+def job_of(survey: SurveyContent, procedure: Procedure | None = None) -> Job:
+    """What a survey is measured by, from its events; what cannot be read is left out.
+
+    Parameters
+    ----------
+    survey : SurveyContent
+    procedure : Procedure, optional
+        In place of the one that the survey keeps, which then may be damaged.
+
+    Raises
+    ------
+    SurveyError
+        If the procedure that it keeps cannot be read.
+    """
+    if procedure is not None:
+        events = [event for event in survey.events if event.get("event") != PROCEDURE_EVENT]
+        return job_from_events(events, survey.path, procedure)
+    return job_from_events(survey.events, survey.path, _named_procedure(survey))
+
+
+def job_from_events(
+    events: Iterable[Mapping[str, Any]], where: str, before: Procedure | None = None
+) -> Job:
+    """The job that events amount to.
+
+    Parameters
+    ----------
+    events : iterable of mapping
+        In order.
+    where : str
+        For messages.
+    before : Procedure, optional
+        That holds where no event says one.
+
+    Raises
+    ------
+    SurveyError
+        If the last procedure cannot be read.
+    """
+    kept: Mapping[str, Any] | None = None
+    values: dict[str, Any] = {}
+    changes: list[JobChange] = []
+    for event in events:
+        name, details = event.get("event"), event.get("details", event)
+        if name not in (PROCEDURE_EVENT, JOB_EVENT) or not isinstance(details, Mapping):
+            continue
+        time = event.get("time_utc")
+        when = time if isinstance(time, str) else ""
+        if name == PROCEDURE_EVENT:
+            if not isinstance(details.get("text"), str):
+                continue
+            if kept is None or _kept(kept) != _kept(details):  # it used to be said at each start
+                changes.append(JobChange(time_utc=when, key="procedure", value=details.get("name")))
+            kept = details
+            continue
+        for key, value in details.items():
+            read = _READERS.get(key)
+            if read is None:
+                continue
+            found = read(value)
+            if found is None and value is not None:
+                continue
+            values[key] = found
+            changes.append(JobChange(time_utc=when, key=key, value=value))
+    known: dict[str, Any] = {
+        key: value if value is not None else _EMPTY.get(key) for key, value in values.items()
+    }
+    procedure = before if kept is None or not kept["text"] else _procedure(kept, where)
+    return Job(procedure=procedure, changes=tuple(changes), **known)
+
+
+def _kept(details: Mapping[str, Any]) -> tuple[Any, ...]:
+    return tuple(details.get(key) for key in ("name", "text", "enforce_unverified"))
+
+
+def _procedure(kept: Mapping[str, Any], where: str) -> Procedure:
+    said = f"procedure {quote(kept.get('name'))} kept in {where}"
+    unverified = kept.get("enforce_unverified") is True
+    try:
+        found = parse_procedure(kept["text"], said, enforce_unverified=unverified)
+    except OptionError as err:  # of the survey, not of the command line
+        raise SurveyError(f"{err}; choose another one with --procedure") from err
+    file = kept.get("file")
+    return dataclasses.replace(found, file=file if isinstance(file, str) else None)
+
+
+def _named_procedure(survey: SurveyContent) -> Procedure | None:
+    """Of a survey of before, whose drops name a procedure of the program.
+
+    A name in a survey opens no file.
+    """
+    names = {point.declared.get("procedure") for point in survey.points}
+    known = {name for name in names if isinstance(name, str) and name in shipped_names()}
+    return find_procedure(known.pop()) if len(known) == 1 else None
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if is_number(value) else None
+
+
+def _positive(value: Any) -> float | None:
+    return float(value) if is_number(value) and value > 0 else None
+
+
+def _text(value: Any) -> str | None:
+    return value if isinstance(value, str) and 0 < len(value) <= 200 else None
+
+
+def _units(value: Any) -> str | None:
+    return value if isinstance(value, str) and value in UNITS else None
+
+
+def _degrees(value: Any, most: float) -> float | None:
+    return float(value) if is_number(value) and abs(value) <= most else None
+
+
+def _stations(value: Any) -> tuple[Station, ...] | None:
+    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) > MOST_STATIONS:
+        return None
+    found = []
+    for said in value:
+        name = _text(said.get("name")) if isinstance(said, Mapping) else None
+        if name is None:
+            return None
+        found.append(
+            Station(
+                name,
+                _finite(said.get("chainage_m")),
+                _degrees(said.get("latitude"), 90.0),
+                _degrees(said.get("longitude"), 180.0),
+                _positive(said.get("target")),
+            )
+        )
+    return tuple(found)
+
+
+def _mappings(value: Any) -> tuple[Mapping[str, Any], ...] | None:
+    sound = isinstance(value, list) and all(isinstance(item, Mapping) for item in value)
+    return tuple(value) if sound else None
+
+
+_READERS: Mapping[str, Any] = {
+    "target": _positive,
+    "stations": _stations,
+    "step_m": _positive,
+    "operator": _text,
+    "device": _text,
+    "calibration": _mappings,
+    "units": _units,
+    "time_zone": _text,
+}
+_EMPTY: Mapping[str, Any] = {"stations": (), "calibration": ()}

@@ -1,0 +1,140 @@
+"""Place and time of a drop, as they were recorded, declared or edited."""
+
+import datetime
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pfwd.judging.drops import DropView
+from pfwd_device.recording.survey_content import SurveyPoint
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A position on the earth, WGS 84."""
+
+    latitude: float
+    """Degrees, north positive."""
+    longitude: float
+    """Degrees, east positive."""
+    altitude: float | None = None
+    """m; None: not said."""
+
+
+def place_of(point: SurveyPoint, drop: DropView) -> Place | None:
+    """Return the position of a drop; an edit wins over what was recorded.
+
+    Returns
+    -------
+    Place or None
+        None: unknown, or not on the earth.
+    """
+    edited = None if drop.source is None else drop.source.position
+    recorded = drop.metadata.get("position"), drop.declared
+    places = map(_place, (edited, point.position, *recorded, point.declared))
+    return next((place for place in places if place is not None), None)
+
+
+def time_of(drop: DropView) -> str | None:
+    """Return the time at which a drop fell, ISO 8601; None: unknown."""
+    return _first_text(drop.metadata.get("time_utc"), (drop.declared or {}).get("time_utc"))
+
+
+def local_time_of(drop: DropView) -> str | None:
+    """Return the local time at which a drop fell, ISO 8601; None: unknown."""
+    declared = drop.declared or {}
+    imported = declared.get("imported")
+    noted = imported.get("time_local") if isinstance(imported, Mapping) else None
+    return _first_text(drop.metadata.get("time_local"), declared.get("time_local"), noted)
+
+
+def _first_text(*values: Any) -> str | None:
+    return next((value for value in values if isinstance(value, str) and value), None)
+
+
+def utc_of(drop: DropView, zone: str | None) -> str | None:
+    """Return the time at which a drop fell in UTC: as recorded, else from its local time.
+
+    Parameters
+    ----------
+    drop : DropView
+    zone : str or None
+        Offset of a local time without one, ``+02:00``; None: unknown, and the local time is not
+        taken for UTC.
+
+    Returns
+    -------
+    str or None
+        ISO 8601.
+    """
+    recorded = time_of(drop)
+    local = None if recorded is not None else local_time_of(drop)
+    if local is None:
+        return recorded
+    try:
+        moment = datetime.datetime.fromisoformat(local)
+        if moment.tzinfo is None:
+            if zone is None:
+                return None
+            moment = moment.replace(tzinfo=_zone(zone))
+        return moment.astimezone(datetime.UTC).isoformat()
+    except (ValueError, OverflowError):  # what another program wrote, or the first of all days
+        return None
+
+
+def local_of(drop: DropView, zone: str | None) -> str | None:
+    """Return the local time at which a drop fell: as recorded, else from UTC.
+
+    Parameters
+    ----------
+    drop : DropView
+    zone : str or None
+        Offset of the local time; None: unknown.
+    """
+    recorded = local_time_of(drop)
+    utc = None if recorded is not None or zone is None else time_of(drop)
+    if utc is None or zone is None:
+        return recorded
+    try:
+        moment = datetime.datetime.fromisoformat(utc)
+        if moment.tzinfo is None:
+            moment = moment.replace(tzinfo=datetime.UTC)
+        return moment.astimezone(_zone(zone)).isoformat()
+    except (ValueError, OverflowError):
+        return None
+
+
+def place_in(position: Any) -> tuple[float, float] | None:
+    """Return latitude and longitude of a mapping, degrees; None: they are not in it."""
+    try:
+        place = float(position["latitude"]), float(position["longitude"])
+    except (KeyError, TypeError, ValueError):
+        return None
+    return place if abs(place[0]) <= 90 and abs(place[1]) <= 180 else None
+
+
+def _zone(offset: str) -> datetime.tzinfo | None:
+    return datetime.datetime.strptime(offset, "%z").tzinfo
+
+
+def _place(position: Any) -> Place | None:
+    if not isinstance(position, Mapping):
+        return None
+    latitude, longitude = number(position.get("latitude")), number(position.get("longitude"))
+    if latitude is None or longitude is None or abs(latitude) > 90 or abs(longitude) > 180:
+        return None
+    return Place(latitude, longitude, number(position.get("altitude_m")))
+
+
+def number(value: object) -> float | None:
+    """Return a finite number as a float; None: the value is none."""
+    if type(value) is float:  # nearly always
+        return value if math.isfinite(value) else None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        converted = float(value)
+    except OverflowError:
+        return None
+    return converted if math.isfinite(converted) else None

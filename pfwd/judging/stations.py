@@ -1,0 +1,344 @@
+"""The stations of a job, from a text with columns or from GPX waypoints."""
+
+import csv
+import difflib
+import math
+import os
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pfwd.errors import OptionError, quote, refusal
+from pfwd.judging.job import MOST_STATIONS, Station, target_si, target_unit
+from pfwd.judging.places import number as finite_number
+from pfwd.procedures import Procedure
+
+LARGEST_FILE = 50_000_000
+"""Characters; 100,000 stations take a tenth of it."""
+
+LONGEST_NAME = 64
+"""Characters of the name of a point."""
+
+COLUMNS: Mapping[str, tuple[str, ...]] = {
+    "name": ("name", "station", "point", "id"),
+    "chainage_m": ("chainage_m", "chainage"),
+    "latitude": ("latitude", "lat"),
+    "longitude": ("longitude", "lon", "lng"),
+    "target": ("target",),
+}
+"""Headings by which a column is known, whatever their case."""
+
+_PARTS_OF_HEADINGS: Mapping[str, tuple[str, ...]] = {
+    "chainage_m": ("chainage", "stationier", "kilomet"),
+    "latitude": ("latitud",),
+    "longitude": ("longitud",),
+    "target": ("target", "ziel", "soll", "evd", "elwd"),
+}
+"""Parts of a heading, without its spaces and underlines, that show what the column probably is."""
+
+_CLOSE_MATCH = 0.8
+"""Similarity from which a heading is a known one misspelt: one letter in four may differ."""
+
+_CHAINAGE = re.compile(r"(\d+)\+(\d{3}(?:[.,]\d+)?)(?!\d)")
+"""Kilometres and metres in a name: 12+320."""
+
+
+def read_stations(
+    path: str | os.PathLike[str],
+    procedure: Procedure,
+    on_remark: Callable[[str], None] = lambda _: None,
+) -> tuple[Station, ...]:
+    """The stations of a file, in its order.
+
+    Parameters
+    ----------
+    path : path of a .csv or .gpx file
+        Of a CSV the first line names the columns (`COLUMNS`), separated by comma, semicolon or
+        tabulator; targets are in the unit that the procedure's quantity is shown in.
+    procedure : Procedure
+    on_remark : callable, optional
+        Receives one line that names the columns of a CSV that are not used.
+
+    Raises
+    ------
+    OptionError
+        If it cannot be read, holds no station, or one twice; the message names the line. Also if
+        a column that is not known looks like one that is: its values would be missed.
+    """
+    file = os.fspath(path)
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except OSError as err:
+        raise OptionError(refusal(file, "a readable file", err.strerror or str(err))) from err
+    except UnicodeDecodeError as err:
+        raise OptionError(refusal(file, "UTF-8 text", "other bytes")) from err
+    if len(text) > LARGEST_FILE:
+        raise OptionError(refusal(file, f"at most {LARGEST_FILE} characters", "more"))
+    is_gpx = file.lower().endswith(".gpx")
+    found = _gpx(text, file) if is_gpx else _csv(text, file, procedure, on_remark)
+    if not found:
+        raise OptionError(refusal(file, "stations", "none"))
+    if len(found) > MOST_STATIONS:
+        raise OptionError(refusal(file, f"at most {MOST_STATIONS} stations", str(len(found))))
+    names: set[str] = set()
+    for station in found:
+        if station.name in names:
+            raise OptionError(refusal(file, "every station once", f"{quote(station.name)} twice"))
+        names.add(station.name)
+    return tuple(found)
+
+
+def chainage_of(name: str) -> float | None:
+    """Where a station is along the line by its name, m; None: the name does not say.
+
+    Examples
+    --------
+    >>> chainage_of("km 12+320"), chainage_of("12+320.5 left"), chainage_of("7")
+    (12320.0, 12320.5, None)
+    """
+    found = _CHAINAGE.search(name)
+    if found is None:
+        return None
+    return 1e3 * int(found[1]) + float(found[2].replace(",", "."))
+
+
+def chainage_of_point(
+    name: str, station: Station | None, declarations: Iterable[Mapping[str, Any]] = ()
+) -> float | None:
+    """Return the chainage of a point, m; None: unknown.
+
+    Parameters
+    ----------
+    name : str
+        Name of the point, which may contain its chainage.
+    station : Station or None
+        Station of the job with this name, which wins over everything else.
+    declarations : iterable of mapping
+        Headers of its drops, with a chainage that was declared or imported.
+    """
+    if station is not None and station.chainage_m is not None:
+        return station.chainage_m
+    for declared in declarations:
+        imported = declared.get("imported")
+        noted = imported.get("chainage_m") if isinstance(imported, Mapping) else None
+        for value in (declared.get("chainage_m"), noted):
+            if (chainage := finite_number(value)) is not None:
+                return chainage
+    return chainage_of(name)
+
+
+def next_along(name: str, step_m: float) -> str | None:
+    """The name of the station a step further; None: the name has no chainage.
+
+    Examples
+    --------
+    >>> next_along("12+320", 20), next_along("km 12+990 left", 20), next_along("7", 20)
+    ('12+340', 'km 13+010 left', None)
+    """
+    found, at = _CHAINAGE.search(name), chainage_of(name)
+    if found is None or at is None:
+        return None
+    further = round(at + step_m, 3)
+    kilometres, metres = divmod(further, 1000)
+    shown = f"{metres:07.3f}".rstrip("0").rstrip(".") if metres % 1 else f"{metres:03.0f}"
+    return f"{name[: found.start()]}{kilometres:.0f}+{shown}{name[found.end() :]}"
+
+
+def next_name(name: str, known: Collection[str] = (), step_m: float | None = None) -> str:
+    """The name with its last number one higher, as often as it is known already.
+
+    A name with a chainage goes on by the step between stations, where one is said.
+
+    Examples
+    --------
+    >>> next_name("7"), next_name("lane 2, point 09"), next_name("start"), next_name("7", {"8"})
+    ('8', 'lane 2, point 10', 'start 2', '9')
+    >>> next_name("12+320", {"12+340"}, 20.0)
+    '12+360'
+    """
+    further = None if step_m is None else next_along(name, step_m)
+    if further is not None:
+        return next_name(further, known, step_m) if further in known else further
+    found = re.search(r"(\d+)(\D*)$", name)
+    if found is None:
+        proposal = f"{name} 2".strip()
+    else:
+        digits = found[1]
+        number = str(int(digits) + 1).zfill(len(digits))
+        proposal = name[: found.start()] + number + found[2]
+    return next_name(proposal, known) if proposal in known else proposal
+
+
+def similar_name(name: str, known: Collection[str]) -> str | None:
+    """Return a known name that a new one may have been meant for; None: there is none.
+
+    One of the two begins with the other, as when a digit was missed. A name that counts on from a
+    known one (10 after 9, though there is a 1) is no slip, nor is one of another kind than the
+    plain number that it begins with (12+360, though there is a 1).
+
+    Parameters
+    ----------
+    name : str
+        As it was typed.
+    known : collection of str
+        Names of points and stations.
+
+    Examples
+    --------
+    >>> similar_name("12+36", {"12+340", "12+360"}), similar_name("12+3600", {"12+360"})
+    ('12+360', '12+360')
+    >>> similar_name("10", {"1", "9"}), similar_name("12+380", {"12+360"})
+    (None, None)
+    """
+    name = name.strip()
+    if not name or name in known:
+        return None
+    longer = [each for each in known if each.startswith(name)]
+    shorter = [
+        each
+        for each in known
+        if each and name.startswith(each) and (name.isdecimal() or not each.isdecimal())
+    ]
+    if shorter and not longer and any(next_name(each) == name for each in known):
+        return None
+    return min(
+        (*longer, *shorter), key=lambda each: (abs(len(each) - len(name)), each), default=None
+    )
+
+
+def _csv(
+    text: str, file: str, procedure: Procedure, on_remark: Callable[[str], None]
+) -> list[Station]:
+    lines = text.splitlines()
+    first = lines[0] if lines else ""
+    delimiter = max(",;\t", key=first.count)
+    rows = csv.reader(lines, delimiter=delimiter)
+    heading = [cell.strip() for cell in next(rows, [])]
+    places = _places(heading, file)
+    _refuse_misnamed(heading, places, file, procedure)
+    unused = {at: _shown(name) for at, name in enumerate(heading) if name}
+    found = []
+    for number, row in enumerate(rows, start=2):
+        if not any(cell.strip() for cell in row):
+            continue
+        where = f"{file}, line {number}"
+        for at in range(len(row)):
+            if at not in unused and row[at].strip():
+                unused[at] = f"number {at + 1} (no heading)"
+        said = {key: row[at].strip() for key, at in places.items() if at < len(row)}
+        found.append(_station(said, where, procedure, decimal_comma=delimiter != ","))
+    names = [unused[at] for at in sorted(unused.keys() - set(places.values()))]
+    if names:
+        known = ", ".join(COLUMNS)
+        on_remark(f"{file}: columns not used: {', '.join(names)}. Known columns are {known}")
+    return found
+
+
+def _refuse_misnamed(
+    heading: Sequence[str], places: Mapping[str, int], file: str, procedure: Procedure
+) -> None:
+    """Refuse a heading that looks like a known one that the file does not have otherwise."""
+    for at, name in enumerate(heading):
+        key = None if at in places.values() else _likely_column(name)
+        if key is None or key in places:
+            continue
+        units = {"target": target_unit(procedure)[0], "chainage_m": "m"}
+        expected = f"a column {key}, in {units[key]}" if key in units else f"a column {key}"
+        hint = f"rename it to {key} if it is that, else to something else or remove it"
+        raise OptionError(refusal(f"{file}, line 1", expected, _shown(name), hint))
+
+
+def _shown(heading: str) -> str:
+    return f"'{heading}'" if heading.isprintable() and len(heading) <= 40 else quote(heading)
+
+
+def _likely_column(heading: str) -> str | None:
+    """Return the known column that a heading probably means; None: no known one."""
+    letters = re.sub(r"[\W_]", "", heading.lower())
+    for key, parts in _PARTS_OF_HEADINGS.items():
+        if any(part in letters for part in parts):
+            return key
+    for key, known in COLUMNS.items():
+        if difflib.get_close_matches(heading.lower(), known, n=1, cutoff=_CLOSE_MATCH):
+            return key
+    return None
+
+
+def _places(heading: Sequence[str], file: str) -> dict[str, int]:
+    names = [cell.strip().lower() for cell in heading]
+    places = {
+        key: names.index(name)
+        for key, known in COLUMNS.items()
+        for name in reversed(known)
+        if name in names
+    }
+    if "name" not in places:
+        expected = f"a first line with a column {' or '.join(COLUMNS['name'])}"
+        hint = f"further columns are {', '.join(key for key in COLUMNS if key != 'name')}"
+        raise OptionError(refusal(file, expected, quote(", ".join(heading)), hint))
+    return places
+
+
+def _station(
+    said: Mapping[str, str], where: str, procedure: Procedure, *, decimal_comma: bool
+) -> Station:
+    def number(key: str, most: float = math.inf) -> float | None:
+        text = said.get(key, "")
+        if not text:
+            return None
+        if decimal_comma:
+            text = text.replace(",", ".")
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not abs(value) <= most or math.isinf(value):
+            raise OptionError(refusal(f"{where}, {key}", "a number", quote(text)))
+        return value
+
+    name = _name(said.get("name", ""), where)
+    chainage = said.get("chainage_m", "")
+    along = chainage_of(chainage) if "+" in chainage else number("chainage_m")
+    target = number("target")
+    return Station(
+        name,
+        chainage_of(name) if along is None else along,
+        number("latitude", 90.0),
+        number("longitude", 180.0),
+        None if target is None else target_si(target, procedure, f"{where}, target"),
+    )
+
+
+def _name(text: str, where: str) -> str:
+    if not 0 < len(text) <= LONGEST_NAME or not text.isprintable():
+        raise OptionError(refusal(where, f"a name of 1 to {LONGEST_NAME} letters", quote(text)))
+    return text
+
+
+def _gpx(text: str, file: str) -> list[Station]:
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:  # could name files, or grow without end
+        raise OptionError(refusal(file, "GPX without definitions of its own", "some"))
+    try:
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as err:
+        raise OptionError(refusal(file, "GPX", f"no XML: {err}")) from err
+    points: list[Any] = [item for item in root.iter() if _tag(item) in ("wpt", "rtept")]
+    found = []
+    for number, item in enumerate(points, start=1):
+        where = f"{file}, waypoint {number}"
+        named = [child.text for child in item if _tag(child) == "name"]
+        name = _name((named[0] or "").strip() if named else str(number), where)
+        try:
+            latitude, longitude = float(item.get("lat", "")), float(item.get("lon", ""))
+        except ValueError as err:
+            raise OptionError(refusal(where, "lat and lon, numbers", "others")) from err
+        if not (abs(latitude) <= 90 and abs(longitude) <= 180):
+            raise OptionError(refusal(where, "lat and lon in degrees", f"{latitude}, {longitude}"))
+        found.append(Station(name, chainage_of(name), latitude, longitude))
+    return found
+
+
+def _tag(item: Any) -> str:
+    return str(item.tag).rsplit("}", 1)[-1]

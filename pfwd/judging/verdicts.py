@@ -1,0 +1,275 @@
+"""One test point: its drops and, by the job, its value, interval, target and verdict."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
+
+from inversion.notices import Notice
+from pfwd.analysis.diagnosis.holding import holds
+from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.files.header import PointSetup
+from pfwd.judging.drops import DropView, classify_drops
+from pfwd.judging.job import Job
+from pfwd.judging.places import place_in
+from pfwd.procedures import (
+    DiagnosedModulus,
+    Kind,
+    PointDrop,
+    PointModulus,
+    PointProgress,
+    PointValue,
+    Verdict,
+    judge,
+)
+from pfwd.procedures.judging import is_for
+from pfwd.procedures.point import in_force_as_dict
+from pfwd.procedures.profile import OUR_TOLERANCES
+from pfwd.procedures.valuing import moduli_of, residual_fault, value_of
+from pfwd_device.recording.survey_content import SurveyPoint
+
+USUAL_RADIUS = 0.15
+"""m; stands in for the plate where no drop says it, and nothing is computed with it."""
+
+SAME_PLATE = 1e-9
+"""Relative difference up to which two declared radii are one."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointView:
+    """One test point of a survey, as every reader has it."""
+
+    name: str
+    """Name that its drops have."""
+    drops: Sequence[DropView] = ()
+    """All drops, in the order they fell."""
+    target: float | None = None
+    """Target of the point itself, Pa or m; None: it has none of its own."""
+    discarded: bool = False
+    diagnosis: DiagnosisResult | None = None
+    """Last diagnosis, even if the point has changed since; None: there is none."""
+    title: str = ""
+    """Name that it was given later; empty: it has its first name."""
+    job: Job = field(default_factory=Job)
+    """Job that it is judged by."""
+    fallback_target: tuple[float, str] | None = None
+    """Target where the survey has none, and its source; None: that of the procedure counts."""
+    notes: tuple[str, ...] = ()
+    place: Mapping[str, Any] | None = None
+    """latitude, longitude (degrees) and `source`: edited, declared, or of a receiver, with the
+    quality of its fix; None: unknown."""
+    replayed: Sequence[DropView] = ()
+    """Stored drops of a survey that is replayed; each counts from when it comes again."""
+    source: SurveyPoint | None = None
+    """The stored point; None: it is measured now, or came from another process."""
+    whole: "PointView | None" = None
+    """The point that is judged, where this is a part of its drops; None: this is all of it."""
+    warnings: tuple[Notice, ...] = ()
+    """Warnings of its setup, for a report."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state for another process, which does not have the survey."""
+        return {**self.__dict__, "source": None}
+
+    @property
+    def position(self) -> tuple[float, float] | None:
+        """Latitude and longitude, degrees; None: unknown."""
+        return place_in(self.place)
+
+    @property
+    def setup(self) -> PointSetup:
+        """Setup of its first drop."""
+        return self.drops[0].setup
+
+    @property
+    def shown_name(self) -> str:
+        """Name that it has now."""
+        return self.title or self.name
+
+    @cached_property
+    def facts(self) -> Sequence[PointDrop]:
+        """Facts of the drops, each compared with the others."""
+        if self.whole is not None:
+            known = {fact.number: fact for fact in self.whole.facts}
+            return tuple(known[drop.number] for drop in self.drops)
+        return tuple(classify_drops(self.drops))
+
+    @cached_property
+    def plate(self) -> "PointPlate":
+        """Plate and Poisson's ratio that are declared for its drops."""
+        return _plate_of(self)
+
+    @cached_property
+    def diagnosis_in_force(self) -> DiagnosisResult | None:
+        """Diagnosis of the drops and the setup as they are now; None: there is none."""
+        if self.whole is not None:
+            return self.whole.diagnosis_in_force
+        if self.diagnosis is None or not self.drops:
+            return None
+        numbers = [fact.number for fact in self.facts if fact.kind not in _TAKING_NO_PART]
+        return self.diagnosis if holds(self.diagnosis, self.drops[-1].setup, numbers) else None
+
+    @cached_property
+    def progress(self) -> PointProgress:
+        """Value, target and verdict by the procedure of the job."""
+        return _judge(self) if self.whole is None else self.whole.progress
+
+    def drop(self, number: int) -> DropView | None:
+        """Return a drop by its number within the point; None: there is none."""
+        return next((drop for drop in self.drops if drop.number == number), None)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the line of a complete point, SI units."""
+        progress = self.progress
+        said: Mapping[str, Any] = progress.as_dict()
+        return {
+            "point": self.shown_name,
+            "complete": progress.complete,
+            "value": said["value"],
+            "target": progress.target,
+            "verdict": progress.verdict.value,
+            "verdict_reason": progress.verdict_reason,
+            "verdict_reason_code": said["verdict_reason_code"],
+            **in_force_as_dict(progress.modulus_in_force),
+            "used": list(progress.used),
+            "compaction": said["compaction"],
+        }
+
+
+_TAKING_NO_PART = (Kind.DISCARDED, Kind.REJECTED)
+
+
+def _diagnosed(point: PointView) -> DiagnosedModulus | None:
+    diagnosis = point.diagnosis_in_force
+    after = None if diagnosis is None else diagnosis.after
+    if diagnosis is None or after is None or after.modulus_pa is None:
+        return None
+    return DiagnosedModulus(
+        after.modulus_pa, after.modulus_interval_pa, diagnosis.use, diagnosis.use_reason
+    )
+
+
+def fit_before_diagnosis(diagnosis: DiagnosisResult) -> PointModulus | None:
+    """Return the modulus of the base model; None: nothing was fitted."""
+    before = diagnosis.before
+    if before is None or before.modulus_pa is None:
+        return None
+    limit = OUR_TOLERANCES["most_residual"]
+    fault = residual_fault(before.contact_residual_rms_over_peak, limit)
+    return PointModulus(before.modulus_pa, before.modulus_interval_pa, "fitted", fault)
+
+
+def modulus_in_force(
+    diagnosis: DiagnosisResult, point: PointView | None = None
+) -> PointModulus | None:
+    """Return the modulus that a diagnosis puts in force at its point; None: there is none.
+
+    Parameters
+    ----------
+    diagnosis : DiagnosisResult
+    point : PointView, optional
+        The point in its survey. Without fits there, or without a survey, the fit is that of the
+        base model.
+    """
+    fitted = None
+    if point is not None:
+        fitted = dataclasses.replace(point, diagnosis=diagnosis).progress.fitted_modulus
+    after = diagnosis.after
+    if diagnosis.use != "do-not-use" and after is not None and after.modulus_pa is not None:
+        return PointModulus(after.modulus_pa, after.modulus_interval_pa, "diagnosed")
+    fitted = fitted or fit_before_diagnosis(diagnosis)
+    return None if fitted is None or fitted.not_supported is not None else fitted
+
+
+def _judge(point: PointView) -> PointProgress:
+    """Return the verdict of the job's procedure on a point.
+
+    The target is the first of these: of the point, of its station, of the job, the fallback, that
+    of the procedure.
+    """
+    radius, ratio, faults = point.plate
+    target, source = _target_of(point)
+    setup = point.drops[-1].setup if point.drops else None
+    progress = judge(
+        point.job.procedure_in_force,
+        point.facts,
+        plate_radius=radius,
+        poisson_ratio=ratio,
+        target=target,
+        moisture=None if setup is None else setup.moisture,
+        material=None if setup is None or setup.material is None else str(setup.material),
+        diagnosed=_diagnosed(point),
+        found_before=faults,
+    )
+    if progress.target is not None and progress.target == target:
+        progress = dataclasses.replace(progress, target_source=source)
+    if point.discarded:
+        progress = dataclasses.replace(
+            progress,
+            verdict=Verdict.NONE,
+            verdict_reason="the point is discarded",
+            verdict_reason_code=None,
+        )
+    return progress
+
+
+def _target_of(point: PointView) -> tuple[float | None, str]:
+    """Return the target of a point, Pa or m, and its source; the first for the judged quantity."""
+    job = point.job
+    station = job.station(point.shown_name)
+    candidates = (
+        (point.target, "of the point"),
+        (None if station is None else station.target, "of the station"),
+        (job.target, "of the survey"),
+        point.fallback_target or (None, ""),
+    )
+    known = [(value, source) for value, source in candidates if value is not None]
+    if not known:
+        return None, ""
+    fitting = [pair for pair in known if is_for(job.procedure_in_force, pair[0])]
+    # One of another quantity is handed on, so that the judgement can say that it does not count.
+    return (fitting or known)[0]
+
+
+class PointPlate(NamedTuple):
+    """The plate of a point."""
+
+    radius: float
+    """m; 0: there was no plate."""
+    poisson_ratio: float | None
+    """As declared; None: it is not."""
+    faults: list[str]
+    """One sentence where drops were measured with different plates."""
+
+
+def _plate_of(point: PointView) -> PointPlate:
+    loaded = [
+        drop
+        for drop, fact in zip(point.drops, point.facts, strict=True)
+        if fact.kind not in _TAKING_NO_PART
+    ]
+    if not loaded:
+        if not point.drops:
+            return PointPlate(USUAL_RADIUS, None, [])
+        setup = point.drops[-1].setup
+        return PointPlate(setup.plate_radius or USUAL_RADIUS, setup.poisson_ratio, [])
+    last = loaded[-1].setup
+    radii = sorted({drop.setup.plate_radius for drop in loaded})
+    faults = []
+    if radii[-1] - radii[0] > SAME_PLATE * radii[-1]:
+        listed = " and ".join(f"{radius:g} m" for radius in radii)
+        faults.append(f"its drops were measured with plates of {listed} radius")
+    return PointPlate(last.plate_radius, last.poisson_ratio, faults)
+
+
+def value_of_drop(job: Job, drop: DropView) -> PointValue | None:
+    """What the job's procedure judges, of one drop alone; None: the drop does not say it.
+
+    One drop has no scatter: only the modulus of the inversion has an interval, that of its model.
+    """
+    if drop.facts.kind is Kind.REJECTED:
+        return None
+    setup, procedure, drops = drop.setup, job.procedure_in_force, [drop.facts]
+    modulus, _ = moduli_of(procedure, drops, None)
+    return value_of(procedure, drops, setup.plate_radius, setup.poisson_ratio, [], modulus)

@@ -1,0 +1,326 @@
+"""A survey as every reader has it: its job, its points with their drops, and their verdicts.
+
+Nothing is inverted. Screen, log, reports, exports and scripts read the same views, made from a
+folder or an exported file by the functions here, or from the events of a session by
+`pfwd.session.live_view`.
+"""
+
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from pfwd.analysis.diagnosis.holding import last_diagnosis
+from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.drop_facts import stored_facts, unbroken_peaks
+from pfwd.analysis.keeping import result_that_counts
+from pfwd.analysis.kept import is_sound, rests_on
+from pfwd.analysis.results import DropResult
+from pfwd.errors import SurveyError
+from pfwd.files.folders import is_survey, refuse_no_survey
+from pfwd.files.header import Declaration, PointSetup, setup_from
+from pfwd.files.moving import moved_to
+from pfwd.judging.drops import DropView, drop_from_traces
+from pfwd.judging.job import Job, job_of
+from pfwd.judging.places import place_in
+from pfwd.judging.verdicts import PointView, modulus_in_force
+from pfwd.procedures import Kind, PointDrop, PointModulus, Procedure
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording import read_survey
+from pfwd_device.recording.drop_payload import DropFacts
+from pfwd_device.recording.survey_content import (
+    SurveyContent,
+    SurveyDrop,
+    SurveyPoint,
+    read_result,
+)
+
+DAMAGED = "damaged record"
+
+_METADATA = ("position", "time_utc", "time_local", "operator", "identity", "marks")
+"""Keys that readers need of what is recorded with a drop; the rest would fill the memory."""
+
+NO_SETUP = PointSetup(plate_radius=0.0, test="stiffness")
+"""Setup of a drop that cannot be read; it takes part in nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurveyView:
+    """A survey: its job and its points."""
+
+    job: Job = field(default_factory=Job)
+    points: Mapping[str, PointView] = field(default_factory=dict)
+    """Points by the name that their drops have, in order."""
+
+    def with_job(self, job: Job) -> "SurveyView":
+        """Return the survey judged by another job."""
+        points = {name: replace(point, job=job) for name, point in self.points.items()}
+        return SurveyView(job, points)
+
+    def with_points(self, points: Iterable[PointView]) -> "SurveyView":
+        """Return the survey with new points, or with other views of known ones."""
+        judged = {point.name: replace(point, job=self.job) for point in points}
+        return SurveyView(self.job, {**self.points, **judged})
+
+
+def read_points(folder: str | os.PathLike[str]) -> tuple[PointView, ...]:
+    """Return the points of the survey in a folder, for a reader who has its job already.
+
+    Another program may be writing it.
+
+    Raises
+    ------
+    SurveyError, RecordingError
+        If it is no survey.
+    """
+    refuse_no_survey(folder)
+    return tuple(point_views(read_survey(folder), Job()))
+
+
+def point_views(survey: SurveyContent, job: Job | None = None) -> Iterator[PointView]:
+    """Yield the points of a stored survey in their order, each when its drops have been read.
+
+    Parameters
+    ----------
+    survey : SurveyContent
+    job : Job, optional
+        None: that of the survey.
+
+    Raises
+    ------
+    SurveyError
+        If the procedure that the survey keeps cannot be read.
+    """
+    job = job_of(survey) if job is None else job
+    for point in survey.points:
+        yield point_view(point, job)
+
+
+def point_view(point: SurveyPoint, job: Job) -> PointView:
+    """Return a stored point with its drops; a damaged drop is rejected and says so."""
+    drops: list[DropView] = []
+    later = later_declarations(point)
+    for drop in point.drops:
+        drops.append(_drop_view(drop, later, drops[-1] if drops else None))
+    return PointView(
+        name=point.name,
+        drops=tuple(drops),
+        target=_target_of(point),
+        discarded=point.discarded,
+        diagnosis=last_diagnosis(point),
+        title=point.title,
+        job=job,
+        notes=point.notes,
+        place=place_of_point(point, drops, point.declared),
+        source=point,
+    )
+
+
+def job_of_folder(folder: str | os.PathLike[str], instead: Procedure | None = None) -> Job:
+    """Return the job of the survey in a folder.
+
+    Parameters
+    ----------
+    folder : path of a survey
+    instead : Procedure, optional
+        Procedure of the caller, who then does not need that of the survey to be readable.
+
+    Raises
+    ------
+    SurveyError, RecordingError
+    """
+    refuse_no_survey(folder)
+    survey = read_survey(folder)
+    try:
+        return job_of(survey)
+    except SurveyError:
+        if instead is None:
+            raise
+        return replace(job_of(survey, instead), procedure=None)
+
+
+def moduli_in_force(
+    file: str, diagnoses: Sequence[DiagnosisResult]
+) -> Iterator[PointModulus | None]:
+    """Return the modulus in force after each diagnosis of one file.
+
+    Parameters
+    ----------
+    file : str
+        Diagnosed file; the fits that a survey stores count as its fitted moduli.
+    diagnoses : sequence of DiagnosisResult
+    """
+    points: dict[str, PointView] = {}
+    if is_survey(file):
+        try:
+            points = {point.shown_name: point for point in point_views(read_survey(file))}
+        except (RecordingError, SurveyError):
+            points = {}  # damaged since it was diagnosed: as without a survey
+    for diagnosis in diagnoses:
+        yield modulus_in_force(diagnosis, points.get(str(diagnosis.point)))
+
+
+def later_declarations(point: SurveyPoint) -> dict[str, Any]:
+    """Return the keys of a header that were edited after the point was measured."""
+    declared: dict[str, Any] = {}
+    for edit in point.edits:
+        what, value = edit["what"], edit.get("value")
+        if what == "declared" and isinstance(value, dict):
+            declared |= value
+        elif what == "operator" and value is not None:
+            declared["operator"] = value
+    return declared
+
+
+def _drop_view(drop: SurveyDrop, later: Mapping[str, Any], before: DropView | None) -> DropView:
+    """Return a stored drop.
+
+    Parameters
+    ----------
+    drop : SurveyDrop
+    later : mapping
+        `later_declarations` of its point.
+    before : DropView, optional
+        The drop before it. Nearly always both have one setup, which is then checked once.
+    """
+    discarded, moved = _discarding_of(drop)
+    known: dict[str, Any] = {
+        "discarded": discarded,
+        "moved_to": moved,
+        "record": drop.number,
+        "notes": drop.notes,
+        "source": drop,
+    }
+    try:
+        record = drop.read_facts()
+    except RecordingError as err:
+        return _damaged(drop, err, known | {"fault": str(err)})
+    known |= recorded_fields(record, before)
+    try:
+        known["last_result"] = result_that_counts(drop)
+    except (RecordingError, SurveyError) as err:
+        known["fault"] = str(err)
+    last = known.get("last_result")
+    try:
+        setup = None
+        if before is not None and before.declared is known["declared"]:
+            setup = before.setup
+        if setup is None or setup is NO_SETUP:
+            setup = setup_now(record.declared, later, drop.point)
+        result = last
+        if "fault" in known or (last is not None and not is_sound(last)):
+            result = _last_sound(drop)  # an earlier one may be whole
+        if result is not None:
+            known["sound_result"] = result
+            known["result"] = result if rests_on(result, setup) else None
+        stored = stored_facts(drop.drop, setup, record.metadata, result)
+        if stored is not None:
+            return DropView(*stored, setup, **known)
+        traces = record.drop if record.drop is not None else drop.read_traces().drop
+        return drop_from_traces(traces, setup, **known)
+    except (RecordingError, SurveyError) as err:
+        return _damaged(drop, err, known)
+
+
+def _damaged(drop: SurveyDrop, err: Exception, known: Mapping[str, Any]) -> DropView:
+    facts = PointDrop(drop.drop, Kind.REJECTED, reason=f"{DAMAGED}: {err}")
+    # The damage is reported, even of a drop that was discarded or moved.
+    return DropView(facts, 0.0, NO_SETUP, **{**known, "moved_to": None, "result": None})
+
+
+def recorded_fields(record: DropFacts, before: DropView | None) -> dict[str, Any]:
+    """Return the fields of a DropView that are recorded; equal ones are those of the drop before.
+
+    Traces are not among them: those of a large survey would fill the memory.
+    """
+    declared: Mapping[str, Any] = record.declared
+    metadata = {key: record.metadata[key] for key in _METADATA if key in record.metadata}
+    if before is not None and before.declared is not None:
+        if before.declared == declared:
+            declared = before.declared
+        for key, value in metadata.items():
+            if key in before.metadata and before.metadata[key] == value:
+                metadata[key] = before.metadata[key]
+    traces = record.drop
+    return {
+        "declared": declared,
+        "metadata": metadata,
+        "peaks": record.peaks if traces is None else unbroken_peaks(traces),
+        "has_traces": traces is None or traces.only_peaks is None,
+    }
+
+
+def _last_sound(drop: SurveyDrop) -> DropResult | None:
+    """Return the last sound result of a drop that is no trial, whatever it rests on."""
+    counting = (result for result in _stored_results(drop) if not result.is_trial)
+    return next(filter(is_sound, counting), None)
+
+
+def _stored_results(drop: SurveyDrop) -> Iterator[DropResult]:
+    """Yield the results of a drop that can be read, the last one first."""
+    paths = drop.results
+    if not paths:  # within an exported survey
+        try:
+            stored = drop.read_results()
+        except RecordingError:
+            return
+        for values in reversed(stored):
+            with suppress(SurveyError):
+                yield DropResult.from_json(values)
+        return
+    for path in reversed(paths):
+        with suppress(RecordingError, SurveyError):
+            yield DropResult.from_json(read_result(path), str(path))
+
+
+def setup_now(declared: Mapping[str, Any], later: Mapping[str, Any], where: str) -> PointSetup:
+    """Return the setup of a drop with what was declared of its point later.
+
+    Raises
+    ------
+    SurveyError
+        If a value is outside of its range.
+    """
+    known = {**declared, **later}
+    return setup_from({key: Declaration(value, where) for key, value in known.items()}, where)
+
+
+def _discarding_of(drop: SurveyDrop) -> tuple[str | None, str | None]:
+    """Return reason of the discard and the point to which the drop was moved, None where not."""
+    if not drop.discarded:
+        return None, None
+    reasons = [edit.get("value") for edit in drop.edits if edit["what"] == "discard"]
+    reason = reasons[-1] if reasons else None
+    moved = moved_to(reason)
+    return moved or str(reason or ""), moved
+
+
+def _target_of(point: SurveyPoint) -> float | None:
+    """Return the target of the point itself, Pa or m; None: it has none that could be one."""
+    target = point.target
+    sound = isinstance(target, int | float) and not isinstance(target, bool)
+    return float(target) if sound and 0 < target < float("inf") else None
+
+
+def place_of_point(
+    point: SurveyPoint | None, drops: Sequence[DropView], declared: Mapping[str, Any]
+) -> Mapping[str, Any] | None:
+    """Return the `PointView.place` of a point, or of some of its drops.
+
+    An edit wins over the receiver at the first drop with a fix, and that over the declaration.
+
+    Parameters
+    ----------
+    point : SurveyPoint or None
+    drops : sequence of DropView
+    declared : mapping
+        Keys of a header.
+    """
+    stored = [point, *(drop.source for drop in drops)]
+    edits = [source.position for source in stored if source is not None]
+    edited = [{**edit, "source": "edited"} for edit in edits if isinstance(edit, Mapping)]
+    received = [drop.metadata.get("position") for drop in drops]
+    known = {key: declared.get(key) for key in ("latitude", "longitude")}
+    places = (*edited, *received, {**known, "source": "declared"})
+    return next((place for place in places if place_in(place) is not None), None)

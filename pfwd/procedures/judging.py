@@ -1,0 +1,337 @@
+"""Judges the drops of a point by a procedure. Pure: the same drops give the same answer."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pfwd.errors import OptionError, refusal
+from pfwd.procedures.instructing import next_step
+from pfwd.procedures.moduli import mean, spread
+from pfwd.procedures.point import (
+    DiagnosedModulus,
+    Kind,
+    PointDrop,
+    PointModulus,
+    PointProgress,
+    PointValue,
+    ReasonCode,
+    Verdict,
+)
+from pfwd.procedures.preconditions import violated_preconditions
+from pfwd.procedures.profile import CHECKS, OUR_TOLERANCES, Procedure, Quantity
+from pfwd.procedures.sorting import SortedDrops, sort_drops
+from pfwd.procedures.valuing import (
+    MIN_DROPS_FOR_INTERVAL,
+    known,
+    moduli_of,
+    stress_of,
+    unsupported_records,
+    value_of,
+)
+
+RULES_EVENT = "verdict_rules"
+"""Event of a survey that names the rules its verdicts were first made by, in ``version``."""
+
+RULES_VERSION = 2
+"""1: version 0.1, which compared no load, took every fit and spread intervals evenly."""
+
+LARGEST_DEFLECTION = 1.0
+"""m; what is larger is a modulus in Pa."""
+
+
+_ALWAYS_ENFORCED = frozenset({"nominal_load_n", "plate_radius_m", *OUR_TOLERANCES})
+"""Keys of preconditions and of their tolerances, which apply without a verified source, too."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Scatter:
+    """How the drops that are averaged compare with each other. None: too few to tell."""
+
+    deflection: float | None
+    """Largest less smallest over mean; the same below."""
+    load: float | None
+    modulus: float | None
+    change: float | None
+    """Deflection of the last over the first less 1."""
+    s_over_v: float | None
+    """Mean deflection over mean peak velocity, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Goal:
+    """What the point has to reach."""
+
+    target: float | None
+    """Pa, or m for a deflection; None: there is none."""
+    source: str
+
+
+def judge(
+    procedure: Procedure,
+    drops: Sequence[PointDrop],
+    *,
+    plate_radius: float,
+    poisson_ratio: float | None = None,
+    target: float | None = None,
+    moisture: float | None = None,
+    material: str | None = None,
+    diagnosed: DiagnosedModulus | None = None,
+    found_before: Sequence[str] = (),
+) -> PointProgress:
+    """Judge the drops of a point by a procedure.
+
+    Parameters
+    ----------
+    procedure : Procedure
+    drops : sequence of PointDrop
+        All of the point, in the order they fell.
+    plate_radius : float, m
+        0: there was no plate, which goes with rejected drops alone.
+    poisson_ratio : float, optional
+        As declared; the procedure's own wins.
+    target : float, Pa (m for a deflection), optional
+        Of the point; wins over the procedure's.
+    moisture : float, percent, optional
+        Chooses among the procedure's targets.
+    material : str, optional
+        The same.
+    diagnosed : DiagnosedModulus, optional
+        Counts in place of the fitted modulus where its diagnosis allows a use.
+    found_before : sequence of str
+        Violated preconditions besides those that the procedure states.
+
+    Returns
+    -------
+    PointProgress
+
+    Raises
+    ------
+    OptionError
+        If the plate radius is not positive.
+    """
+    on_rig = plate_radius == 0 and all(drop.kind is Kind.REJECTED for drop in drops)
+    if not (on_rig or plate_radius > 0) or not math.isfinite(plate_radius):
+        raise OptionError(refusal("plate radius", "a number > 0, in m", f"{plate_radius:g}"))
+    notes = _notes(procedure)
+    sorted_drops = sort_drops(procedure, drops, notes)
+    used = sorted_drops.used
+    violated = [*found_before, *violated_preconditions(procedure, used, plate_radius)]
+    record_fault = unsupported_records(used)
+    modulus, other_modulus = moduli_of(procedure, used, diagnosed)
+    if modulus is not None and record_fault is not None:
+        modulus = dataclasses.replace(modulus, not_supported=record_fault)
+    if procedure.quantity is Quantity.MODULUS:
+        if len(used) == 1 and modulus is not None and modulus.source == "fitted":
+            notes.append("one drop: the scatter between drops is not in the interval")
+        notes += _modulus_notes(modulus, other_modulus, diagnosed)
+    value = value_of(procedure, used, plate_radius, poisson_ratio, notes, modulus)
+    reason = violated[0] if violated else record_fault
+    if value is not None and reason is not None:
+        value = dataclasses.replace(value, not_supported=reason)
+    scatter = _scatter(used)
+    faults = _point_faults(procedure, scatter, value, notes)
+    goal = _goal(procedure, target, moisture, material, notes)
+    _note_s_over_v(procedure, scatter.s_over_v, notes)
+    verdict, reason, code = _verdict(value, goal.target, violated, faults, sorted_drops)
+    next_kind, instruction = next_step(procedure, sorted_drops, violated, faults)
+    return PointProgress(
+        next_kind=next_kind,
+        instruction=instruction,
+        seating_done=sorted_drops.seating_done,
+        seating_wanted=procedure.seating_drops,
+        measured_done=len(sorted_drops.usable),
+        measured_wanted=procedure.measured_drops,
+        complete=sorted_drops.complete,
+        used=tuple(drop.number for drop in used),
+        kinds=tuple(sorted_drops.kinds.items()),
+        excluded=tuple(sorted(sorted_drops.excluded, key=lambda drop: drop.number)),
+        faults=(*violated, *faults),
+        notes=tuple(notes),
+        value=value,
+        modulus=modulus,
+        other_modulus=other_modulus,
+        deflection_spread=scatter.deflection,
+        load_spread=scatter.load,
+        modulus_spread=scatter.modulus,
+        s_over_v=scatter.s_over_v,
+        compaction=_compaction(sorted_drops),
+        compaction_change=scatter.change,
+        stress=stress_of(procedure, sorted_drops.usable, plate_radius, poisson_ratio),
+        target=goal.target,
+        target_source=goal.source,
+        verdict=verdict,
+        verdict_reason=reason,
+        verdict_reason_code=code,
+    )
+
+
+def _notes(procedure: Procedure) -> list[str]:
+    """Return notes on the procedure that hold before any drop."""
+    notes = []
+    unverified = [
+        key
+        for key, number in procedure.numbers().items()
+        if not number.verified and not procedure.enforce_unverified
+    ]
+    in_formula = [key for key in unverified if key in ("factor", "nominal_pressure_pa")]
+    if in_formula:
+        notes.append(f"used in the formula without being verified: {', '.join(in_formula)}")
+    others = [key for key in unverified if key not in in_formula and key not in _ALWAYS_ENFORCED]
+    if others:
+        notes.append(f"not verified, hence not enforced: {', '.join(others)}")
+    return notes
+
+
+def _modulus_notes(
+    modulus: PointModulus | None,
+    other: PointModulus | None,
+    diagnosed: DiagnosedModulus | None,
+) -> list[str]:
+    """Return notes on which modulus of the point counts."""
+    if modulus is None or diagnosed is None:
+        return []
+    if modulus.source == "fitted":
+        return [f"the diagnosed modulus is not used: {diagnosed.use_reason}"]
+    if other is None:
+        return [f"the modulus is the diagnosed one, {modulus.value / 1e6:.3g} MPa"]
+    return [
+        f"the modulus is the diagnosed one, {modulus.value / 1e6:.3g} MPa; that of the fits is "
+        f"{other.value / 1e6:.3g} MPa"
+    ]
+
+
+def _scatter(used: Sequence[PointDrop]) -> _Scatter:
+    deflections, velocities = known(used, "peak_deflection"), known(used, "peak_velocity")
+    return _Scatter(
+        deflection=spread(deflections),
+        load=spread(known(used, "peak_load")),
+        modulus=spread(known(used, "modulus")),
+        change=deflections[-1] / deflections[0] - 1 if len(deflections) > 1 else None,
+        s_over_v=(
+            mean(deflections) / mean(velocities)
+            if velocities and len(velocities) == len(deflections)
+            else None
+        ),
+    )
+
+
+def _point_faults(
+    procedure: Procedure,
+    scatter: _Scatter,
+    value: PointValue | None,
+    notes: list[str],
+) -> list[str]:
+    """What enforced checks find wrong with the point; what others find goes to the notes."""
+    spreads = {
+        "most_load_spread": scatter.load,
+        "most_deflection_spread": scatter.deflection,
+        "most_modulus_spread": scatter.modulus,
+    }
+    faults = []
+    for key, found in spreads.items():
+        number = procedure.checks.get(key)
+        if number is None or found is None or found <= number.value:
+            continue
+        text = f"{CHECKS[key].words} is {found:.1%}, at most {number.value:.1%} is allowed"
+        if procedure.enforced(number) is None:
+            notes.append(f"{text} (not verified, not enforced)")
+        else:
+            faults.append(text)
+    if value is not None and value.quantity is not Quantity.DEFLECTION:
+        low, high = procedure.limit("least_value_pa"), procedure.limit("most_value_pa")
+        if low is not None and value.value < low:
+            notes.append(f"{value.quantity} is below the range of the method ({low / 1e6:g} MPa)")
+        if high is not None and value.value > high:
+            notes.append(f"{value.quantity} is above the range of the method ({high / 1e6:g} MPa)")
+    return faults
+
+
+def _goal(
+    procedure: Procedure,
+    given: float | None,
+    moisture: float | None,
+    material: str | None,
+    notes: list[str],
+) -> _Goal:
+    """The target of the point where it is of the quantity that is judged, or the procedure's."""
+    if given is not None and not is_for(procedure, given):
+        judged, other = "a deflection", "a modulus"
+        if procedure.quantity is not Quantity.DEFLECTION:
+            judged, other = other, judged
+        notes.append(f"the target is {other}, the procedure judges {judged}: not compared")
+        given = None
+    if given is not None:
+        return _Goal(given, "of the point")
+    found = procedure.target_for(moisture, material)
+    return _Goal(None, "") if found is None else _Goal(found.value.value, found.value.source)
+
+
+def is_for(procedure: Procedure, target: float) -> bool:
+    """Whether a target is of the quantity that is judged: moduli begin at 100 kPa, deflections
+    end at a plate's radius."""
+    return (procedure.quantity is Quantity.DEFLECTION) == (target < LARGEST_DEFLECTION)
+
+
+def _note_s_over_v(procedure: Procedure, s_over_v: float | None, notes: list[str]) -> None:
+    limit = procedure.limit("most_s_over_v_s")
+    if s_over_v is not None and limit is not None and s_over_v > limit:
+        notes.append(
+            f"s/v is {s_over_v * 1e3:.2f} ms, above {limit * 1e3:.2f} ms: more compaction is "
+            "possible"
+        )
+
+
+def _verdict(
+    value: PointValue | None,
+    target: float | None,
+    violated: Sequence[str],
+    faults: Sequence[str],
+    drops: SortedDrops,
+) -> tuple[Verdict, str, ReasonCode | None]:
+    undecided = Verdict.UNDECIDED
+    if target is None:
+        return Verdict.NONE, "there is no target", None
+    if violated:
+        return undecided, violated[0], ReasonCode.PRECONDITION
+    if not drops.complete:
+        return undecided, "measured drops are missing", ReasonCode.DROPS_MISSING
+    if value is None or (drops.counted and value.drops < len(drops.used)):
+        text = "a measured drop lacks what is judged: discard and repeat it"
+        return undecided, text, ReasonCode.VALUE_MISSING
+    if value.not_supported is not None:
+        text = f"{_subject(value)} is not supported by the data: {value.not_supported}"
+        return undecided, text, ReasonCode.NOT_SUPPORTED
+    if faults:
+        return undecided, faults[0], ReasonCode.SCATTER
+    if value.interval is None:
+        return undecided, _too_few(value), ReasonCode.DROPS_MISSING
+    low, high = value.interval
+    if value.quantity is Quantity.DEFLECTION:  # smaller is better
+        reached, missed = high <= target, low > target
+    else:
+        reached, missed = low >= target, high < target
+    if reached:
+        return Verdict.PASS, "the whole 95 % interval reaches the target", ReasonCode.DECIDED
+    if missed:
+        return Verdict.FAIL, "the whole 95 % interval misses the target", ReasonCode.DECIDED
+    return undecided, "the target lies within the 95 % interval", ReasonCode.INTERVAL
+
+
+def _subject(value: PointValue) -> str:
+    return "the modulus" if value.quantity is Quantity.MODULUS else str(value.quantity)
+
+
+def _too_few(value: PointValue) -> str:
+    """Return why a value has no interval."""
+    if value.quantity is Quantity.MODULUS:
+        return "the modulus has no interval"
+    return f"an interval needs {MIN_DROPS_FOR_INTERVAL} measured drops, the point has {value.drops}"
+
+
+def _compaction(sorted_drops: SortedDrops) -> tuple[tuple[int, str, float], ...]:
+    return tuple(
+        (drop.number, sorted_drops.kinds[drop.number].value, drop.peak_deflection)
+        for drop in sorted_drops.drops
+        if drop.kind is not Kind.REJECTED and drop.peak_deflection is not None
+    )

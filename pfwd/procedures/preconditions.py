@@ -1,0 +1,133 @@
+"""What a procedure presumes of plate and load, and where a point violates it.
+
+A formula with a nominal load (E_vd) is wrong in proportion when another weight or height was used,
+and limits found with one plate do not hold for another. A point that violates a precondition gets
+no verdict.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pfwd.procedures.moduli import mean
+from pfwd.procedures.point import PointDrop
+from pfwd.procedures.profile import Procedure
+
+ROUNDING = 1e-9
+"""Relative; a value on the limit of a tolerance is within it."""
+
+
+@dataclass(frozen=True, slots=True)
+class PresumedLoad:
+    """The load that a procedure presumes beside the one that was measured."""
+
+    load: float
+    """N."""
+    pressure: float
+    """Pa; mean contact stress of that load under the procedure's plate."""
+    tolerance: float
+    """Relative."""
+    tolerance_is_ours: bool
+    """False: a verified source states the tolerance."""
+    measured_load: float | None
+    """N; mean of the averaged drops. None: not measured."""
+    measured_pressure: float | None
+    """Pa; mean contact stress of that load under the plate in use."""
+
+    def is_met_by(self, load: float) -> bool:
+        """Whether a load (N) is within the tolerance."""
+        return _is_within(load, self.load, self.tolerance)
+
+
+def presumed_load(
+    procedure: Procedure, used: Sequence[PointDrop], plate_radius: float
+) -> PresumedLoad | None:
+    """Return the load that a procedure presumes; None: it presumes none.
+
+    Parameters
+    ----------
+    procedure : Procedure
+    used : sequence of PointDrop
+        The drops that are averaged.
+    plate_radius : float, m
+        Of the plate in use.
+    """
+    radius = plate_radius if procedure.plate_radius is None else procedure.plate_radius.value
+    area, presumed_area = math.pi * plate_radius**2, math.pi * radius**2
+    if procedure.nominal_load is not None:
+        load = procedure.nominal_load.value
+    elif procedure.nominal_pressure is not None:
+        load = procedure.nominal_pressure.value * presumed_area
+    else:
+        return None
+    tolerance = procedure.tolerance("most_load_deviation")
+    loads = [drop.peak_load for drop in used if drop.peak_load is not None]
+    measured = mean(loads) if loads else None
+    return PresumedLoad(
+        load,
+        load / presumed_area if presumed_area else math.nan,
+        tolerance.value,
+        tolerance.is_ours,
+        measured,
+        measured / area if measured is not None and area else None,
+    )
+
+
+def violated_preconditions(
+    procedure: Procedure, used: Sequence[PointDrop], plate_radius: float
+) -> list[str]:
+    """Return one sentence for each precondition that a point violates.
+
+    Parameters
+    ----------
+    procedure : Procedure
+    used : sequence of PointDrop
+        The drops that are averaged.
+    plate_radius : float, m
+        0: there was no plate.
+    """
+    return [
+        *_plate_violation(procedure, plate_radius),
+        *_load_violation(procedure, used, plate_radius),
+    ]
+
+
+def _plate_violation(procedure: Procedure, plate_radius: float) -> list[str]:
+    needed = procedure.plate_radius
+    if needed is None or not plate_radius:
+        return []
+    tolerance = procedure.tolerance("most_radius_deviation")
+    if _is_within(plate_radius, needed.value, tolerance.value):
+        return []
+    return [
+        f"wrong plate: radius {plate_radius:g} m, this procedure needs {needed.value:g} m "
+        f"({tolerance.words})"
+    ]
+
+
+def _load_violation(
+    procedure: Procedure, used: Sequence[PointDrop], plate_radius: float
+) -> list[str]:
+    presumed = presumed_load(procedure, used, plate_radius)
+    if presumed is None or presumed.measured_load is None:
+        return []
+    needed = f"this procedure needs {_kilonewton(presumed.load)}"
+    words = procedure.tolerance("most_load_deviation").words
+    if not presumed.is_met_by(presumed.measured_load):
+        return [f"wrong drop height: {_kilonewton(presumed.measured_load)}, {needed} ({words})"]
+    for drop in used:
+        load = drop.peak_load
+        if load is not None and not presumed.is_met_by(load):
+            return [
+                f"drop {drop.number}: wrong drop height: {_kilonewton(load)}, {needed} ({words}); "
+                "discard and repeat it"
+            ]
+    return []
+
+
+def _is_within(value: float, needed: float, tolerance: float) -> bool:
+    return abs(value - needed) <= (tolerance + ROUNDING) * needed
+
+
+def _kilonewton(load: float) -> str:
+    return f"{load / 1e3:.3g} kN"

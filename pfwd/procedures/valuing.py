@@ -1,0 +1,318 @@
+"""The quantity of a procedure for a point, from the drops that are averaged."""
+
+import math
+from collections.abc import Sequence
+
+from pfwd.procedures.moduli import (
+    e_lwd,
+    e_vd,
+    half_width_95,
+    mean,
+    stress_dependence,
+)
+from pfwd.procedures.point import (
+    DiagnosedModulus,
+    PointDrop,
+    PointModulus,
+    PointValue,
+    StressDependence,
+)
+from pfwd.procedures.profile import Procedure, Quantity
+
+ASSUMED_POISSON_RATIO = 0.35
+"""Where neither procedure nor setup says one: the usual value of subgrades; said so in a note."""
+
+MIN_DROPS_FOR_INTERVAL = 3
+"""Measured drops; Student's interval of two is twelve standard deviations wide and says nothing."""
+
+
+def value_of(
+    procedure: Procedure,
+    used: Sequence[PointDrop],
+    plate_radius: float,
+    declared_ratio: float | None,
+    notes: list[str],
+    modulus: PointModulus | None = None,
+) -> PointValue | None:
+    """Return the quantity that a procedure judges; None: the drops do not give it.
+
+    Parameters
+    ----------
+    procedure : Procedure
+    used : sequence of PointDrop
+        The drops that are averaged.
+    plate_radius : float, m
+    declared_ratio : float or None
+        Poisson's ratio of the setup.
+    notes : list of str
+        Receives the assumptions that were made.
+    modulus : PointModulus, optional
+        Of the point, see `moduli_of`; judged where the procedure judges a modulus.
+    """
+    if procedure.quantity is Quantity.MODULUS:
+        return _judged_modulus(used, plate_radius, modulus)
+    measured = [drop for drop in used if drop.peak_deflection]
+    deflections, loads = known(measured, "peak_deflection"), known(measured, "peak_load")
+    if not deflections:
+        return None
+    if procedure.quantity is Quantity.DEFLECTION:
+        return _deflection(deflections, loads, plate_radius)
+    if procedure.quantity is Quantity.E_VD:
+        return _e_vd(procedure, deflections, loads, plate_radius)
+    if len(loads) != len(deflections):
+        return None
+    ratio = _poisson_ratio(procedure, declared_ratio, notes)
+    return _e_lwd(procedure, deflections, loads, plate_radius, ratio)
+
+
+def _deflection(
+    deflections: Sequence[float], loads: Sequence[float], plate_radius: float
+) -> PointValue:
+    average = mean(deflections)
+    interval, drop_range = _spread_of(average, deflections)
+    return PointValue(
+        Quantity.DEFLECTION,
+        average,
+        interval,
+        len(deflections),
+        drop_range,
+        mean_deflection=average,
+        mean_load=_mean_load(deflections, loads),
+        plate_radius=plate_radius,
+    )
+
+
+def _spread_of(
+    average: float, values: Sequence[float]
+) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
+    """Return the 95 % interval of a mean, or in its place the range of too few values."""
+    if len(values) < MIN_DROPS_FOR_INTERVAL:
+        return None, (min(values), max(values)) if len(values) > 1 else None
+    half = half_width_95(values) or 0.0
+    return (max(0.0, average - half), average + half), None
+
+
+def _e_vd(
+    procedure: Procedure,
+    deflections: Sequence[float],
+    loads: Sequence[float],
+    plate_radius: float,
+) -> PointValue:
+    # The reader refuses a profile without them.
+    assert procedure.factor is not None
+    assert procedure.nominal_pressure is not None
+    factor, nominal = procedure.factor.value, procedure.nominal_pressure.value
+    average = mean(deflections)
+    moduli = [e_vd(deflection, plate_radius, factor, nominal) for deflection in deflections]
+    of_means = e_vd(average, plate_radius, factor, nominal)
+    value = mean(moduli) if procedure.average == "modulus" else of_means
+    interval, drop_range = _spread_of(value, moduli)
+    return PointValue(
+        Quantity.E_VD,
+        value,
+        interval,
+        len(deflections),
+        drop_range,
+        mean_deflection=average,
+        mean_load=_mean_load(deflections, loads),
+        factor=factor,
+        plate_radius=plate_radius,
+        pressure=nominal,
+    )
+
+
+def _e_lwd(
+    procedure: Procedure,
+    deflections: Sequence[float],
+    loads: Sequence[float],
+    plate_radius: float,
+    ratio: float,
+) -> PointValue:
+    assert procedure.factor is not None  # the reader refuses a profile without
+    factor = procedure.factor.value
+    average, mean_load = mean(deflections), mean(loads)
+    moduli = [
+        e_lwd(load, deflection, plate_radius, ratio, factor)
+        for load, deflection in zip(loads, deflections, strict=True)
+    ]
+    of_means = e_lwd(mean_load, average, plate_radius, ratio, factor)
+    value = mean(moduli) if procedure.average == "modulus" else of_means
+    interval, drop_range = _spread_of(value, moduli)
+    return PointValue(
+        Quantity.E_LWD,
+        value,
+        interval,
+        len(deflections),
+        drop_range,
+        mean_deflection=average,
+        mean_load=mean_load,
+        factor=factor,
+        plate_radius=plate_radius,
+        poisson_ratio=ratio,
+        pressure=mean_load / (math.pi * plate_radius**2),
+    )
+
+
+def _mean_load(deflections: Sequence[float], loads: Sequence[float]) -> float | None:
+    """None when the load of a drop is not known."""
+    return mean(loads) if len(loads) == len(deflections) else None
+
+
+def moduli_of(
+    procedure: Procedure, used: Sequence[PointDrop], diagnosed: DiagnosedModulus | None
+) -> tuple[PointModulus | None, PointModulus | None]:
+    """Return the modulus of a point that counts, and the other one for the details.
+
+    The diagnosed modulus counts where its diagnosis allows a use, else the fitted one.
+
+    Parameters
+    ----------
+    procedure : Procedure
+        Has the largest residual of a supported fit.
+    used : sequence of PointDrop
+        The drops that are averaged.
+    diagnosed : DiagnosedModulus or None
+    """
+    fitted = _fitted_modulus(procedure, used)
+    if diagnosed is None:
+        return fitted, None
+    usable = diagnosed.use != "do-not-use"
+    result = PointModulus(
+        diagnosed.value,
+        diagnosed.interval,
+        "diagnosed",
+        None if usable else diagnosed.use_reason,
+    )
+    return (result, fitted) if usable or fitted is None else (fitted, result)
+
+
+def _fitted_modulus(procedure: Procedure, used: Sequence[PointDrop]) -> PointModulus | None:
+    r"""Combine the fitted moduli of drops on the logarithm of E.
+
+    One drop keeps its interval. Of several, :math:`\ln E` is the mean, and each side of the
+    interval is :math:`\sqrt{m^2 + s^2}` with the mean half-width m of the drops' own intervals on
+    that side and the half-width s from the scatter (Student). The model's error is common to the
+    drops of a point: their mean does not lessen it.
+    """
+    fitted = [drop for drop in used if drop.modulus is not None and 0 < drop.modulus < math.inf]
+    if not fitted:
+        return None
+    faults = (unsupported_fit(procedure, drop) for drop in fitted)
+    fault = next((text for text in faults if text is not None), None)
+    if len(fitted) == 1:
+        only = fitted[0]
+        assert only.modulus is not None
+        return PointModulus(only.modulus, only.modulus_interval, "fitted", fault)
+    logarithms = [math.log(value) for value in known(fitted, "modulus")]
+    average, scatter = mean(logarithms), half_width_95(logarithms) or 0.0
+    below, above = [], []
+    for drop, logarithm in zip(fitted, logarithms, strict=True):
+        if drop.modulus_interval is not None:
+            low, high = drop.modulus_interval
+            below.append(logarithm - math.log(low) if low > 0 else math.inf)
+            above.append(math.log(high) - logarithm)
+    ends = [math.hypot(mean(sides), scatter) if sides else scatter for sides in (below, above)]
+    interval = math.exp(average - ends[0]), math.exp(average + ends[1])
+    return PointModulus(math.exp(average), interval, "fitted", fault)
+
+
+def unsupported_records(used: Sequence[PointDrop]) -> str | None:
+    """Return why the records of a point support no value at all; None: they do.
+
+    Drops with the same load, deflection and duration to the last digit are one drop that was stored
+    several times. Peaks without traces are rounded and may agree by chance.
+    """
+    first: dict[tuple[float | None, ...], int] = {}
+    for drop in used:
+        if drop.record_fault is not None:
+            return f"drop {drop.number}: {drop.record_fault}"
+        if drop.pulse_duration is None or drop.peak_deflection is None:
+            continue
+        peaks = drop.peak_load, drop.peak_deflection, drop.pulse_duration
+        if peaks in first:
+            return f"drop {drop.number}: its record is a copy of that of drop {first[peaks]}"
+        first[peaks] = drop.number
+    return None
+
+
+def unsupported_fit(procedure: Procedure, drop: PointDrop) -> str | None:
+    """Return the reason why the data do not support the modulus of a drop; None: they do."""
+    if drop.fit_fault is not None:
+        return f"drop {drop.number}: {drop.fit_fault}"
+    fault = residual_fault(drop.residual, procedure.tolerance("most_residual").value)
+    return None if fault is None else f"drop {drop.number}: {fault}"
+
+
+def residual_fault(residual: float | None, limit: float) -> str | None:
+    """Return what is wrong with a residual over the peak; None: nothing, or it is not known."""
+    if residual is None or residual <= limit:
+        return None
+    return (
+        f"the model leaves {100 * residual:.2g} % of the peak, at most {100 * limit:.3g} % is "
+        "allowed"
+    )
+
+
+def _judged_modulus(
+    used: Sequence[PointDrop], plate_radius: float, modulus: PointModulus | None
+) -> PointValue | None:
+    if modulus is None:
+        return None
+    fitted = [drop for drop in used if drop.modulus is not None] or used
+    deflections, loads = (known(fitted, name) for name in ("peak_deflection", "peak_load"))
+    return PointValue(
+        Quantity.MODULUS,
+        modulus.value,
+        modulus.interval,
+        len(fitted),
+        not_supported=modulus.not_supported,
+        mean_deflection=mean(deflections) if deflections else None,
+        mean_load=mean(loads) if loads else None,
+        plate_radius=plate_radius,
+    )
+
+
+def known(drops: Sequence[PointDrop], attribute: str) -> list[float]:
+    """What is known of an attribute of drops, in their order."""
+    values = (getattr(drop, attribute) for drop in drops)
+    return [float(value) for value in values if value is not None]
+
+
+def _poisson_ratio(procedure: Procedure, declared: float | None, notes: list[str]) -> float:
+    own = procedure.enforced(procedure.poisson_ratio)
+    if own is not None:
+        return own
+    if declared is not None:
+        return declared
+    text = f"Poisson's ratio {ASSUMED_POISSON_RATIO:g} is assumed"
+    if text not in notes:
+        notes.append(text)
+    return ASSUMED_POISSON_RATIO
+
+
+def stress_of(
+    procedure: Procedure,
+    usable: Sequence[PointDrop],
+    plate_radius: float,
+    declared_ratio: float | None,
+) -> StressDependence | None:
+    """From all usable drops: those beyond the mean may have fallen from other heights."""
+    area = math.pi * plate_radius**2
+    if procedure.quantity is Quantity.MODULUS:
+        pairs = [
+            (drop.peak_load / area, drop.modulus)
+            for drop in usable
+            if drop.peak_load and drop.modulus
+        ]
+    else:
+        factor = procedure.factor.value if procedure.factor is not None else 2.0
+        ratio = _poisson_ratio(procedure, declared_ratio, [])
+        pairs = [
+            (
+                drop.peak_load / area,
+                e_lwd(drop.peak_load, drop.peak_deflection, plate_radius, ratio, factor),
+            )
+            for drop in usable
+            if drop.peak_load and drop.peak_deflection
+        ]
+    return stress_dependence([pair[0] for pair in pairs], [pair[1] for pair in pairs])

@@ -1,0 +1,298 @@
+"""The first page: what a test report after a procedure has to say, and where it is signed."""
+
+import math
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from pfwd.errors import OptionError, refusal
+from pfwd.judging import PointView
+from pfwd.matplotlib_start import start_matplotlib
+from pfwd.procedures import Procedure, Quantity, Verdict
+from pfwd.procedures.point import UNSUPPORTED_MARK
+from pfwd.procedures.preconditions import presumed_load
+from pfwd.report import shown
+from pfwd.report.blocks import (
+    Block,
+    Heading,
+    Mark,
+    Pairs,
+    Paragraph,
+    Picture,
+    Table,
+    Together,
+)
+from pfwd.report.content import Report
+from pfwd.report.drawing import (
+    curves_height,
+    draw_curves,
+    draw_logo,
+    draw_signatures,
+    with_curves,
+)
+from pfwd.report.fonts import Letters
+from pfwd.report.point_facts import modulus_text, time_of, used_drops, verdict_of
+from pfwd.report.texts import Texts
+
+MOST_ROWS = 16
+"""Points whose table fits on the first page; more have it on the pages behind."""
+
+_LOGO_HEIGHT, _SIGNATURES_HEIGHT = 16.0, 20.0
+"""mm."""
+
+
+def certificate_blocks(
+    report: Report,
+    texts: Texts,
+    letters: Letters,
+    company: str | None = None,
+    logo: str | os.PathLike[str] | None = None,
+) -> list[Block]:
+    """Who measured what, where, when, with which device, what came out, and lines to sign on.
+
+    Parameters
+    ----------
+    report : Report
+    texts : Texts
+    letters : Letters
+    company : str, optional
+        Heading of the page.
+    logo : path of a picture, optional
+    """
+    kept = [point for point in report.points if not point.discarded]
+    blocks: list[Block] = []
+    if logo is not None:
+        draw = partial(draw_logo, image=read_logo(logo))
+        blocks.append(Picture(draw, _LOGO_HEIGHT, "", company or texts["company"]))
+    blocks.append(Heading(report.title, level=1))
+    said = report.procedure.title if report.chosen else texts["report"]
+    head = f"{texts['certificate']}: {texts.title(said)}" if report.chosen else texts["report"]
+    blocks.append(Paragraph(f"{company} · {head}" if company else head, "note"))
+    blocks.append(Pairs(tuple(row for row in _rows(report, kept, texts) if row[1])))
+    if len(report.points) <= MOST_ROWS:
+        blocks += [points_table(report, texts), *unsupported_note(report, texts)]
+    drawn = [point for point in kept if with_curves(point)]
+    if drawn:
+        draw = partial(draw_curves, points=drawn, texts=texts, letters=letters)
+        blocks.append(Picture(draw, curves_height(drawn), texts["curves_note"], texts["curves"]))
+    labels = [texts[name] for name in ("sign_place", "sign_operator", "sign_checked")]
+    signatures = Picture(
+        partial(draw_signatures, labels=labels), _SIGNATURES_HEIGHT, "", texts["signatures"]
+    )
+    return [*blocks, Together((signatures,))]
+
+
+def read_logo(path: str | os.PathLike[str]) -> Any:
+    """A picture as an array.
+
+    Raises
+    ------
+    OptionError
+        If it is none.
+    """
+    start_matplotlib()
+    from matplotlib.image import imread
+
+    try:
+        return imread(os.fspath(path))
+    except (OSError, ValueError, SyntaxError) as err:  # what readers of pictures say
+        came = getattr(err, "strerror", None) or "something else"
+        raise OptionError(refusal(f"--logo {path}", "a picture (.png, .jpg)", came)) from err
+
+
+def _rows(report: Report, kept: Sequence[PointView], texts: Texts) -> tuple[tuple[str, str], ...]:
+    counts = Counter(verdict_of(point) for point in kept)
+    times = sorted(filter(None, map(time_of, report.points)))
+    measured = " – ".join(dict.fromkeys((times[0], times[-1]))) if times else ""
+    radii = sorted({f"{p.setup.plate_radius * 2e3:g} mm" for p in kept if p.setup.plate_radius})
+    verdicts = texts.say("verdicts", **{kind: counts[kind] for kind in Verdict})
+    drops = sum(len(p.drops) for p in kept)
+    key = "points_and_drop" if drops == 1 else "points_and_drops"
+    points = texts.say(key, points=len(kept), drops=drops)
+    return (
+        (texts["place"], _each(point.setup.site for point in kept)),
+        (texts["period"], measured),
+        (texts["operator"], _each(point.setup.operator for point in kept)),
+        (texts["instrument"], _device(report, kept)),
+        (texts["calibrated"], _calibration(report.instruments, texts)),
+        (texts["plate_diameter"], ", ".join(radii)),
+        (texts["judged_by"], judged_by(report, texts)),
+        (texts["formula"], _formula(report.procedure)),
+        (texts["drops_asked"], _drops_asked(report, texts)),
+        (texts["load"], _loads(kept, report.procedure, texts)),
+        (texts["conditions"], _conditions(kept, texts)),
+        (texts["points"], points),
+        (texts["verdict"], verdicts),
+    )
+
+
+def _formula(procedure: Procedure) -> str:
+    """How what is judged follows from the settlement; empty: by no formula."""
+    factor, nominal = procedure.factor, procedure.nominal_pressure
+    if factor is None or procedure.quantity not in (Quantity.E_VD, Quantity.E_LWD):
+        return ""
+    name, mean = procedure.quantity.value, "s\N{COMBINING MACRON}"
+    if procedure.quantity is Quantity.E_VD:
+        pressure = "" if nominal is None else f", σ = {nominal.value / 1e6:g} MPa"
+        return f"{name} = {factor.value:.3g} r σ / {mean}{pressure}"
+    ratio = procedure.poisson_ratio
+    said = "" if ratio is None else f", ν = {ratio.value:g}"
+    return f"{name} = {factor.value:.3g} (1 - ν²) r σ / {mean}, σ = F / (π r²){said}"
+
+
+def _drops_asked(report: Report, texts: Texts) -> str:
+    """How many drops of each kind the procedure wants at a point; empty: it does not say."""
+    if not report.chosen or report.procedure.measured_drops is None:
+        return ""
+    wanted = (
+        (report.procedure.seating_drops, "seating"),
+        (report.procedure.measured_drops, "measured"),
+    )
+    return " + ".join(f"{count} ({texts[kind]})" for count, kind in wanted if count)
+
+
+def _loads(kept: Sequence[PointView], procedure: Procedure, texts: Texts) -> str:
+    """Return peak loads and mean stresses below the plate: measured, then presumed."""
+    loads = [
+        (load, load / (math.pi * radius**2))
+        for point in kept
+        for drop in used_drops(point)
+        if (load := drop.facts.peak_load) is not None and (radius := point.setup.plate_radius)
+    ]
+    parts = []
+    if loads:
+        forces, pressures = zip(*loads, strict=True)
+        measured = f"{_range(forces, 1e-3)} kN, σ = {_range(pressures, 1e-3)} kPa"
+        parts.append(f"{texts['load_measured']}: {measured}")
+    plate = next((point.setup.plate_radius for point in kept if point.setup.plate_radius), 0.0)
+    presumed = presumed_load(procedure, (), plate) if plate else None
+    if presumed is not None:
+        ours = f", {texts['our_tolerance']}" if presumed.tolerance_is_ours else ""
+        parts.append(
+            f"{texts['load_presumed']}: {shown.digits(presumed.load / 1e3)} kN, σ = "
+            f"{shown.digits(presumed.pressure / 1e3)} kPa (± {100 * presumed.tolerance:g} %{ours})"
+        )
+    return "; ".join(parts)
+
+
+def _range(values: Sequence[float], scale: float) -> str:
+    ends = (shown.digits(value * scale) for value in (min(values), max(values)))
+    return " – ".join(dict.fromkeys(ends))
+
+
+def _conditions(kept: Sequence[PointView], texts: Texts) -> str:
+    """Material, moisture and temperature, where anybody said them."""
+    found = []
+    materials = _each(point.setup.material for point in kept)
+    if materials:
+        found.append(f"{texts['material']}: {materials}")
+    for key, unit in (("moisture", "%"), ("temperature", "°C")):
+        values = [v for point in kept if (v := getattr(point.setup, key)) is not None]
+        if values:
+            found.append(f"{texts[key]}: {_range(values, 1.0)} {unit}")
+    return "; ".join(found)
+
+
+def _each(values: Any) -> str:
+    return ", ".join(sorted({str(value) for value in values if value is not None}))
+
+
+def _device(report: Report, kept: Sequence[PointView]) -> str:
+    named = [
+        f"{identity.get('model', '')} {identity.get('serial_number', '')}".strip()
+        for identity in report.instruments
+    ]
+    return ", ".join(filter(None, named)) or _each(point.setup.device for point in kept)
+
+
+def _calibration(instruments: Sequence[Mapping[str, Any]], texts: Texts) -> str:
+    """The dates of the channels, each pair once."""
+    dates = dict.fromkeys(
+        (str(channel["calibrated"]), str(channel.get("due") or ""))
+        for identity in instruments
+        for channel in identity.get("channels") or ()
+        if channel.get("calibrated")
+    )
+    return "; ".join(
+        f"{when}, {texts['due'].lower()} {due}" if due else when for when, due in dates
+    )
+
+
+def judged_by(report: Report, texts: Texts) -> str:
+    """The procedure and what it judges."""
+    if not report.chosen:
+        return f"{texts['modulus_full']}; {texts['no_procedure']}"
+    name = report.procedure.quantity
+    what = texts["modulus_full"] if name is Quantity.MODULUS else shown.name_of(name, texts)
+    text = f"{report.procedure.name} ({texts.title(report.procedure.title)}): {what}"
+    if report.own_procedure is None:
+        return text
+    return f"{text}; {texts.say('own_procedure', name=report.own_procedure)}"
+
+
+def points_table(report: Report, texts: Texts) -> Table:
+    """Every point in one line: settlements, s/v or load, what is judged, target, verdict."""
+    quantity = report.procedure.quantity
+    # What the documents of the procedures ask for: s and v of the light drop weight tester, peak
+    # loads of devices with a load cell. A mean settlement that is judged has its own column.
+    speeds = not report.chosen or quantity is Quantity.E_VD
+    judged = quantity is not Quantity.MODULUS
+    mean = quantity is not Quantity.DEFLECTION
+    columns = [texts["point"], texts["time"], "s, mm"]
+    columns += ["s\N{COMBINING MACRON}, mm"] if mean else []
+    columns += ["v, mm/s", "s/v, ms"] if speeds else ["F, kN"]
+    right = tuple(range(3, len(columns)))
+    columns += [shown.name_of(quantity, texts)] if judged else []
+    columns += [texts["modulus"], texts["target"], texts["verdict"]]
+    rows = []
+    for point in report.points:
+        progress = point.progress
+        facts = [drop.facts for drop in used_drops(point)]
+        depths = [s * 1e3 for fact in facts if (s := fact.peak_deflection) is not None]
+        kind = verdict_of(point)
+        cells: list[str | Mark] = [
+            point.shown_name,
+            time_of(point)[:16],
+            " / ".join(f"{value:.3f}" for value in depths[:MOST_DEPTHS])
+            + (" …" if len(depths) > MOST_DEPTHS else ""),
+        ]
+        cells += [f"{sum(depths) / len(depths):.3f}" if depths else shown.NOTHING] if mean else []
+        if speeds:
+            cells += [
+                _mean([v * 1e3 for fact in facts if (v := fact.peak_velocity) is not None]),
+                shown.scaled(progress.s_over_v, 1e3, ""),
+            ]
+        else:
+            cells.append(_mean([f / 1e3 for fact in facts if (f := fact.peak_load) is not None]))
+        cells += [shown.value_of(progress.value, texts)] if judged else []
+        cells += [
+            modulus_text(point, texts),
+            shown.target_of(progress.target, quantity),
+            Mark(kind, texts["discarded"] if point.discarded else texts[kind]),
+        ]
+        rows.append(tuple(cells))
+    return Table(tuple(columns), tuple(rows), right)
+
+
+def unsupported_note(report: Report, texts: Texts) -> list[Block]:
+    """Return the note on points whose value or modulus is marked; none where no point is."""
+    reasons: dict[str, list[str]] = {}
+    for point in report.points:
+        value, modulus = point.progress.value, point.progress.modulus
+        marked = [item.not_supported for item in (value, modulus) if item is not None]
+        for reason in dict.fromkeys(filter(None, marked)):
+            reasons.setdefault(texts.message(reason), []).append(point.shown_name)
+    if not reasons:
+        return []
+    listed = "; ".join(f"{', '.join(names)}: {reason}" for reason, names in reasons.items())
+    return [Paragraph(f"{UNSUPPORTED_MARK} {texts['not_supported']}: {listed}", "note")]
+
+
+def _mean(values: Sequence[float]) -> str:
+    return shown.digits(sum(values) / len(values)) if values else shown.NOTHING
+
+
+MOST_DEPTHS = 3
+"""Settlements of a point that its line has; procedures ask for three."""

@@ -1,0 +1,119 @@
+"""The part of a point's report on what is behind its residual."""
+
+import math
+from functools import partial
+
+from pfwd.analysis.diagnosis.result import DiagnosisResult, EffectResult, FittedState
+from pfwd.digits import read_in
+from pfwd.judging import PointView
+from pfwd.message_groups import group_messages
+from pfwd.report import shown
+from pfwd.report.blocks import Block, Heading, Listing, Paragraph, Picture, Table
+from pfwd.report.diagnosis_drawing import draw_ladder, ladder_of
+from pfwd.report.point_facts import diagnosis_of
+from pfwd.report.texts import Texts
+
+_ROW, _MARGIN = 4.2, 13.0  # mm of the picture: a bar, and what is around the bars
+_SAME_MODULUS = 0.02  # moduli at two stresses that differ by less need not both be told
+
+
+def diagnosis_blocks(point: PointView, texts: Texts) -> list[Block]:
+    """Verdict, before and after, what each effect is worth, and the effects themselves.
+
+    Parameters
+    ----------
+    point : PointView
+        Without a diagnosis there is nothing to show.
+    texts : Texts
+    """
+    found = diagnosis_of(point)
+    if found is None:
+        return []
+    verdict = str(found.verdict)
+    known = f"verdict_{verdict}" in ("verdict_clean", "verdict_explained", "verdict_unexplained")
+    blocks: list[Block] = [
+        Heading(texts["diagnosis"], 3),
+        Paragraph(texts[f"verdict_{verdict}"] if known else verdict),
+    ]
+    blocks += _states(found, texts)
+    steps = ladder_of(found, texts)
+    if len(steps) > 2:
+        picture = Picture(
+            partial(draw_ladder, found=found, texts=texts),
+            _MARGIN + _ROW * len(steps),
+            texts["ladder_note"],
+            f"{texts['diagnosis']}: {texts['point']} {point.shown_name}",
+        )
+        blocks.append(picture)
+    effects = [_effect(effect) for effect in found.effects or ()]
+    if effects:
+        blocks += [Heading(texts["effects"], 3), Listing(tuple(effects))]
+    warnings = found.warnings or ()
+    if warnings:
+        groups = group_messages(("", warning) for warning in warnings)
+        blocks.append(Listing(tuple(map(texts.grouped, groups)), "warning"))
+    return blocks
+
+
+def _states(found: DiagnosisResult, texts: Texts) -> list[Block]:
+    rows = [
+        (
+            texts[when],
+            _modulus(state, texts),
+            str(state.model),
+            shown.percent(state.contact_residual_rms_over_peak),
+            shown.percent(state.residual_rms_over_peak),
+        )
+        for when, state in (("before", found.before), ("after", found.after))
+        if state is not None
+    ]
+    if not rows:
+        return []
+    columns = (
+        "",
+        f"{texts['modulus']} (95 %)",
+        texts["model"],
+        texts["contact_phase"],
+        texts["residual"],
+    )
+    blocks: list[Block] = [Table(columns, tuple(rows), (1, 3, 4))]
+    basis = f"rigid-rough {found.plate_radius_m or 0.0:g} m, ν {found.poisson_ratio or 0.0:g}"
+    blocks.append(Paragraph(f"{texts['basis']}: {basis}", "note"))
+    if verdict_of_use := _use(found, texts):
+        blocks.append(Paragraph(verdict_of_use))
+    return blocks
+
+
+_USE_KEYS = {"design": "use_design", "with-care": "use_with_care", "do-not-use": "do_not_use"}
+
+
+def _use(found: DiagnosisResult, texts: Texts) -> str:
+    """What may be done with the modulus after, and at which stress it is one."""
+    after = found.after
+    if after is None or after.modulus_pa is None:
+        return ""
+    text = f"{texts[_USE_KEYS[found.use]]}: {texts.message(found.use_reason)}."
+    if after.stress_pa is None or not math.isfinite(after.stress_pa):
+        return text
+    other = after.modulus_100kpa_pa
+    if other is None or abs(other / after.modulus_pa - 1.0) < _SAME_MODULUS:
+        return text
+    stress = f"{after.stress_pa / 1e3:.0f} kPa"
+    at_100 = f"{shown.digits(other / 1e6, 2)} MPa"
+    return f"{text} {texts.say('secant', stress=stress, modulus=at_100)}"
+
+
+def _modulus(state: FittedState, texts: Texts) -> str:
+    if state.modulus_pa is None:
+        return shown.NOTHING
+    ends = state.modulus_interval_pa
+    interval = None if ends is None else [end / 1e6 for end in ends]
+    return shown.with_interval(state.modulus_pa / 1e6, interval, "MPa", texts)
+
+
+def _effect(effect: EffectResult) -> str:
+    scale, unit = read_in(effect.unit or "")
+    value = shown.with_deviation(effect.value, effect.sd, scale, unit).strip()
+    text = f"{str(effect.name).replace('_', ' ')}: {value}"
+    others = ", ".join(name.replace("_", " ") for name in effect.alternatives or ())
+    return text + (f" (or: {others})" if others else "")

@@ -1,0 +1,630 @@
+"""The drawings of a report, into a figure of matplotlib or a part of one."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inversion.result import TimeHistories
+from pfwd.analysis.drop_facts import PEAK_WITHIN
+from pfwd.judging import DropView, PointView
+from pfwd.procedures import Quantity, Verdict
+from pfwd.report.content import Report
+from pfwd.report.fonts import Letters
+from pfwd.report.labels import common_beginning, on_page, place_labels, room_of
+from pfwd.report.lot import Line, Lot
+from pfwd.report.shown import name_of
+from pfwd.report.texts import Texts
+
+EARTH_RADIUS = 6_371_000.0
+"""m, mean; a sketch of some kilometres needs no ellipsoid."""
+
+COLOURS = ("#0b3c5d", "#b8500f", "#3d7a2a", "#7b3f8c", "#8a6d00", "#444444")
+"""Distinguishable without colour vision."""
+
+VERDICT_COLOURS = {"pass": "#1b7837", "fail": "#b2182b", "undecided": "#b8860b", "none": "#555555"}
+VERDICT_SHAPES = {"pass": "o", "fail": "X", "undecided": "D", "none": "s"}
+
+SHOWN_AFTER = 2.2
+"""Window of the fit that a picture shows; what comes later is the same line."""
+
+_NAME_SIZE = 7.5
+"""Points; letters of names in a sketch."""
+
+_FEW_STEPS = 4
+"""Of an axis that is two centimetres long; more numbers would touch."""
+
+MOST_NAMED = 5
+"""Sensors that the legend of a picture names; more hide the curves, and a table has them."""
+
+MOST_DOTS = 260
+"""Of a trace; more cannot be told apart and make a file large."""
+
+
+def place(report: Report) -> dict[int, tuple[float, float]]:
+    """East and north of the points that have a position, m from their middle, by index."""
+    known = {
+        index: point.position
+        for index, point in enumerate(report.points)
+        if point.position is not None
+    }
+    if not known:
+        return {}
+    middle = [math.fsum(values) / len(known) for values in zip(*known.values(), strict=True)]
+    scale = math.radians(1) * EARTH_RADIUS
+    return {
+        index: (
+            (longitude - middle[1]) * scale * math.cos(math.radians(middle[0])),
+            (latitude - middle[0]) * scale,
+        )
+        for index, (latitude, longitude) in known.items()
+    }
+
+
+def draw_map(figure: Any, report: Report, texts: Texts, letters: Letters) -> None:
+    """Points from above, by their verdict."""
+    axes = figure.subplots(gridspec_kw=margins(0.11, 0.97, 0.17, 0.96))
+    places = place(report)
+    for index, (east, north) in places.items():
+        kind = _verdict(report.points[index])
+        axes.plot(
+            east,
+            north,
+            VERDICT_SHAPES[kind],
+            color=VERDICT_COLOURS[kind],
+            markersize=8,
+            markeredgecolor="white",
+        )
+    if len(places) > 1:
+        path = np.array(list(places.values()))
+        axes.plot(path[:, 0], path[:, 1], color="0.75", linewidth=1.0, zorder=0)
+    axes.set_xlabel(texts["east_axis"], fontsize=8)
+    axes.set_ylabel(texts["north_axis"], fontsize=8)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.18)
+    axes.annotate(
+        "N",
+        xy=(0.97, 0.98),
+        xytext=(0.97, 0.74),
+        xycoords="axes fraction",
+        ha="center",
+        fontsize=9,
+        arrowprops={"arrowstyle": "->", "color": "0.2"},
+    )
+    finish(axes, texts)
+    _name_points(axes, report, places, letters)
+
+
+def _name_points(
+    axes: Any, report: Report, places: Mapping[int, tuple[float, float]], letters: Letters
+) -> None:
+    """Names beside the markers; one that would hide another name or a marker is left away."""
+    axes.apply_aspect()  # places on the page are known from here on
+    titles = [letters.drawable(report.points[index].name) for index in places]
+    skipped = len(common_beginning(titles))
+    names = [_short(title[skipped:]) for title in titles]
+    sizes = [(letters.width(name, _NAME_SIZE) + 2, _NAME_SIZE * 1.3) for name in names]
+    spots = list(places.values())
+    for label in place_labels(on_page(axes, spots), sizes, room_of(axes)):
+        line = {"arrowstyle": "-", "color": "0.6", "linewidth": 0.6}
+        axes.annotate(
+            names[label.number],
+            spots[label.number],
+            xytext=(label.dx, label.dy),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=_NAME_SIZE,
+            parse_math=False,
+            arrowprops=line if label.led else None,
+        )
+
+
+def draw_profile(figure: Any, report: Report, texts: Texts, letters: Letters) -> None:
+    """What is judged, point by point, with intervals and targets."""
+    axes = figure.subplots(gridspec_kw=margins(0.09, 0.98, 0.24, 0.90))
+    distances = _distances(report)
+    deflection = report.procedure.quantity is Quantity.DEFLECTION
+    scale = 1e3 if deflection else 1e-6
+    told: set[str] = set()
+    highest = 0.0
+    for index, point in enumerate(report.points):
+        value = point.progress.value
+        if value is None:
+            continue
+        x, y = distances[index], value.value * scale
+        kind = _verdict(point)
+        spread = None
+        if value.interval is not None:
+            low, high = (end * scale for end in value.interval)
+            spread = [[y - low], [high - y]]
+        highest = max(highest, y + (spread[1][0] if spread else 0.0))
+        axes.errorbar(
+            x,
+            y,
+            yerr=spread,
+            fmt=VERDICT_SHAPES[kind],
+            color=VERDICT_COLOURS[kind],
+            capsize=4,
+            markersize=7,
+            label=texts[kind] if kind not in told else None,
+        )
+        told.add(kind)
+        if point.progress.target is not None:
+            target = point.progress.target * scale
+            highest = max(highest, target)
+            axes.hlines(
+                target, x - 0.35 * _step(distances), x + 0.35 * _step(distances), "0.2", "dashed"
+            )
+    unit = "mm" if deflection else "MPa"
+    axes.set_ylabel(f"{name_of(report.procedure.quantity, texts)}, {unit}", fontsize=8)
+    by_distance = bool(place(report)) and len(place(report)) == len(report.points) > 1
+    axes.set_xlabel(texts["profile_distance" if by_distance else "profile_order"], fontsize=8)
+    axes.set_ylim(0, 1.12 * highest if highest > 0 else 1.0)
+    axes.margins(x=0.06 if len(report.points) > 1 else 0.5)
+    if told:
+        # Above the axes, where no point is.
+        above = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.985)}
+        axes.legend(fontsize=7, ncols=4, frameon=False, **above)
+    finish(axes, texts)
+    if not by_distance:
+        name_ticks(axes, distances, [point.shown_name for point in report.points], letters)
+
+
+def name_ticks(axes: Any, places: Sequence[float], titles: Sequence[str], letters: Letters) -> None:
+    """Names below an axis, upright where they are long, some of them where they are many.
+
+    No two of them overlap.
+    """
+    names = [letters.drawable(title) for title in titles]
+    skipped = len(common_beginning(names))
+    names = [_short(name[skipped:]) for name in names]
+    room = room_of(axes)
+    step = (room.right - room.left) / max(1, len(names))
+    widest = max(letters.width(name, 7.0) for name in names) + 4
+    turned = widest > step
+    every = max(1, math.ceil((9.0 if turned else widest) / step))
+    axes.set_xticks(list(places)[::every], names[::every])
+    for label in axes.get_xticklabels():
+        label.set_parse_math(False)
+        label.set_rotation(90 if turned else 0)
+
+
+def _distances(report: Report) -> list[float]:
+    """Way from the first point to each, m, when all have a position; else their order."""
+    places = place(report)
+    if len(places) < len(report.points) or len(places) < 2:
+        return [float(index) for index in range(1, len(report.points) + 1)]
+    found = [0.0]
+    for index in range(1, len(report.points)):
+        found.append(found[-1] + math.dist(places[index - 1], places[index]))
+    return found
+
+
+def _step(distances: Sequence[float]) -> float:
+    if len(distances) < 2:
+        return 1.0
+    return max((distances[-1] - distances[0]) / (len(distances) - 1), 1e-9)
+
+
+def _short(name: str, most: int = 12) -> str:
+    return name if len(name) <= most else f"{name[: most - 1]}…"
+
+
+def _verdict(point: PointView) -> str:
+    return "none" if point.discarded else Verdict(point.progress.verdict).value
+
+
+def draw_point(figure: Any, point: PointView, drops: Sequence[DropView], texts: Texts) -> None:
+    """Traces of drops on the left, deflection and modulus drop by drop on the right."""
+    several = len(point.progress.compaction) > 1
+    if several and not drops and not any(facts.modulus for facts in point.facts):
+        # Of peaks alone.
+        _draw_deflections(figure.add_axes((0.09, 0.24, 0.895, 0.64)), point, texts)
+        return
+    if drops:
+        _draw_traces(figure, drops, texts, 0.62 if several else 0.985)
+    if several:
+        left = 0.71 if drops else 0.09
+        bottom = figure.add_axes((left, 0.16, 0.985 - left, 0.33))
+        top = figure.add_axes((left, 0.585, 0.985 - left, 0.33), sharex=bottom)
+        _draw_compaction(top, bottom, point, texts)
+        top.set_xlabel("")
+        top.tick_params(labelbottom=False)
+
+
+def draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts) -> None:
+    """Load, displacement and residual of drops, one above the other."""
+    _draw_traces(figure, drops, texts, 0.985)
+
+
+def _draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts, right: float) -> None:
+    wide = right - 0.09
+    residual = figure.add_axes((0.09, 0.16, wide, 0.2))
+    moved = figure.add_axes((0.09, 0.39, wide, 0.35), sharex=residual)
+    load = figure.add_axes((0.09, 0.77, wide, 0.215), sharex=residual)
+    for axes in (load, moved):
+        axes.tick_params(labelbottom=False)
+    ends = []
+    for index, drop in enumerate(drops):
+        curves = drop.curves
+        if curves is None:
+            continue
+        colour = COLOURS[index % len(COLOURS)]
+        end = _end(curves)
+        ends.append(end)
+        part = curves.time <= end
+        few = np.flatnonzero(part)[:: max(1, int(part.sum()) // MOST_DOTS)]
+        time = curves.time * 1e3
+        name = f"{texts['drop']} {drop.number}"
+        load.plot(time[part], curves.load[part] / 1e3, color=colour, linewidth=1.1, label=name)
+        for row, offset in enumerate(curves.offsets):
+            label = texts["centre"] if offset == 0 else f"{offset:g} m"
+            if len(drops) == 1:
+                colour = COLOURS[row % len(COLOURS)]
+            moved.plot(
+                time[few], curves.observed[row][few] * 1e6, ".", markersize=2.6, color=colour
+            )
+            moved.plot(
+                time[part],
+                curves.predicted[row][part] * 1e6,
+                color=colour,
+                linewidth=1.0,
+                linestyle=("-", "--", "-.", ":")[row % 4],
+                label=label if index == 0 else None,
+            )
+            left = curves.predicted[row] - curves.observed[row]
+            residual.plot(time[few], left[few] * 1e6, color=colour, linewidth=0.9)
+        moved.axvline(curves.window_end * 1e3, color="0.5", linewidth=0.8, linestyle=":")
+        residual.axvline(curves.window_end * 1e3, color="0.5", linewidth=0.8, linestyle=":")
+    load.set_ylabel(texts["load_axis"], fontsize=6)
+    moved.set_ylabel(texts["deflection_axis"], fontsize=6)
+    residual.set_ylabel(texts["residual_axis"], fontsize=6)
+    residual.set_xlabel(texts["time_axis"], fontsize=7, labelpad=1)
+    for axes in (load, moved, residual):
+        axes.axhline(0.0, color="0.7", linewidth=0.6)
+        axes.locator_params(axis="y", nbins=_FEW_STEPS)
+        finish(axes, texts)
+    left_out = dict.fromkeys(offset for drop in drops for offset in drop.left_out)
+    for offset in left_out:
+        # Its name alone: what a loose sensor recorded would squeeze the others into a line.
+        moved.plot([], [], color="0.6", label=texts.say("left_out", offset=f"{offset:g}"))
+    if ends:
+        load.legend(fontsize=7, loc="upper right")
+        several = any(d.curves is not None and d.curves.offsets.size > 1 for d in drops)
+        most = max((d.curves.offsets.size for d in drops if d.curves is not None), default=0)
+        if (several or left_out) and most <= MOST_NAMED:
+            moved.legend(fontsize=6, loc="upper right")
+        load.set_xlim(right=max(ends) * 1e3)
+    figure.align_ylabels([load, moved, residual])
+
+
+def _end(curves: TimeHistories) -> float:
+    """Until when a drop is shown, s."""
+    start = float(curves.time[0])
+    return min(float(curves.time[-1]), start + SHOWN_AFTER * (curves.window_end - start))
+
+
+def draw_compaction(figure: Any, point: PointView, texts: Texts) -> None:
+    """Deflection by drop, and the modulus beside it."""
+    left, right = figure.subplots(
+        1, 2, gridspec_kw={**margins(0.09, 0.985, 0.24, 0.95), "wspace": 0.24}
+    )
+    _draw_compaction(left, right, point, texts)
+
+
+def _draw_compaction(left: Any, right: Any, point: PointView, texts: Texts) -> None:
+    _draw_deflections(left, point, texts)
+    _draw_moduli(right, point, texts)
+
+
+_DROP_SHAPES = {
+    "seating": ("s", "white"),
+    "measured": ("o", COLOURS[0]),
+    "discarded": ("x", "0.4"),
+}
+_OTHER_SHAPE = ("x", "0.4")
+
+
+def _draw_deflections(axes: Any, point: PointView, texts: Texts) -> None:
+    """Deflection by drop."""
+    told: set[str] = set()
+    numbers, depths = [], []
+    for number, kind, deflection in point.progress.compaction:
+        shape, fill = _DROP_SHAPES.get(kind, _OTHER_SHAPE)
+        label = texts[kind] if kind not in told else None
+        told.add(kind)
+        style: Mapping[str, Any] = {
+            "color": COLOURS[0] if kind != "discarded" else "0.4",
+            "markerfacecolor": fill,
+            "markersize": 6,
+        }
+        axes.plot(number, deflection * 1e6, shape, label=label, **style)
+        numbers.append(number)
+        depths.append(deflection * 1e6)
+    axes.plot(numbers, depths, color="0.75", linewidth=1.0, zorder=0)
+    axes.set_ylabel(texts["deflection_axis"], fontsize=6)
+    _finish_by_drop(axes, max([0.0, *depths]), texts)
+    if told:
+        # Above the axes, where no drop is.
+        axes.legend(
+            fontsize=6.5,
+            loc="lower right",
+            bbox_to_anchor=(1.02, 0.98),
+            ncols=3,
+            frameon=False,
+            handletextpad=0.1,
+            columnspacing=0.8,
+        )
+
+
+def _draw_moduli(axes: Any, point: PointView, texts: Texts) -> None:
+    """Modulus by drop, with its interval."""
+    kinds = dict(point.progress.kinds)
+    highest = 0.0
+    for drop in point.drops:
+        facts = drop.facts
+        if facts.modulus is None:
+            continue
+        value, spread = facts.modulus / 1e6, None
+        if facts.modulus_interval is not None:
+            low, high = (end / 1e6 for end in facts.modulus_interval)
+            spread = [[value - low], [high - value]]
+        highest = max(highest, value + (spread[1][0] if spread else 0.0))
+        shape, fill = _DROP_SHAPES.get(str(kinds.get(drop.number)), _OTHER_SHAPE)
+        axes.errorbar(
+            drop.number,
+            value,
+            yerr=spread,
+            fmt=shape,
+            color=COLOURS[0],
+            markerfacecolor=fill,
+            markersize=6,
+            capsize=4,
+        )
+    axes.set_ylabel(texts["modulus_axis"], fontsize=6)
+    _finish_by_drop(axes, highest, texts)
+
+
+def _finish_by_drop(axes: Any, highest: float, texts: Texts) -> None:
+    axes.set_xlabel(texts["drop_axis"], fontsize=7, labelpad=1)
+    axes.margins(x=0.08)
+    axes.set_ylim(0, 1.15 * (highest or 1.0))
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.locator_params(axis="y", nbins=_FEW_STEPS)
+    finish(axes, texts)
+
+
+MOST_CURVES = 12
+"""Points whose curves are on the first page; of more only their own pages have them."""
+
+_CURVES_IN_ROW = 4
+
+_CURVE_PART = 1.25
+"""Window of the fit that the curves of the first page show at least."""
+
+_ONE_POINT, _ROW_OF_CURVES, _BELOW_CURVES = 62.0, 33.0, 8.0
+"""mm; of the picture of the curves. Below the lowest stand their numbers and unit."""
+
+
+def curve_rows(points: Sequence[PointView]) -> int:
+    """Rows of the picture of :func:`draw_curves`."""
+    return math.ceil(min(len(points), MOST_CURVES) / _CURVES_IN_ROW)
+
+
+def curves_height(points: Sequence[PointView]) -> float:
+    """Height of the picture of :func:`draw_curves`, mm."""
+    return _ONE_POINT if len(points) == 1 else curve_rows(points) * _ROW_OF_CURVES + _BELOW_CURVES
+
+
+def draw_curves(figure: Any, points: Sequence[PointView], texts: Texts, letters: Letters) -> None:
+    """The deflection curves of the averaged drops of each point, all to one scale."""
+    shown = list(points)[:MOST_CURVES]
+    columns, rows = min(len(shown), _CURVES_IN_ROW), curve_rows(shown)
+    base = _BELOW_CURVES / curves_height(shown)
+    wide, high = 0.93 / columns, (1.0 - base) / rows
+    depth, end = _deepest(shown), 0.0
+    drawn = []
+    for number, point in enumerate(shown):
+        row, column = divmod(number, columns)
+        left, bottom = 0.07 + column * wide, base + (rows - 1 - row) * high
+        axes = figure.add_axes((left, bottom, wide * 0.9, high * 0.74))
+        drawn.append(axes)
+        for index, drop in enumerate(with_curves(point)):
+            end = max(end, _draw_curve(axes, drop, COLOURS[index % len(COLOURS)]))
+        axes.set_ylim(1.08 * depth, -0.12 * depth)  # a plate goes down
+        axes.locator_params(nbins=_FEW_STEPS)
+        axes.axhline(0.0, color="0.7", linewidth=0.6)
+        title = _short(letters.drawable(point.shown_name), 22)
+        axes.set_title(title, fontsize=7, pad=2, parse_math=False)
+        finish(axes, texts)
+        axes.tick_params(labelsize=6, labelleft=not column)
+        if axes.lines[1:]:
+            axes.legend(fontsize=5.5, loc="lower right", frameon=False, handlelength=1.0)
+        if not column:
+            axes.set_ylabel("s, mm", fontsize=7)
+        lowest = number + columns >= len(shown)
+        axes.tick_params(labelbottom=lowest)
+        if lowest:
+            axes.set_xlabel("ms", fontsize=7, labelpad=1)
+    for axes in drawn:
+        axes.set_xlim(right=end or 1.0)
+
+
+def _draw_curve(axes: Any, drop: DropView, colour: str) -> float:
+    """Draws the deflection of the centre and returns where it ends, ms."""
+    curves = drop.curves
+    if curves is None:
+        return 0.0
+    part = _curve_part(drop, curves)
+    few = part[:: max(1, part.size // MOST_DOTS)]
+    axes.plot(
+        curves.time[few] * 1e3,
+        curves.observed[0][few] * 1e3,
+        color=colour,
+        linewidth=0.9,
+        label=str(drop.number),
+    )
+    return float(curves.time[part[-1]]) * 1e3
+
+
+def _curve_part(drop: DropView, curves: TimeHistories) -> NDArray[np.intp]:
+    """Which samples the first page shows: the pulse, and the deflection past its peak."""
+    time = curves.time
+    until = time[0] + _CURVE_PART * (curves.window_end - time[0])
+    duration = drop.facts.pulse_duration
+    if duration is not None:
+        # On soft ground the plate is lowest when the load has gone.
+        top = time[int(curves.load.argmax())]
+        pulse = np.flatnonzero(time <= top + (PEAK_WITHIN - 0.5) * duration)
+        lowest = time[pulse[int(curves.observed[0][pulse].argmax())]]
+        until = max(until, lowest + duration / 2)
+    return np.flatnonzero(time <= until)
+
+
+def with_curves(point: PointView) -> list[DropView]:
+    """The averaged drops that have traces."""
+    used = [drop for drop in point.drops if drop.number in point.progress.used]
+    return [drop for drop in used if drop.curves is not None]
+
+
+_OUT_OF_SCALE = 2.5
+"""Times the middle deflection that the common scale reaches at most; a point that sank ten times as
+far leaves the picture, and the others stay readable."""
+
+
+def _deepest(points: Sequence[PointView]) -> float:
+    """Largest deflection of the curves that is shown, mm."""
+    peaks = [
+        float(drop.curves.observed[0][_curve_part(drop, drop.curves)].max()) * 1e3
+        for point in points
+        for drop in with_curves(point)
+        if drop.curves is not None
+    ]
+    found = [peak for peak in peaks if peak > 0]
+    return min(max(found), _OUT_OF_SCALE * float(np.median(found))) if found else 1.0
+
+
+def draw_signatures(figure: Any, labels: Sequence[str]) -> None:
+    """Lines to sign on, each with what stands below it."""
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_axis_off()
+    axes.set_xlim(0, 1)
+    axes.set_ylim(0, 1)
+    wide = 1.0 / len(labels)
+    for number, label in enumerate(labels):
+        start = number * wide
+        axes.plot([start, start + 0.88 * wide], [0.34, 0.34], color="0.2", linewidth=0.8)
+        axes.text(start, 0.08, label, fontsize=7.5, color="0.35", parse_math=False)
+
+
+def draw_logo(figure: Any, image: Any) -> None:
+    """A picture at the left, as high as there is room."""
+    axes = figure.add_axes((0.0, 0.02, 0.45, 0.96))
+    axes.imshow(image)
+    axes.set_anchor("W")
+    axes.set_axis_off()
+
+
+def draw_lot(figure: Any, lot: Lot, unit: str, target: float | None, texts: Texts) -> None:
+    """Control chart of the values in their order, and their histogram beside it."""
+    shape = {**margins(0.09, 0.985, 0.19, 0.88), "wspace": 0.16, "width_ratios": (2.2, 1.0)}
+    chart, bars = figure.subplots(1, 2, gridspec_kw=shape)
+    numbers = np.arange(1, len(lot.values) + 1)
+    values = np.asarray(lot.values)
+    chart.plot(numbers, values, color="0.75", linewidth=1.0, zorder=0)
+    chart.plot(numbers, values, "o", color=COLOURS[0], markersize=4)
+    out = list(lot.noticeable)
+    if out:
+        ring: Mapping[str, Any] = {"markersize": 9, "markerfacecolor": "none"}
+        chart.plot(
+            numbers[out], values[out], "o", color=COLOURS[1], label=texts["outliers"], **ring
+        )
+    chart.axhline(lot.mean, color=COLOURS[0], linewidth=1.0, label=texts["mean"])
+    for limit, name in zip(lot.limits, (texts["control_limits"], None), strict=True):
+        chart.axhline(limit, color=COLOURS[1], linewidth=0.9, linestyle="--", label=name)
+    line: Mapping[str, Any] = {"color": COLOURS[3], "linewidth": 0.9, "linestyle": ":"}
+    if lot.characteristic > 0:
+        chart.axhline(lot.characteristic, label=texts["characteristic_short"], **line)
+    if target is not None:
+        chart.axhline(target, color="0.2", linewidth=1.0, linestyle="-.", label=texts["target"])
+    chart.set_ylim(0.0, 1.08 * max(*values, *lot.limits, target or 0.0))
+    chart.set_ylabel(unit, fontsize=8)
+    chart.set_xlabel(texts["profile_order"], fontsize=8)
+    chart.xaxis.get_major_locator().set_params(integer=True)
+    chart.legend(fontsize=6.5, loc="lower left", bbox_to_anchor=(0.0, 0.99), ncols=5, frameon=False)
+    bars.hist(values, bins="auto" if len(values) > 5 else 3, color=COLOURS[0], rwidth=0.94)
+    bars.set_xlabel(unit, fontsize=8)
+    bars.set_ylabel(texts["points"], fontsize=8)
+    bars.yaxis.get_major_locator().set_params(integer=True)
+    for axes in (chart, bars):
+        finish(axes, texts)
+
+
+def draw_correlation(
+    figure: Any,
+    pairs: Sequence[tuple[float, float]],
+    line: Line,
+    names: tuple[str, str],
+    texts: Texts,
+) -> None:
+    """Pairs of what was judged and what a plate load test said, and the line through them."""
+    axes = figure.subplots(gridspec_kw=margins(0.09, 0.6, 0.2, 0.96))
+    xs, ys = zip(*pairs, strict=True)
+    axes.plot(xs, ys, "o", color=COLOURS[0], markersize=5)
+    ends = np.array([min(xs), max(xs)])
+    axes.plot(ends, line.intercept + line.slope * ends, color=COLOURS[1], linewidth=1.2)
+    axes.set_xlabel(names[0], fontsize=7)
+    axes.set_ylabel(names[1], fontsize=6)
+    axes.margins(0.12)
+    finish(axes, texts)
+
+
+def margins(left: float, right: float, bottom: float, top: float) -> dict[str, Any]:
+    """Given, not found: parts of a page are not laid out by matplotlib."""
+    return {"left": left, "right": right, "bottom": bottom, "top": top}
+
+
+def finish(axes: Any, texts: Texts | None = None) -> None:
+    """The same look for all axes; numbers with the decimal sign of the language."""
+    axes.grid(alpha=0.25)
+    axes.tick_params(labelsize=7)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    if texts is not None and texts.decimal != ".":
+        from matplotlib.ticker import FuncFormatter, ScalarFormatter
+
+        for axis in (axes.xaxis, axes.yaxis):
+            plain = axis.get_major_formatter()
+            if type(plain) is ScalarFormatter:
+                axis.set_major_formatter(FuncFormatter(_localised(axis, texts.decimal)))
+
+
+def _localised(axis: Any, decimal: str) -> Callable[[float, Any], str]:
+    """Numbers of an axis with another decimal sign, with the digits that their steps need."""
+
+    def show(value: float, _place: Any) -> str:
+        places = axis.get_majorticklocs()
+        step = min((b - a for a, b in pairwise(places)), default=1.0)
+        return f"{value:.{decimals_of(step)}f}".replace(".", decimal)
+
+    return show
+
+
+MOST_DECIMALS = 6
+"""Of the numbers of an axis."""
+
+
+def decimals_of(step: float) -> int:
+    """Decimals without which the steps of an axis would not be what stands beside them.
+
+    Examples
+    --------
+    >>> [decimals_of(step) for step in (50.0, 2.0, 0.5, 0.25, 0.025, 0.0)]
+    [0, 0, 1, 2, 3, 0]
+    """
+    exact = (d for d in range(MOST_DECIMALS) if abs(round(step, d) - step) <= 1e-6 * step)
+    return next(exact, MOST_DECIMALS)

@@ -1,0 +1,478 @@
+"""Gathers what a report shows: reads the survey, inverts what is missing, judges the points."""
+
+import datetime
+import hashlib
+import importlib.metadata
+import json
+import shlex
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from inversion import SurrogateLibrary
+from inversion.notices import Notice
+from pfwd.analysis.analyse import ASSUMED_POISSON_RATIO, analyse_drop
+from pfwd.analysis.diagnosis.holding import basis_of
+from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.drop_result import drop_result
+from pfwd.analysis.keeping import keep_results
+from pfwd.analysis.kept import rests_on
+from pfwd.analysis.options import (
+    AnalysisOptions,
+    Layers,
+    Thickness,
+    with_layers_of,
+)
+from pfwd.analysis.results import DropResult
+from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
+from pfwd.analysis.screening.drops import Screening, screen_point
+from pfwd.errors import OptionError, SurveyError, refusal
+from pfwd.files.folders import refuse_no_survey
+from pfwd.files.header import PointSetup, declared_values, setup_warnings
+from pfwd.files.traces import TracePoint
+from pfwd.judging import DropView, Job, PointView, job_of, point_view, point_views
+from pfwd.judging.earlier_rules import changed_verdicts
+from pfwd.judging.job import target_text
+from pfwd.judging.view import NO_SETUP, place_of_point
+from pfwd.peaks.stiffness import stiffness_of
+from pfwd.procedures import (
+    Kind,
+    PointProgress,
+    Procedure,
+    Quantity,
+    find_procedure,
+)
+from pfwd.report.content import Report
+from pfwd.report.fits import curves_of
+from pfwd.spawning import worker_pool
+from pfwd_device import Drop
+from pfwd_device.recording import DropRecord, Survey, SurveyPoint, read_survey
+
+PACKAGES = ("pfwd", "numpy", "scipy", "h5py", "matplotlib")
+"""Whose versions a report names: they made its numbers and pictures."""
+
+GIVEN = "given with the report"
+"""Where a target is from that the survey does not have."""
+
+Progress = Callable[[str], None]
+Diagnoses = Mapping[tuple[str, int], DiagnosisResult]
+"""By point and number of a drop."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportOptions:
+    """What is asked of a report.
+
+    Raises
+    ------
+    OptionError
+        If the target is not positive.
+    """
+
+    language: str = "en"
+    """Code of a catalogue."""
+    title: str | None = None
+    """Heading; None: the site, or the name of the folder."""
+    procedure: str | None = None
+    """Name or file to judge by; None: what the drops were measured by."""
+    target: float | None = None
+    """Of points that have none, Pa, or m for a procedure that judges deflections."""
+    refit: bool = False
+    """Invert anew, whatever is stored."""
+    diagnose: bool = False
+    """Ask what is behind the residuals."""
+    store: bool = True
+    """Keep what is computed with the survey."""
+    seed: int = 0
+    """Of the search, for what is inverted here."""
+    layers: Layers | None = None
+    """Media to invert anew with, whatever is stored; None: what is stored counts."""
+    thickness: Thickness | None = None
+    """Of all media but the lowest, from the top, m; None: fitted."""
+    company: str | None = None
+    """Whose report it is, for the first page."""
+    logo: str | None = None
+    """Path of a picture for the first page."""
+    template: str | None = None
+    """Path of a workbook to be filled."""
+    jobs: int = 1
+    """Processes that may work on it."""
+
+    def __post_init__(self) -> None:
+        self.analysis  # noqa: B018 - refuses layers that cannot be
+        if self.jobs < 1:
+            raise OptionError(refusal("--jobs", "a whole number from 1", str(self.jobs)))
+        if self.target is not None and not 0 < self.target < float("inf"):
+            raise OptionError(refusal("--target", "a number > 0", f"{self.target:g}"))
+
+    @property
+    def analysis(self) -> AnalysisOptions:
+        """With which drops are inverted for the report.
+
+        Raises
+        ------
+        OptionError
+        """
+        return AnalysisOptions(seed=self.seed, layers=self.layers, thickness=self.thickness)
+
+    @property
+    def fallback(self) -> tuple[float, str] | None:
+        """Target of points for which the survey has none, and where it is from."""
+        return None if self.target is None else (self.target, GIVEN)
+
+    @property
+    def anew(self) -> bool:
+        """Whether stored results do not count: they were found with other layers, or none."""
+        return self.refit or self.layers is not None
+
+
+def gather(
+    folder: str | Path, options: ReportOptions | None = None, progress: Progress | None = None
+) -> Report:
+    """Everything that a report of a survey shows.
+
+    Parameters
+    ----------
+    folder : path of a survey
+    options : ReportOptions, optional
+    progress : callable, optional
+        Told what is done, one sentence each.
+
+    Returns
+    -------
+    Report
+
+    Raises
+    ------
+    SurveyError, RecordingError, OptionError
+        If it is no survey, holds no drop, or the procedure is refused.
+    """
+    options = options or ReportOptions()
+    tell = progress or _silent
+    refuse_no_survey(folder)
+    survey = read_survey(folder)
+    if not survey.drops:
+        hint = f"damage: {'; '.join(survey.damage)}" if survey.damage else ""
+        raise SurveyError(refusal(str(folder), "a survey with drops", "none", hint))
+    job = _job(survey, options)
+    own = None if options.procedure is None else _own_procedure(survey)
+    own = None if own == job.procedure_in_force.name else own
+    new = _diagnosed(survey, options, tell) if options.diagnose else {}
+    found = _Gatherer(survey, options, job, new, tell)
+    points = [gathered for some in _gathered(found, options.jobs) for gathered in some]
+    if options.store:
+        failed = keep_results(str(folder), _new_results(points), counting=not options.anew)
+        if failed is not None:
+            tell(failed)
+    return Report(
+        title=options.title or _title(survey, points),
+        survey=str(folder),
+        survey_id=survey.survey_id,
+        made=datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
+        software={name: _version(name) for name in PACKAGES},
+        procedure=job.procedure_in_force,
+        chosen=job.procedure is not None,
+        instruments=tuple(found.instruments.values()),
+        check=survey.checks[-1] if survey.checks else None,
+        points=tuple(points),
+        checksums=dict(_checksums(survey)),
+        damage=survey.damage,
+        settings={
+            "method": "mpga",
+            "plate": "rigid-rough",
+            "load": "measured",
+            "sensors": "all",
+            **_layer_settings(options),
+            "seed": options.seed,
+        },
+        command=_command(str(folder), options),
+        own_procedure=own,
+        otherwise=(
+            *_said_otherwise(own, job.procedure_in_force, options.target, points),
+            *changed_verdicts(survey, point_views(survey, job)),
+        ),
+    )
+
+
+def _own_procedure(survey: Survey) -> str:
+    """Name of what the survey itself is measured by."""
+    try:
+        return job_of(survey).procedure_in_force.name
+    except SurveyError:
+        return "cannot be read"
+
+
+def _said_otherwise(
+    own: str | None, procedure: Procedure, target: float | None, points: Sequence[PointView]
+) -> tuple[str, ...]:
+    """Where the report was asked for another judgement than the survey's own, a sentence each."""
+    said = []
+    if own is not None:
+        said.append(f"judged by {procedure.name}; the procedure of the survey is another: {own}")
+    names = {point.shown_name for point in points}
+    others = {p.shown_name: p.progress for p in points if p.progress.target_source != GIVEN}
+    if target is not None and others:
+        kept = Counter(f"{_of(progress)} {progress.target_source}" for progress in others.values())
+        listed = ", ".join(f"{count} x {text.strip()}" for text, count in kept.most_common(3))
+        said.append(
+            f"the target {target_text(target)} counts for {len(names) - len(others)} of "
+            f"{len(names)} points; the others have their own: {listed}"
+        )
+    return tuple(said)
+
+
+def _of(progress: PointProgress) -> str:
+    return "none" if progress.target is None else target_text(progress.target)
+
+
+def _gathered(found: "_Gatherer", jobs: int) -> Iterator[list[PointView]]:
+    """The points of a survey in their order, on so many processes."""
+    points = found.survey.points
+    if jobs < 2 or len(points) < 2:
+        yield from map(found.points, points)
+        return
+    folder = str(found.survey.folder)
+    work = partial(_gather_elsewhere, folder, found.options, found.job, found.new)
+    with worker_pool(min(jobs, len(points))) as pool:
+        for said, instruments, some in pool.map(work, range(len(points))):
+            for text in said:
+                found.tell(text)
+            found.instruments |= {
+                k: v for k, v in instruments.items() if k not in found.instruments
+            }
+            yield some
+
+
+_here: dict[str, "_Gatherer"] = {}
+"""In a worker: the survey that it works on, read once."""
+
+
+def _gather_elsewhere(
+    folder: str, options: ReportOptions, job: Job, new: Diagnoses, number: int
+) -> tuple[list[str], dict[str, Mapping[str, Any]], list[PointView]]:
+    """What was said, the instruments that were met, and one point."""
+    said: list[str] = []
+    if folder not in _here:
+        _here[folder] = _Gatherer(read_survey(folder), options, job, new, _silent)
+    gatherer = _here[folder]
+    gatherer.tell = said.append
+    point = gatherer.points(gatherer.survey.points[number])
+    return said, gatherer.instruments, point
+
+
+def _new_results(points: Sequence[PointView]) -> list[tuple[int, DropResult]]:
+    """What the survey has not, with the numbers of the drops within it."""
+    return [
+        (drop.record, drop.result)
+        for point in points
+        for drop in point.drops
+        if drop.result is not None and not drop.result.stored
+        if drop.result.question is not None and drop.record is not None
+    ]
+
+
+def _silent(_text: str) -> None:
+    return
+
+
+def _job(survey: Survey, options: ReportOptions) -> Job:
+    """The survey's own, with the procedure that was asked for."""
+    chosen = None if options.procedure is None else find_procedure(options.procedure)
+    return job_of(survey, chosen)
+
+
+def _title(survey: Survey, points: Sequence[PointView]) -> str:
+    sites = {str(point.setup.site) for point in points if point.setup.site is not None}
+    return ", ".join(sorted(sites)) or Path(survey.folder).resolve().name
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed"
+
+
+def _layer_settings(options: ReportOptions) -> dict[str, Any]:
+    """What was asked of the layers, as words of the command line."""
+    if options.layers is None:
+        return {}
+    said: dict[str, Any] = {"layers": options.layers}
+    if options.thickness is not None:
+        said["thickness"] = _thickness_text(options.thickness)
+    return said
+
+
+def _thickness_text(thickness: Thickness) -> str:
+    if isinstance(thickness, str):
+        return thickness
+    return ",".join(f"{value:g}" for value in thickness)
+
+
+def _command(folder: str, options: ReportOptions) -> str:
+    words = ["pfwd", "report", folder, "-o", "report.html"]
+    for name in ("language", "title", "procedure"):
+        value = getattr(options, name)
+        if value is not None and (name, value) != ("language", "en"):
+            words += [f"--{name}", str(value)]
+    if options.target is not None:
+        words += ["--target", target_text(options.target).split()[0]]
+    for name, said in _layer_settings(options).items():
+        words += [f"--{name}", str(said)]
+    words += ["--refit"] if options.refit else []
+    words += ["--diagnose"] if options.diagnose else []
+    return shlex.join([*words, "--seed", str(options.seed)])
+
+
+class _Gatherer:
+    """Works through the points of a survey."""
+
+    def __init__(
+        self, survey: Survey, options: ReportOptions, job: Job, new: Diagnoses, tell: Progress
+    ) -> None:
+        self.survey = survey
+        self.options = options
+        self.job = job
+        self.new = new
+        self._analysis = options.analysis
+        self._library = SurrogateLibrary()
+        self.tell = tell
+        self.instruments: dict[str, Mapping[str, Any]] = {}
+
+    def points(self, stored: SurveyPoint) -> list[PointView]:
+        """Return a point; several where another plate was used on the way.
+
+        All of them have the verdict of the point as a whole.
+        """
+        point = self._view(stored)
+        groups: list[list[tuple[DropView, Drop]]] = []
+        for drop in point.drops:
+            assert drop.source is not None
+            record = drop.source.read()
+            if drop.setup is NO_SETUP:
+                raise SurveyError(f"{self.survey.folder}, point {point.title}: {drop.own.reason}")
+            if not groups or basis_of(groups[-1][0][0].setup) != basis_of(drop.setup):
+                groups.append([])
+            groups[-1].append((drop, record.drop))
+            self._note_instrument(record)
+        fitted = [self._fits(point, group) for group in groups]
+        whole = replace(point, drops=tuple(drop for drops in fitted for drop in drops))
+        parts = []
+        for drops, group in zip(fitted, groups, strict=True):
+            setup = drops[0].setup
+            place = place_of_point(stored, drops, declared_values(setup))
+            part = replace(whole, drops=drops, whole=whole, place=place)
+            warnings = self._warnings(part, [traces for _, traces in group])
+            parts.append(replace(part, warnings=warnings))
+        return parts
+
+    def _view(self, stored: SurveyPoint) -> PointView:
+        """Return a point with the diagnosis and the target of this report."""
+        point = point_view(stored, self.job)
+        made = (self.new.get((point.title, drop.number)) for drop in reversed(point.drops))
+        diagnosis = next((new for new in made if new is not None), None) or point.diagnosis
+        return replace(point, diagnosis=diagnosis, fallback_target=self.options.fallback)
+
+    def _note_instrument(self, record: DropRecord) -> None:
+        identity = record.metadata.get("identity")
+        if isinstance(identity, Mapping):
+            self.instruments.setdefault(json.dumps(identity, sort_keys=True), identity)
+
+    def _fits(
+        self, point: PointView, drops: Sequence[tuple[DropView, Drop]]
+    ) -> tuple[DropView, ...]:
+        """Return drops of one setup, each with its screening, result and curves."""
+        where = f"{self.survey.folder}, point {point.title}"
+        setup = drops[0][0].setup
+        traces = TracePoint(where, setup, tuple(drop for _, drop in drops))
+        screenings = leave_out_bad_sensors(traces, screen_point(traces))
+        self.tell(f"point {point.title}: {len(drops)} drops")
+        return tuple(
+            self._fit(drop, own, setup, screening)
+            for (drop, own), screening in zip(drops, screenings, strict=True)
+        )
+
+    def _fit(
+        self, drop: DropView, traces: Drop, setup: PointSetup, screening: Screening
+    ) -> DropView:
+        """Return a drop with its stored result, or with a new one where that does not count."""
+        stiffness = stiffness_of(traces, setup) if setup.is_stiffness_test else None
+        drop = replace(drop, screening=screening, stiffness=stiffness)
+        if drop.discarded is not None or screening.status == "rejected":
+            return drop.with_result(None)
+        result = None if self.options.anew else drop.sound_result
+        options = self._analysis
+        if result is not None and not rests_on(result, setup):
+            options = with_layers_of(options, result)
+            result = None
+            changed = Notice("declarations-changed")
+            said = replace(screening, warnings=(*screening.warnings, changed))
+            drop = replace(drop, screening=said)
+        if result is not None:
+            result = replace(result, stored=True)
+        else:
+            self.tell(f"  drop {drop.number} is inverted")
+            analysis = analyse_drop(traces, setup, screening, options, self._library)
+            file = None if drop.source is None else drop.source.file
+            result = drop_result(str(file or self.survey.folder), analysis)
+        curves = curves_of(traces, setup, screening, result, self._library)
+        return replace(drop.with_result(result), curves=curves)
+
+    def _warnings(self, point: PointView, traces: Sequence[Drop]) -> tuple[Notice, ...]:
+        setup = point.setup
+        warnings = list(setup_warnings(setup, traces))
+        if setup.poisson_ratio is None and not setup.is_stiffness_test:
+            values = {"poisson_ratio": ASSUMED_POISSON_RATIO}
+            warnings.append(Notice("poisson-ratio-not-declared", values))
+        return (*warnings, *_layer_warnings(point, self.job.procedure_in_force))
+
+
+def _layer_warnings(point: PointView, procedure: Procedure) -> list[Notice]:
+    """Return what a modulus means where the ground has layers, unlike on homogeneous ground."""
+    numbers = {
+        len(drop.result.layers or ()) or 1
+        for drop, facts in zip(point.drops, point.facts, strict=True)
+        if drop.result is not None and facts.kind in (Kind.MEASURED, Kind.SEATING)
+    }
+    if not numbers or max(numbers) == 1:
+        return []
+    judged = "-judged" if procedure.quantity is Quantity.MODULUS else ""
+    warnings = [Notice(f"modulus-of-lowest-medium{judged}")]
+    if len(numbers) > 1:
+        listed = " and ".join(map(str, sorted(numbers)))
+        warnings.append(Notice("media-differ", {"media": listed}))
+    return warnings
+
+
+def _checksums(survey: Survey) -> Iterator[tuple[int, str]]:
+    """Yield number and SHA-256 of each drop that has a file."""
+    for drop in survey.drops:
+        if drop.file is not None:
+            with suppress(OSError):
+                yield drop.number, hashlib.sha256(drop.file.read_bytes()).hexdigest()
+
+
+def _diagnosed(
+    survey: Survey, options: ReportOptions, tell: Progress
+) -> dict[tuple[str, int], DiagnosisResult]:
+    """New diagnoses by point and drop; they are kept. Discarded points have none."""
+    from pfwd.analysis.diagnosis.diagnose import diagnose_files
+    from pfwd.analysis.diagnosis.kept import keep_diagnoses
+
+    folder = str(survey.folder)
+    tell("residuals are diagnosed")
+    found = list(diagnose_files([folder], jobs=options.jobs, use_kept=not options.refit))
+    for diagnosed in found:
+        if diagnosed.error is not None:
+            tell(f"diagnosis: {diagnosed.error}")
+    if options.store:
+        new = [(it.number, it.result) for it in found if it.number is not None and it.result]
+        failed = keep_diagnoses(folder, new)
+        if failed is not None:
+            tell(failed)
+    results = [it.result for it in found if it.result is not None]
+    return {(str(it.point), drop): it for it in results for drop in it.drops or ()}

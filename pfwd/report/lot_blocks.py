@@ -1,0 +1,162 @@
+"""The part of a report on the points as a lot: statistics, zones, plate load tests."""
+
+from collections import Counter
+from collections.abc import Sequence
+from functools import partial
+
+from pfwd.judging import PointView
+from pfwd.procedures import Quantity
+from pfwd.report import shown
+from pfwd.report.blocks import Block, Heading, Pairs, Paragraph, Picture, Table, Together
+from pfwd.report.content import Report
+from pfwd.report.drawing import draw_correlation, draw_lot
+from pfwd.report.lot import Lot, line_through, lot_of
+from pfwd.report.point_facts import verdict_of
+from pfwd.report.texts import Texts
+
+_HEIGHT, _CORRELATION_HEIGHT = 56.0, 48.0
+"""mm."""
+
+
+def lot_blocks(report: Report, texts: Texts) -> list[Block]:
+    """Blocks on the points as a lot; none for fewer than three values."""
+    valued = [p for p in report.points if not p.discarded and p.progress.value is not None]
+    kept = [p for p in valued if p.progress.value and p.progress.value.not_supported is None]
+    excluded = [point.shown_name for point in valued if point not in kept]
+    scale, unit = _unit(report)
+    lot = _lot(report, kept, scale)
+    if lot is None:
+        return []
+    name = shown.name_of(report.procedure.quantity, texts)
+    targets = {point.progress.target for point in kept}
+    target = targets.pop() if len(targets) == 1 else None
+    draw = partial(
+        draw_lot,
+        lot=lot,
+        unit=f"{name}, {unit}",
+        target=None if target is None else target * scale,
+        texts=texts,
+    )
+    together: tuple[Block, ...] = (
+        Heading(f"{texts['lot']}: {name}"),
+        Pairs(tuple(row for row in _rows(lot, kept, excluded, unit, texts) if row[1])),
+        Picture(draw, _HEIGHT, texts["lot_note"], texts["lot"]),
+    )
+    return [
+        Together(together),
+        *_zones(report, kept, scale, unit, texts),
+        *_correlation(report, kept, scale, unit, texts),
+    ]
+
+
+def _unit(report: Report) -> tuple[float, str]:
+    return (1e3, "mm") if report.procedure.quantity is Quantity.DEFLECTION else (1e-6, "MPa")
+
+
+def _lot(report: Report, points: Sequence[PointView], scale: float) -> Lot | None:
+    values = [p.progress.value.value * scale for p in points if p.progress.value is not None]
+    return lot_of(values, small_is_good=report.procedure.quantity is Quantity.DEFLECTION)
+
+
+def _rows(
+    lot: Lot, points: Sequence[PointView], excluded: Sequence[str], unit: str, texts: Texts
+) -> list[tuple[str, str]]:
+    names = [point.shown_name for point in points]
+    outliers = ", ".join(f"{names[i]} ({shown.digits(lot.values[i])})" for i in lot.noticeable)
+    low, high = lot.mean_interval
+    ends = (max(0.0, low), high)
+    return [
+        (texts["mean"], shown.with_interval(lot.mean, ends, unit, texts)),
+        (
+            texts["spread_of_points"],
+            f"s = {shown.digits(lot.deviation, 2)} {unit}, V = {shown.percent(lot.variation)}; "
+            f"{shown.digits(min(lot.values))} – {shown.digits(max(lot.values))} {unit}, "
+            f"n = {len(lot.values)}",
+        ),
+        (texts["characteristic"], _characteristic(lot, unit, texts)),
+        (texts["outliers"], outliers or shown.NOTHING),
+        (texts["passed"], _passed(points, texts)),
+        (
+            texts["lot_excluded"],
+            f"{len(excluded)} ({', '.join(excluded)})" if excluded else "",
+        ),
+    ]
+
+
+def _characteristic(lot: Lot, unit: str, texts: Texts) -> str:
+    if lot.characteristic <= 0:
+        return texts["characteristic_none"]
+    return f"{shown.digits(lot.characteristic, 2)} {unit}"
+
+
+def _passed(points: Sequence[PointView], texts: Texts) -> str:
+    """Share of the points with a target that pass."""
+    counts = Counter(verdict_of(point) for point in points)
+    judged = len(points) - counts["none"]
+    if not judged:
+        return texts["none"]
+    return f"{counts['pass']} / {judged} ({100 * counts['pass'] / judged:.0f} %)"
+
+
+def _zones(
+    report: Report, points: Sequence[PointView], scale: float, unit: str, texts: Texts
+) -> list[Block]:
+    zones: dict[str, list[PointView]] = {}
+    for point in points:
+        zone = point.setup.site if point.setup.zone is None else point.setup.zone
+        zones.setdefault(shown.NOTHING if zone is None else str(zone), []).append(point)
+    if len(zones) < 2:
+        return []
+    rows = []
+    for name, some in zones.items():
+        values = [p.progress.value.value * scale for p in some if p.progress.value is not None]
+        lot = _lot(report, some, scale)
+        rows.append(
+            (
+                name,
+                str(len(values)),
+                shown.digits(sum(values) / len(values)),
+                shown.NOTHING if lot is None else shown.digits(lot.deviation, 2),
+                shown.NOTHING if lot is None else _characteristic(lot, "", texts).strip(),
+                f"{shown.digits(min(values))} – {shown.digits(max(values))}",
+                _passed(some, texts),
+            )
+        )
+    columns = (
+        texts["zone"],
+        "n",
+        f"{texts['mean']}, {unit}",
+        f"s, {unit}",
+        f"{texts['characteristic_short']}, {unit}",
+        f"min – max, {unit}",
+        texts["passed"],
+    )
+    return [Heading(texts["zones"], 3), Table(columns, tuple(rows), (1, 2, 3, 4))]
+
+
+def _correlation(
+    report: Report, points: Sequence[PointView], scale: float, unit: str, texts: Texts
+) -> list[Block]:
+    """What plate load tests gave at the same points, where somebody said so."""
+    pairs = [
+        (point.progress.value.value * scale, static / 1e6)
+        for point in points
+        if point.progress.value is not None
+        and (static := point.setup.plate_load_modulus) is not None
+    ]
+    if not pairs:
+        return []
+    blocks: list[Block] = [Heading(texts["plate_load"], 3)]
+    line = line_through([x for x, _ in pairs], [y for _, y in pairs])
+    if line is None:
+        return [*blocks, Paragraph(texts.say("plate_load_few", count=len(pairs)), "note")]
+    name = shown.name_of(report.procedure.quantity, texts)
+    names = (f"{name}, {unit}", f"{texts['plate_load_axis']}, MPa")
+    draw = partial(draw_correlation, pairs=pairs, line=line, names=names, texts=texts)
+    sign = "+" if line.slope >= 0 else "−"
+    equation = (
+        f"{texts['plate_load_axis']} = {shown.digits(line.intercept, 3)} MPa {sign} "
+        f"{shown.digits(abs(line.slope), 3)} · {name}; R² = {line.r_squared:.2f}, n = {line.pairs}"
+    )
+    caption = f"{equation}. {texts['plate_load_note']}"
+    return [*blocks, Picture(draw, _CORRELATION_HEIGHT, caption, texts["plate_load"])]

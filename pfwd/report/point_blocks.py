@@ -1,0 +1,286 @@
+"""The part of a report on one point: its facts, traces, results and diagnosis."""
+
+import math
+from collections.abc import Collection, Hashable, Mapping
+from functools import partial
+from typing import Any
+
+from pfwd.analysis.results import DropResult
+from pfwd.analysis.spread import relative_spread
+from pfwd.judging import DropView, PointView
+from pfwd.message_groups import as_ranges, group_messages
+from pfwd.procedures import Quantity, Verdict
+from pfwd.report import shown
+from pfwd.report.blocks import (
+    Block,
+    Heading,
+    Listing,
+    Pairs,
+    Paragraph,
+    Picture,
+    Table,
+)
+from pfwd.report.content import Report
+from pfwd.report.diagnosis_blocks import diagnosis_blocks
+from pfwd.report.drawing import draw_point
+from pfwd.report.ground_blocks import effective_of, ground_blocks
+from pfwd.report.peaks_blocks import peaks_blocks
+from pfwd.report.point_facts import (
+    all_warnings,
+    diagnosis_of,
+    effective_result,
+    first_result,
+    modulus_text,
+    time_of,
+    used_drops,
+    verdict_of,
+)
+from pfwd.report.texts import Texts
+
+_NO_RESULT = DropResult()
+
+MOST_TRACES = 6
+"""Drops in one picture of traces: the averaged ones, then the last before them."""
+
+_COLUMNS = (
+    ("drop", ""),
+    ("kind", ""),
+    ("load", "kN"),
+    ("deflection", "µm"),
+    ("pulse", "ms"),
+    ("modulus", "MPa"),
+    ("viscosity", "kPa s"),
+    ("density", "kg/m³"),
+    ("bedrock", "m"),
+    ("residual", "%"),
+    ("peak_method", "MPa"),
+)
+
+
+_EMPTY = f"{shown.NOTHING}; "
+"""Letters of a value that says nothing."""
+
+_HEIGHT, _DROPS_HEIGHT = 50.0, 30.0
+"""mm, of the picture of a point, and of one without traces: two points fit on a page."""
+
+
+def point_blocks(
+    point: PointView, report: Report, texts: Texts, common: Collection[Hashable] = ()
+) -> list[Block]:
+    """All of one point.
+
+    Parameters
+    ----------
+    point : PointView
+    report : Report
+    texts : Texts
+    common : collection
+        Keys of messages that hold for all points, and are said once in the beginning.
+    """
+    blocks: list[Block] = [
+        Heading(f"{texts['point']} {point.shown_name}"),
+        Pairs(tuple(row for row in _rows(point, report, texts) if row[1].strip(_EMPTY))),
+        *_pictures(point, texts),
+        *ground_blocks(_traced(point), point.shown_name, texts),
+        *_results(point, texts),
+        *peaks_blocks(point, texts),
+        *_remarks(point, texts, common),
+    ]
+    if diagnosis_of(point) is not None:
+        blocks += diagnosis_blocks(point, texts)
+    return blocks
+
+
+def _rows(point: PointView, report: Report, texts: Texts) -> list[tuple[str, str]]:
+    progress = point.progress
+    word = texts["discarded"] if point.discarded else texts[verdict_of(point)]
+    # "no target" is its own reason.
+    reason = f": {texts.message(progress.verdict_reason)}"
+    said = progress.verdict is not Verdict.NONE or point.discarded
+    rows = [(texts["verdict"], word + (reason if said else ""))]
+    if report.procedure.quantity is not Quantity.MODULUS:
+        rows += [
+            (
+                shown.name_of(report.procedure.quantity, texts),
+                f"{shown.value_of(progress.value, texts)}; "
+                f"{shown.value_basis(progress.value, texts)}",
+            )
+        ]
+    layered = len(effective_result(point).layers or ()) > 1
+    spread = shown.percent(progress.deflection_spread)
+    s_over_v = shown.scaled(progress.s_over_v, 1e3, "ms")
+    scatter = [
+        f"{name}: {value}"
+        for name, value in ((texts["spread"], spread), (texts["s_over_v"], s_over_v))
+        if value != shown.NOTHING
+    ]
+    around = [
+        f"{texts[name]}: {value}"
+        for name, value in (
+            ("moisture", shown.scaled(point.setup.moisture, 1.0, "%")),
+            ("temperature", shown.scaled(point.setup.temperature, 1.0, "°C")),
+            ("material", _said(point.setup.material)),
+            ("photos", _said(point.setup.photos)),
+        )
+        if value and value != shown.NOTHING
+    ]
+    rows += [
+        (
+            texts["modulus"],
+            f"{modulus_text(point, texts)}; {shown.basis_of(first_result(point))}",
+        ),
+        (
+            texts["effective"],
+            effective_of(effective_result(point), texts) if layered else shown.NOTHING,
+        ),
+        (texts["target"], _target(point, report, texts)),
+        (texts["used"], _used(point, texts)),
+        (texts["checks"], "; ".join(scatter)),
+        (texts["stress"], _stress(point, texts)),
+        (
+            texts["position"],
+            "; ".join(filter(None, (time_of(point), _position(point.place, texts)))),
+        ),
+        (texts["conditions"], "; ".join(around)),
+        (texts["notes"], "; ".join(point.notes)),
+    ]
+    return rows
+
+
+def _used(point: PointView, texts: Texts) -> str:
+    """Which drops are averaged, and why the others take no part, each reason once."""
+    used = ", ".join(map(str, point.progress.used)) or shown.NOTHING
+    excluded = _excluded(point, texts)
+    return f"{used}; {texts['excluded'].lower()}: {excluded}" if excluded else used
+
+
+def _excluded(point: PointView, texts: Texts) -> str:
+    order = [str(drop.number) for drop in point.drops]
+    excluded = [(str(drop.number), str(drop.reason)) for drop in point.progress.excluded]
+    return "; ".join(
+        f"{as_ranges(group.places, order).replace(' to ', ' – ')}: {texts.grouped(group)}"
+        for group in group_messages(excluded)
+    )
+
+
+def _traced(point: PointView) -> list[DropView]:
+    """The drops whose curves are shown."""
+    traced = [drop for drop in used_drops(point) if drop.curves is not None][-MOST_TRACES:]
+    return traced or [drop for drop in point.drops if drop.curves is not None][-MOST_TRACES:]
+
+
+def _pictures(point: PointView, texts: Texts) -> list[Block]:
+    traced = _traced(point)
+    if not traced and len(point.progress.compaction) < 2:
+        return []
+    names = ", ".join(str(drop.number) for drop in traced)
+    caption = f"{texts['traces']}, {texts['drops']} {names}. " if traced else ""
+    caption += f"{texts['compaction']}." if len(point.progress.compaction) > 1 else ""
+    alternative = f"{texts['traces']}: {texts['point']} {point.shown_name}"
+    draw = partial(draw_point, point=point, drops=traced, texts=texts)
+    return [Picture(draw, _HEIGHT if traced else _DROPS_HEIGHT, caption.strip(), alternative)]
+
+
+def _remarks(point: PointView, texts: Texts, common: Collection[Hashable]) -> list[Block]:
+    """Warnings that not all points share, and notes of drops."""
+    blocks: list[Block] = []
+    found = [
+        texts.grouped(group)
+        for group in group_messages((point.shown_name, text) for text in all_warnings(point))
+        if group.key not in common
+    ]
+    drop_notes = [f"{texts['drop']} {d.number}: {note}" for d in point.drops for note in d.notes]
+    if found:
+        blocks.append(Paragraph("; ".join(found), "small warning"))
+    if drop_notes:
+        blocks += [Heading(texts["notes"], 3), Listing(tuple(drop_notes))]
+    return blocks
+
+
+def _target(point: PointView, report: Report, texts: Texts) -> str:
+    text = shown.target_of(point.progress.target, report.procedure.quantity)
+    source = texts.message(point.progress.target_source or "")
+    return f"{text} ({source})" if text != shown.NOTHING and source else text
+
+
+def _said(value: object) -> str:
+    return "" if value is None else str(value)
+
+
+def _stress(point: PointView, texts: Texts) -> str:
+    stress = point.progress.stress
+    if stress is None:
+        return ""
+    low, high = (end / 1e3 for end in stress.pressures)
+    deviation = stress.exponent_deviation
+    if deviation is not None and abs(stress.exponent) < 2 * deviation:  # 95 %: it may be none
+        return texts.say("stress_none", low=f"{low:.0f}", high=f"{high:.0f}")
+    exponent = shown.with_deviation(stress.exponent, deviation, 1.0, "")
+    return texts.say("stress_text", exponent=exponent, low=f"{low:.0f}", high=f"{high:.0f}")
+
+
+def _position(position: Mapping[str, Any] | None, texts: Texts) -> str:
+    if position is None:
+        return ""
+    said = texts.message(str(position["source"]))
+    parts = [f"{position['latitude']:.6f}, {position['longitude']:.6f}", said]
+    for key, name in (("fix", ""), ("hdop", "HDOP"), ("satellites", "sat."), ("age_s", "age s")):
+        value = position.get(key)
+        if value is not None:
+            parts.append(f"{name} {value:.3g}" if isinstance(value, int | float) else str(value))
+    return ", ".join(parts)
+
+
+def _results(point: PointView, texts: Texts) -> list[Block]:
+    kinds = dict(point.progress.kinds)
+    rows = []
+    for drop, facts in zip(point.drops, point.facts, strict=True):
+        result = drop.result or _NO_RESULT
+        kind = str(kinds.get(drop.number, facts.kind))
+        blurred = relative_spread(result)
+        rows.append(
+            (
+                str(drop.number),
+                texts[kind],
+                shown.scaled(facts.peak_load, 1e-3, ""),
+                shown.scaled(facts.peak_deflection, 1e6, ""),
+                shown.scaled(facts.pulse_duration, 1e3, ""),
+                shown.modulus_of(drop.result, texts, unit=""),
+                shown.with_deviation(
+                    result.viscosity_pa_s, result.viscosity_sd_pa_s, 1e-3, "", blurred
+                ),
+                shown.with_deviation(
+                    result.density_kg_m3, result.density_sd_kg_m3, 1.0, "", blurred
+                ),
+                shown.depth_of(result, texts, ""),
+                shown.scaled(result.residual_rms_over_peak, 1e2, "", 2),
+                shown.scaled(result.peak_modulus_pa, 1e-6, ""),
+            )
+        )
+    names = [f"{texts[name]}{', ' if unit else ''}{unit}" for name, unit in _COLUMNS]
+    # Of peaks alone most columns are empty.
+    told = [i for i in range(len(names)) if any(row[i] != shown.NOTHING for row in rows)]
+    cells = tuple(tuple(row[i] for i in told) for row in rows)
+    right = tuple(place for place, i in enumerate(told) if i != 1)
+    table = Table(tuple(names[i] for i in told), cells, right)
+    basis: dict[str, list[str]] = {}
+    for drop in point.drops:
+        found = drop.result
+        if found is not None and found.modulus_pa is not None:
+            where = texts["stored" if found.stored else "fitted"]
+            text = (
+                f"{shown.basis_of(found, with_depth=False)}; "
+                f"{found.method}, {texts['load']}: {found.load}; "
+                f"{texts['seed']} {found.seed}; {where}; "
+                f"{texts['peak_method']}: k = {found.peak_factor or math.nan:.4g}"
+            )
+            basis.setdefault(text, []).append(str(drop.number))
+    order = [str(drop.number) for drop in point.drops]
+    lines = [
+        f"{texts['drop']} {as_ranges(numbers, order).replace(' to ', ' – ')}: {text}"
+        for text, numbers in basis.items()
+    ]
+    return [
+        table,
+        *(Paragraph(line, "note") for line in lines),
+    ]

@@ -1,0 +1,135 @@
+"""Writes a report of a survey, as HTML or PDF by the ending of its name, or fills a workbook."""
+
+import contextlib
+import gc
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from pfwd.errors import OptionError, refusal
+from pfwd.files.output_path import require_writable
+from pfwd.report.blocks import Heading
+from pfwd.report.certificate_blocks import read_logo
+from pfwd.report.composing import compose
+from pfwd.report.content import Report
+from pfwd.report.fonts import Letters, require_letters
+from pfwd.report.gathering import Progress, ReportOptions, gather
+from pfwd.report.pictures_as_svg import SecondDrawer
+from pfwd.report.texts import Texts, load_texts
+
+__all__ = ["ReportOptions", "write_report"]
+
+ENDINGS = (".html", ".pdf")
+WORKBOOK = ".xlsx"
+"""With a template."""
+
+COLLECT_AFTER = 50_000
+"""New objects after which garbage is looked for while pictures are drawn. They have so many that
+live that Python's own 700 takes a tenth of the time; this many take a few MB."""
+
+
+def write_report(
+    survey: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    options: ReportOptions | None = None,
+    progress: Progress | None = None,
+    second: SecondDrawer | None = None,
+) -> Report:
+    """Write a report of a survey; the survey itself is not changed.
+
+    Parameters
+    ----------
+    survey : path of a survey
+    output : path ending in .html or .pdf; in .xlsx with a template
+    options : ReportOptions, optional
+    progress : callable, optional
+        Told what is done, one sentence each.
+    second : SecondDrawer, optional
+        Draws pictures of HTML, too.
+
+    Returns
+    -------
+    Report
+        What it shows.
+
+    Raises
+    ------
+    OptionError
+        If the language, the ending or the procedure is refused, or the file cannot be written.
+    SurveyError, RecordingError
+        If it is no survey, or holds no drop.
+    """
+    options = options or ReportOptions()
+    target = Path(output)
+    ending = target.suffix.lower()
+    if options.template is not None and ending != WORKBOOK:
+        raise OptionError(refusal("--template", f"--output with {WORKBOOK}", str(target)))
+    if ending not in (*ENDINGS, WORKBOOK):
+        raise OptionError(refusal("--output", "a name ending in .html or .pdf", str(target)))
+    if ending == WORKBOOK and options.template is None:
+        hint = "pfwd export --format xlsx makes a workbook without one"
+        raise OptionError(refusal(f"--output {target}", "--template T.xlsx", "none", hint))
+    texts = load_texts(options.language)
+    require_writable(target, "--output")
+    if options.template is None:
+        require_letters(texts.code)
+        if options.logo is not None:
+            read_logo(options.logo)  # said now, and not after the work
+    elif not Path(options.template).is_file():
+        where = f"--template {options.template}"
+        raise OptionError(refusal(where, "a workbook (.xlsx)", "no such file"))
+    elif target.exists() and target.samefile(options.template):
+        raise OptionError(refusal("--output", "another file than the template", str(target)))
+    report = gather(Path(survey), options, progress)
+    data = _filled(report, options) if options.template is not None else None
+    _write(target, _rendered(report, options, texts, ending, second) if data is None else data)
+    return report
+
+
+def _filled(report: Report, options: ReportOptions) -> bytes:
+    from pfwd.report.template import fill_template
+
+    assert options.template is not None
+    return fill_template(report, options.template, options.company)[0]
+
+
+def _rendered(
+    report: Report,
+    options: ReportOptions,
+    texts: Texts,
+    ending: str,
+    second: SecondDrawer | None,
+) -> bytes:
+    with _garbage_seldom():
+        letters = Letters()
+        blocks = compose(report, texts, letters, options.company, options.logo)
+        title = next(block.text for block in blocks if isinstance(block, Heading))
+        if ending == ".pdf":
+            from pfwd.report.pdf_file import render_pdf
+
+            return render_pdf(blocks, texts, title, letters)
+        from pfwd.report.html_file import render_html
+
+        return render_html(blocks, texts, title, second).encode("utf-8")
+
+
+@contextlib.contextmanager
+def _garbage_seldom() -> Iterator[None]:
+    before = gc.get_threshold()
+    gc.set_threshold(max(before[0], COLLECT_AFTER) if before[0] else 0, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
+
+
+def _write(target: Path, data: bytes) -> None:
+    temporary = target.with_name(f".{target.name}.{os.getpid()}")
+    try:
+        # Another program never sees half of it.
+        temporary.write_bytes(data)
+        os.replace(temporary, target)
+    except OSError as err:
+        temporary.unlink(missing_ok=True)
+        came = err.strerror or str(err)
+        raise OptionError(refusal(f"--output {target}", "a file to write", came)) from err

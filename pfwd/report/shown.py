@@ -1,0 +1,198 @@
+"""Numbers as a report shows them: units, as many digits as they are worth, never a bare modulus."""
+
+import math
+from typing import Any
+
+from inversion.records import is_number
+from pfwd.analysis.results import DropResult
+from pfwd.digits import rounded, with_ends
+from pfwd.procedures import PointValue, Quantity
+from pfwd.procedures.point import UNSUPPORTED_MARK
+from pfwd.report.texts import Texts
+
+NOTHING = "–"
+
+
+def digits(value: float, count: int = 3) -> str:
+    """So many digits that count, or all before the point when there are more.
+
+    Examples
+    --------
+    >>> digits(0.012345), digits(45.678), digits(1234.5)
+    ('0.0123', '45.7', '1234')
+    """
+    return f"{value:.{_decimals(value, count)}f}"
+
+
+def _decimals(value: float, count: int) -> int:
+    if value == 0 or not math.isfinite(value):
+        return 0
+    return min(6, max(0, count - 1 - math.floor(math.log10(abs(value)))))
+
+
+def with_interval(
+    value: float,
+    interval: Any,
+    unit: str,
+    texts: Texts,
+    missing: str = "unknown_interval",
+    *,
+    marked: bool = False,
+) -> str:
+    """A value with its 95 % interval, or with the word that there is none.
+
+    Parameters
+    ----------
+    value : float
+        In the unit.
+    interval : pair of float, in the unit, or None
+    unit : str
+    texts : Texts
+    missing : str
+        Key of the words for a missing interval.
+    marked : bool
+        Whether the data do not support the value.
+    """
+    mark = UNSUPPORTED_MARK if marked else ""
+    if not interval or not all(is_number(end) for end in interval):
+        return f"{f'{digits(value)}{mark} {unit}'.strip()} ({texts[missing]})"
+    shown, low, high = with_ends(value, (interval[0], interval[1]))
+    # Broken between value and interval, if at all.
+    value_text = shown + mark + (f"\N{NO-BREAK SPACE}{unit}" if unit else "")
+    gap = "\N{NO-BREAK SPACE}–\N{NO-BREAK SPACE}"
+    return f"{value_text} ({low}{gap}{high})"
+
+
+def with_deviation(
+    value: Any, deviation: Any, scale: float, unit: str, relative: float = 0.0
+) -> str:
+    """A value with its standard deviation; a dash for none.
+
+    Parameters
+    ----------
+    value, deviation : float, or anything that is none
+    scale : float
+    unit : str
+    relative : float
+        Least spread over the value that the digits are for, where the deviation is not all.
+    """
+    if not is_number(value):
+        return NOTHING
+    shown = value * scale
+    if not is_number(deviation):
+        return f"{digits(shown)} {unit}".rstrip()
+    spread = deviation * scale
+    if relative > 0.0 and abs(shown) * relative > spread:
+        text, around = rounded(shown, abs(shown) * relative), rounded(spread, abs(shown) * relative)
+        return (
+            f"{text} {unit}".rstrip()
+            if float(around) == 0.0
+            else f"{text} ± {around} {unit}".rstrip()
+        )
+    decimals = min(_decimals(spread, 2) if spread else 3, _decimals(shown, 4))
+    least = 10.0**-decimals
+    around = f"<{least:.{decimals}f}" if spread < least / 2 else f" {spread:.{decimals}f}"
+    return f"{shown:.{decimals}f} ±{around} {unit}".rstrip()
+
+
+def depth_of(result: DropResult, texts: Texts, unit: str = "m") -> str:
+    """The depth of the rock with its interval; a dash for none."""
+    depth = result.bedrock_depth_m
+    if not is_number(depth):
+        return NOTHING
+    if result.bedrock_depth_sd_m is None:
+        return f"{digits(depth)} {unit}".rstrip()
+    return with_interval(depth, result.bedrock_depth_interval_m, unit, texts)
+
+
+def modulus_of(result: DropResult | None, texts: Texts, unit: str = "MPa") -> str:
+    """The modulus of a result with its interval, MPa; the unit may stand above it."""
+    if result is None:
+        return NOTHING
+    if not is_number(result.modulus_pa):
+        return texts["no_result"]
+    interval = result.modulus_interval_pa
+    ends = None if interval is None else [end / 1e6 for end in interval]
+    marked = result.not_supported is not None
+    return with_interval(result.modulus_pa / 1e6, ends, unit, texts, marked=marked)
+
+
+def basis_of(result: DropResult | None, *, with_depth: bool = True) -> str:
+    """What a modulus rests on: model, plate and Poisson's ratio."""
+    if result is None or result.model is None:
+        return NOTHING
+    model = result.model
+    if result.layers and len(result.layers) > 1:
+        model = f"lowest of {len(result.layers)} media, {model}"
+    if with_depth and result.bedrock_depth_m is not None:
+        depth, ends = result.bedrock_depth_m, result.bedrock_depth_interval_m
+        if result.bedrock_depth_sd_m is None or ends is None:
+            model += f" {digits(depth)} m"
+        else:
+            _, low, high = with_ends(depth, ends)
+            model += f" {low} – {high} m"
+    return (
+        f"{model}, {result.plate} {_plain(result.plate_radius_m)} m, "
+        f"ν {_plain(result.poisson_ratio)}"
+    )
+
+
+def value_of(value: PointValue | None, texts: Texts) -> str:
+    """The quantity of a procedure for a point, with its interval."""
+    if value is None:
+        return NOTHING
+    scale, unit = (1e3, "mm") if value.quantity is Quantity.DEFLECTION else (1e-6, "MPa")
+    marked = value.not_supported is not None
+    if value.interval is None and value.drop_range is not None:
+        smallest, largest = value.drop_range
+        _, low, high = with_ends(value.value * scale, (smallest * scale, largest * scale))
+        number = f"{digits(value.value * scale)}{UNSUPPORTED_MARK if marked else ''} {unit}"
+        return f"{number} ({texts.say('drop_range', count=value.drops, low=low, high=high)})"
+    interval = None if value.interval is None else [end * scale for end in value.interval]
+    return with_interval(value.value * scale, interval, unit, texts, "one_drop", marked=marked)
+
+
+def value_basis(value: PointValue | None, texts: Texts) -> str:
+    """What the quantity of a procedure rests on."""
+    if value is None:
+        return NOTHING
+    parts = []
+    if value.factor is not None:
+        parts.append(f"k = {value.factor:g}")
+    if value.poisson_ratio is not None:
+        parts.append(f"ν = {value.poisson_ratio:g}")
+    if value.plate_radius is not None:
+        parts.append(f"r = {value.plate_radius:g} m")
+    if value.pressure is not None:
+        parts.append(f"σ = {value.pressure / 1e3:.0f} kPa")
+    parts.append(f"n = {value.drops}")
+    return ", ".join(parts)
+
+
+def name_of(quantity: Quantity, texts: Texts) -> str:
+    """Name of what is judged, in the language of the report."""
+    names = {Quantity.MODULUS: texts["modulus"], Quantity.DEFLECTION: texts["deflection"]}
+    return names.get(quantity, str(quantity))
+
+
+def target_of(target: float | None, quantity: Quantity) -> str:
+    """A target with its unit and its direction."""
+    if target is None:
+        return NOTHING
+    if quantity is Quantity.DEFLECTION:
+        return f"≤ {target * 1e3:g} mm"
+    return f"≥ {target / 1e6:g} MPa"
+
+
+def percent(value: Any, count: int = 2) -> str:
+    """A part as percent."""
+    return f"{digits(value * 100, count)} %" if is_number(value) else NOTHING
+
+
+def scaled(value: Any, scale: float, unit: str, count: int = 3) -> str:
+    """A number in a unit of people; a dash for none."""
+    return f"{digits(value * scale, count)} {unit}".rstrip() if is_number(value) else NOTHING
+
+
+def _plain(value: Any) -> str:
+    return f"{value:g}" if is_number(value) else NOTHING

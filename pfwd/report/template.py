@@ -1,0 +1,342 @@
+"""A workbook of one's own, filled with a survey: ``pfwd report SURVEY --template T.xlsx``.
+
+A cell is filled when it has a name (one of Excel's defined names) or holds ``{{ name }}``. Of the
+survey there are single values; ``points.value``, or the name ``points_value``, fills the cell and
+those below it, a row a point, with the look of the first; ``drops.peak_load_n`` does so with a row
+a drop. A unit may follow: ``{{ points.value | MPa }}``, or ``points_value_MPa``.
+"""
+
+import os
+import re
+import warnings
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from copy import copy
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile, ZipFile
+
+from pfwd.errors import OptionError, quote, refusal
+from pfwd.export.point_rows import judged_values
+from pfwd.export.tables import FORMULA
+from pfwd.export.workbook import as_date
+from pfwd.judging import DropView, PointView
+from pfwd.procedures import unit_of
+from pfwd.report.content import Report
+from pfwd.report.point_facts import (
+    diagnosis_of,
+    local_time,
+    time_of,
+    used_drops,
+    verdict_of,
+)
+from pfwd_device.text import harmless
+
+LARGEST_TEMPLATE = 20_000_000
+"""Bytes; forms with a logo have some 100,000."""
+
+LARGEST_UNPACKED = 200_000_000
+"""Bytes; a hostile archive unpacks to more than memory holds."""
+
+SCALES = {
+    "Pa": 1.0,
+    "kPa": 1e-3,
+    "MPa": 1e-6,
+    "N": 1.0,
+    "kN": 1e-3,
+    "m": 1.0,
+    "mm": 1e3,
+    "um": 1e6,
+    "s": 1.0,
+    "ms": 1e3,
+    "percent": 1e2,
+    "mm_s": 1e3,
+}
+"""Shown value over SI value."""
+
+_PLACE = re.compile(r"\{\{\s*([A-Za-z_][\w.]*)\s*(?:\|\s*(\w+)\s*)?\}\}")
+
+Value = Any
+Values = Mapping[str, Value]
+
+
+def fill_template(
+    report: Report, template: str | os.PathLike[str], company: str | None = None
+) -> tuple[bytes, list[str]]:
+    """The bytes of the filled workbook, and the cells that were filled.
+
+    Parameters
+    ----------
+    report : Report
+    template : path of an .xlsx file
+    company : str, optional
+        Whose report it is.
+
+    Returns
+    -------
+    bytes
+    list of str
+        As ``Sheet!B3``.
+
+    Raises
+    ------
+    OptionError
+        If it is no workbook, or names something that no report has.
+    """
+    book = _open(template)
+    filler = _Filler(report, os.fspath(template), company)
+    filler.fill_names(book)
+    for sheet in book.worksheets:
+        filler.fill_sheet(sheet)
+    if not filler.filled:
+        known = ", ".join([*list(filler.survey)[:4], "points.value"])
+        expected = f"named cells or {{{{ }}}} such as {known}"
+        raise OptionError(refusal(f"--template {template}", expected, "none"))
+    stream = BytesIO()
+    book.save(stream)
+    return stream.getvalue(), filler.filled
+
+
+def _open(template: str | os.PathLike[str]) -> Any:
+    from openpyxl import load_workbook
+
+    where = f"--template {template}"
+    try:
+        size = Path(template).stat().st_size
+        if size > LARGEST_TEMPLATE:
+            raise OptionError(refusal(where, f"at most {LARGEST_TEMPLATE} bytes", str(size)))
+        with ZipFile(template) as archive:
+            unpacked = sum(item.file_size for item in archive.infolist())
+        if unpacked > LARGEST_UNPACKED:
+            expected = f"at most {LARGEST_UNPACKED} bytes, unpacked"
+            raise OptionError(refusal(where, expected, str(unpacked)))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of what it does not keep, such as pivot tables
+            return load_workbook(template)
+    except OSError as err:
+        came = err.strerror or "something else"
+        raise OptionError(refusal(where, "a workbook (.xlsx)", came)) from err
+    except OptionError:
+        raise
+    except (BadZipFile, KeyError, ValueError, TypeError, SyntaxError) as err:
+        hint = "save it as .xlsx"
+        raise OptionError(refusal(where, "a workbook (.xlsx)", "another file", hint)) from err
+
+
+class _Filler:
+    """Puts values into cells."""
+
+    def __init__(self, report: Report, template: str, company: str | None) -> None:
+        self._where = f"--template {template}"
+        self.survey = {**survey_values(report), "company": company}
+        self._rows = {
+            "points": [point_values(point) for point in report.points],
+            "drops": [drop_values(p, drop) for p in report.points for drop in p.drops],
+        }
+        self._keys = {
+            "points": list(point_values(report.points[0])),
+            "drops": list(drop_values(report.points[0], report.points[0].drops[0])),
+        }
+        self.filled: list[str] = []
+
+    def fill_names(self, book: Any) -> None:
+        """Cells that a name of the workbook, or of one of its sheets, leads to."""
+        for names in (book.defined_names, *(sheet.defined_names for sheet in book.worksheets)):
+            for name, defined in names.items():
+                key, unit = self._of_name(name)
+                if key is None:
+                    continue  # a name of the workbook's own
+                for title, place in defined.destinations:
+                    if title in book.sheetnames:
+                        cell = book[title][place.replace("$", "").split(":")[0]]
+                        self._fill(cell, key, unit)
+
+    def _of_name(self, name: str) -> tuple[str | None, str | None]:
+        """The key and the unit that a defined name stands for."""
+        if name in self.survey:
+            return name, None
+        for kind, keys in self._keys.items():
+            rest = name.removeprefix(f"{kind}_")
+            if rest == name:
+                continue
+            if rest in keys:
+                return f"{kind}.{rest}", None
+            key, _, unit = rest.rpartition("_")
+            if key in keys and unit in SCALES:
+                return f"{kind}.{key}", unit
+        return None, None
+
+    def fill_sheet(self, sheet: Any) -> None:
+        """Cells that hold a name in double braces."""
+        for row in list(sheet.iter_rows()):
+            for cell in row:
+                text = cell.value
+                if not isinstance(text, str) or "{{" not in text:
+                    continue
+                found = list(_PLACE.finditer(text))
+                if len(found) == 1 and found[0].span() == (0, len(text.strip())):
+                    self._fill(cell, found[0][1], found[0][2])
+                elif found:
+                    self._fill_text(cell, text)
+
+    def _fill_text(self, cell: Any, text: str) -> None:
+        def said(match: re.Match[str]) -> str:
+            value = _scaled(self._single(match[1], cell), match[2], self._at(cell))
+            return (
+                "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+            )
+
+        _put(cell, _PLACE.sub(said, text))
+        self.filled.append(self._name(cell))
+
+    def _fill(self, cell: Any, key: str, unit: str | None) -> None:
+        kind, _, column = key.partition(".")
+        if kind not in self._rows or not column:
+            _put(cell, _scaled(self._single(key, cell), unit, self._at(cell)))
+            self.filled.append(self._name(cell))
+            return
+        if column not in self._keys[kind]:
+            self._refuse(cell, key, [f"{kind}.{name}" for name in self._keys[kind]])
+        sheet, style = cell.parent, cell._style
+        for number, values in enumerate(self._rows[kind]):
+            below = sheet.cell(row=cell.row + number, column=cell.column)
+            _put(below, _scaled(values[column], unit, self._at(cell)))
+            if number:
+                below._style = copy(style)
+        self.filled.append(self._name(cell))
+
+    def _single(self, key: str, cell: Any) -> Value:
+        if key not in self.survey:
+            hint = [*self.survey, "points.value", "drops.modulus_pa"]
+            self._refuse(cell, key, hint)
+        return self.survey[key]
+
+    def _refuse(self, cell: Any, key: str, known: Sequence[str]) -> None:
+        expected = f"one of {', '.join(known)}"
+        raise OptionError(refusal(self._at(cell), expected, quote(key)))
+
+    def _at(self, cell: Any) -> str:
+        return f"{self._where}, {self._name(cell)}"
+
+    def _name(self, cell: Any) -> str:
+        return f"{harmless(cell.parent.title)}!{cell.coordinate}"
+
+
+def _scaled(value: Value, unit: str | None, where: str) -> Value:
+    if unit is None:
+        return value
+    if unit not in SCALES:
+        raise OptionError(refusal(where, f"a unit among {', '.join(SCALES)}", quote(unit)))
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return value * SCALES[unit] if number else value
+
+
+def _put(cell: Any, value: Value) -> None:
+    """A value into a cell; a text is never a formula, whatever a survey says."""
+    if isinstance(value, str):
+        cell.value = harmless(value)
+        cell.data_type = "s"
+        if value.lstrip(" ").startswith(FORMULA):
+            cell.quotePrefix = True
+    else:
+        cell.value = value
+
+
+def survey_values(report: Report) -> Values:
+    """What there is once a survey."""
+    kept = [point for point in report.points if not point.discarded]
+    counts = Counter(verdict_of(point) for point in kept)
+    times = sorted(filter(None, map(time_of, report.points)))
+    procedure = report.procedure if report.chosen else None
+    first = report.instruments[0] if report.instruments else {}
+    channels = first.get("channels") or ()
+    calibrated = [str(c["calibrated"]) for c in channels if c.get("calibrated")]
+    setups = [point.setup for point in report.points]
+
+    def each(name: str) -> str | None:
+        found = sorted({str(v) for s in setups if (v := getattr(s, name)) is not None})
+        return ", ".join(found) or None
+
+    return {
+        "title": report.title,
+        "survey": report.survey,
+        "survey_id": report.survey_id,
+        "site": each("site"),
+        "operator": each("operator"),
+        "device": each("device") or first.get("model"),
+        "serial_number": first.get("serial_number"),
+        "calibrated": as_date(min(calibrated)) or min(calibrated) if calibrated else None,
+        "procedure": None if procedure is None else procedure.name,
+        "procedure_title": None if procedure is None else procedure.title,
+        "quantity": str(report.procedure.quantity),
+        "unit": unit_of(report.procedure.quantity),
+        "plate_radius_m": setups[0].plate_radius if setups else None,
+        "first_time": as_date(times[0]) if times else None,
+        "last_time": as_date(times[-1]) if times else None,
+        "made": as_date(report.made),
+        "software": ", ".join(f"{name} {version}" for name, version in report.software.items()),
+        "points_count": len(kept),
+        "drops_count": sum(len(point.drops) for point in kept),
+        "passed": counts["pass"],
+        "failed": counts["fail"],
+        "undecided": counts["undecided"],
+        "without_target": counts["none"],
+    }
+
+
+def point_values(point: PointView) -> Values:
+    """Return the values of a point: those of the exports, and its settlements."""
+    progress, place = point.progress, point.place or {}
+    used, diagnosis = used_drops(point), diagnosis_of(point)
+    values = judged_values(point)
+    if progress.value is None:
+        values |= {"quantity": None, "unit": None}
+    depths = [drop.facts.peak_deflection for drop in used]
+    known = [depth for depth in depths if depth is not None]
+    speeds = [v for drop in used if (v := drop.facts.peak_velocity) is not None]
+    imported = point.setup.extra.get("imported")
+    noted = imported if isinstance(imported, Mapping) else {}
+    return {
+        "point": point.shown_name,
+        "chainage_m": noted.get("chainage_m"),
+        "latitude": place.get("latitude"),
+        "longitude": place.get("longitude"),
+        "altitude_m": place.get("altitude_m"),
+        "time_local": as_date(time_of(point)),
+        **values,
+        "diagnosis": None if diagnosis is None else diagnosis.verdict,
+        "discarded": point.discarded,
+        "note": "; ".join(point.notes) or None,
+        **{f"s{n}_m": depths[n - 1] if len(depths) >= n else None for n in (1, 2, 3)},
+        "s_mean_m": sum(known) / len(known) if known else None,
+        "v_mean_m_s": sum(speeds) / len(speeds) if speeds else None,
+        "s_over_v_s": progress.s_over_v,
+        "material": point.setup.material,
+        "moisture_percent": point.setup.moisture,
+        "temperature_c": point.setup.temperature,
+    }
+
+
+def drop_values(point: PointView, drop: DropView) -> Values:
+    """What there is of a drop."""
+    facts = next(facts for facts in point.facts if facts.number == drop.number)
+    result = drop.result
+    kinds = dict(point.progress.kinds)
+    low, high = (None, None)
+    if result is not None and result.modulus_interval_pa is not None:
+        low, high = result.modulus_interval_pa
+    return {
+        "point": point.shown_name,
+        "drop": drop.number,
+        "kind": str(kinds.get(drop.number, facts.kind)),
+        "time_local": as_date(local_time(drop)),
+        "peak_load_n": facts.peak_load,
+        "deflection_corrected_m": facts.peak_deflection,
+        "pulse_duration_s": facts.pulse_duration,
+        "modulus_pa": facts.modulus,
+        "modulus_interval_low_pa": low,
+        "modulus_interval_high_pa": high,
+        "reason": facts.reason,
+        "note": "; ".join(drop.notes) or None,
+    }

@@ -1,0 +1,217 @@
+"""The texts of a report in one language, from a catalogue or a file."""
+
+import re
+import string
+import tomllib
+from collections.abc import Collection, Sequence
+from functools import cache
+from importlib import resources
+from typing import Any
+
+from inversion.notices import OTHER, fill_template
+from pfwd.errors import OptionError, quote, refusal
+from pfwd.message_groups import GAP, MessageGroup, fill, split_numbers
+from pfwd_device.text import clean
+
+LARGEST_FILE = 1_000_000
+"""Bytes of a file with texts; a catalogue has under 20 000."""
+
+_CODE = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
+"""Of a language, as HTML has them (BCP 47)."""
+
+
+_LINE = re.compile(r"(\.\w+, )line( \{\})")
+"""Of a file, behind its name."""
+
+
+class Texts:
+    """Texts by key.
+
+    Parameters
+    ----------
+    code : str
+        Of the language.
+    table : dict
+        As the catalogue has it.
+    """
+
+    def __init__(self, code: str, table: dict[str, str]) -> None:
+        self.code = code
+        self._table = table
+        catalogue = _messages().get(code, {})
+        self._messages: dict[str, str] = catalogue.get("messages", {})
+        self._warnings: dict[str, str] = catalogue.get("warnings", {})
+        self._words: dict[str, str] = catalogue.get("words", {})
+
+    @property
+    def decimal(self) -> str:
+        """Decimal sign of the language."""
+        return self._table["decimal_sign"]
+
+    def __getitem__(self, key: str) -> str:
+        return self._table[key]
+
+    @property
+    def with_messages(self) -> tuple[str, ...]:
+        """Codes of the languages that messages are translated into."""
+        return tuple(_messages())
+
+    def message(self, text: str) -> str:
+        """A message of the program in this language; in English where its catalogue lacks it."""
+        return self.grouped_message(*split_numbers(text)) if self._messages else text
+
+    def title(self, text: str) -> str:
+        """As :meth:`message`, of what has numbers in its name: they stay as they are."""
+        pattern, numbers = split_numbers(text)
+        return fill(self._messages.get(pattern, pattern), numbers)
+
+    def grouped(self, group: MessageGroup[Any]) -> str:
+        """Return a message about several things in this language."""
+        texts = {
+            name: self.grouped_message(pattern, group.numbers[name])
+            for name, pattern in group.patterns.items()
+        }
+        template = self._warnings.get(group.code)
+        if template is None:
+            return "".join(texts.values()) if group.code == OTHER else group.text
+        for name, words in group.words.items():
+            if all(word in self._words for word in words):
+                texts[name] = ", ".join(self._words[word] for word in words)
+        return fill_template(template, texts)
+
+    def grouped_message(self, pattern: str, numbers: Sequence[str]) -> str:
+        """As :meth:`message`, of a pattern with gaps and of the numbers that fill them."""
+        found = GAP if pattern == GAP else self._messages.get(pattern)
+        if found is not None:
+            to = f" {self['range_to']} "
+            said = [number.replace(".", self.decimal).replace(" to ", to) for number in numbers]
+            return fill(found, said)
+        word = pattern.replace(GAP, "").strip(" ,")
+        if word in ("drop", "drops"):  # and their numbers
+            return fill(pattern.replace(word, self[word]), numbers)
+        for part in ("; ", ": ", ", "):
+            # What a file or a procedure is called stands before what is said of it; of several
+            # things one after the other each is said by itself.
+            for at in re.finditer(re.escape(part), pattern):
+                head, rest = pattern[: at.start()], pattern[at.end() :]
+                if rest not in self._messages and head not in self._messages:
+                    continue
+                gaps = head.count(GAP)
+                said = [self.grouped_message(head, numbers[:gaps])]
+                said.append(self.grouped_message(rest, numbers[gaps:]))
+                return part.join(said)
+        return fill(_LINE.sub(rf"\1{self['line']}\2", pattern), numbers)
+
+    def say(self, key: str, **values: object) -> str:
+        """A text with its words in braces filled in."""
+        return self._table[key].format(**values)
+
+
+@cache
+def _catalogues() -> dict[str, str]:
+    folder = resources.files(__package__).joinpath("catalogues")
+    return {
+        file.name.removesuffix(".toml"): file.read_text(encoding="utf-8")
+        for file in sorted(folder.iterdir(), key=lambda file: file.name)
+        if file.name.endswith(".toml")
+    }
+
+
+@cache
+def _messages() -> dict[str, dict[str, dict[str, str]]]:
+    """By the code of a language, its messages, warnings and words.
+
+    A message has its English text with ``{}`` for each number as key, a warning its code, a word
+    that of the program.
+    """
+    folder = resources.files(__package__).joinpath("catalogues", "messages")
+    return {
+        file.name.removesuffix(".toml"): tomllib.loads(file.read_text(encoding="utf-8"))
+        for file in sorted(folder.iterdir(), key=lambda file: file.name)
+        if file.name.endswith(".toml")
+    }
+
+
+def languages() -> tuple[str, ...]:
+    """Codes of the languages that there are catalogues for, sorted."""
+    return tuple(_catalogues())
+
+
+def load_texts(language: str) -> Texts:
+    """The texts of a language, by its code, or those that a TOML file holds.
+
+    Parameters
+    ----------
+    language : str
+        One of `languages`, or a path that ends in .toml.
+
+    Raises
+    ------
+    OptionError
+        If there is no catalogue for it, or the file is refused.
+    """
+    text = _catalogues().get(language)
+    if text is not None:
+        return Texts(language, tomllib.loads(text))
+    if language.lower().endswith(".toml"):
+        return _read_texts(language)
+    expected = f"one of {', '.join(languages())}, or a file .toml"
+    raise OptionError(refusal("--language", expected, quote(language)))
+
+
+def _read_texts(file: str) -> Texts:
+    """The texts of a file, which may be a stranger's: the same keys, with the same words filled in.
+
+    Raises
+    ------
+    OptionError
+    """
+    where = f"--language {file}"
+    try:
+        with open(file, "rb") as stream:
+            data = stream.read(LARGEST_FILE + 1)
+        if len(data) > LARGEST_FILE:
+            raise OptionError(refusal(where, f"at most {LARGEST_FILE} bytes", "more"))
+        table = tomllib.loads(data.decode("utf-8-sig"))
+    except OSError as err:
+        raise OptionError(refusal(where, "a TOML file", err.strerror or str(err))) from err
+    except (ValueError, RecursionError) as err:
+        if isinstance(err, OptionError):
+            raise
+        raise OptionError(refusal(where, "TOML", quote(str(err)))) from err
+    english = tomllib.loads(_catalogues()["en"])
+    hint = "en.toml in pfwd/report/catalogues has all of them"
+    missing, unknown = english.keys() - table.keys(), table.keys() - english.keys()
+    if missing:
+        raise OptionError(refusal(where, "every text", f"none for {_some(missing)}", hint))
+    if unknown:
+        raise OptionError(refusal(where, "the keys of the English texts", _some(unknown), hint))
+    for key, text in table.items():
+        if not isinstance(text, str) or _filled_in(text) != _filled_in(english[key]):
+            expected = f"{key}: a text with the words in braces of {english[key]!r}"
+            raise OptionError(refusal(where, expected, quote(text)))
+    if not _CODE.fullmatch(table["code"]):
+        raise OptionError(refusal(where, 'code: one such as "fr"', quote(table["code"])))
+    return Texts(table["code"], table)
+
+
+def _some(keys: Collection[str]) -> str:
+    return clean(", ".join(sorted(keys)[:3])) + (" and more" if len(keys) > 3 else "")
+
+
+def _filled_in(text: str) -> set[tuple[str, str | None, str | None]] | None:
+    """The words in braces of a text and how they are written; None when the braces are wrong.
+
+    The whole of it: `{point.__class__}` or `{point:>99999999}` of a stranger's file would be
+    looked up and written, too.
+    """
+    try:
+        parts = list(string.Formatter().parse(text))
+    except ValueError:
+        return None
+    return {(name, form, conversion) for _, name, form, conversion in parts if name is not None}
+
+
+def placeholders(text: str) -> set[str]:
+    """The words in braces of a text."""
+    return {name for _, name, _, _ in string.Formatter().parse(text) if name is not None}

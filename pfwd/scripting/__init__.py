@@ -1,0 +1,1 @@
+"""What scripts and notebooks use: drops, surveys, results and diagnoses as objects."""

@@ -1,0 +1,409 @@
+"""From a residual to the effect behind it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from inversion import notices
+from inversion.notices import Notice
+from pfwd.errors import OptionError, SurveyError, refusal
+from pfwd.export.json_text import without_nan
+from pfwd.scripting.inverting import Header, drop_of_arrays, is_array
+from pfwd.scripting.measured import Drop, Point, points_of, time_and_load
+from pfwd.scripting.options import DIAGNOSE_OPTIONS, DiagnoseOptions, analysis_options
+from pfwd.scripting.shown import (
+    Shown,
+    axes_or_new,
+    count,
+    data_frame,
+    html_table,
+    megapascal,
+    text_of,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from pandas import DataFrame
+
+    from inversion.diagnosis import PointDiagnosis, PointRecords
+    from inversion.inference.instrument import Instrument
+    from pfwd.analysis.diagnosis.entries import DiagnosisPoint
+    from pfwd.analysis.diagnosis.points import DeviceValues
+    from pfwd.scripting.measured import Points
+    from pfwd.scripting.surveys import Survey
+
+
+class Diagnosis(Shown):
+    """Which effect leaves the residual of a point, and what it did to the modulus.
+
+    Its keys are those of ``pfwd diagnose --json``: ``diagnosis["held_out"]``.
+    """
+
+    __slots__ = ("_found", "_place", "_record")
+
+    def __init__(
+        self,
+        record: Mapping[str, Any],
+        found: PointDiagnosis | None,
+        place: tuple[Instrument, int] | None = None,
+    ) -> None:
+        self._record: dict[str, Any] = without_nan(record)
+        self._found = found
+        self._place = place
+
+    @property
+    def file(self) -> str:
+        """Where the point was read from."""
+        return str(self._record["file"])
+
+    @property
+    def verdict(self) -> str:
+        """``clean``, ``explained`` or ``unexplained``."""
+        return str(self._record["verdict"])
+
+    @property
+    def corrected(self) -> bool:
+        """Whether the modulus after may be taken for corrected: only when explained."""
+        return bool(self._record["corrected"])
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects found, strongest first; all about them: ``diagnosis["effects"]``."""
+        return tuple(str(effect["name"]) for effect in self._record["effects"])
+
+    @property
+    def before(self) -> dict[str, Any] | None:
+        """The base model: modulus with interval, residual; None: no drop was measured."""
+        found: dict[str, Any] | None = self._record["before"]
+        return found
+
+    @property
+    def after(self) -> dict[str, Any] | None:
+        """The same with the effects; None: no drop was measured."""
+        found: dict[str, Any] | None = self._record["after"]
+        return found
+
+    @property
+    def warnings(self) -> tuple[Notice, ...]:
+        """What should be known before it is believed."""
+        return notices.from_json(self._record["warnings"], self._record["warning_codes"])
+
+    def __getitem__(self, key: str) -> Any:
+        if key not in self._record:
+            raise KeyError(f"expected one of {', '.join(self._record)}, came {key!r}")
+        return self._record[key]
+
+    def __repr__(self) -> str:
+        name = text_of(os.path.basename(self.file))
+        drops = count(len(self._record["drops"]), "drop")
+        verdict = self.verdict
+        if self.effects:
+            told = " by" if self.verdict == "explained" or self.corrected else ", found"
+            verdict += f"{told} {', '.join(self.effects)}"
+        warned = count(len(self.warnings), "warning") if self.warnings else "no warnings"
+        if self.before is None or self.after is None:
+            return f"Diagnosis({name}, {drops}: {verdict}; {warned})"
+        record = self._record
+        moduli = f"E {_modulus(self.before)}"
+        if self.effects:
+            left = "" if self.corrected else " (not corrected)"
+            moduli += f" before, {_modulus(self.after)} after{left}"
+        return (
+            f"Diagnosis({name}, {drops}: {verdict}; {moduli}; {self.after['model']}, "
+            f"{record['plate']} plate of radius {record['plate_radius_m']:g} m, "
+            f"Poisson's ratio {record['poisson_ratio']:g}; {warned})"
+        )
+
+    def __str__(self) -> str:
+        lines = [repr(self)]
+        for effect in self._record["effects"]:
+            lines.append(f"  {effect['name']}: {_value(effect)}; {effect.get('advice') or ''}")
+        lines += [f"  warning: {text_of(text)}" for text in self.warnings]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                label,
+                "" if state is None else _modulus(state),
+                "" if state is None else state["model"],
+                "" if state is None else f"{100 * state['residual_rms_over_peak']:.2g}",
+                "" if state is None else f"{state['residual_over_noise']:.2g}",
+            )
+            for label, state in (("before", self.before), ("after", self.after))
+        ]
+        return html_table(repr(self), _COLUMNS, rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The record of ``pfwd diagnose --json``."""
+        return dict(self._record)
+
+    def to_dataframe(self) -> DataFrame:
+        """The model before and after, a row each; needs pandas."""
+        return data_frame(_rows(self))
+
+    def predict(self, time: ArrayLike, load: ArrayLike) -> NDArray[np.float64]:
+        """Return the displacement as the instrument records it, for a drop that follows.
+
+        It rests on the drops of the point and on the other points that were diagnosed in the same
+        call with the same instrument: how ground hardens from drop to drop, and what their fits
+        have in common. Mains hum is not predicted. The first call fits all these points.
+
+        Parameters
+        ----------
+        time : (n,) s, uniform steps; 0 is the trigger, with some rest before it
+        load : (n,) N, downward positive
+
+        Returns
+        -------
+        (n_sensors, n) m, downward positive, from 0 before the pulse on
+            Of the sensors that were diagnosed, in the order of the drop.
+
+        Raises
+        ------
+        SurveyError, InversionError
+            If no drop was diagnosed, or the arrays are no load of a drop.
+
+        Examples
+        --------
+        >>> drop = pfwd.example("half-space").drops[0]
+        >>> pfwd.diagnose(drop).predict(drop.time, drop.load).shape == (1, drop.time.size)
+        True
+        """
+        if self._place is None:
+            raise SurveyError(refusal(self.file, "a diagnosed drop to predict from", "none"))
+        instrument, place = self._place
+        axis, force = time_and_load(time, load)
+        return np.asarray(instrument.predict_next(place, axis, force), np.float64)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the residual before and after (% of the peak over ms), and return the axes."""
+        if self._found is None:
+            raise SurveyError(refusal(self.file, "a diagnosed drop to draw", "none"))
+        ax = axes_or_new(ax)
+        for curves in self._found.curves:
+            time = 1e3 * curves.time
+            for row, offset in enumerate(curves.offsets.tolist()):
+                observed = curves.observed[row]
+                peak = abs(observed).max()
+                name = f"drop {curves.number}, {offset:g} m"
+                before = 100 * (curves.before[row] - observed) / peak
+                after = 100 * (curves.after[row] - observed) / peak
+                ax.plot(time, before, "--", linewidth=1, label=f"before, {name}")
+                ax.plot(time, after, linewidth=1, label=f"after, {name}")
+            ax.axvline(1e3 * curves.contact_end, color="0.7", linewidth=0.8)
+        ax.set_xlabel("time, ms; the grey line ends the contact")
+        ax.set_ylabel("fitted - measured, % of the peak")
+        ax.set_title(repr(self), fontsize="small", parse_math=False, wrap=True)
+        ax.legend(fontsize="small")
+        return ax
+
+
+class Diagnoses(Shown, Sequence[Diagnosis]):
+    """The diagnoses of several points, in their order."""
+
+    __slots__ = ("_diagnoses",)
+
+    def __init__(self, diagnoses: Sequence[Diagnosis]) -> None:
+        self._diagnoses = tuple(diagnoses)
+
+    def __len__(self) -> int:
+        return len(self._diagnoses)
+
+    def __iter__(self) -> Iterator[Diagnosis]:
+        return iter(self._diagnoses)
+
+    @overload
+    def __getitem__(self, index: int) -> Diagnosis: ...
+    @overload
+    def __getitem__(self, index: slice) -> Diagnoses: ...
+    def __getitem__(self, index: int | slice) -> Diagnosis | Diagnoses:
+        if isinstance(index, slice):
+            return Diagnoses(self._diagnoses[index])
+        return self._diagnoses[index]
+
+    def __repr__(self) -> str:
+        if len(self) == 1:
+            return f"Diagnoses({self[0]!r})"
+        verdicts = [one.verdict for one in self]
+        counts = ", ".join(f"{verdicts.count(v)} {v}" for v in dict.fromkeys(verdicts))
+        return f"Diagnoses({count(len(self), 'point')}: {counts or 'none'})"
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self))
+
+    def _repr_html_(self) -> str:
+        rows = [(repr(one), ", ".join(one.effects) or "none", one.verdict) for one in self]
+        return html_table(repr(self), ("point", "effects", "verdict"), rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """``diagnoses``: one record a point, as of ``pfwd diagnose --json``."""
+        return {"diagnoses": [one.to_dict() for one in self]}
+
+    def to_dataframe(self) -> DataFrame:
+        """The models before and after, two rows a point; needs pandas."""
+        return data_frame(row for one in self for row in _rows(one))
+
+
+_COLUMNS = ("", "E with its 95 % interval", "model", "residual, % of the peak", "over the noise")
+
+
+@overload
+def diagnose(  # type: ignore[overload-overlap]  # a point is a sequence of drops: the first counts
+    data: Drop | Point,
+    /,
+    *,
+    header: Header = None,
+    device: str | os.PathLike[str] | None = None,
+    **options: Unpack[DiagnoseOptions],
+) -> Diagnosis: ...
+@overload
+def diagnose(
+    data: str | os.PathLike[str] | Survey | Points | Sequence[Drop | Point],
+    /,
+    *,
+    header: Header = None,
+    device: str | os.PathLike[str] | None = None,
+    jobs: int = 1,
+    **options: Unpack[DiagnoseOptions],
+) -> Diagnoses: ...
+@overload
+def diagnose(
+    time: ArrayLike,
+    load: ArrayLike,
+    values: ArrayLike,
+    /,
+    *,
+    quantity: Literal["displacement", "velocity"] = "displacement",
+    offsets: float | Sequence[float] | None = None,
+    device: str | os.PathLike[str] | None = None,
+    **options: Unpack[DiagnoseOptions],
+) -> Diagnosis: ...
+def diagnose(
+    data: Any,
+    /,
+    *arrays: Any,
+    quantity: Literal["displacement", "velocity"] = "displacement",
+    offsets: float | Sequence[float] | None = None,
+    header: Header = None,
+    device: str | os.PathLike[str] | None = None,
+    jobs: int = 1,
+    **options: Any,
+) -> Diagnosis | Diagnoses:
+    """Which effect would leave just the residual that is there, and what it did to the modulus.
+
+    A drop, a point or arrays give one `Diagnosis`; a path, a survey or points give `Diagnoses`, one
+    a point. Points with the same declared ``device`` share the effects of their device.
+
+    Parameters
+    ----------
+    data : a drop, a point, points, a survey, several of these, or a path; or ``time, load, values``
+    quantity, offsets, header : as for `pfwd.invert`
+    device : path of a TOML file that ``pfwd diagnose --write-device`` wrote, optional
+        Device effects that are known.
+    jobs : int, processes
+        More than one: the script needs ``if __name__ == "__main__":``.
+
+    Other Parameters
+    ----------------
+    elastic : True: a base model without dashpot, so that viscosity is an effect
+    load : "measured" or "half-sine"
+    plate_radius, plate_mass, poisson_ratio, density : declared values, m, kg, -, kg/m3
+
+    Raises
+    ------
+    SurveyError, InversionError
+        If a file is refused, a drop cannot be diagnosed, or an option is unknown or wrong.
+    """
+    from pfwd.analysis.diagnosis.device_file import read_device
+    from pfwd.analysis.diagnosis.diagnose import diagnose_entries
+    from pfwd.analysis.diagnosis.entries import entry_of
+
+    asked = analysis_options(DIAGNOSE_OPTIONS, options)
+    if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
+        raise OptionError(refusal("jobs", "a whole number >= 1", repr(jobs)))
+    if arrays or is_array(data):
+        data = drop_of_arrays(data, arrays, quantity, offsets, asked, header)
+    elif offsets is not None or quantity != "displacement":
+        said = "offsets" if offsets is not None else "quantity"
+        raise OptionError(refusal(said, "none unless arrays are given", "one"))
+    points = points_of(data, header, asked.overrides())
+    known, spread = (None, None) if device is None else read_device(device)
+    entries = [entry_of(point.file, point, asked) for point in points]
+    places = _places(entries, known)
+    found = []
+    diagnosed = diagnose_entries(entries, known, jobs, spread=spread)
+    for one, place in zip(diagnosed, places, strict=True):
+        if one.result is None:
+            raise SurveyError(one.error or refusal(one.file, "a diagnosis", "none"))
+        found.append(Diagnosis(one.result.to_json(), one.diagnosis, place))
+    return found[0] if isinstance(data, Drop | Point) else Diagnoses(found)
+
+
+def _places(
+    entries: Sequence[DiagnosisPoint], known: DeviceValues | None
+) -> list[tuple[Instrument, int] | None]:
+    """Return the instrument of each point, and its place there; None: no drop was measured."""
+    from inversion.inference.instrument import Instrument
+    from pfwd.analysis.diagnosis.entries import instrument_of
+
+    records: dict[tuple[object, ...], list[PointRecords]] = {}
+    for entry in entries:
+        if entry.records is not None:
+            records.setdefault(instrument_of(entry), []).append(entry.records)
+    instruments = {key: Instrument(points, known) for key, points in records.items()}
+    counts = dict.fromkeys(records, 0)
+    places: list[tuple[Instrument, int] | None] = []
+    for entry in entries:
+        if entry.records is None:
+            places.append(None)
+            continue
+        key = instrument_of(entry)
+        places.append((instruments[key], counts[key]))
+        counts[key] += 1
+    return places
+
+
+def _modulus(state: Mapping[str, Any]) -> str:
+    modulus, interval = state["modulus_pa"], state["modulus_interval_pa"]
+    if modulus is None or interval is None or None in interval:
+        return "none"
+    low, high = interval
+    return f"{megapascal(modulus)} MPa, 95 % {megapascal(low)} to {megapascal(high)} MPa"
+
+
+def _value(effect: Mapping[str, Any]) -> str:
+    if effect["value"] is None:
+        return "no value"
+    unit = "" if effect["unit"] == "-" else f" {effect['unit']}"
+    spread = "" if effect["sd"] is None else f" ± {effect['sd']:.2g}"
+    return f"{effect['value']:.4g}{spread}{unit}"
+
+
+def _rows(one: Diagnosis) -> list[dict[str, Any]]:
+    rows = []
+    for label, state in (("before", one.before), ("after", one.after)):
+        if state is None:
+            continue
+        low, high = state["modulus_interval_pa"]
+        rows.append(
+            {
+                "file": one.file,
+                "verdict": one.verdict,
+                "state": label,
+                "effects": "; ".join(one.effects) if label == "after" else "",
+                **{key: value for key, value in state.items() if key != "modulus_interval_pa"},
+                "modulus_interval_low_pa": low,
+                "modulus_interval_high_pa": high,
+                "plate": one["plate"],
+                "plate_radius_m": one["plate_radius_m"],
+                "poisson_ratio": one["poisson_ratio"],
+                "warnings": "; ".join(one.warnings),
+            }
+        )
+    return rows

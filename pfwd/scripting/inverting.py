@@ -1,0 +1,196 @@
+"""From drops to moduli."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
+
+from numpy.typing import ArrayLike
+
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.errors import OptionError, quote, refusal
+from pfwd.scripting.measured import EXPECTED, Drop, Point, drop, points_of
+from pfwd.scripting.options import INVERT_OPTIONS, InvertOptions, analysis_options
+from pfwd.scripting.results import Result, Results
+
+if TYPE_CHECKING:
+    from inversion import SurrogateLibrary
+    from pfwd.analysis.results import DropAnalysis
+    from pfwd.files.traces import TracePoint
+    from pfwd.scripting.measured import Points
+    from pfwd.scripting.surveys import Survey
+
+Header = str | os.PathLike[str] | Mapping[str, object] | None
+
+
+@overload
+def invert(data: Drop, /, *, header: Header = None, **options: Unpack[InvertOptions]) -> Result: ...
+@overload
+def invert(
+    data: str | os.PathLike[str] | Survey | Points | Point | Sequence[Drop | Point],
+    /,
+    *,
+    header: Header = None,
+    **options: Unpack[InvertOptions],
+) -> Results: ...
+@overload
+def invert(
+    time: ArrayLike,
+    load: ArrayLike,
+    values: ArrayLike,
+    /,
+    *,
+    quantity: Literal["displacement", "velocity"] = "displacement",
+    offsets: float | Sequence[float] | None = None,
+    **options: Unpack[InvertOptions],
+) -> Result: ...
+def invert(
+    data: Any,
+    /,
+    *arrays: Any,
+    quantity: Literal["displacement", "velocity"] = "displacement",
+    offsets: float | Sequence[float] | None = None,
+    header: Header = None,
+    **options: Any,
+) -> Result | Results:
+    """Return the modulus of the ground under drops, with its uncertainty and conditions.
+
+    ``invert(drop)`` and ``invert(time, load, values, plate_radius=0.15)`` give one `Result`;
+    a path, a survey, points, a point or several drops give `Results`, one a drop.
+
+    Parameters
+    ----------
+    data : a drop, a point, points, a survey, several of these, or a path; or ``time, load, values``
+        as of `pfwd.drop`, with ``quantity`` and ``offsets``
+    header : path of a TOML file, or its keys as a dict, optional
+        Wins over what the file declares; with a path only.
+
+    Other Parameters
+    ----------------
+    model : "layer" or "half-space"; not said: the layer, unless the depth says otherwise
+    bedrock_depth : depth of the rigid base, m, or "unknown" or "none"; not said: as declared
+    layers : media with a modulus, the lowest included, 1 to 4, or "auto"; not said: 1
+    thickness : of all but the lowest, m, from the top, or "unknown"; not said: fitted
+    elastic : True: no viscosity
+    load : "measured" or "half-sine"
+    plate : "rigid-rough", "rigid-smooth", "published" or "uniform" (equal pressure)
+    sensors : "all" or "centre"
+    joint : True: all measured drops of a point have one soil
+    method : "mpga" (genetic search and polish) or "least-squares" (several starts)
+    published : True: the published method as a whole
+    priors : False: where the record leaves the depth of rock open, any ground that fits will do
+    seed : int, of the search
+    plate_radius, plate_mass, poisson_ratio, density : declared values, m, kg, -, kg/m3
+        Win over what the file declares.
+
+    Returns
+    -------
+    Result or Results
+        A drop that is none (a rebound, a dead sensor) comes with status ``rejected`` and a reason.
+
+    Raises
+    ------
+    SurveyError
+        If a file is refused, the arrays do not fit together, or an option is unknown or wrong.
+
+    Examples
+    --------
+    >>> pfwd.invert(pfwd.example("half-space"))
+    Results(1 drop, 1 measured; E 60... MPa, 95 % 59... to 60... MPa; half-space, ...; no warnings)
+    """
+    settings = analysis_options(INVERT_OPTIONS, options)
+    if arrays or is_array(data):
+        data = drop_of_arrays(data, arrays, quantity, offsets, settings, header)
+    elif offsets is not None or quantity != "displacement":
+        name = "offsets" if offsets is not None else "quantity"
+        raise OptionError(refusal(name, "none unless arrays are given", "one"))
+    if isinstance(data, Drop):
+        return _invert_drop(data, settings, header)
+    if settings.joint or not isinstance(data, list | tuple) or not data:
+        points = points_of(data, header, settings.overrides())
+        return Results([result for point in points for result in _invert_point(point, settings)])
+    results: list[Result] = []
+    for item in data:
+        if isinstance(item, list | tuple | int | float):
+            raise OptionError(refusal("data", EXPECTED, quote(item)))
+        of_item = invert(item, header=header, **options)
+        results += [of_item] if isinstance(of_item, Result) else of_item
+    return Results(results)
+
+
+def drop_of_arrays(
+    time: Any,
+    arrays: tuple[Any, ...],
+    quantity: Literal["displacement", "velocity"],
+    offsets: float | Sequence[float] | None,
+    options: AnalysisOptions,
+    header: Header,
+) -> Drop:
+    """Return the drop of ``time, load, values`` with what the options declare.
+
+    Raises
+    ------
+    SurveyError
+    """
+    if len(arrays) != 2:
+        count = f"{1 + len(arrays)} of them"
+        raise OptionError(refusal("arrays", "three: time, load, values", count))
+    if header is not None:
+        raise OptionError(refusal("header", "none for arrays", "one", "give plate_radius=..."))
+    if options.plate_radius is None:
+        raise OptionError(refusal("plate_radius", "a number > 0, in m", "none"))
+    return drop(
+        time,
+        *arrays,
+        quantity=quantity,
+        offsets=offsets,
+        plate_radius=options.plate_radius,
+        plate_mass=options.plate_mass,
+        poisson_ratio=options.poisson_ratio,
+        density=options.density,
+    )
+
+
+def is_array(data: object) -> bool:
+    """Return whether this is the first of the arrays ``time, load, values``."""
+    if hasattr(data, "__array__"):
+        return True
+    return isinstance(data, list | tuple) and bool(data) and isinstance(data[0], int | float)
+
+
+def _invert_drop(chosen: Drop, options: AnalysisOptions, header: Header) -> Result:
+    from pfwd.analysis.analyse import analyse_drop
+    from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
+    from pfwd.analysis.screening.drops import screen_point
+
+    if options.joint:
+        hint = "give the point, or leave joint out"
+        raise OptionError(refusal("joint", "several drops of a point", "one drop", hint))
+    # Screened among the drops of its point: a rebound is known by the largest of them.
+    all_drops = chosen._point
+    screening = leave_out_bad_sensors(all_drops, screen_point(all_drops))[chosen._index]
+    (point,) = points_of(chosen, header, options.overrides())
+    analysis = analyse_drop(point.drops[0], point.setup, screening, options, library())
+    return _result(point, analysis)
+
+
+def _invert_point(point: TracePoint, options: AnalysisOptions) -> list[Result]:
+    from pfwd.analysis.analyse import analyse_point
+
+    return [_result(point, analysis) for analysis in analyse_point(point, options, library())]
+
+
+def _result(point: TracePoint, analysis: DropAnalysis) -> Result:
+    from pfwd.analysis.drop_result import drop_result
+
+    return Result.of(drop_result(point.file, analysis, point.warnings, point.setup.point))
+
+
+@functools.cache
+def library() -> SurrogateLibrary:
+    """Return the response tables, which many calls share."""
+    from inversion import SurrogateLibrary
+
+    return SurrogateLibrary()

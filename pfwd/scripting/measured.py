@@ -1,0 +1,550 @@
+"""Drops and points as they were measured, from files of any known format or from arrays."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from inversion import notices
+from inversion.notices import Notice
+from pfwd.analysis.drop_facts import unbroken_peaks
+from pfwd.analysis.options import OPTION_OF_KEY
+from pfwd.analysis.screening.signals import displacement_of
+from pfwd.errors import OptionError, TraceError, quote, refusal
+from pfwd.export.json_text import without_nan
+from pfwd.files.columns import DROP, LOAD, TIME, sensor_name
+from pfwd.files.header import PointSetup, declared_values
+from pfwd.files.imported import Kind, kind_of
+from pfwd.files.reading import read_points
+from pfwd.files.traces import FEWEST_SAMPLES, STEP_TOLERANCE, TracePoint
+from pfwd.scripting.options import analysis_options, reading
+from pfwd.scripting.shown import Shown, axes_or_new, count, data_frame, html_table, text_of
+from pfwd_device.drop import Channel, Peaks
+from pfwd_device.drop import Drop as DeviceDrop
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from pandas import DataFrame
+
+FROM_ARRAYS = "arrays"
+"""Stands where the name of a file would."""
+
+
+class Drop(Shown):
+    """One fall of the weight as the instrument recorded it; made by `read`, `open` or `drop`."""
+
+    __slots__ = ("_index", "_point")
+
+    def __init__(self, point: TracePoint, index: int) -> None:
+        self._point = point
+        self._index = index
+
+    @property
+    def _drop(self) -> DeviceDrop:
+        return self._point.drops[self._index]
+
+    @property
+    def number(self) -> int:
+        """Number of the drop within its point, from 1."""
+        return self._drop.number
+
+    @property
+    def file(self) -> str:
+        """Where it was read from."""
+        return self._point.file
+
+    @property
+    def point(self) -> str | None:
+        """Name of the test point; None: not declared."""
+        return _name(self._point.setup)
+
+    @property
+    def declared(self) -> dict[str, Any]:
+        """What is declared of instrument and ground, by the keys of docs/traces.md."""
+        return declared_values(self._point.setup)
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """(n,), s; 0 is the trigger."""
+        return self._drop.time
+
+    @property
+    def load(self) -> NDArray[np.float64]:
+        """(n,), N, downward positive."""
+        return self._drop.load
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """(n_sensors, n), m/s or m as `quantities` says, downward positive, as recorded."""
+        return np.array([channel.values for channel in self._drop.channels])
+
+    @property
+    def offsets(self) -> tuple[float, ...]:
+        """Distance of each sensor from the plate centre, m."""
+        return tuple(channel.offset for channel in self._drop.channels)
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """Of each sensor: ``velocity`` (m/s) or ``displacement`` (m)."""
+        return tuple(channel.quantity for channel in self._drop.channels)
+
+    @property
+    def displacement(self) -> NDArray[np.float64]:
+        """(n_sensors, n), m: velocities integrated, offsets removed."""
+        drop = self._drop
+        return np.array([displacement_of(channel, drop.time) for channel in drop.channels])
+
+    @property
+    def peak_load(self) -> float | None:
+        """N, offset removed; None: samples around the trigger are missing."""
+        peaks = self._peaks()
+        return None if peaks is None else peaks.load
+
+    @property
+    def peak_displacement(self) -> float | None:
+        """Of the sensor in the centre, m; None: there is none, or samples are missing."""
+        peaks = self._peaks()
+        return None if peaks is None else peaks.centre
+
+    @property
+    def kind(self) -> Kind:
+        """``traces``; ``peaks``, without time histories; ``stiffness``, on a rig of springs."""
+        return kind_of(self._drop, self.declared)
+
+    @property
+    def peak_displacements(self) -> NDArray[np.float64] | None:
+        """(n_sensors,), m, as `peak_displacement`, of all sensors."""
+        peaks = self._peaks()
+        return None if peaks is None else np.array([peak for _, peak in peaks.displacements])
+
+    def _peaks(self) -> Peaks | None:
+        return unbroken_peaks(self._drop)
+
+    def __repr__(self) -> str:
+        drop = self._drop
+        where = "" if self.point is None else f" of {text_of(self.point)}"
+        peak = (
+            "samples missing" if self.peak_load is None else f"peak {self.peak_load / 1e3:.3g} kN"
+        )
+        places = ", ".join(f"{offset:g}" for offset in self.offsets)
+        length = "no time history"
+        if drop.only_peaks is None:
+            duration = 1e3 * (drop.time[-1] - drop.time[0])
+            length = f"{duration:.3g} ms at {drop.sampling_rate / 1e3:.3g} kHz"
+        return (
+            f"Drop({self.number}{where}: {peak}, {length}, "
+            f"{count(len(self.offsets), 'sensor')} at {places} m)"
+        )
+
+    def _repr_html_(self) -> str:
+        return html_table(repr(self), _ROW, [_row(self)])
+
+    def to_dict(self) -> dict[str, Any]:
+        """What is declared, and the arrays as lists, by the names of a trace file's columns."""
+        drop = self._drop
+        arrays = {TIME: drop.time, LOAD: drop.load}
+        arrays |= {sensor_name(c.quantity, c.offset): c.values for c in drop.channels}
+        said = {"file": self.file, **self.declared, DROP: drop.number, **arrays}
+        found: dict[str, Any] = without_nan(said)
+        return found
+
+    def to_dataframe(self) -> DataFrame:
+        """The traces, a row a sample, columns as in a trace file; needs pandas."""
+        drop = self._drop
+        columns = {TIME: drop.time, LOAD: drop.load}
+        columns |= {sensor_name(c.quantity, c.offset): c.values for c in drop.channels}
+        names = list(columns)
+        rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+        return data_frame([{DROP: drop.number, **dict(zip(names, r, strict=True))} for r in rows])
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the displacement of every sensor (µm over ms), and return the axes."""
+        ax = axes_or_new(ax)
+        for offset, values in zip(self.offsets, self.displacement, strict=True):
+            label = f"drop {self.number}, {offset:g} m"
+            ax.plot(1e3 * self.time, 1e6 * values, label=label)
+        ax.set_xlabel("time after the trigger, ms")
+        ax.set_ylabel("displacement, µm, downward positive")
+        ax.legend()
+        return ax
+
+
+class Point(Shown, Sequence[Drop]):
+    """One test point: what is declared of it, and its drops."""
+
+    __slots__ = ("_drops", "_point")
+
+    def __init__(self, point: TracePoint) -> None:
+        self._point = point
+        self._drops = tuple(Drop(point, index) for index in range(len(point.drops)))
+
+    @property
+    def name(self) -> str | None:
+        """As declared; None: not declared."""
+        return _name(self._point.setup)
+
+    @property
+    def file(self) -> str:
+        """Where it was read from."""
+        return self._point.file
+
+    @property
+    def declared(self) -> dict[str, Any]:
+        """What is declared of instrument and ground, by the keys of docs/traces.md."""
+        return declared_values(self._point.setup)
+
+    @property
+    def warnings(self) -> tuple[Notice, ...]:
+        """What should be known of the point as a whole."""
+        return self._point.warnings
+
+    @property
+    def drops(self) -> tuple[Drop, ...]:
+        """In the order of the file."""
+        return self._drops
+
+    def __len__(self) -> int:
+        return len(self._drops)
+
+    @overload
+    def __getitem__(self, index: int) -> Drop: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Drop]: ...
+    def __getitem__(self, index: int | slice) -> Drop | Sequence[Drop]:
+        return self._drops[index]
+
+    def __repr__(self) -> str:
+        name = text_of(self.name if self.name is not None else self.file)
+        radius = self._point.setup.plate_radius
+        return f"Point({name}: {count(len(self), 'drop')}, plate of radius {radius:g} m)"
+
+    def _repr_html_(self) -> str:
+        return html_table(repr(self), _ROW, [_row(drop) for drop in self])
+
+    def to_dict(self) -> dict[str, Any]:
+        """What is declared, and the drops."""
+        said = {"file": self.file, **self.declared, **notices.to_json(self.warnings)}
+        found: dict[str, Any] = without_nan(said)
+        return {**found, "drops": [drop.to_dict() for drop in self]}
+
+    def to_dataframe(self) -> DataFrame:
+        """A row a drop: peaks and what is declared; needs pandas."""
+        return data_frame(map(_summary, self))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the displacements of all drops (µm over ms), and return the axes."""
+        return _plot_drops(self, ax, self)
+
+
+class Points(Shown, Sequence[Point]):
+    """The test points of a file; `drops` are those of all of them."""
+
+    __slots__ = ("_file", "_points")
+
+    def __init__(self, file: str, points: Sequence[Point]) -> None:
+        self._file = file
+        self._points = tuple(points)
+
+    @property
+    def file(self) -> str:
+        """Where they were read from."""
+        return self._file
+
+    @property
+    def drops(self) -> tuple[Drop, ...]:
+        """Those of all points, point by point."""
+        return tuple(drop for point in self._points for drop in point)
+
+    def __len__(self) -> int:
+        return len(self._points)
+
+    @overload
+    def __getitem__(self, index: int) -> Point: ...
+    @overload
+    def __getitem__(self, index: slice) -> Points: ...
+    def __getitem__(self, index: int | slice) -> Point | Points:
+        if isinstance(index, slice):
+            return Points(self._file, self._points[index])
+        return self._points[index]
+
+    def __iter__(self) -> Iterator[Point]:
+        return iter(self._points)
+
+    def __repr__(self) -> str:
+        drops = count(len(self.drops), "drop")
+        name = text_of(os.path.basename(self._file) or self._file)
+        return f"Points({name}: {count(len(self), 'point')}, {drops})"
+
+    def _repr_html_(self) -> str:
+        return html_table(repr(self), _ROW, [_row(drop) for drop in self.drops])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Every point with what is declared, and its drops."""
+        return {"file": self._file, "points": [point.to_dict() for point in self]}
+
+    def to_dataframe(self) -> DataFrame:
+        """A row a drop: peaks and what is declared; needs pandas."""
+        return data_frame(map(_summary, self.drops))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the displacements of all drops (µm over ms), and return the axes."""
+        return _plot_drops(self.drops, ax, self)
+
+
+def read(
+    path: str | os.PathLike[str],
+    *,
+    header: str | os.PathLike[str] | Mapping[str, object] | None = None,
+    map: str | os.PathLike[str] | None = None,
+    channels: Literal["raw", "stored"] | None = None,
+    **declared: float,
+) -> Points:
+    """The test points of a file of any known format, with their drops.
+
+    Parameters
+    ----------
+    path : path of a trace file, a survey (folder or exported), a drop file, or a file of another
+        program (docs/files.md)
+    header : path of a TOML file, or its keys as a dict, optional
+        Wins over what the file declares.
+    map : path of a TOML file, optional
+        Says what the columns of a text hold that is no trace file.
+    channels : "raw" or "stored", optional
+        Which channels are taken of a file that has both.
+    **declared : plate_radius (m), plate_mass (kg), poisson_ratio, density (kg/m3)
+        Win over both.
+
+    Returns
+    -------
+    Points
+
+    Raises
+    ------
+    SurveyError
+        If the file is refused; the message says what was expected, what came and where.
+
+    Examples
+    --------
+    >>> pfwd.read(pfwd.example("layer").file)
+    Points(layer.csv: 1 point, 3 drops)
+    """
+    _check_path(path)
+    if channels not in (None, "raw", "stored"):
+        raise OptionError(refusal("channels", "raw or stored", quote(channels)))
+    options = analysis_options(tuple(OPTION_OF_KEY.values()), declared)
+    file, overrides = reading(header, options)
+    found = read_points(path, file, overrides, column_map=map, channels=channels)
+    return Points(os.fspath(path), [Point(point) for point in found])
+
+
+def drop(
+    time: ArrayLike,
+    load: ArrayLike,
+    values: ArrayLike,
+    *,
+    plate_radius: float,
+    quantity: Literal["displacement", "velocity"] = "displacement",
+    offsets: float | Sequence[float] | None = None,
+    plate_mass: float | None = None,
+    poisson_ratio: float | None = None,
+    density: float | None = None,
+    geophone_natural_frequency: float | None = None,
+    geophone_damping: float | None = None,
+) -> Drop:
+    """A drop from arrays.
+
+    Parameters
+    ----------
+    time : (n,) s, uniform steps; 0 is the trigger, with some rest before it
+    load : (n,) N, downward positive
+    values : (n,) or (n_sensors, n), m or m/s, downward positive
+    plate_radius : float, m
+    quantity : what `values` are, ``displacement`` (m) or ``velocity`` (m/s)
+    offsets : distance of each sensor from the plate centre, m, negative on its other side; one
+        sensor: 0 when not said
+    plate_mass : float, kg, between load cell and ground; not said: 0, with a warning
+    poisson_ratio : float; not said: 0.35
+    density : float, kg/m3; not said: fitted
+    geophone_natural_frequency, geophone_damping : float, Hz and -, response that velocities still
+        carry; 0 Hz: corrected; not said: none, with a warning
+
+    Returns
+    -------
+    Drop
+
+    Raises
+    ------
+    SurveyError
+        If the arrays do not fit together or a value is outside its range.
+    """
+    if quantity not in ("displacement", "velocity"):
+        raise OptionError(refusal("quantity", "displacement or velocity", quote(quantity)))
+    axis, force = time_and_load(time, load)
+    table = np.atleast_2d(_numbers("values", values))
+    if table.ndim != 2 or table.shape[1] != axis.size:
+        expected = f"({axis.size},) or (n_sensors, {axis.size})"
+        raise TraceError(refusal("values", expected, f"shape {table.shape}"))
+    places = _offsets(offsets, len(table))
+    given = {
+        "plate_radius": plate_radius,
+        "plate_mass": plate_mass,
+        "poisson_ratio": poisson_ratio,
+        "density": density,
+    }
+    options = analysis_options(tuple(OPTION_OF_KEY.values()), given)
+    radius = options.plate_radius
+    if radius is None:
+        raise OptionError(refusal("plate_radius", "a number > 0, in m", "none"))
+    setup = PointSetup(
+        plate_radius=radius,
+        plate_mass=options.plate_mass,
+        poisson_ratio=options.poisson_ratio,
+        density=options.density,
+        geophone_natural_frequency=geophone_natural_frequency,
+        geophone_damping=geophone_damping,
+    )
+    sensors = (Channel(r, quantity, row) for r, row in zip(places, table, strict=True))
+    return Drop(_with_warnings(setup, DeviceDrop(1, axis, force, tuple(sensors))), 0)
+
+
+def time_and_load(
+    time: ArrayLike, load: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return both as arrays (n,), s and N.
+
+    Raises
+    ------
+    TraceError
+        If they are no record of a load with uniform steps.
+    """
+    axis, force = _vector("time", time), _vector("load", load)
+    if axis.size < FEWEST_SAMPLES:
+        raise TraceError(refusal("time", f"at least {FEWEST_SAMPLES} samples", str(axis.size)))
+    if force.size != axis.size:
+        raise TraceError(refusal("load", f"{axis.size} samples as in time", str(force.size)))
+    steps = np.diff(axis)
+    middle = float(np.median(steps))
+    if not (middle > 0 and np.all(np.abs(steps - middle) <= STEP_TOLERANCE * middle)):
+        raise TraceError(refusal("time", "uniform, rising steps in s", "others", "resample it"))
+    return axis, force
+
+
+def _with_warnings(setup: PointSetup, drop: DeviceDrop) -> TracePoint:
+    from pfwd.files.header import setup_warnings
+
+    return TracePoint(FROM_ARRAYS, setup, (drop,), setup_warnings(setup, [drop]))
+
+
+def _offsets(offsets: float | Sequence[float] | None, sensors: int) -> list[float]:
+    if offsets is None and sensors == 1:
+        return [0.0]
+    if offsets is None:
+        expected = f"the distances of {sensors} sensors from the plate centre, in m"
+        raise OptionError(refusal("offsets", expected, "none"))
+    places = np.atleast_1d(_numbers("offsets", offsets))
+    if places.shape != (sensors,) or np.unique(places).size != sensors:
+        expected = f"{count(sensors, 'different distance')}, in m"
+        raise OptionError(refusal("offsets", expected, quote(offsets)))
+    found: list[float] = places.tolist()
+    return found
+
+
+def _vector(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    found = _numbers(name, values)
+    if found.ndim != 1:
+        raise TraceError(refusal(name, "one dimension", f"shape {found.shape}"))
+    return found
+
+
+def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    try:
+        found = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as err:
+        raise TraceError(refusal(name, "numbers", quote(values))) from err
+    if not np.all(np.isfinite(found)):
+        raise TraceError(refusal(name, "finite numbers", "NaN or infinity"))
+    return found
+
+
+def points_of(
+    data: object,
+    header: str | os.PathLike[str] | Mapping[str, object] | None,
+    overrides: Mapping[str, float],
+) -> list[TracePoint]:
+    """The points of whatever has some: a path, a survey, points, a point, drops.
+
+    Raises
+    ------
+    SurveyError
+        If there are none in it.
+    """
+    if isinstance(data, str | os.PathLike):
+        declared: dict[str, Any] = {OPTION_OF_KEY[key]: v for key, v in overrides.items()}
+        return [point._point for point in read(data, header=header, **declared)]
+    if header is not None:
+        hint = "give it to pfwd.read"
+        raise OptionError(refusal("header", "none for what was read already", "one", hint))
+    if isinstance(data, Drop):
+        return [_declared(replace(data._point, drops=(data._drop,)), overrides)]
+    if isinstance(data, Point):
+        return [_declared(data._point, overrides)]
+    points = getattr(data, "points", data)
+    if isinstance(points, Sequence) and points and not isinstance(points, bytes):
+        return [one for item in points for one in points_of(item, None, overrides)]
+    came = "an empty one" if isinstance(points, Sequence) else type(data).__name__
+    raise OptionError(refusal("data", EXPECTED, came))
+
+
+EXPECTED = "a path, a survey, points, a drop, or the arrays time, load, values"
+
+
+def _declared(point: TracePoint, overrides: Mapping[str, float]) -> TracePoint:
+    changes: dict[str, Any] = {OPTION_OF_KEY[key]: value for key, value in overrides.items()}
+    return replace(point, setup=replace(point.setup, **changes)) if changes else point
+
+
+def _check_path(path: object) -> None:
+    if not isinstance(path, str | os.PathLike):
+        raise OptionError(refusal("path", "the path of a file or folder", type(path).__name__))
+
+
+def _name(setup: PointSetup) -> str | None:
+    return None if setup.point is None else str(setup.point)
+
+
+_ROW = ("point", "drop", "peak load, kN", "peak displacement in the centre, µm", "sensors at, m")
+
+
+def _row(drop: Drop) -> tuple[object, ...]:
+    load, centre = drop.peak_load, drop.peak_displacement
+    return (
+        drop.point or "",
+        drop.number,
+        "" if load is None else f"{load / 1e3:.3f}",
+        "" if centre is None else f"{centre * 1e6:.1f}",
+        ", ".join(f"{offset:g}" for offset in drop.offsets),
+    )
+
+
+def _summary(drop: Drop) -> dict[str, Any]:
+    return {
+        "file": drop.file,
+        "point": drop.point,
+        "drop": drop.number,
+        "peak_load_n": drop.peak_load,
+        "peak_displacement_m": drop.peak_displacement,
+        **{key: value for key, value in drop.declared.items() if key != "point"},
+    }
+
+
+def _plot_drops(drops: Sequence[Drop], ax: Axes | None, what: object) -> Axes:
+    ax = axes_or_new(ax)
+    for each in drops:
+        each.plot(ax)
+    ax.set_title(repr(what), fontsize="small", parse_math=False)
+    return ax

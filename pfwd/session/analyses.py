@@ -1,0 +1,149 @@
+"""Has the drops of a session inverted: a quick answer first, the full search after it."""
+
+import contextlib
+import queue
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pfwd.analysis.drop_result import drop_result
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import DropAnalysis, DropResult
+from pfwd.analysis.worker.tasks import Building, Urgency
+from pfwd.analysis.worker.worker import Answer, InversionWorker
+from pfwd.files.header import PointSetup
+from pfwd.session.events import DropAnalysed, Notice, SavedDrop, TableBuilding
+from pfwd_device.calibration import calibrate
+from pfwd_device.identity import Identity
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Asked:
+    """An analysis under way."""
+
+    saved: SavedDrop
+    urgency: Urgency
+    final: bool
+    """Whether no other answer follows."""
+
+
+MOST_WAITING = 60
+"""Analyses under way from which on no full search is asked for any more: a computer that is too
+slow for them would hold ever more drops in memory. The first modulus is worth nearly as much."""
+
+
+class Analyses:
+    """The analyses of one session.
+
+    Parameters
+    ----------
+    options : AnalysisOptions
+        Of the full search; the quick answer has the same with least squares.
+    tell : callable
+        Told what comes of it, in the thread that calls the methods.
+    keep_result : callable
+        Given the number within the survey and a result to be saved.
+    """
+
+    def __init__(
+        self,
+        options: AnalysisOptions,
+        tell: Callable[[DropAnalysed | Notice | TableBuilding], None],
+        keep_result: Callable[[int, DropResult], object],
+    ) -> None:
+        self._options = options
+        self._tell = tell
+        self._keep_result = keep_result
+        self._answers: queue.SimpleQueue[Answer | Building] = queue.SimpleQueue()
+        self._worker = InversionWorker(self._answers.put)
+        self._asked: dict[int, _Asked] = {}
+        self._behind = False
+        # The published method is one search as a whole: no quick answer goes before it.
+        self._one_answer = options.published or options.method == "least-squares"
+
+    @property
+    def unanswered(self) -> int:
+        """How many analyses are under way."""
+        return len(self._asked)
+
+    def prepare(self, identity: Identity, setup: PointSetup) -> None:
+        """Have the model's table ready for drops of this instrument."""
+        counts = np.zeros((64, len(identity.channels)), np.int32)
+        self._worker.prepare(calibrate(1, counts, (), 32, identity), setup, self._options)
+
+    def ask(self, saved: SavedDrop) -> None:
+        """Have a drop inverted."""
+        if saved.screening.status == "rejected":
+            return
+        if self._one_answer:
+            self._ask(saved, Urgency.QUICK, self._options)
+            return
+        quick = replace(self._options, method="least-squares")
+        if len(self._asked) < MOST_WAITING:
+            self._behind = False
+            self._ask(saved, Urgency.QUICK, quick, final=False)
+            self._ask(saved, Urgency.FULL, self._options)
+            return
+        self._ask(saved, Urgency.QUICK, quick)
+        if not self._behind:
+            self._behind = True
+            self._tell(Notice("the full searches do not keep up; drops are left without them"))
+
+    def _ask(
+        self, saved: SavedDrop, urgency: Urgency, options: AnalysisOptions, *, final: bool = True
+    ) -> None:
+        number = self._worker.analyse(
+            urgency, saved.drop, saved.setup, saved.screening, options, saved.file
+        )
+        self._asked[number] = _Asked(saved, urgency, final)
+
+    def take_answers(self) -> None:
+        """Tell what has been answered."""
+        while not self._answers.empty():
+            self._take(self._answers.get())
+
+    def last_answers(self, timeout: float) -> None:
+        """Wait for what is under way, at most so many seconds; what is left then is said."""
+        until = time.monotonic() + timeout
+        while self._asked and (left := until - time.monotonic()) > 0:
+            with contextlib.suppress(queue.Empty):
+                self._take(self._answers.get(timeout=left))
+        if not self._asked:
+            return
+        fault = "the analysis did not end in time; the drop is safe, invert it again later"
+        self._tell(Notice(f"{len(self._asked)} analyses did not end in time", serious=True))
+        left_over, self._asked = list(self._asked.values()), {}
+        for asked in left_over:
+            if asked.urgency is Urgency.QUICK:  # a drop without any answer
+                result = _failed(asked.saved, fault)
+                self._tell(DropAnalysed(asked.saved, None, result, None, False, True))
+
+    def close(self) -> None:
+        """End the worker; what is not answered stays so."""
+        self._worker.close()
+
+    def _take(self, answer: Answer | Building) -> None:
+        if isinstance(answer, Building):
+            self._tell(TableBuilding(answer.what, answer.fraction))
+            return
+        if answer.fault is not None:
+            self._tell(Notice(answer.fault, serious=True, details=answer.details))
+        asked = self._asked.pop(answer.task.number, None)
+        if asked is None:
+            return
+        saved, full = asked.saved, asked.urgency is Urgency.FULL
+        result = answer.result
+        if result is None:
+            result = _failed(saved, str(answer.fault))
+        elif saved.record is not None:
+            self._keep_result(saved.record, result)
+        delay = None if saved.received is None else time.monotonic() - saved.received
+        self._tell(DropAnalysed(saved, delay, result, answer.curves, full, asked.final))
+
+
+def _failed(saved: SavedDrop, fault: str) -> DropResult:
+    """The result of a drop that could not be inverted, with all its keys."""
+    failed = DropAnalysis(saved.drop, saved.screening, None, fault, saved.setup)
+    return drop_result(saved.file, failed)

@@ -1,0 +1,172 @@
+"""Diagnoses of the points of a session while they are measured, beside the moduli of the drops.
+
+They have a process of their own: the first modulus of the next drop must not wait for it. Effects
+of the device that the points so far show are used for the next one.
+"""
+
+import queue
+import statistics
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.worker.tasks import Building
+from pfwd.analysis.worker.worker import Answer, InversionWorker
+from pfwd.files.header import PointSetup
+from pfwd.files.traces import TracePoint
+from pfwd.procedures import Kind
+from pfwd.session.events import Notice, PointDiagnosed, SavedDrop
+
+FEWEST_POINTS = 2
+"""With an effect of the device, from which on the next point is taken to have it."""
+
+DeviceEffects = dict[str, dict[str, float]]
+KeepDiagnosis = Callable[[int, DiagnosisResult], object]
+EarlierDrops = Callable[[str, int], list[SavedDrop]]
+"""Returns the drops of a point before a number, read from the survey."""
+
+MAX_POINTS = 20
+"""Points whose traces stay in memory, some 10 MB. A discard at an earlier point requests no new
+diagnosis; when a drop falls there again, the traces of the others are read from the survey."""
+
+
+@dataclass(slots=True)
+class _Point:
+    """A point with the traces of its drops."""
+
+    setup: PointSetup
+    drops: dict[int, SavedDrop]
+    """Drops that are safe, by their number within the point."""
+    task: int | None = None
+    """Number of the task that waits or is under way."""
+
+    @property
+    def has_measured_drop(self) -> bool:
+        """Whether one drop neither seats the plate nor is rejected; else there is no residual."""
+        return any(_is_measured(drop, self.setup) for drop in self.drops.values())
+
+
+def _is_measured(drop: SavedDrop, setup: PointSetup) -> bool:
+    if drop.view.screening is not None:
+        return drop.view.screening.status == "measured"
+    return drop.view.own.kind is not Kind.REJECTED and drop.number > setup.seating_drops
+
+
+class PointDiagnoses:
+    """Diagnoses of one session; a new drop of a point replaces the request that still waits.
+
+    Parameters
+    ----------
+    options : AnalysisOptions
+    tell : callable
+        Receives diagnoses and notices, in the thread that calls the methods.
+    keep : callable
+        Stores a diagnosis; receives the number within the survey of the point's last drop, too.
+    earlier : callable
+        Reads the drops of a point that are not in memory.
+    """
+
+    def __init__(
+        self,
+        options: AnalysisOptions,
+        tell: Callable[[PointDiagnosed | Notice], None],
+        keep: KeepDiagnosis,
+        earlier: EarlierDrops,
+    ) -> None:
+        self._options = options
+        self._tell, self._keep, self._earlier = tell, keep, earlier
+        self._answers: queue.SimpleQueue[Answer | Building] = queue.SimpleQueue()
+        self._worker = InversionWorker(self._answers.put)
+        self._points: dict[str, _Point] = {}
+        self._asked: dict[int, tuple[str, int | None]] = {}
+        self._shown: dict[str, DeviceEffects] = {}
+
+    @property
+    def unanswered(self) -> int:
+        """How many are under way."""
+        return len(self._asked)
+
+    def ask(self, saved: SavedDrop) -> None:
+        """Diagnose the point of a drop that is safe, unless it seats the plate or is rejected."""
+        point = self._points.pop(saved.point, None)
+        if point is None:
+            earlier = self._earlier(saved.point, saved.number)
+            point = _Point(saved.setup, {drop.number: drop for drop in earlier})
+        self._points[saved.point] = point  # the last one
+        while len(self._points) > MAX_POINTS:
+            del self._points[next(iter(self._points))]
+        point.setup = saved.setup
+        point.drops[saved.number] = saved
+        if saved.screening.status == "measured":
+            self._ask(saved.point, point)
+
+    def discard(self, record: int) -> None:
+        """Diagnose the point of a drop without it."""
+        for name, point in self._points.items():
+            gone = [number for number, drop in point.drops.items() if drop.record == record]
+            for number in gone:
+                del point.drops[number]
+            if gone and point.has_measured_drop:
+                self._ask(name, point)
+
+    def _ask(self, name: str, point: _Point) -> None:
+        if point.task is not None and self._worker.forget(point.task):
+            self._asked.pop(point.task, None)
+        drops = [point.drops[number] for number in sorted(point.drops)]
+        traces = TracePoint(name, point.setup, tuple(drop.drop for drop in drops))
+        point.task = self._worker.diagnose(traces, self._options, self._device(name))
+        self._asked[point.task] = name, drops[-1].record
+
+    def _device(self, name: str) -> DeviceEffects:
+        """What most of the other points show of the device, in the middle."""
+        others = [shown for point, shown in self._shown.items() if point != name]
+        device: DeviceEffects = {}
+        for effect in {effect for shown in others for effect in shown}:
+            having = [shown[effect] for shown in others if effect in shown]
+            if len(having) >= max(FEWEST_POINTS, len(others) / 2):
+                keys = set.intersection(*map(set, having))
+                device[effect] = {
+                    key: statistics.median(shown[key] for shown in having) for key in keys
+                }
+        return device
+
+    def take_answers(self) -> None:
+        """Tell what has been answered."""
+        while not self._answers.empty():
+            answer = self._answers.get()
+            if not isinstance(answer, Building):
+                self._take(answer)
+
+    def close(self) -> None:
+        """End the process; what is not answered stays so."""
+        self._worker.close()
+
+    def _take(self, answer: Answer) -> None:
+        name, record = self._asked.pop(answer.task.number, (None, None))
+        if name is None:
+            return
+        point = self._points.get(name)
+        if point is not None and point.task == answer.task.number:
+            point.task = None
+        if answer.fault is not None:
+            self._tell(Notice(f"point {name}: {answer.fault}", details=answer.details))
+        for diagnosis in answer.diagnoses:
+            result = replace(diagnosis, point=name)
+            self._note_device(name, result)
+            if record is not None:
+                self._keep(record, result)
+            self._tell(PointDiagnosed(name, result))
+
+    def _note_device(self, name: str, found: DiagnosisResult) -> None:
+        """Effects of the device that the point itself showed: not those that it was given."""
+        own: DeviceEffects = {}
+        for effect in found.effects or ():
+            if effect.scope == "device" and effect.evidence is not None:
+                values = {
+                    str(p.name): p.value for p in effect.parameters or () if p.value is not None
+                }
+                own[str(effect.name)] = values
+        given = [e for e in found.effects or () if e.scope == "device" and e.evidence is None]
+        if not given:
+            self._shown[name] = own

@@ -1,0 +1,317 @@
+"""What a measuring session tells those who show it. All are immutable."""
+
+import datetime
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from inversion.result import TimeHistories
+from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.results import DropResult
+from pfwd.analysis.screening.drops import Screening
+from pfwd.files.header import PointSetup
+from pfwd.judging import DropView, Job, PointView
+from pfwd_device.acquisition.items import Disconnected, Samples
+from pfwd_device.drop import Drop
+from pfwd_device.identity import Identity
+from pfwd_device.wire.messages import Status
+
+
+@dataclass(frozen=True, slots=True)
+class InstrumentReady:
+    """The instrument answers, and what is declared of it is complete."""
+
+    url: str
+    identity: Identity
+    """With what the setup file says in place of what the instrument says."""
+    setup: PointSetup
+    """What is declared of the points to come."""
+    differences: tuple[str, ...]
+    """Where the setup file says otherwise than the instrument."""
+    warnings: tuple[str, ...]
+    """On calibration and response of the channels."""
+    again: bool
+    """Whether it had been lost."""
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationChanged:
+    """The instrument is calibrated otherwise than for the drops that the survey has of it."""
+
+    serial_number: str
+    changes: tuple[str, ...]
+    """What changed, one phrase each."""
+    waits: bool
+    """Whether nothing is recorded until `Session.accept_calibration` is called with this."""
+
+    @property
+    def text(self) -> str:
+        """For people."""
+        return (
+            f"calibration of {self.serial_number} changed since its last drop in this survey: "
+            f"{'; '.join(self.changes)}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class InstrumentLost:
+    """The instrument is gone; the session waits for it."""
+
+    reason: str
+    time_utc: datetime.datetime
+
+    @classmethod
+    def of(cls, item: Disconnected) -> "InstrumentLost":
+        """From what the driver says."""
+        return cls(item.reason, item.time_utc)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LiveSamples:
+    """Samples as they stream, for a live display."""
+
+    samples: Samples
+    identity: Identity
+    drop_load: float
+    """Load above rest that starts a drop, N."""
+
+
+@dataclass(frozen=True, slots=True)
+class InstrumentStatus:
+    """How the instrument and the link are."""
+
+    status: Status
+    counters: Mapping[str, float | None]
+    """Everything that was discarded, by name, and the drift of the clock."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """The load at rest is known: a drop would be found from now on."""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorCheck:
+    """Zero and span of the load cell, noise of every channel."""
+
+    details: Mapping[str, Any]
+    """As recorded: zero_n, span_ratio, noise by channel."""
+    faults: tuple[str, ...]
+    """What is wrong, one sentence each; empty: nothing."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SavedDrop:
+    """A drop of the survey with its traces, which the view does not keep."""
+
+    point: str
+    """Name of its test point."""
+    view: DropView
+    """Screened, as all readers have it."""
+    drop: Drop
+    """Traces."""
+    file: str = ""
+    """Path of the drop for its results."""
+    spare: str | None = None
+    """Folder that keeps it because the survey's own does not take it; None: the survey has it."""
+    received: float | None = None
+    """Monotonic clock when its last sample had come from the instrument, s; None: in a replay."""
+
+    @property
+    def number(self) -> int:
+        """Number within the point."""
+        return self.view.number
+
+    @property
+    def record(self) -> int | None:
+        """Number within the survey; None: it is not saved by this session."""
+        return self.view.record
+
+    @property
+    def setup(self) -> PointSetup:
+        """Declared setup."""
+        return self.view.setup
+
+    @property
+    def screening(self) -> Screening:
+        """Screening by its record and by the drops before it."""
+        assert self.view.screening is not None
+        return self.view.screening
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class DropSaved:
+    """A drop is safe: it is acknowledged with this. (In a replay it was safe before.)"""
+
+    saved: SavedDrop
+    identical: bool | None = None
+    """In a replay: whether the traces are the recorded ones, bit for bit."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class DropNotSaved:
+    """A drop is NOT safe: the disk did not take it; it is kept in memory and tried again."""
+
+    point: str
+    number: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyFilesChanged:
+    """Somebody took files of the survey away, its folder refuses, or all is well again."""
+
+    text: str
+    """For people."""
+    safe: bool
+    """Whether everything acknowledged is in the survey's own folder again."""
+
+
+@dataclass(frozen=True, slots=True)
+class DropNotPublished:
+    """A drop has no file of its own yet; it is safe in the journal."""
+
+    point: str
+    number: int
+    reason: str
+
+    @property
+    def text(self) -> str:
+        """For people."""
+        return (
+            f"drop {self.point}/{self.number} has no file of its own yet (it is safe in the "
+            f"journal; pfwd recover makes the file): {self.reason}"
+        )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class DropAnalysed:
+    """A modulus, or why there is none."""
+
+    saved: SavedDrop
+    delay: float | None
+    """From the last sample of the drop to now, s; None: in a replay."""
+    result: DropResult
+    curves: TimeHistories | None
+    """For a display; None when the analysis failed."""
+    full: bool
+    """Whether this is the full search; a quick answer came before."""
+    final: bool
+    """Whether no other answer follows."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PointDiagnosed:
+    """What is behind the residual of a point, with the drops that it has now."""
+
+    point: str
+    result: DiagnosisResult
+
+
+@dataclass(frozen=True, slots=True)
+class Rebounded:
+    """The hammer bounced after a drop."""
+
+    point: str
+    number: int
+    delay: float
+    """s after the trigger of the drop."""
+    peak_load: float
+    """N."""
+
+
+@dataclass(frozen=True, slots=True)
+class PointBegan:
+    """The drops to come belong to this test point; somebody asked for it."""
+
+    point: str
+
+
+@dataclass(frozen=True, slots=True)
+class JobKnown:
+    """What the survey is measured by, at the start and whenever something is said of it."""
+
+    job: Job
+    differences: tuple[str, ...] = ()
+    """Where it was said otherwise than the survey had it, one sentence each."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PointKnown:
+    """A point that the survey holds already."""
+
+    point: PointView
+    """Its job is that of the listener."""
+    comes_again: bool = False
+    """Whether its drops come again, one by one, in a replay."""
+
+
+@dataclass(frozen=True, slots=True)
+class Edited:
+    """Something was said of a point or of a drop, and is safe; nothing recorded has changed."""
+
+    what: str
+    """As in `pfwd.files.editing.Edit`."""
+    value: Any
+    point: str | None
+    """Name of the point; None: it is about a drop."""
+    number: int | None
+    """Of the drop within the survey."""
+
+
+@dataclass(frozen=True, slots=True)
+class TableBuilding:
+    """A response table of the model is being built, once for a plate and a Poisson's ratio."""
+
+    what: str
+    fraction: float
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """Something that people should know."""
+
+    text: str
+    serious: bool = False
+    details: str = field(default="", repr=False)
+    """More, for the log."""
+    kind: str = ""
+    """Of what an instrument can cause as often as it likes: a session tells only some of a kind,
+    see `pfwd.session.repeats`. Empty: told whenever it comes."""
+
+
+@dataclass(frozen=True, slots=True)
+class BatteryLow(Notice):
+    """The instrument says that its battery is low."""
+
+
+@dataclass(frozen=True, slots=True)
+class StorageLow(Notice):
+    """The disk is filling, or has room again."""
+
+    drops_left: int | None = 0
+    """About how many more it takes; None: there is room again."""
+
+
+SessionEvent = (
+    InstrumentReady
+    | CalibrationChanged
+    | InstrumentLost
+    | LiveSamples
+    | InstrumentStatus
+    | Ready
+    | SensorCheck
+    | DropSaved
+    | DropNotSaved
+    | SurveyFilesChanged
+    | DropNotPublished
+    | DropAnalysed
+    | PointDiagnosed
+    | Rebounded
+    | PointBegan
+    | JobKnown
+    | PointKnown
+    | Edited
+    | TableBuilding
+    | Notice
+)

@@ -1,0 +1,117 @@
+"""The last seconds of load and velocity, as few numbers as a screen can show.
+
+Samples are reduced to the least and the largest value of short intervals where they arrive, so that
+a peak is kept however narrow, and a display never sees the samples themselves.
+"""
+
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfwd.session.events import LiveSamples
+from pfwd_device.calibration import load_channel, sensor_channels, to_si
+
+INTERVAL = 0.01
+"""s; shorter than a pulse, and 5 s of it are more columns than a terminal has."""
+
+WINDOW = 5.0
+"""s."""
+
+RECENT = 3
+"""Intervals that count as now."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Envelope:
+    """Least and largest values of consecutive intervals, oldest first."""
+
+    interval: float
+    """s."""
+    load: NDArray[np.float64]
+    """(n, 2), N: least, largest."""
+    velocity: NDArray[np.float64]
+    """(n, 2), m/s or, for a sensor of displacement, m."""
+    samples: int
+    """How many samples went by since the start."""
+    unit: str
+    """Of the second, "m/s" or "m"."""
+
+
+class LiveTrace:
+    """Takes samples in one thread, shows them in another.
+
+    Parameters
+    ----------
+    window : float
+        Seconds that are kept.
+    """
+
+    def __init__(self, window: float = WINDOW) -> None:
+        self._lock = threading.Lock()
+        self._length = max(1, round(window / INTERVAL))
+        self._samples = 0
+        self._unit = "m/s"
+        self._clear()
+
+    def _clear(self) -> None:
+        self._rows: NDArray[np.float64] = np.empty((0, 4))
+        self._open: int | None = None
+        self._stream: int | None = None
+
+    def clear(self) -> None:
+        """Forget what was seen: the instrument was lost."""
+        with self._lock:
+            self._clear()
+
+    def feed(self, event: LiveSamples) -> None:
+        """Take samples that follow the last ones, or begin anew."""
+        samples, identity = event.samples, event.identity
+        if samples.shunt or not len(samples.counts):  # the shunt is no load
+            return
+        load, sensor = load_channel(identity), sensor_channels(identity)[0]
+        step = max(1, round(INTERVAL * identity.sampling_rate))
+        index = (samples.first + np.arange(len(samples.counts))) // step
+        starts = np.flatnonzero(np.diff(index, prepend=index[0] - 1))
+        rows = np.empty((len(starts), 4))
+        for place, channel in ((0, load), (2, sensor)):
+            values = to_si(
+                samples.counts[:, channel], identity.channels[channel], identity.volts_per_count
+            )
+            rows[:, place] = np.minimum.reduceat(values, starts)
+            rows[:, place + 1] = np.maximum.reduceat(values, starts)
+        first = int(index[0])
+        with self._lock:
+            self._samples += len(samples.counts)
+            self._unit = "m" if identity.channels[sensor].role == "displacement" else "m/s"
+            if samples.stream != self._stream:
+                self._clear()
+                self._stream = samples.stream
+            if self._open == first and len(self._rows):
+                last = self._rows[-1]
+                last[0::2] = np.minimum(last[0::2], rows[0, 0::2])
+                last[1::2] = np.maximum(last[1::2], rows[0, 1::2])
+                rows = rows[1:]
+            self._rows = np.concatenate([self._rows, rows])[-self._length :]
+            self._open = int(index[-1])
+
+    def envelope(self) -> Envelope:
+        """What is there now."""
+        with self._lock:
+            rows = self._rows.copy()
+            samples, unit = self._samples, self._unit
+        return Envelope(INTERVAL, rows[:, 0:2], rows[:, 2:4], samples, unit)
+
+    @property
+    def samples(self) -> int:
+        """How many samples went by since the start."""
+        return self._samples
+
+    def last_peak(self) -> float:
+        """Largest load of the last intervals above the middle of all that is kept, N."""
+        with self._lock:
+            if len(self._rows) < 2:
+                return 0.0
+            rest = float(np.median(self._rows[:, 0]))
+            return float(self._rows[-RECENT:, 1].max()) - rest

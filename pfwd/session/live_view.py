@@ -1,0 +1,223 @@
+"""The view of a survey while it is measured: events of the session update it.
+
+Screen and headless log apply the same events. A survey that goes on reports its points as
+`PointKnown`; in a replay a stored drop counts from when it comes again.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from pfwd.analysis.kept import is_sound, rests_on
+from pfwd.files.moving import moved_to
+from pfwd.judging import DropView, PointView, SurveyView
+from pfwd.judging.places import place_in
+from pfwd.procedures import PointProgress
+from pfwd.session.events import (
+    DropAnalysed,
+    DropSaved,
+    Edited,
+    JobKnown,
+    PointDiagnosed,
+    PointKnown,
+    SavedDrop,
+    SessionEvent,
+)
+
+
+def apply_event(view: SurveyView, event: SessionEvent) -> tuple[SurveyView, str | None]:
+    """Return the survey after an event, and the name of the point that the event is about."""
+    match event:
+        case JobKnown(job):
+            return view.with_job(job), None
+        case PointKnown(stored):
+            return with_stored(view, [stored], comes_again=event.comes_again), stored.name
+        case DropSaved(saved):
+            point = _with_drop(_point_of(view, saved.point), saved)
+        case DropAnalysed():
+            point = _with_analysis(_point_of(view, event.saved.point), event)
+        case PointDiagnosed(name, diagnosis):
+            point = replace(_point_of(view, name), diagnosis=diagnosis)
+        case Edited(point=str(name)):
+            point = _with_edit(_point_of(view, name), event)
+        case Edited(number=int(record)):
+            owner = _owner_of(view, record)
+            if owner is None:
+                return view, None
+            point = _with_edited_drop(owner, event)
+        case _:
+            return view, None
+    return view.with_points([point]), point.name
+
+
+def with_stored(
+    view: SurveyView, points: Iterable[PointView], *, comes_again: bool = False
+) -> SurveyView:
+    """Return the survey with points as they are stored; drops that have come since are newer.
+
+    Parameters
+    ----------
+    view : SurveyView
+    points : iterable of PointView
+    comes_again : bool
+        Whether the stored drops come again, one by one, in a replay.
+    """
+
+    def merged(stored: PointView) -> PointView:
+        known = view.points.get(stored.name)
+        newer = () if known is None else known.drops
+        drops = {drop.number: drop for drop in stored.drops}
+        if comes_again:
+            again = tuple(drops.get(drop.number, drop) for drop in newer)
+            return replace(stored, drops=again, replayed=stored.drops)
+        for drop in newer:
+            drops[drop.number] = _with_edits(drop, drops.get(drop.number))
+        return replace(stored, drops=_sorted(drops))
+
+    return view.with_points(map(merged, points))
+
+
+def _with_edits(drop: DropView, stored: DropView | None) -> DropView:
+    """Return a drop of the session as persons have edited it in the survey."""
+    if stored is None or drop.discarded is not None:
+        return drop
+    return replace(drop, discarded=stored.discarded, moved_to=stored.moved_to)
+
+
+def _point_of(view: SurveyView, name: str) -> PointView:
+    return view.points.get(name) or PointView(name)
+
+
+def _sorted(drops: Mapping[int, DropView]) -> tuple[DropView, ...]:
+    return tuple(drops[number] for number in sorted(drops))
+
+
+def _with_drop(point: PointView, saved: SavedDrop) -> PointView:
+    drop = _stored_drop(point, saved.number) or saved.view
+    drops = {drop.number: drop for drop in point.drops} | {saved.number: drop}
+    received = saved.view.metadata.get("position")
+    place = received if point.place is None and place_in(received) is not None else point.place
+    return replace(point, drops=_sorted(drops), place=place)
+
+
+def _stored_drop(point: PointView, number: int) -> DropView | None:
+    return next((drop for drop in point.replayed if drop.number == number), None)
+
+
+def _with_analysis(point: PointView, event: DropAnalysed) -> PointView:
+    number, result = event.saved.number, event.result
+    stored, drop = _stored_drop(point, number), point.drop(number)
+    if drop is None or (stored is not None and stored.facts.modulus is not None):
+        return point  # of a replayed drop the result of the survey counts
+    if result.is_trial or not is_sound(result) or not rests_on(result, drop.setup):
+        return point
+    drops = {drop.number: drop for drop in point.drops} | {number: drop.with_result(result)}
+    return replace(point, drops=_sorted(drops))
+
+
+def _with_edit(point: PointView, event: Edited) -> PointView:
+    value = event.value
+    match event.what:
+        case "target":
+            target = float(value) if isinstance(value, int | float) else None
+            return replace(point, target=target)
+        case "discard" | "restore":
+            return replace(point, discarded=event.what == "discard")
+        case "name":
+            return replace(point, title=str(value))
+        case "note":
+            return replace(point, notes=(*point.notes, str(value)))
+        case "position":
+            place = None if place_in(value) is None else {**value, "source": "edited"}
+            return replace(point, place=place)
+    return point
+
+
+def _owner_of(view: SurveyView, record: int) -> PointView | None:
+    for point in view.points.values():
+        if any(drop.record == record for drop in (*point.drops, *point.replayed)):
+            return point
+    return None
+
+
+def _with_edited_drop(point: PointView, event: Edited) -> PointView:
+    def edited(drop: DropView) -> DropView:
+        if drop.record != event.number:
+            return drop
+        return replace(drop, **_changes(drop, event))
+
+    return replace(
+        point,
+        drops=tuple(map(edited, point.drops)),
+        replayed=tuple(map(edited, point.replayed)),
+    )
+
+
+def _changes(drop: DropView, event: Edited) -> dict[str, Any]:
+    """Return the fields of a drop that an edit changes."""
+    match event.what:
+        case "restore":
+            return {"discarded": None, "moved_to": None}
+        case "discard":
+            moved = moved_to(event.value)
+            return {"discarded": moved or str(event.value or ""), "moved_to": moved}
+        case "note":
+            return {"notes": (*drop.notes, str(event.value))}
+    return {}
+
+
+class CompletePoints:
+    """Reports a point when it is complete, and again when its verdict changes.
+
+    A reported point that is not complete any more is reported again. One of which only the value
+    has changed is reported at the end of the session.
+
+    Parameters
+    ----------
+    report : callable
+        Receives the point.
+    analysed : bool
+        Whether drops are inverted; the last result of a drop is then waited for.
+    """
+
+    def __init__(self, report: Callable[[PointView], None], *, analysed: bool) -> None:
+        self._report = report
+        self._analysed = analysed
+        self._view = SurveyView()
+        self._reported: dict[str, PointProgress] = {}
+        self._waiting: dict[str, set[int]] = {}
+
+    def take(self, event: SessionEvent) -> None:
+        """Apply an event."""
+        self._view, name = apply_event(self._view, event)
+        if isinstance(event, DropAnalysed) and event.final:
+            self._waiting.get(event.saved.point, set()).discard(event.saved.number)
+        if isinstance(event, DropSaved) and self._analysed:
+            waiting = self._waiting.setdefault(event.saved.point, set())
+            if event.saved.screening.status != "rejected":
+                waiting.add(event.saved.number)
+        if isinstance(event, JobKnown):
+            for reported in self._reported:
+                self._report_if_changed(reported)
+        elif name is not None and not isinstance(event, PointKnown):
+            self._report_if_changed(name)
+
+    def rest(self) -> None:
+        """End the session: report what was held back for a result that does not come any more."""
+        self._waiting.clear()
+        for name in self._view.points:
+            self._report_if_changed(name, last=True)
+
+    def _report_if_changed(self, name: str, *, last: bool = False) -> None:
+        point = self._view.points[name]
+        progress, before = point.progress, self._reported.get(name)
+        if self._waiting.get(name) or not (progress.complete or before):
+            return
+        changed = before is None or _verdict(before) != _verdict(progress)
+        if changed or (last and before is not None and before.value != progress.value):
+            self._reported[name] = progress
+            self._report(point)
+
+
+def _verdict(progress: PointProgress) -> tuple[object, ...]:
+    return progress.complete, progress.verdict, progress.target

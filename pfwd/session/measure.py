@@ -1,0 +1,249 @@
+"""One call for one measurement: open what is needed, run the session, close it all.
+
+A script measures with::
+
+    from pfwd.session.measure import measure
+    measure("/dev/ttyUSB0", "site-12", print)
+"""
+
+import contextlib
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from dataclasses import replace
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.errors import SurveyError, refusal
+from pfwd.files.folders import is_survey
+from pfwd.files.output_path import refuse_inside_survey
+from pfwd.files.spare import spare_folder
+from pfwd.judging import Job, job_of
+from pfwd.procedures import NO_PROCEDURE
+from pfwd.session.events import DropSaved, Notice, SessionEvent
+from pfwd.session.live import LiveFeed, random_stream
+from pfwd.session.pace import Pace
+from pfwd.session.replay import RecordedFeed, capture_feed, survey_feed
+from pfwd.session.session import Ending, Listener, Session, SessionPlan
+from pfwd.session.setup_file import MeasuringSetup
+from pfwd.session.survey_job import agreed_job, point_known
+from pfwd.session.survey_recorder import tell_reports
+from pfwd_device.recording import CaptureWriter, Survey, SurveyWriter, read_survey
+
+Control = Callable[[Session], AbstractContextManager[object]]
+
+
+def measure(
+    url: str,
+    survey: str | os.PathLike[str],
+    listener: Listener,
+    plan: SessionPlan | None = None,
+    *,
+    capture: bool = False,
+    control: Control = nullcontext,
+    spare: str | os.PathLike[str] | None = None,
+) -> Ending:
+    """Measure with an instrument into a survey, new or begun.
+
+    Parameters
+    ----------
+    url : str
+        Port of the instrument: /dev/ttyUSB0, COM3, socket://127.0.0.1:4000, ...
+    survey : path of a folder
+    listener : callable
+        Told what happens, see `pfwd.session.events`.
+    plan : SessionPlan, optional
+    capture : bool
+        Keep every byte of the link beside the drops.
+    control : callable, optional
+        Given the session, returns the context that it runs in, as `stopped_by_signals`.
+    spare : path, optional
+        Folder for drops that the survey's own does not take; by default the platform's.
+
+    Returns
+    -------
+    Ending
+
+    Raises
+    ------
+    DeviceError, SurveyError
+        If port, survey or setup cannot be used; what was acknowledged is safe.
+    """
+    plan = plan or SessionPlan()
+    stream = random_stream()
+    with closing(LiveFeed(url, plan.setup, capture=capture, first_stream=stream)) as feed:
+        if not is_survey(survey):
+            feed.open_port()  # a port that cannot be opened leaves no survey behind
+        with _open_survey(survey, spare, listener) as writer:
+            _tell_recovery(writer, listener)
+            writer.check_room()
+            if capture:
+                setup = agreed_job(plan, writer.contents()).setup
+                feed.captured = _open_capture(writer, url, setup, stream)
+            try:
+                feed.open()
+                session = Session(feed, listener, plan, writer)
+                with control(session):
+                    return session.run()
+            finally:
+                feed.close()
+                if feed.captured is not None:
+                    feed.captured.close()
+                    if feed.captured.failure:
+                        text = f"the capture is incomplete: {feed.captured.failure}"
+                        listener(Notice(text, True))
+
+
+@contextmanager
+def _open_survey(
+    folder: str | os.PathLike[str], spare: str | os.PathLike[str] | None, listener: Listener
+) -> Iterator[SurveyWriter]:
+    """A survey that is written; what its end finds of its files is told too."""
+    with contextlib.ExitStack() as ends:
+        if not is_survey(folder):
+            refuse_inside_survey(folder, "--output")
+        writer = SurveyWriter.open(folder, spare=spare_folder(spare))
+        ends.callback(tell_reports, writer, listener)
+        ends.enter_context(writer)
+        yield writer
+
+
+def _tell_recovery(writer: SurveyWriter, listener: Listener) -> None:
+    for text in writer.recovery.actions:
+        listener(Notice(f"recovery of {writer.folder}: {text}"))
+    for text in writer.recovery.damaged:
+        listener(Notice(f"damage in {writer.folder}: {text}", serious=True))
+
+
+def _open_capture(
+    writer: SurveyWriter, url: str, setup: MeasuringSetup, first_stream: int
+) -> CaptureWriter:
+    header = {
+        "url": url,
+        "dialect": setup.device.dialect,
+        "setup_text": setup.text,
+        "procedure_text": setup.procedure.text if setup.procedure is not None else "",
+        "first_stream": first_stream,
+    }
+    return writer.open_capture("link", header)
+
+
+def replay(
+    recording: str | os.PathLike[str],
+    listener: Listener,
+    *,
+    speed: float | Pace = 0.0,
+    options: AnalysisOptions | None = None,
+    setup: MeasuringSetup | None = None,
+    output: str | os.PathLike[str] | None = None,
+    drops: int | None = None,
+    control: Control = nullcontext,
+    spare: str | os.PathLike[str] | None = None,
+) -> Ending:
+    """Recorded drops, or the recorded bytes of a link, through the same pipeline.
+
+    Parameters
+    ----------
+    recording : path of a survey or of a capture
+    listener : callable
+        Told what happens.
+    speed : float or Pace
+        Times real time; 0: as fast as possible. A `Pace` can be paused, stepped and changed.
+    options : AnalysisOptions, optional
+        None: nothing is inverted.
+    setup : MeasuringSetup, optional
+        For a capture, in place of the recorded one.
+    output : path, optional
+        Survey to record into.
+    drops : int, optional
+        End after so many.
+    control : callable, optional
+        As for `measure`.
+    spare : path, optional
+        As for `measure`.
+
+    Returns
+    -------
+    Ending
+
+    Raises
+    ------
+    DeviceError, SurveyError
+    """
+    path = Path(recording)
+    plan = SessionPlan(options=options, drops=drops)
+    if is_survey(path):
+        if setup is not None:
+            raise SurveyError(refusal("--setup", "a capture to use it with", "a survey"))
+        survey = read_survey(path)
+        feed, reader = _survey_feed(survey, speed, listener), None
+        plan = replace(plan, job=_job_of(survey, listener).as_request())
+        listener = _with_known_points(survey, listener)
+    elif path.is_file():
+        feed, used, reader = capture_feed(path, speed, setup)
+        plan = replace(plan, setup=used)
+    else:
+        hint = "pfwd log and pfwd import make surveys"
+        raise SurveyError(refusal(str(path), "a survey or a capture", "none", hint))
+    with nullcontext() if output is None else _open_survey(output, spare, listener) as writer:
+        session = Session(feed, listener, plan, writer)
+        with control(session):
+            ending = session.run()
+    for text in reader.damage if reader is not None else ():
+        listener(Notice(f"{path}: damaged: {text}", serious=True))
+    return ending
+
+
+def _job_of(survey: Survey, listener: Listener) -> Job:
+    """What a survey was measured by; a procedure that cannot be read stops no replay."""
+    try:
+        return job_of(survey)
+    except SurveyError as err:
+        listener(Notice(str(err), serious=True))
+        return replace(job_of(survey, NO_PROCEDURE), procedure=None)
+
+
+def _with_known_points(survey: Survey, listener: Listener) -> Listener:
+    """Tells before the first drop of a point what the survey holds of it."""
+    waiting = {point.name: point for point in survey.points}
+
+    def told(event: SessionEvent) -> None:
+        if isinstance(event, DropSaved):
+            point = waiting.pop(event.saved.point, None)
+            if point is not None:
+                listener(point_known(point, comes_again=True))
+        listener(event)
+
+    return told
+
+
+def _survey_feed(survey: Survey, speed: float | Pace, listener: Listener) -> RecordedFeed:
+    for text in survey.damage:
+        listener(Notice(text, serious=True))
+    return survey_feed(survey, speed)
+
+
+@contextmanager
+def stopped_by_signals(session: Session) -> Iterator[None]:
+    """SIGINT and SIGTERM end the session when the drop in hand is safe; a second one at once."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before: dict[signal.Signals, Any] = {}
+
+    def stop(number: int, _frame: FrameType | None) -> None:
+        session.stop()
+        for signal_number, handler in before.items():
+            signal.signal(signal_number, handler)
+
+    for signal_number in (signal.SIGINT, signal.SIGTERM):
+        before[signal_number] = signal.signal(signal_number, stop)
+    try:
+        yield
+    finally:
+        for signal_number, handler in before.items():
+            signal.signal(signal_number, handler)

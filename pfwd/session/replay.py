@@ -1,0 +1,257 @@
+"""Feeds a session from what was recorded: the drops of a survey, or the bytes of a link."""
+
+import dataclasses
+import datetime
+import os
+import time
+from collections.abc import Callable, Generator, Iterable, Iterator
+from dataclasses import dataclass
+
+from pfwd.errors import SurveyError, refusal
+from pfwd.judging.view import later_declarations
+from pfwd.procedures import parse_procedure
+from pfwd.session.drop_metadata import feed_item_of
+from pfwd.session.feeds import Ended, FeedItem, ImportedDrop, RecordedDrop
+from pfwd.session.pace import Pace
+from pfwd.session.setup_file import MeasuringSetup, parse_setup, with_procedure
+from pfwd_device.acquisition.decoder import Decoder
+from pfwd_device.acquisition.items import Disconnected, Gap, Samples
+from pfwd_device.recording import CaptureReader, DropRecord, Survey
+from pfwd_device.text import clean
+from pfwd_device.wire.messages import DropOffer
+
+CHUNKS_PER_SECOND = 50
+"""Samples are handed on in such parts, as an instrument would."""
+
+LONGEST_PAUSE = 10.0
+"""s between two drops of a replay in real time; longer pauses of the day are cut to it."""
+
+FIRST_PAUSE = 1.0
+"""s before the first drop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pause:
+    """So many seconds went by before what comes next."""
+
+    seconds: float
+
+
+class RecordedFeed:
+    """Feeds items that are made one by one; the base of both replays.
+
+    Parameters
+    ----------
+    items : iterable of FeedItem or Pause
+    speed : float or Pace
+        Times real time; 0: as fast as possible. A `Pace` can be changed on the way.
+    sleep : callable
+        Waits for so many seconds.
+    """
+
+    live = False
+    lost_since: float | None = None
+
+    def __init__(
+        self,
+        items: Iterable[FeedItem | Pause],
+        speed: float | Pace = 0.0,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._items = _generator(items)
+        self._pace = speed if isinstance(speed, Pace) else Pace(speed)
+        self._sleep = sleep
+        self._left = 0.0  # of a pause, s of the recording
+        self._held: FeedItem | None = None
+
+    def next(self, timeout: float) -> FeedItem | None:
+        """What comes next, None while a pause of a replay in real time goes on."""
+        while True:
+            if not self._pace.flows:
+                self._sleep(timeout)
+                return None
+            speed = self._pace.speed
+            if self._left > 0 and speed > 0:
+                nap = min(self._left / speed, timeout)
+                self._sleep(nap)
+                self._left -= nap * speed
+                if self._left > 1e-9:
+                    return None
+            self._left = 0.0
+            item = self._held or next(self._items, Ended())
+            self._held = None
+            if isinstance(item, Pause):
+                self._left = item.seconds
+                continue
+            if isinstance(item, RecordedDrop | ImportedDrop) and not self._pace.may_begin():
+                self._held = item
+                continue
+            return item
+
+    def shunt(self, on: bool) -> None:
+        """There is nothing to switch."""
+
+    def acknowledge(self, offer: DropOffer) -> None:
+        """There is no instrument to be told."""
+
+    def settle(self) -> None:
+        """There is nothing to wait for."""
+
+    def counters(self) -> dict[str, float | None]:
+        """Nothing is discarded."""
+        return {}
+
+    def close(self) -> None:
+        """End it."""
+        self._items.close()
+
+
+def _generator(items: Iterable[FeedItem | Pause]) -> Generator[FeedItem | Pause, None, None]:
+    yield from items
+
+
+def survey_feed(
+    survey: Survey, speed: float | Pace = 0.0, sleep: Callable[[float], None] = time.sleep
+) -> RecordedFeed:
+    """The drops of a survey in the order in which they were measured, discarded ones too.
+
+    Parameters
+    ----------
+    survey : Survey
+    speed : float or Pace
+        Times real time; 0: as fast as possible.
+    sleep : callable
+        Waits for so many seconds.
+    """
+    return RecordedFeed(_drops(survey), speed, sleep)
+
+
+def _drops(survey: Survey) -> Iterator[FeedItem | Pause]:
+    before: datetime.datetime | None = None
+    later = {point.name: later_declarations(point) for point in survey.points}
+    for drop in survey.drops:
+        record = drop.read()
+        # What was declared of the point since holds for its drops.
+        declared = {**record.declared, **later.get(drop.point, {})}
+        record = dataclasses.replace(record, declared=declared)
+        now = _time_of(record)
+        pause = FIRST_PAUSE
+        if now is not None and before is not None:
+            pause = (now - before).total_seconds()
+        yield Pause(min(max(pause, 0.0), LONGEST_PAUSE))
+        before = now or before
+        item = feed_item_of(record, str(drop.file or survey.folder))
+        yield item
+        if not isinstance(item, ImportedDrop):
+            yield from _samples(item)
+    yield Ended()
+
+
+def _time_of(record: DropRecord) -> datetime.datetime | None:
+    try:
+        return datetime.datetime.fromisoformat(str(record.metadata.get("time_utc")))
+    except ValueError:
+        return None
+
+
+def _samples(item: RecordedDrop) -> Iterator[Samples | Gap | Pause]:
+    """The samples of a drop and of its rebounds, with what was missing and what lay between."""
+    record = item.record
+    assert record.counts is not None
+    rate = item.identity.sampling_rate
+    end = item.first + len(record.counts)
+    missing = [(item.first + start, length) for start, length in record.metadata["missing"]]
+    parts = [(item.first, record.counts)]
+    for rebound in record.rebounds:
+        skipped = max(0, end - rebound.first_sample)
+        parts.append((rebound.first_sample + skipped, rebound.counts[skipped:]))
+        end = rebound.first_sample + len(rebound.counts)
+    chunk = max(1, round(rate / CHUNKS_PER_SECOND))
+    position = item.first
+    for first, counts in parts:
+        if first > position:
+            yield Gap(item.stream, position, first - position)
+        position = first
+        while position < first + len(counts):
+            gone = next((gap for gap in missing if gap[0] <= position < sum(gap)), None)
+            if gone is not None:
+                length = sum(gone) - position
+                yield Gap(item.stream, position, length)
+                position += length
+                continue
+            stop = min([first + len(counts), position + chunk, *_starts(missing, position)])
+            part = counts[position - first : stop - first]
+            yield Pause(len(part) / rate)
+            utc = datetime.datetime.now(datetime.UTC)
+            yield Samples(item.stream, position, part, False, time.monotonic(), utc)
+            position = stop
+    # Whatever is not complete yet is complete when nothing more can come.
+    yield Gap(item.stream, position, round(20 * rate))
+
+
+def _starts(missing: list[tuple[int, int]], position: int) -> list[int]:
+    return [start for start, _ in missing if start > position]
+
+
+def capture_feed(
+    path: str | os.PathLike[str],
+    speed: float | Pace = 0.0,
+    setup: MeasuringSetup | None = None,
+    sleep: Callable[[float], None] = time.sleep,
+) -> tuple[RecordedFeed, MeasuringSetup, CaptureReader]:
+    """The bytes of a link as they came.
+
+    Parameters
+    ----------
+    path : of a capture
+    speed : float or Pace
+        Times real time; 0: as fast as possible.
+    setup : MeasuringSetup, optional
+        In place of the recorded one.
+    sleep : callable
+        Waits for so many seconds.
+
+    Returns
+    -------
+    feed : RecordedFeed
+    setup : MeasuringSetup
+        That the bytes are read with.
+    reader : CaptureReader
+        Tells in the end what was damaged.
+
+    Raises
+    ------
+    SurveyError, DeviceError
+        If it is no capture, or its setup cannot be read.
+    """
+    reader = CaptureReader(path)
+    if not reader.header:
+        hint = "captures are made by pfwd log --capture"
+        raise SurveyError(refusal(os.fspath(path), "a capture", "another file", hint))
+    if setup is None:
+        text = str(reader.header.get("setup_text") or "")
+        procedure = str(reader.header.get("procedure_text") or "")
+        where = f"setup recorded in {os.fspath(path)}"
+        setup = parse_setup(text, where, procedure)
+        if procedure and setup.procedure is None:  # it was chosen on the command line
+            setup = with_procedure(setup, parse_procedure(procedure, where), where)
+    first_stream = reader.header.get("first_stream")
+    dialect = setup.device.make_dialect(first_stream if type(first_stream) is int else 0)
+    decoder = Decoder(dialect, clean(str(reader.header.get("url", "")), limit=200))
+    return RecordedFeed(_captured(reader, decoder), speed, sleep), setup, reader
+
+
+def _captured(reader: CaptureReader, decoder: Decoder) -> Iterator[FeedItem | Pause]:
+    before: int | None = None
+    for captured in reader:
+        yield Pause(0.0 if before is None else (captured.monotonic_ns - before) * 1e-9)
+        before = captured.monotonic_ns
+        if captured.direction != "from":
+            continue
+        utc = datetime.datetime.fromtimestamp(captured.utc_ns * 1e-9, datetime.UTC)
+        if not captured.data:
+            yield from decoder.cut()
+            yield Disconnected("the link was cut when this was recorded", utc)
+        yield from decoder.feed(captured.data, captured.monotonic_ns * 1e-9, utc)
+    yield from decoder.idle(float("inf"))
+    yield Ended()

@@ -1,0 +1,892 @@
+"""A measuring session: samples in, drops safe, moduli out. It does not know what it is fed from.
+
+Everything here happens in the thread that calls `run`, except that an instrument's driver reads in
+a thread of its own and that drops are inverted in a process of their own. Whoever shows the session
+is told events, in that thread.
+"""
+
+import contextlib
+import datetime
+import math
+import queue
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from pfwd.analysis.results import DropResult
+from pfwd.errors import OptionError
+from pfwd.files.editing import Edit
+from pfwd.files.moving import MOVED_TO, move_with, point_called, restore_with
+from pfwd.judging import Job, JobRequest, SurveyView, point_views
+from pfwd.judging.earlier_rules import changed_verdicts
+from pfwd.judging.stations import similar_name
+from pfwd.procedures.judging import RULES_EVENT, RULES_VERSION
+from pfwd.session.calibration_change import (
+    calibration_changes,
+    last_recorded_identity,
+)
+from pfwd.session.drop_metadata import load_of, metadata_of, rebound_of, state_of
+from pfwd.session.drop_pipeline import DropPipeline, renumbered
+from pfwd.session.events import (
+    BatteryLow,
+    CalibrationChanged,
+    Edited,
+    InstrumentLost,
+    InstrumentReady,
+    InstrumentStatus,
+    JobKnown,
+    LiveSamples,
+    Notice,
+    PointBegan,
+    Ready,
+    SensorCheck,
+    SessionEvent,
+)
+from pfwd.session.feeds import Ended, Feed, FeedItem, ImportedDrop, RecordedDrop
+from pfwd.session.kept_drops import marks_of_kept, raw_drop_of, settings_of
+from pfwd.session.live_view import apply_event
+from pfwd.session.plan import Ending, SessionPlan
+from pfwd.session.repeats import Repeats
+from pfwd.session.sensor_check import SensorChecker
+from pfwd.session.setup_file import response_warnings, setup_of
+from pfwd.session.survey_job import agreed_job, instrument_request, known_point
+from pfwd_device.acquisition.detection import (
+    DetectionSettings,
+    PulseReport,
+    RawDrop,
+    RawRebound,
+    ReboundsOver,
+)
+from pfwd_device.acquisition.detector import Detector, Found
+from pfwd_device.acquisition.items import (
+    Connected,
+    Disconnected,
+    Gap,
+    KeptDrop,
+    Samples,
+    StreamBegan,
+    UnusableDrop,
+)
+from pfwd_device.calibration import calibrate, calibration_warnings, sensor_channels
+from pfwd_device.drop import Drop
+from pfwd_device.errors import RecordingError, SetupError
+from pfwd_device.identity import Identity
+from pfwd_device.recording.record import DropRecord, Rebound, point_name
+from pfwd_device.recording.survey_content import SurveyDrop
+from pfwd_device.recording.survey_writer import SurveyWriter
+from pfwd_device.wire.messages import Armed, Event, EventKind, Refusal, Status, Trigger
+
+__all__ = ["Ending", "Listener", "Session", "SessionPlan"]
+
+FIRST_POINT = "1"
+"""Name of a point that nobody named."""
+
+FEED_WAIT = 0.02
+"""s; how long an answer of the worker may wait for the session's attention."""
+
+MOST_UNANSWERED = 4
+"""Analyses that a replay leaves waiting before it goes on."""
+
+LAST_ANSWERS = 120.0
+"""s; how long the last analyses may take when the session has ended."""
+
+STOPPED_ANSWERS = 2.0
+"""s; the same when it was told to end, which takes less than 5 s whatever the instrument says: the
+first modulus takes 0.2 s and the full search 0.4 s, and a drop without them is inverted later."""
+
+STOPPED_DROP = 1.0
+"""s by the host; how much longer than its record takes the drop in hand may hold up the end. An
+instrument that is told to trigger and then sends no samples would do it for ever."""
+
+TRIGGER_PAUSE = 1.0
+"""s of samples between two triggers of the instrument: nobody presses a button more often, and each
+makes a drop."""
+
+BOUNCES_END = 2.5
+"""s after a drop within which the weight still bounces, and no hand has lifted it again."""
+
+BOUNCE_OVER_DROP = 0.6
+"""Most of a drop's peak load that its first bounce reaches: with rubber springs half of it."""
+
+Listener = Callable[[SessionEvent], None]
+
+
+class Session:
+    """Runs one measurement.
+
+    Parameters
+    ----------
+    feed : Feed
+    listener : callable
+        Told what happens, in the thread of `run`; it may be quick or slow, but the session waits.
+    plan : SessionPlan
+    writer : SurveyWriter, optional
+        None: nothing is saved, as in a replay.
+    """
+
+    def __init__(
+        self,
+        feed: Feed,
+        listener: Listener,
+        plan: SessionPlan | None = None,
+        writer: SurveyWriter | None = None,
+    ) -> None:
+        self._feed = feed
+        self._listener = listener
+        self._repeats = Repeats()
+        self._kept_events = Repeats()
+        plan = plan or SessionPlan()
+        agreed = agreed_job(plan, None if writer is None else writer.contents())
+        self._plan = replace(plan, setup=agreed.setup)
+        self._job, self._job_request = agreed.kept, agreed.request
+        self._differences = agreed.differences
+        self._rules_kept = False
+        """Whether the survey has the event with the rules of this version."""
+        self._changed_verdicts: tuple[str, ...] = ()
+        if writer is not None and writer.points:
+            survey = writer.contents()
+            stored = point_views(survey, self.job)
+            self._changed_verdicts = tuple(changed_verdicts(survey, stored))
+        self._known_points: set[str] = set()
+        known = writer.points if writer is not None else ()
+        stations = self.job.stations
+        first = stations[0].name if stations else FIRST_POINT
+        self._point = self._plan.named_point or (known[-1] if known else first)
+        self._view = SurveyView(self.job)
+        self._pipeline = DropPipeline(
+            self._tell, self._plan.options, writer, lambda: self._view, live=feed.live
+        )
+        self._recorder, self._analyses = self._pipeline.recorder, self._pipeline.analyses
+        self._stop = False
+        self._stop_by = math.inf
+        self._operator = False
+        self._ended = False
+        self._identity: Identity | None = None
+        self._connected: Connected | None = None
+        self._declared: dict[str, Any] = {}
+        self._detector: Detector | None = None
+        self._stream: int | None = None
+        self._was_ready = False
+        self._connection_kept = True
+        self._sampled = self._next_trigger = 0
+        self._checker: SensorChecker | None = None
+        self._last_check: dict[str, Any] | None = None
+        self._last_samples: Samples | None = None
+        self._status: Status | None = None
+        self._calibrated: dict[str, Identity] = {}
+        """With what an instrument is calibrated in this session, by its serial number."""
+        self._unanswered: tuple[Connected, CalibrationChanged] | None = None
+        """A connection whose calibration the operator has not accepted yet."""
+        self._accepted_changes: set[CalibrationChanged] = set()
+        self._postponed: list[KeptDrop | Armed] = []
+        """What came of the instrument while the operator was asked."""
+        self._armed: Trigger | None = None
+        """How the instrument finds drops itself; None: they are found here."""
+        self._recorded: RecordedDrop | None = None
+        self._found_again = True
+        self._fell: tuple[datetime.datetime, float, tuple[str, int]] | None = None
+        """When the last drop fell, its peak load (N), its point and number."""
+        self._interrupted = False
+        """Whether the samples broke off since then."""
+        self._requests: queue.SimpleQueue[Callable[[Session], None]] = queue.SimpleQueue()
+
+    @property
+    def point(self) -> str:
+        """Name of the test point that the next drop belongs to."""
+        return self._point
+
+    @property
+    def job(self) -> Job:
+        """What the survey is measured by, with what is said for this session."""
+        return self._job.with_request(self._job_request)
+
+    def change_job(self, request: JobRequest) -> None:
+        """Say something of the survey's job from now on; a procedure begins with the next session.
+
+        Raises
+        ------
+        RecordingError
+            If nothing is saved here, or the disk does not take it.
+        """
+        if self._recorder is None:
+            raise RecordingError("job: expected a survey that is written, came a replay")
+        news = request.news(self.job)
+        for kind, details in news.events():
+            self._recorder.writer.note_event(kind, details)
+        self._job = self._job.with_request(news)
+        self._tell(JobKnown(self.job))
+
+    def counters(self) -> dict[str, float | None]:
+        """Everything that was discarded so far, by name; from any thread."""
+        return self._feed.counters()
+
+    def set_point(self, name: str) -> None:
+        """The drops to come belong to this point.
+
+        Raises
+        ------
+        RecordingError
+            If no point can have this name.
+        """
+        self._point = point_name(name)
+        self._tell_known(self._point)
+        if self._recorder is not None and self._declared:
+            self._recorder.keep_point(self._point, self._declared)
+        self._tell(PointBegan(self._point))
+
+    def edit(self, edit: Edit, *, point: str | None = None, number: int | None = None) -> None:
+        """Say something of a point or, by its number within the survey, of a drop.
+
+        Raises
+        ------
+        RecordingError
+            If nothing is saved here, it is not known, or the disk does not take it.
+        """
+        if self._recorder is None:
+            raise RecordingError("edit: expected a survey that is written, came a replay")
+        if edit.what == "restore" and number is not None:
+            self._restore_drop(self._recorder.writer, number)
+            return
+        self._recorder.writer.edit(edit.what, edit.value, point=point, number=number)
+        if edit.what == "discard" and number is not None and self._pipeline.diagnoses is not None:
+            self._pipeline.diagnoses.discard(number)
+        self._tell(Edited(edit.what, edit.value, point, number))
+
+    def move_drop(self, number: int, to: str) -> None:
+        """Move a drop, by its number within the survey, to the point where it belongs.
+
+        Raises
+        ------
+        RecordingError
+            If nothing is saved here, it is not known, or the disk does not take it.
+        """
+        if self._recorder is None:
+            raise RecordingError("move: expected a survey that is written, came a replay")
+        writer = self._recorder.writer
+        drop = _drop_of(writer, number, "move")
+        to = point_called(writer.contents(), to)
+        within = move_with(writer, drop, to)
+        value = {MOVED_TO: {"point": to, "drop": within}}
+        self._tell(Edited("discard", value, None, number))
+        self._tell_anew(writer, to)
+
+    def _restore_drop(self, writer: SurveyWriter, number: int) -> None:
+        drop = _drop_of(writer, number, "restore")
+        copy = restore_with(writer, drop)
+        if copy is not None:
+            value = {MOVED_TO: {"point": drop.point, "drop": drop.drop}}
+            self._tell(Edited("discard", value, None, copy.number))
+        self._tell(Edited("restore", None, None, number))
+
+    def _tell_anew(self, writer: SurveyWriter, name: str) -> None:
+        """Report a point that has got a drop from another one.
+
+        The moved drop is a new record of the survey, and its view is made of that record.
+        """
+        known = known_point(writer, name)
+        if known is not None:
+            self._known_points.add(name)
+            self._tell(known)
+
+    def keep_result(self, number: int, result: DropResult) -> None:
+        """Save another result of a drop, by its number within the survey; the others stay."""
+        if self._recorder is not None:
+            self._recorder.keep_result(number, result)
+
+    def ask(self, request: Callable[["Session"], None]) -> None:
+        """Have something done with this session in its own thread, soon; from any thread.
+
+        What cannot be done is told as a `Notice`.
+        """
+        self._requests.put(request)
+
+    def stop(self) -> None:
+        """End the session when the drop in hand is safe; may be called from any thread."""
+        self._stop = True
+
+    def trigger(self) -> None:
+        """Record a drop now, whatever the load does; may be called from any thread."""
+        self._operator = True
+
+    def run(self) -> Ending:
+        """Measure until there is nothing more to come, enough drops are in, or `stop` is called.
+
+        Raises
+        ------
+        SetupError, TraceError
+            If what is declared does not fit the instrument.
+        """
+        try:
+            try:
+                ending = self._run()
+            except Exception:
+                with contextlib.suppress(Exception):  # the first one is what has to be told
+                    self._save_the_rest(lambda: True)
+                raise
+            self._save_the_rest(lambda: self._stop)
+            if self._analyses is not None:
+                self._analyses.last_answers(STOPPED_ANSWERS if self._stop else LAST_ANSWERS)
+            self._last_diagnoses()
+            self._answer_requests()
+            self._tell_rest()
+        finally:
+            self._feed.close()
+            if self._analyses is not None:
+                self._analyses.close()
+            if self._pipeline.diagnoses is not None:
+                self._pipeline.diagnoses.close()
+        return Ending.UNSAVED if self._pipeline.held else ending
+
+    def _last_diagnoses(self) -> None:
+        """Those under way, unless the session was told to end: they can be asked for later."""
+        diagnoses = self._pipeline.diagnoses
+        if diagnoses is None:
+            return
+        until = time.monotonic() + LAST_ANSWERS
+        while diagnoses.unanswered and not self._stop and time.monotonic() < until:
+            time.sleep(FEED_WAIT)
+            diagnoses.take_answers()
+        diagnoses.take_answers()
+
+    def _save_the_rest(self, hurry: Callable[[], bool]) -> None:
+        self._finish_drop("the session was ended")
+        if self._recorder is not None:
+            self._recorder.finish(hurry)
+        self._pipeline.end_of_rebounds()
+        self._feed.settle()
+
+    def _tell_known(self, name: str) -> None:
+        """Report the drops of a point from before this session; once."""
+        if self._recorder is None or name in self._known_points:
+            return
+        self._known_points.add(name)
+        if name not in self._recorder.writer.points:
+            return
+        known = known_point(self._recorder.writer, name)
+        if known is not None:
+            self._pipeline.know(known.point)
+            self._tell(known)
+
+    def _tell_similar_point(self) -> None:
+        """Report a named point that is new and whose name a known one begins with, or the reverse.
+
+        On the screen the operator is asked; here nobody may be there to answer.
+        """
+        name = self._plan.named_point
+        if name is None or self._recorder is None:
+            return
+        points = [point for point in self._recorder.writer.contents().points if point.drops]
+        known = {each for point in points for each in (point.name, point.title)}
+        similar = similar_name(name, known | {station.name for station in self.job.stations})
+        if similar is not None:
+            text = f"point {name} is new, but {similar} exists. Was {similar} meant? "
+            self._tell(Notice(text + "pfwd edit --move moves drops", serious=True))
+
+    def _run(self) -> Ending:
+        self._tell(JobKnown(self.job, self._differences))
+        for text in self._changed_verdicts:
+            self._tell(Notice(text, serious=True))
+        self._tell_similar_point()
+        self._tell_known(self._point)
+        while not self._finished():
+            if self._may_go_on():
+                item = self._feed.next(FEED_WAIT)
+                if item is not None:
+                    self._take(item)
+            else:
+                time.sleep(FEED_WAIT)
+            if self._analyses is not None:
+                self._analyses.take_answers()
+            if self._pipeline.diagnoses is not None:
+                self._pipeline.diagnoses.take_answers()
+            if self._recorder is not None:
+                if self._stop:
+                    self._recorder.writer.expect_end()
+                self._recorder.try_again()
+            self._answer_requests()
+            if self._operator:
+                self._operator = False
+                self._trigger()
+            if self._gave_up():
+                return Ending.LOST
+        return Ending.DONE
+
+    def _answer_requests(self) -> None:
+        while not self._requests.empty():
+            try:
+                self._requests.get()(self)
+            except (RecordingError, OptionError) as err:
+                self._tell(Notice(str(err), serious=True))
+
+    def _may_go_on(self) -> bool:
+        """Whether the feed is wanted now: an instrument cannot wait, a recording can."""
+        waiting = self._analyses.unanswered if self._analyses is not None else 0
+        return self._feed.live or waiting < MOST_UNANSWERED
+
+    def _finished(self) -> bool:
+        if self._ended:
+            return True
+        if self._stop:
+            return self._detector is None or not self._detector.busy or self._waited_enough()
+        enough = self._plan.drops is not None and self._pipeline.acknowledged >= self._plan.drops
+        # The hammer may still bounce, which belongs to the last drop.
+        return enough and self._pipeline.complete
+
+    def _waited_enough(self) -> bool:
+        """Whether the drop in hand should be there by now, after the end was asked for."""
+        if self._detector is None or not self._feed.live:
+            return False
+        now = time.monotonic()
+        if math.isinf(self._stop_by):
+            self._stop_by = now + self._detector.settings.post_trigger + STOPPED_DROP
+        return now >= self._stop_by
+
+    def _gave_up(self) -> bool:
+        since = self._feed.lost_since
+        if self._plan.give_up is None or since is None:
+            return False
+        return time.monotonic() - since > self._plan.give_up
+
+    def _trigger(self) -> None:
+        if self._detector is None or self._stream is None:
+            self._tell(Notice("no samples come that could be recorded", kind="no samples"))
+        else:
+            self._detector.trigger_by_operator()
+
+    def _on_trigger(self) -> None:
+        """The button of the instrument; a person may press it again, an instrument say anything."""
+        if self._stop or (self._detector is not None and self._detector.busy):
+            return
+        if self._sampled < self._next_trigger:
+            text = "the instrument triggers again within a second: no drop is recorded"
+            self._tell(Notice(text, kind="triggers"))
+            return
+        if self._identity is not None and self._stream is not None:
+            pause = round(TRIGGER_PAUSE * self._identity.sampling_rate)
+            self._next_trigger = self._sampled + pause
+        self._trigger()
+
+    def _take(self, item: FeedItem) -> None:
+        if self._unanswered is not None and isinstance(item, KeptDrop | Armed):
+            self._postponed.append(item)
+            return
+        match item:
+            case Samples():
+                self._on_samples(item)
+            case Gap():
+                if self._detector is not None and item.stream == self._stream:
+                    self._found(self._detector.feed(item))
+            case Connected():
+                self._on_connected(item)
+            case Disconnected():
+                self._on_disconnected(item)
+            case KeptDrop():
+                self._on_kept(item)
+            case UnusableDrop():
+                self._on_unusable(item)
+            case Armed():
+                self._on_armed(item)
+            case StreamBegan():
+                self._finish_drop("the instrument began to sample anew")
+            case Status():
+                self._status = item
+                self._tell(InstrumentStatus(item, self._feed.counters()))
+            case Event():
+                self._on_event(item)
+            case Refusal():
+                text = f"the instrument refuses (code {item.code}): {item.text}"
+                self._tell(Notice(text, serious=True, kind="refusals"))
+            case RecordedDrop():
+                self._on_recorded(item)
+            case ImportedDrop():
+                self._on_imported(item)
+            case Ended():
+                self._finish_drop("the recording ends here")
+                self._end_recorded()
+                self._ended = True
+
+    def _on_connected(self, item: Connected) -> None:
+        # First of all, with the calibration that it was measured with.
+        self._finish_drop("the instrument was connected anew")
+        self._detector, self._unanswered = None, None
+        setup = self._plan.setup
+        identity = setup.identity_with(item.identity)
+        declared, checked = setup.declared_with(identity), setup.setup_with(identity)
+        sensor_channels(identity)  # refused now, not when the first drop falls
+        detector = Detector(identity, setup.device.detection)
+        if not self._is_calibration_accepted(item, identity):
+            return
+        self._detector = detector
+        self._identity, self._declared = identity, declared
+        self._was_ready, self._armed = False, None
+        self._connected, self._connection_kept = item, False
+        untold = self._kept_events.due("connected")
+        if untold is not None:
+            self._keep_connection(untold)
+        self._tell(
+            InstrumentReady(
+                item.url,
+                identity,
+                checked,
+                tuple(setup.differences(item.identity)),
+                (
+                    *calibration_warnings(identity, item.time_utc.date()),
+                    *response_warnings(identity),
+                ),
+                item.again,
+            )
+        )
+        if self._feed.live:
+            self._checker = SensorChecker(identity, self._feed.shunt)
+        if self._analyses is not None:
+            self._analyses.prepare(identity, checked)
+
+    def _is_calibration_accepted(self, item: Connected, identity: Identity) -> bool:
+        """Compare the calibration with that of the drops before; False: the operator is asked.
+
+        Raises
+        ------
+        OptionError
+            If it is another one, and the plan refuses that.
+        """
+        serial = identity.serial_number
+        if self._recorder is None or not self._feed.live or not serial:
+            return True
+        before = self._calibrated.get(serial)
+        if before is None:
+            before = last_recorded_identity(self._recorder.writer, serial)
+        changes = () if before is None else calibration_changes(before, identity)
+        if changes:
+            choice = self._plan.changed_calibration
+            event = CalibrationChanged(serial, changes, waits=choice == "ask")
+            if choice == "refuse":
+                raise OptionError(
+                    f"{event.text}. Nothing is recorded: check the instrument and the setup file, "
+                    "then give --accept-calibration, or begin another survey"
+                )
+            if choice == "ask" and event not in self._accepted_changes:
+                self._unanswered = item, event
+                self._tell(event)
+                return False
+            if choice == "accept":
+                self._tell(event)
+            if (untold := self._kept_events.due("calibration")) is not None:
+                details = {"serial_number": serial, "changes": list(changes)}
+                self._recorder.keep_event("calibration changed", details | _count(untold))
+        self._calibrated[serial] = identity
+        return True
+
+    def accept_calibration(self, event: CalibrationChanged) -> None:
+        """Record with the calibration that was asked about; in the session's thread, by `ask`."""
+        self._accepted_changes.add(event)
+        if self._unanswered is None or self._unanswered[1] != event:
+            return  # the instrument was lost meanwhile; it is not asked again for the same
+        self._on_connected(self._unanswered[0])
+        postponed, self._postponed = self._postponed, []
+        for item in postponed:
+            self._take(item)
+
+    def _keep_connection(self, unkept: int) -> None:
+        """Keep that the instrument is there, with how many times before were not kept."""
+        item, identity = self._connected, self._identity
+        self._connection_kept = True
+        if self._recorder is None or item is None or identity is None:
+            return
+        self._recorder.keep_point(self._point, self._declared)
+        details = {"url": item.url, "serial_number": identity.serial_number, "again": item.again}
+        self._recorder.keep_event("connected", details | _count(unkept))
+        if not self._rules_kept:
+            self._recorder.keep_event(RULES_EVENT, {"version": RULES_VERSION})
+            self._rules_kept = True
+        request = self._job_request.over(instrument_request(identity)).news(self._job)
+        for kind, said in request.events():
+            self._recorder.keep_event(kind, said)
+        self._job, self._job_request = self._job.with_request(request), JobRequest()
+        self._tell(JobKnown(self._job))
+
+    def _on_disconnected(self, item: Disconnected) -> None:
+        self._finish_drop("the link was lost")
+        self._unanswered = None
+        self._checker = None
+        unkept = self._kept_events.due("lost")
+        if self._recorder is not None and unkept is not None:
+            self._recorder.keep_event("lost", {"reason": item.reason} | _count(unkept))
+        self._tell(InstrumentLost.of(item))
+
+    def _on_event(self, item: Event) -> None:
+        if item.kind == EventKind.TRIGGER:
+            if self._armed is None:  # else it keeps that drop itself
+                self._on_trigger()
+        elif item.kind == EventKind.END:
+            self._finish_drop("the instrument has nothing more")
+            self._ended = True
+        elif item.kind == EventKind.LOW_BATTERY:
+            text = f"battery of the instrument is low {item.text}".rstrip()
+            self._tell(BatteryLow(text, serious=True, kind="battery"))
+        elif item.kind == EventKind.BOOT:
+            text = f"the instrument started anew {item.text}".rstrip()
+            self._tell(Notice(text, kind="starts"))
+
+    def _tell(self, event: SessionEvent) -> None:
+        """Tell the listener, but not every one of what an instrument may say without end.
+
+        A recording has an end.
+        """
+        if isinstance(event, Notice) and event.kind and self._feed.live:
+            untold = self._repeats.due(event.kind)
+            if untold is None:
+                return
+            if untold:
+                event = replace(event, text=f"{event.text} ({untold} more of these meanwhile)")
+        self._view, _ = apply_event(self._view, event)
+        self._listener(event)
+
+    def _tell_rest(self) -> None:
+        """How often the rest came that was not told."""
+        for kind, count in self._repeats.rest().items():
+            self._listener(Notice(f"{count} more messages of the instrument: {kind}"))
+
+    def _on_samples(self, item: Samples) -> None:
+        if self._detector is None or self._identity is None:
+            return
+        if item.stream != self._stream:
+            self._finish_drop("the instrument began to sample anew")
+            self._detector.begin(item.stream, item.first)
+            self._stream = item.stream
+        self._last_samples = item
+        self._sampled += len(item.counts)  # whatever number of its run the instrument gives
+        self._found(self._detector.feed(item))
+        self._tell(LiveSamples(item, self._identity, self._detector.drop_load))
+        self._check_sensors(item)
+        checking = self._checker is not None and self._checker.due
+        if self._feed.live and self._detector.ready and not checking and not self._was_ready:
+            self._was_ready = True
+            self._tell(Ready())
+
+    def _check_sensors(self, item: Samples) -> None:
+        if self._checker is None or self._detector is None:
+            return
+        at_rest = not self._detector.busy and self._pipeline.settled
+        found = self._checker.feed(item, at_rest=at_rest)
+        if found is None:
+            return
+        details, faults = found
+        self._last_check = details | {"faults": list(faults)}
+        if self._recorder is not None:
+            self._recorder.keep_check(self._last_check)
+        self._tell(SensorCheck(details, faults))
+
+    def _on_armed(self, item: Armed) -> None:
+        self._armed = item.trigger if item.trigger.on else None
+        streams = self._identity is not None and self._identity.streams
+        if self._armed is not None and not streams and not self._was_ready:
+            self._was_ready = True
+            self._tell(Ready())
+
+    def _on_kept(self, item: KeptDrop) -> None:
+        """A drop that the instrument found; it keeps it until it is safe here."""
+        if self._detector is None or self._identity is None:
+            return
+        try:
+            record = self._buffered_record(item, self._identity, self._detector.settings)
+        except SetupError as err:
+            self._on_unusable(UnusableDrop(item.offer, str(err)))
+            return
+        self._pipeline.end_of_rebounds()
+        self._pipeline.take_buffered(
+            record, item.received, release=lambda: self._feed.acknowledge(item.offer)
+        )
+        self._pipeline.end_of_rebounds()
+
+    def _buffered_record(
+        self, item: KeptDrop, identity: Identity, settings: DetectionSettings
+    ) -> DropRecord:
+        """The record of a drop that the instrument found.
+
+        Raises
+        ------
+        SetupError
+            If the drop is cut in a way that no replay of its record could repeat.
+        """
+        identity = replace(identity, sampling_rate=item.offer.sampling_rate)
+        raw = raw_drop_of(item, self._armed, identity)
+        settings = settings_of(item, settings)
+        Detector(identity, settings)  # refuses what a replay would refuse
+        time_utc = item.time_utc or datetime.datetime.now(datetime.UTC)
+        metadata = metadata_of(raw, identity, settings, time_utc, self._state(), by_instrument=True)
+        metadata["marks"] += marks_of_kept(item)
+        return self._record_of(raw, identity, metadata, self._pipeline.number_for(self._point))
+
+    def _on_unusable(self, item: UnusableDrop) -> None:
+        text = (
+            f"buffered drop (run and sample {item.offer.stream}/{item.offer.first_sample}) is not "
+            f"recorded and stays in the instrument: {item.reason}"
+        )
+        self._tell(Notice(text, serious=True, kind="unusable drops"))
+
+    def _on_recorded(self, item: RecordedDrop) -> None:
+        self._finish_drop("the next recorded drop follows")
+        self._end_recorded()
+        self._identity, self._recorded, self._found_again = item.identity, item, False
+        self._declared = dict(item.record.declared)
+        setup_of(self._declared, f"drop {item.record.point}")
+        self._point = item.record.point
+        self._tell_known(self._point)
+        self._detector = Detector(item.identity, item.settings)
+        self._detector.begin(item.stream, item.first, item.at_rest)
+        self._stream = item.stream
+        if item.operator_trigger is not None:
+            self._detector.trigger_by_operator(item.operator_trigger)
+
+    def _end_recorded(self) -> None:
+        if not self._found_again and self._recorded is not None:
+            record = self._recorded.record
+            text = f"drop {record.point}/{record.drop.number} was recorded and is not found again"
+            self._tell(Notice(text, serious=True))
+        self._recorded, self._found_again = None, True
+
+    def _on_imported(self, item: ImportedDrop) -> None:
+        self._finish_drop("the next recorded drop follows")
+        self._end_recorded()
+        record = item.record
+        setup_of(record.declared, f"drop {record.point}")
+        self._point, self._declared = record.point, dict(record.declared)
+        self._tell_known(record.point)
+        number = self._pipeline.number_for(record.point, record.drop.number)
+        self._pipeline.take(renumbered(record, number), source=item)
+        self._pipeline.end_of_rebounds()
+
+    def _finish_drop(self, reason: str) -> None:
+        if self._detector is not None and self._stream is not None:
+            self._found(self._detector.finish(reason))
+        self._stream = None
+        self._interrupted = True
+
+    def _found(self, found: list[Found]) -> None:
+        for detected in found:
+            if self._armed is not None and not (
+                isinstance(detected, RawDrop) and detected.by_operator
+            ):
+                continue  # it comes from the instrument itself
+            match detected:
+                case RawDrop():
+                    self._on_drop(detected)
+                case RawRebound():
+                    assert self._identity is not None
+                    rebound = rebound_of(detected, self._identity)
+                    self._pipeline.take_rebound(rebound, recorded=self._recorded is not None)
+                case ReboundsOver():
+                    self._pipeline.end_of_rebounds()
+                case PulseReport():
+                    self._report_pulse(detected)
+
+    def _report_pulse(self, pulse: PulseReport) -> None:
+        """Report a pulse whose kind is uncertain, on the screen, in the log and in the survey."""
+        if self._recorded is not None or self._identity is None:
+            return  # reported when the drop was measured; a replay has gaps of its own
+        peak = load_of(pulse.peak, self._identity)
+        seconds = pulse.trigger / self._identity.sampling_rate
+        unkept = self._kept_events.due("pulse")
+        if self._recorder is not None and unkept is not None:
+            details = {
+                "point": self._point,
+                "peak_load_n": peak,
+                "stream": pulse.stream,
+                "sample": pulse.trigger,
+                "doubt": str(pulse.doubt),
+            }
+            self._recorder.keep_event("pulse", details | _count(unkept))
+        text = (
+            f"point {self._point}: pulse of {peak / 1e3:.2f} kN at {seconds:.2f} s of run "
+            f"{pulse.stream}: {pulse.doubt}. Look at the last drops and repeat what is missing"
+        )
+        self._tell(Notice(text, serious=True, kind="pulses"))
+
+    def _on_drop(self, raw: RawDrop) -> None:
+        assert self._identity is not None
+        assert self._detector is not None
+        self._pipeline.end_of_rebounds()
+        if not self._connection_kept:
+            self._keep_connection(self._kept_events.take("connected"))
+        identity, source = self._identity, self._recorded
+        if source is None:
+            number = self._pipeline.number_for(self._point)
+            settings = self._detector.settings
+            metadata = metadata_of(raw, identity, settings, self._time_of(raw), self._state())
+        else:
+            if self._found_again:
+                self._tell(Notice("another drop was found in one that was recorded", serious=True))
+                return
+            self._found_again = True
+            number = self._pipeline.number_for(self._point, source.record.drop.number)
+            metadata = dict(source.record.metadata)
+        rebounds = source.record.rebounds if source is not None else ()
+        record = self._record_of(raw, identity, metadata, number, rebounds)
+        if source is None and self._is_bounce(raw, record.drop, identity):
+            return
+        live = self._feed.live and self._last_samples is not None
+        received = self._last_samples.received if live and self._last_samples else None
+        self._pipeline.take(record, received, source)
+
+    def _state(self) -> dict[str, Any]:
+        """What is recorded of instrument, link and place with a drop that falls now."""
+        state = state_of(self._last_check, self._status, self._feed.counters())
+        where = self._plan.position
+        return state | ({"position": where.record()} if where is not None else {})
+
+    def _record_of(
+        self,
+        raw: RawDrop,
+        identity: Identity,
+        metadata: dict[str, Any],
+        number: int,
+        rebounds: tuple[Rebound, ...] = (),
+    ) -> DropRecord:
+        drop = calibrate(number, raw.counts, raw.missing, raw.trigger, identity)
+        return DropRecord(self._point, drop, raw.counts, self._declared, metadata, rebounds)
+
+    def _is_bounce(self, raw: RawDrop, drop: Drop, identity: Identity) -> bool:
+        """Keep a bounce of the last drop with it, where the link was lost between the two.
+
+        The detection has forgotten that drop, and takes the bounce for a drop of its own, which
+        would count as one that seats the plate.
+        """
+        now, before, interrupted = self._time_of(raw), self._fell, self._interrupted
+        peak = float(np.nanmax(drop.load) - np.nanmedian(drop.load))
+        self._interrupted = False
+        if before is not None and interrupted and not raw.by_operator:
+            delay = (now - before[0]).total_seconds()
+            point, number = before[2]
+            soon = delay < BOUNCES_END and point == self._point
+            if soon and peak < BOUNCE_OVER_DROP * before[1]:
+                self._interrupted = True  # the next one may bounce too
+                bounce = Rebound(max(delay, 0.0), peak, raw.first, raw.counts)
+                self._pipeline.take_late_rebound(point, number, bounce)
+                text = f"a bounce of drop {point}/{number} after the link was back: kept with it"
+                self._tell(Notice(text))
+                return True
+        self._fell = now, peak, (self._point, drop.number)
+        return False
+
+    def _time_of(self, raw: RawDrop) -> datetime.datetime:
+        """Of the trigger, from when the last samples came."""
+        last = self._last_samples
+        if last is None or self._identity is None:
+            return datetime.datetime.now(datetime.UTC)
+        later = last.first + len(last.counts) - (raw.first + raw.trigger)
+        return last.time_utc - datetime.timedelta(seconds=later / self._identity.sampling_rate)
+
+
+def _drop_of(writer: SurveyWriter, number: int, where: str) -> SurveyDrop:
+    """Return a drop by its number within the survey. Raises RecordingError."""
+    for drop in writer.contents().drops:
+        if drop.number == number:
+            return drop
+    raise RecordingError(f"{where}: expected a drop of the survey, came number {number}")
+
+
+def _count(unkept: int) -> dict[str, int]:
+    return {"more_before": unkept} if unkept else {}

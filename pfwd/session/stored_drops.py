@@ -1,0 +1,75 @@
+"""Single drops of a stored survey: their traces and all their results."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+from pfwd.analysis.results import DropResult
+from pfwd.analysis.screening.drops import compare, screen
+from pfwd.errors import SurveyError
+from pfwd.files.folders import refuse_no_survey
+from pfwd.files.spare import open_for_edits
+from pfwd.judging import Job, point_view
+from pfwd.judging.view import NO_SETUP
+from pfwd.session.events import SavedDrop
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording import Survey, SurveyDrop, read_survey
+from pfwd_device.recording.survey_content import read_result
+
+
+def _read_result(path: Path) -> DropResult | None:
+    """A result as it was saved; None where it is damaged: the drop can be inverted again."""
+    try:
+        return DropResult.from_json(read_result(path), str(path))
+    except (RecordingError, SurveyError):
+        return None
+
+
+def stored_results(folder: str | os.PathLike[str], record: int) -> list[DropResult]:
+    """All results of a drop, by its number within the survey: trials, then those that count."""
+    drop = _find(read_survey(folder), record)
+    return [found for path in drop.results if (found := _read_result(path)) is not None]
+
+
+def add_result(folder: str | os.PathLike[str], record: int, result: DropResult) -> None:
+    """Keep another result of a drop of a survey that nobody writes now; the others stay.
+
+    Raises
+    ------
+    RecordingError
+        If another program writes it.
+    """
+    refuse_no_survey(folder)
+    with open_for_edits(folder) as writer:
+        writer.save_result(record, result.to_json(), "trial" if result.is_trial else "drop")
+
+
+def recorded_drop(folder: str | os.PathLike[str], record: int) -> SavedDrop:
+    """Read a drop of a survey with its traces, and screen it beside the drops before it.
+
+    Warnings and sensors that take no part in the fit are not stored; the traces show them.
+
+    Raises
+    ------
+    SurveyError, RecordingError
+        If it is not there, or not whole.
+    """
+    survey = read_survey(folder)
+    wanted = _find(survey, record)
+    point = next(candidate for candidate in survey.points if candidate.name == wanted.point)
+    traces = wanted.read().drop
+    drops = point_view(point, Job()).drops
+    view = next(drop for drop in drops if drop.record == record)
+    if view.setup is NO_SETUP:
+        raise SurveyError(f"drop {view.number} of point {point.name}: {view.own.reason}")
+    largest = max(drop.own_pulse_peak for drop in drops if (drop.record or 0) <= record)
+    screening = compare(screen(traces, view.setup), view.own_pulse_peak, largest)
+    file = str(wanted.file or survey.folder)
+    return SavedDrop(point.name, replace(view, screening=screening), traces, file)
+
+
+def _find(survey: Survey, record: int) -> SurveyDrop:
+    for drop in survey.drops:
+        if drop.number == record:
+            return drop
+    raise SurveyError(f"{survey.folder}: expected drop {record} of the survey, came none")

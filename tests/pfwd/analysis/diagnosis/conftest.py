@@ -1,0 +1,42 @@
+"""Points of one device whose deflection comes late."""
+
+import numpy as np
+import pytest
+
+from pfwd.files.header import PointSetup
+from pfwd.files.traces import TracePoint, write_traces
+from pfwd_device import Channel, Drop
+from simulators.drop import Hammer, simulate_drop
+from simulators.mesh import Ground, Plate
+
+RADIUS = 0.15
+DELAY = 6e-4
+
+
+@pytest.fixture(scope="session")
+def files(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Two points of one device whose deflection comes late, by whole samples."""
+    folder = tmp_path_factory.mktemp("points")
+    paths = []
+    for number, (modulus, depth) in enumerate([(40e6, 1.0), (70e6, 1.5)]):
+        ground = Ground.uniform(modulus, 5e4, 1900.0, 0.35, depth)
+        hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
+        found = simulate_drop(ground, Plate(RADIUS, 10.0), hammer, duration=0.05, time_step=1e-4)
+        late = round(DELAY / 1e-4)
+        moved = np.concatenate([np.zeros(200 + late), found.plate_displacement[:-late]])
+        rng = np.random.default_rng(number)
+        moved = moved + 5e-4 * moved.max() * rng.standard_normal(moved.size)
+        load = np.concatenate([np.zeros(200), found.load])
+        time = 1e-4 * np.arange(-200, found.load.size)
+        drop = Drop(1, time, load, (Channel(0.0, "displacement", moved),))
+        setup = PointSetup(
+            plate_radius=RADIUS,
+            plate_mass=10.0,
+            poisson_ratio=0.35,
+            bedrock_depth=depth,
+            device="late unit",
+        )
+        path = folder / f"point-{number}.csv"
+        write_traces(path, TracePoint(str(path), setup, (drop,)))
+        paths.append(str(path))
+    return paths

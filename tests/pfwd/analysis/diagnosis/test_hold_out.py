@@ -1,0 +1,164 @@
+"""The survey is diagnosed without what is held out, and that is predicted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from inversion import Record, Sensor
+from inversion.arrays import FloatArray
+from inversion.diagnosis import LeaveOut, PointDiagnosis, PointRecords
+from inversion.errors import RecordError
+from inversion.forward.model import Instrument
+from inversion.inference import structures
+from inversion.inference.next_drop import DropPredictor
+from inversion.inference.structures import Structure
+from pfwd.analysis.diagnosis import hold_out
+from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_entries
+from pfwd.analysis.diagnosis.entries import DiagnosisPoint, instrument_of
+from pfwd.analysis.diagnosis.points import DiagnosisByPoint, Workers
+from pfwd.analysis.diagnosis.result import HeldOut
+from simulators.drop import Hammer, simulate_drop
+from simulators.mesh import Ground, Plate
+
+RADIUS, MASS, STEP, BEFORE, NOISE = 0.15, 12.0, 1e-4, 200, 1e-3
+
+
+@pytest.fixture(autouse=True)
+def one_structure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the choice of the structure out, which takes most of the time."""
+    base: Structure = frozenset({"sensor_lag", "plate_inertia"})
+    monkeypatch.setattr(structures, "candidate_structures", lambda contexts: [base])
+
+
+@pytest.fixture(scope="module")
+def point() -> DiagnosisPoint:
+    """Return two drops of one device on the same ground."""
+    ground = Ground.uniform(60e6, 5e4, 1900.0, 0.35, np.inf)
+    hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)
+    drop = simulate_drop(ground, Plate(RADIUS, MASS), hammer, duration=0.05, time_step=STEP)
+    records = []
+    for number, height in ((1, 1.0), (2, 0.9)):
+        rng = np.random.default_rng(number)
+        moved = np.concatenate([np.zeros(BEFORE), height * drop.plate_displacement])
+        moved += NOISE * moved.max() * rng.standard_normal(moved.size)
+        load = np.concatenate([np.zeros(BEFORE), height * drop.load])
+        time = STEP * np.arange(-BEFORE, drop.time.size)
+        sensors = (Sensor(0.0, "displacement", moved),)
+        instrument = Instrument(plate_radius=RADIUS, plate_mass=MASS)
+        records.append(Record(time, load, sensors, instrument, bedrock_depth=np.inf))
+    return DiagnosisPoint("a.csv", "unit", PointRecords("A", tuple(records), (1, 2)), point="A")
+
+
+def held_out(points: list[DiagnosisPoint], **options: Any) -> list[HeldOut | None]:
+    found: list[Diagnosed] = list(diagnose_entries(points, **options))
+    return [one.result.held_out for one in found if one.result is not None]
+
+
+def with_noise(point: DiagnosisPoint) -> DiagnosisPoint:
+    """Return the point with noise in place of the deflections of its last drop."""
+    assert point.records is not None
+    *others, last = point.records.records
+    noise = 1e-4 * np.random.default_rng(7).standard_normal(last.time.size)
+    sensors = (replace(last.sensors[0], values=noise),)
+    records = replace(point.records, records=(*others, replace(last, sensors=sensors)))
+    return replace(point, records=records)
+
+
+def test_the_prediction_of_the_next_drop_does_not_change_by_a_bit_with_its_deflections(
+    point: DiagnosisPoint, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    traces: list[FloatArray] = []
+    predict = DropPredictor.next_drop
+
+    def next_drop(self: DropPredictor, *arguments: Any) -> FloatArray:
+        traces.append(predict(self, *arguments))
+        return traces[-1]
+
+    monkeypatch.setattr(DropPredictor, "next_drop", next_drop)
+    # The other point has one drop: nothing is held out there, and its fit is a prior.
+    assert point.records is not None
+    first = replace(
+        point.records, records=point.records.records[:1], numbers=point.records.numbers[:1]
+    )
+    single = replace(point, point="B", records=first)
+    errors = []
+    for one in (point, with_noise(point)):
+        found, nothing = held_out([one, single], leave_out="next")
+        assert found is not None
+        assert nothing is None
+        assert (found.mode, found.fitted) == ("next", ())
+        assert [part.name for part in found.by or ()] == ["drop 2"]
+        errors.append(found.after)
+    before, after, other_before, other_after = traces
+    assert np.array_equal(before, other_before)
+    assert np.array_equal(after, other_after)
+    assert errors[0] == pytest.approx(NOISE, rel=0.3)
+    assert errors[1] > 0.3
+
+
+@pytest.mark.parametrize(("mode", "names"), [("next", ["drop 2"]), ("drop", ["drop 1", "drop 2"])])
+def test_one_number_is_listed_for_each_held_out_drop(
+    point: DiagnosisPoint, mode: LeaveOut, names: list[str]
+) -> None:
+    (found,) = held_out([point], leave_out=mode, allow="stiffness")
+    assert found is not None
+    parts = found.by or ()
+    assert [part.name for part in parts] == names
+    assert [part.fitted for part in parts] == [(f"stiffness ({name})",) for name in names]
+    assert found.fitted == tuple(f"stiffness ({name})" for name in names)
+    scaled = [part.scaled_record for part in parts]
+    # The first drop has no preceding record.
+    assert [value is None for value in scaled] == [name == "drop 1" for name in names]
+    assert found.scaled_record == scaled[-1]
+    for key in ("before", "after", "contact_before", "contact_after"):
+        errors = [getattr(part, key) for part in parts]
+        assert getattr(found, key) == pytest.approx(np.sqrt(np.mean(np.square(errors))))
+
+
+def test_without_the_option_the_last_drop_is_predicted_by_the_others_of_its_point(
+    point: DiagnosisPoint,
+) -> None:
+    (found,) = held_out([point])
+    assert found is not None
+    assert found.mode == "next"
+    assert [part.name for part in found.by or ()] == ["drop 2"]
+    assert found.is_prediction == ("choice of effects" not in (found.fitted or ()))
+
+
+def test_a_point_that_cannot_be_predicted_without_a_part_says_so(
+    point: DiagnosisPoint, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (one,) = diagnose_entries([point], leave_out="next")
+    assert one.diagnosis is not None
+
+    def refuse(*arguments: Any) -> None:
+        raise RecordError("no load")
+
+    monkeypatch.setattr(hold_out, "held_out_error", refuse)
+    found: DiagnosisByPoint = {point.name: one.diagnosis}
+    (diagnosis,) = hold_out.with_predictions([point], found, "drop", Workers(1)).values()
+    assert isinstance(diagnosis, PointDiagnosis)
+    assert diagnosis.held_out is None
+    assert diagnosis.warnings[-2:] == (
+        "nothing is predicted without part 1 (drop): no load",
+        "nothing is predicted without part 2 (drop): no load",
+    )
+
+
+def test_points_without_a_device_are_of_one_instrument_if_plate_and_sensors_agree(
+    point: DiagnosisPoint,
+) -> None:
+    assert point.records is not None
+    undeclared = replace(point, device=None)
+    other_plate = [
+        replace(record, instrument=replace(record.instrument, plate_radius=0.1))
+        for record in point.records.records
+    ]
+    smaller = replace(undeclared, records=replace(point.records, records=tuple(other_plate)))
+    assert instrument_of(undeclared) == instrument_of(replace(undeclared, file="b.csv"))
+    assert instrument_of(undeclared) != instrument_of(smaller)
+    assert instrument_of(point) == instrument_of(replace(smaller, device="unit"))

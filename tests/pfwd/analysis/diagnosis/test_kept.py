@@ -1,0 +1,137 @@
+"""Diagnoses that a survey keeps."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from inversion import InversionError, SurrogateLibrary
+from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_files
+from pfwd.analysis.diagnosis.entries import entry_of
+from pfwd.analysis.diagnosis.holding import last_diagnosis
+from pfwd.analysis.diagnosis.kept import (
+    keep_diagnoses,
+    questions_of,
+)
+from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.worker.process import outcome_of
+from pfwd.analysis.worker.tasks import DiagnosisTask
+from pfwd.analysis.worker.worker import end_process, request, start_process
+from pfwd.export.export import export_survey
+from pfwd.export.json_text import json_text
+from pfwd.files.editing import Edit, edit_survey
+from pfwd.files.importing import import_files
+from pfwd.files.reading import points_of, survey_content
+from pfwd.judging import point_views
+from pfwd_device.recording import read_survey
+
+
+def told(found: list[Diagnosed]) -> list[tuple[int, DiagnosisResult]]:
+    return [(it.number, it.result) for it in found if it.number is not None and it.result]
+
+
+@pytest.fixture(scope="module")
+def made(files: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A survey of two points of a device, with their diagnoses."""
+    folder = tmp_path_factory.mktemp("kept") / "survey"
+    list(import_files(files, folder))
+    outcome = outcome_of(DiagnosisTask(1, str(folder), AnalysisOptions()), SurrogateLibrary())
+    assert (outcome.fault, outcome.details) == (None, "")
+    assert len(outcome.diagnoses) == 2
+    return folder
+
+
+@pytest.fixture
+def survey(made: Path, tmp_path: Path) -> Path:
+    """A copy that a test may change."""
+    return shutil.copytree(made, tmp_path / "survey")
+
+
+def holding(folder: Path) -> list[DiagnosisResult | None]:
+    """By point: the diagnosis that is of its drops as they are now."""
+    return [point.diagnosis_in_force for point in point_views(read_survey(folder))]
+
+
+def test_the_same_question_is_answered_from_the_survey(
+    survey: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pfwd.analysis.diagnosis.points.diagnose_point", None)
+    found = list(diagnose_files([str(survey)], use_kept=True))
+    assert [it.result.stored for it in found if it.result] == [True, True]
+    assert [it.result.verdict for it in found if it.result] == ["explained", "explained"]
+    assert [it.result.file for it in found if it.result] == [str(survey)] * 2
+    assert keep_diagnoses(str(survey), told(found)) is None
+    assert len(list((survey / "results").glob("diagnosis-*"))) == 2
+
+
+def test_another_process_answers_from_the_survey_with_the_same_records(survey: Path) -> None:
+    process = start_process()
+    task = DiagnosisTask(1, str(survey), AnalysisOptions())
+    outcome = request(process, task, lambda _building: None)
+    end_process(process)
+    here = [it.result for it in diagnose_files([str(survey)], use_kept=True) if it.result]
+    assert [json_text(it.to_json()) for it in outcome.diagnoses] == [
+        json_text(it.to_json()) for it in here
+    ]
+    assert [diagnosis.stored for diagnosis in outcome.diagnoses] == [True, True]
+
+
+def test_a_kept_diagnosis_says_what_made_it(survey: Path) -> None:
+    for point in read_survey(survey).points:
+        kept = last_diagnosis(point)
+        assert kept is not None
+        assert str(kept.software).startswith("pfwd ")
+        assert len(kept.question or "") == 32
+        assert len(kept.basis or "") == 16
+
+
+def test_points_of_one_device_are_one_question(survey: Path) -> None:
+    entries = [
+        entry_of(str(survey), trace, AnalysisOptions())
+        for point in read_survey(survey).points
+        for trace in points_of(str(survey), point)
+    ]
+    both = questions_of(entries, None, None)
+    assert len(set(both)) == 2
+    assert questions_of(entries[:1], None, None)[0] != both[0]
+    assert questions_of(entries[::-1], None, None) == both[::-1]
+    assert questions_of(entries, {"sensor_lag": {"delay": 1e-4}}, None)[0] != both[0]
+    assert questions_of(entries, None, "drop")[0] != both[0]
+
+
+def test_a_diagnosis_holds_while_its_point_is_as_it_was(survey: Path) -> None:
+    name = read_survey(survey).points[0].name
+    assert all(found is not None for found in holding(survey))
+    edit_survey(survey, [Edit("note", "wet")], point=name)
+    assert all(found is not None for found in holding(survey))
+    edit_survey(survey, [Edit("declared", {"plate_mass_kg": 12.0})], point=name)
+    first, second = holding(survey)
+    assert first is None
+    assert second is not None
+    edit_survey(survey, [Edit("discard")], point=read_survey(survey).points[1].name, drop=1)
+    assert holding(survey) == [None, None]
+
+
+def test_diagnoses_go_into_an_exported_survey(survey: Path, tmp_path: Path) -> None:
+    export_survey(survey, "h5", tmp_path / "s.h5")
+    for here, there in zip(
+        read_survey(survey).points, survey_content(tmp_path / "s.h5").points, strict=True
+    ):
+        kept = last_diagnosis(here)
+        assert kept is not None
+        assert last_diagnosis(there) == kept
+
+
+def test_progress_counts_points(files: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    name = "pfwd.analysis.diagnosis.points.diagnose_point"
+
+    def refuse(*_: object, **__: object) -> None:
+        raise InversionError("refused")
+
+    monkeypatch.setattr(name, refuse)
+    seen: list[tuple[str, int, int]] = []
+    found = diagnose_files(files, progress=lambda *told: seen.append(told))
+    assert [it.error for it in found] == [f"{file}: refused" for file in files]
+    kinds = ("each point by itself", "with what other points show")
+    assert seen == [(kind, done, 2) for kind in kinds for done in (1, 2)]

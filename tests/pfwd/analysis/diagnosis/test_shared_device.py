@@ -1,0 +1,309 @@
+"""What the points of a device say of it together, and how each is diagnosed with it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from inversion.diagnosis import DeviceFindings, PointDiagnosis
+from inversion.diagnosis.findings import PointSummary
+from inversion.inference.instrument import InstrumentKnowledge
+from pfwd.analysis.diagnosis import shared_device
+from pfwd.analysis.diagnosis.device_effects import (
+    alternatives_of,
+    contradictions,
+    device_findings,
+    with_device,
+)
+from pfwd.analysis.diagnosis.points import DiagnosisFailure, Workers
+from pfwd.analysis.diagnosis.shared_device import Phases, diagnose_device
+from tests.inversion.diagnosis.found import effect_of, parameter_of, state_of
+
+LAG = ("sensor_lag", "device", "delay", "s", 6e-4)
+SEATING = ("seating", "drop", "modulus_ratio", "-", 0.8)
+GEOPHONE = (
+    ("geophone_response", "device", "natural_frequency", "Hz", 4.5),
+    ("geophone_response", "device", "damping", "-", 0.5),
+)
+
+
+def diagnosis(
+    left: float,
+    *effects: Any,
+    gains: Mapping[str, float] | None = None,
+    deviation: float = 1e-6,
+) -> PointDiagnosis:
+    """A point that leaves a part of its peak, with effects, a tuple for each number."""
+    state = state_of("layer", 4e7, 1e6, (3.8e7, 4.2e7), 1e-6, 9.0, left, left, 1e5, 4e7)
+    scopes = {name: scope for name, scope, *_ in effects}
+    shown = tuple(
+        effect_of(
+            name,
+            scope,
+            "",
+            tuple(
+                parameter_of(key, unit, value, deviation, None, False)
+                for of, _, key, unit, value in effects
+                if of == name
+            ),
+            50.0,
+            (),
+        )
+        for name, scope in scopes.items()
+    )
+    before = replace(state, residual_rms_over_peak=0.3)
+    return PointDiagnosis(
+        "A", (1, 2), "unexplained", 1e-6, before, state, shown, None, (), (),
+        structure=frozenset(scopes), gains=gains or {},
+    )  # fmt: skip
+
+
+class Survey:
+    """Points of one device whose diagnoses are made up; remembers what was known of each."""
+
+    def __init__(
+        self,
+        patch: pytest.MonkeyPatch,
+        alone: Sequence[Any],
+        together: Sequence[Any] = (),
+        held: Sequence[Any] = (),
+    ) -> None:
+        self.points: list[Any] = [
+            SimpleNamespace(device="unit", records=object(), name=str(place))
+            for place in range(len(alone))
+        ]
+        self._answers = [alone, together, held]
+        self.known: list[list[InstrumentKnowledge]] = []
+        self.predicted: list[bool] = []
+        self.progress: list[tuple[str, int, int]] = []
+        patch.setattr(shared_device, "diagnose_all", self._diagnose_all)
+
+    def _diagnose_all(
+        self,
+        points: Sequence[Any],
+        known: Sequence[Any],
+        workers: Any,
+        counter: Any,
+        *,
+        predict_last: bool = True,
+    ) -> Any:
+        answers = self._answers[len(self.known)]
+        self.known.append(list(known))
+        self.predicted.append(predict_last)
+        names = [point.name for point in points]
+        return dict(zip(names, counter.counted(answers), strict=True))
+
+    def diagnose(self, leave_out: Any = None) -> dict[str, Any]:
+        """The diagnoses by the names of the points."""
+        phases = Phases.of(lambda *one: self.progress.append(one), len(self.points))
+        return diagnose_device(self.points, Workers(1), leave_out, phases)
+
+
+LAGGING = {"sensor_lag": 9.0}
+
+
+def test_points_without_a_device_are_diagnosed_by_themselves(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    survey = Survey(monkeypatch, [diagnosis(0.01, LAG, gains=LAGGING)] * 2)
+    for point in survey.points:
+        point.device = None
+    assert list(survey.diagnose()) == ["0", "1"]
+    assert survey.known == [[InstrumentKnowledge()] * 2]
+
+
+def test_one_point_has_no_device_in_common(monkeypatch: pytest.MonkeyPatch) -> None:
+    alone = [diagnosis(0.02, LAG, gains=LAGGING)]
+    survey = Survey(monkeypatch, alone)
+    assert list(survey.diagnose().values()) == alone
+    assert survey.predicted == [True]
+
+
+def test_where_nothing_is_the_devices_points_share_their_summaries_only(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    alone = [diagnosis(0.01, SEATING, gains={"seating": 40.0, "sensor_lag": -1.0})] * 3
+    again = [diagnosis(0.008, SEATING)] * 3
+    survey = Survey(monkeypatch, alone, again)
+    assert list(survey.diagnose().values()) == again
+    assert survey.predicted == [False, True]
+    assert all(known.effects == known.absent == frozenset() for known in survey.known[1])
+
+
+def test_every_point_is_diagnosed_with_what_the_others_say(monkeypatch: pytest.MonkeyPatch) -> None:
+    failure = DiagnosisFailure("no load")
+    lagging = diagnosis(0.01, LAG, SEATING, gains=LAGGING)
+    geophone = diagnosis(0.01, *GEOPHONE, gains=LAGGING | {"geophone_response": 4.0})
+    summaries: list[Any] = [object(), object()]
+    alone = [
+        replace(lagging, summary=summaries[0]),
+        failure,
+        replace(geophone, summary=summaries[1]),
+        replace(lagging, gains=LAGGING | {"geophone_response": -9.0}),
+    ]
+    again = diagnosis(0.01, LAG, SEATING)
+    survey = Survey(monkeypatch, alone, [again, again, again, failure])
+    found = survey.diagnose()
+    first, failed, second, third = survey.known[1]
+    for known in survey.known[1]:
+        assert known.effects == {"sensor_lag"}
+        assert known.absent == {"geophone_response"}
+        assert known.declared_effects == {}
+    # A point hears of the others; one without a summary tells them nothing.
+    assert first.other_points == (summaries[1],)
+    assert second.other_points == (summaries[0],)
+    assert failed.other_points == third.other_points == tuple(summaries)
+    # The effects that most points have, and its own structure or those of the others.
+    common = frozenset({"sensor_lag", "seating"})
+    assert first.nearby == (common,)
+    assert second.nearby == failed.nearby == (common, frozenset({"geophone_response"}))
+    assert [[e.name for e in d.effects] for d in list(found.values())[:3]] == [
+        ["sensor_lag", "seating"]
+    ] * 3
+    assert found["3"] is failure
+    assert survey.progress[-1] == ("with what other points show", 4, 4)
+
+
+def left(
+    discrepancy: float, *effects: Any, gains: Mapping[str, float] | None = None
+) -> PointDiagnosis:
+    found = diagnosis(discrepancy, *effects, gains=gains)
+    return replace(found, after=replace(found.after, discrepancy_over_peak=discrepancy))
+
+
+@pytest.mark.parametrize(("alone", "stays"), [(0.021, True), (0.019, False)])
+def test_of_many_points_some_are_first_and_an_odd_one_is_asked_by_itself(
+    alone: float, stays: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = [left(0.01, LAG, gains=LAGGING)] * 4
+    again = [left(0.01, LAG)] * 8 + [left(0.03, LAG)]
+    odd = left(alone, (*LAG[:-1], 2e-3))
+    survey = Survey(monkeypatch, first, again, [odd])
+    survey.points = [
+        SimpleNamespace(device="unit", records=object(), name=str(place)) for place in range(9)
+    ]
+    found = survey.diagnose()
+    assert [len(known) for known in survey.known] == [4, 9, 1]
+    assert survey.known[2] == [InstrumentKnowledge()]
+    delays = [d.effects[0].value for d in found.values()]
+    assert delays[:8] == [6e-4] * 8
+    # The device is told of the point; what the point says against it is a warning.
+    assert ("it contradicts them" in str(found["8"].warnings)) == (alone > 0.0)
+    assert (found["8"].after.discrepancy_over_peak == 0.03) == stays
+
+
+def test_the_first_points_do_not_depend_on_the_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    for names in ("abcdefghij", "jihgfedcba"):
+        points: list[Any] = [SimpleNamespace(name=name) for name in names]
+        asked.append({point.name for point in shared_device._first_points(points)})
+    assert asked[0] == asked[1] == set("bdgi")
+
+
+def test_a_point_that_alone_shows_another_device_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    far = diagnosis(0.02, (*LAG[:-1], 2e-3), gains=LAGGING)
+    alone = [diagnosis(0.02, LAG, gains=LAGGING), diagnosis(0.02, LAG, gains=LAGGING), far]
+    survey = Survey(monkeypatch, alone, [diagnosis(0.02, LAG)] * 3)
+    found = survey.diagnose()
+    assert [len(found[name].warnings) for name in "012"] == [0, 0, 1]
+    assert "it contradicts them" in found["2"].warnings[0]
+
+
+def test_a_held_out_point_has_the_device_of_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    delays = (5e-4, 6e-4, 8e-4)
+    points = [diagnosis(0.02, (*LAG[:-1], d), SEATING, gains=LAGGING) for d in delays]
+    summary = PointSummary(
+        values={("", "modulus"): 0.1},
+        deviations={("layer", "exponent"): {0: 0.2}},
+        stiffness={0: -0.1, 1: 0.0},
+        peak_loads={},
+        take_off_speeds={},
+    )
+    held = [replace(diagnosis(0.03, SEATING), summary=summary)] * 3
+    survey = Survey(monkeypatch, points, points, held)
+    found = survey.diagnose("point")
+    asked = [known.declared_effects["sensor_lag"]["delay"] for known in survey.known[2]]
+    assert asked == pytest.approx([7e-4, 6.5e-4, 5.5e-4])
+    part = found["0"].held_out
+    assert (part.mode, part.before, part.after) == ("point", 0.3, 0.03)
+    assert part.fitted == ("modulus (ground)", "exponent (layer, drop 1)", "stiffness (drop 1)")
+
+
+def test_device_findings_are_medians_with_the_spread_of_the_points() -> None:
+    delays = (4e-4, 6e-4, 9e-4)
+    points = [diagnosis(0.01, (*LAG[:-1], d), SEATING, deviation=5e-5) for d in delays]
+    findings = device_findings(points, {"sensor_lag", "geophone_response"})
+    assert findings.values == {"sensor_lag": {"delay": 6e-4}}
+    # Middle distance from the middle: 2e-4 of 2e-4, 0 and 3e-4.
+    wide = 1.4826 * 2e-4
+    assert findings.spread["sensor_lag"]["delay"] == pytest.approx(wide)
+    expected = math.hypot(wide, 5e-5) / math.sqrt(3)
+    assert findings.deviations["sensor_lag"]["delay"] == pytest.approx(expected)
+    assert findings.drops == 6
+
+
+def test_two_points_have_no_spread_and_an_unknown_deviation_stays_unknown() -> None:
+    for deviation, expected in ((5e-5, 5e-5 / math.sqrt(2)), (math.nan, math.nan)):
+        findings = device_findings([diagnosis(0.01, LAG, deviation=deviation)] * 2, {"sensor_lag"})
+        assert findings.spread == {}
+        assert findings.deviations["sensor_lag"]["delay"] == pytest.approx(expected, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("own", "spread", "said"),
+    [
+        (7.1e-4, 2e-5, True),
+        # Four deviations of points,
+        (6.9e-4, 2.5e-5, False),
+        # and at least a twentieth of the value.
+        (6.2e-4, 1e-7, False),
+    ],
+)
+def test_a_contradiction_is_beyond_the_spread_and_the_point_s_own_deviation(
+    own: float, spread: float, said: bool
+) -> None:
+    findings = DeviceFindings(
+        {"sensor_lag": {"delay": 6e-4}}, {}, 9, {"sensor_lag": {"delay": spread}}
+    )
+    found = contradictions(diagnosis(0.01, (*LAG[:-1], own), SEATING), findings)
+    assert bool(found) == said
+    unsure = diagnosis(0.01, (*LAG[:-1], own), deviation=1e-3)
+    assert contradictions(unsure, findings) == []
+    # Without a spread nothing contradicts.
+    assert contradictions(diagnosis(0.01, LAG), replace(findings, spread={})) == []
+
+
+def with_others(*names: str) -> PointDiagnosis:
+    """A point whose lag could be one of these, too."""
+    found = diagnosis(0.01, LAG, SEATING)
+    lag, seating = found.effects
+    return replace(
+        found,
+        effects=(replace(lag, alternatives=names), replace(seating, alternatives=("rebound",))),
+    )
+
+
+def test_what_points_could_not_tell_apart_is_told_of_the_survey() -> None:
+    alone = [
+        with_others("acquisition_filter"),
+        with_others("geophone_response", "acquisition_filter"),
+        with_others("geophone_response", "acquisition_filter"),
+        with_others("layer"),
+        with_others(),
+    ]
+    others = alternatives_of(alone)
+    assert others == {"sensor_lag": ("acquisition_filter", "geophone_response")}
+    findings = DeviceFindings({"sensor_lag": {"delay": 6e-4}}, {"sensor_lag": {"delay": 1e-5}}, 9)
+    shown = with_device(diagnosis(0.01), findings, others)
+    (effect,) = shown.effects
+    assert effect.alternatives == ("acquisition_filter", "geophone_response")
+    said = "sensor_lag cannot be told from acquisition_filter, geophone_response"
+    assert shown.warnings == (said,)
+    plain = with_device(diagnosis(0.01), findings)
+    assert plain.effects[0].alternatives == ()
+    assert plain.warnings == ()

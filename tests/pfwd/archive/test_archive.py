@@ -1,0 +1,578 @@
+"""An archive is inverted once, whatever happens in between."""
+
+import contextlib
+import json
+import os
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pfwd.analysis.analyse import analyse_files
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import DropResult, LayerResult
+from pfwd.archive import dataset
+from pfwd.archive import run as running
+from pfwd.archive.dataset import EARLIER_COLUMNS, RESULT_COLUMNS, result_row
+from pfwd.archive.ledger import Ledger
+from pfwd.archive.run import invert_archive, invert_stream
+from pfwd.archive.sources import find_sources, pieces_of
+from pfwd.archive.work import Failure, SourceOutcome
+from pfwd.archive.workers import Batch
+from pfwd.errors import OptionError, SurveyError
+from pfwd.files.importing import import_files
+from pfwd.files.reading import read_points
+
+pytest.importorskip("pyarrow")
+from tests.pfwd.archive.stand_ins import HereWorkers, QuickWorkers, rows
+
+
+def test_results_are_those_of_plain_inverting(
+    drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    workers = HereWorkers(options)
+    summary = invert_archive([str(drops)], tmp_path / "out", options, workers)
+    files = [str(path) for path in sorted(drops.rglob("*.csv"))]
+    plain = [record.to_json() for one in analyse_files(files, options) for record in one.results]
+    assert summary.drops == len(plain) == 12
+    assert summary.failed_in_all == 0
+    for row, record in zip(rows(tmp_path / "out"), plain, strict=True):
+        same = ("file", "drop", "status", "modulus_pa", "r_squared", "at_bound", "plate", "point")
+        same += ("deflection_recorded_m", "deflection_corrected_m")
+        assert {key: row[key] for key in same} == {key: record[key] for key in same}
+        low, high = record["modulus_interval_pa"]
+        assert (row["modulus_interval_low_pa"], row["modulus_interval_high_pa"]) == (low, high)
+        assert row["half_sine_duration_s"] == record["half_sine"]["duration_s"]
+        assert row["device"] == "demo"
+        assert row["peak_load_n"] == record["peak_load_n"] == pytest.approx(9e3, rel=0.2)
+
+
+def test_what_plain_inverting_says_has_a_column(
+    drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    invert_archive([str(drops)], tmp_path / "out", options, HereWorkers(options))
+    columns = set(rows(tmp_path / "out")[0])
+    (plain, *_) = analyse_files([str(min(drops.rglob("*.csv")))], options)
+    # Intervals and the half-sine stand in several columns; these, which tell of the fit and not of
+    # the ground, in none.
+    parted = {"modulus_interval_pa", "bedrock_depth_interval_m", "half_sine"}
+    parted |= {"effective_modulus_interval_pa"}
+    without = {"half_sine_equal_area", "contact_end_s", "window_end_s", "facts"}
+    # What a run was asked, and by what, is told once for all of its rows.
+    without |= {"question", "software", "settings", "priors"}
+    # The sentences of warnings have a column, and `from_sentence` returns their codes.
+    without |= {"warning_codes"}
+    assert set(plain.results[0].to_json()) - columns == parted | without
+
+
+def test_layers_stand_behind_the_columns_of_before() -> None:
+    names = [name for name, _ in RESULT_COLUMNS]
+    first, second = EARLIER_COLUMNS
+    assert names[first - 1 : first + 1] == ["warnings", "layers"]
+    deflections = ["deflection_recorded_m", "deflection_corrected_m"]
+    assert names[second - 1 :] == ["effective_depth_m", *deflections]
+    layers = (
+        LayerResult(modulus_pa=9e7, modulus_interval_pa=(8e7, 1e8), thickness_m=0.3),
+        LayerResult(modulus_pa=4e7, modulus_interval_pa=(3e7, 5e7)),
+    )
+    row = result_row(DropResult(layers=layers, effective_depth_m=0.9), "d")
+    assert (row["layers"], row["layer_1_modulus_pa"], row["layer_1_thickness_m"]) == (2, 9e7, 0.3)
+    assert (row["layer_2_modulus_interval_high_pa"], row["effective_depth_m"]) == (5e7, 0.9)
+    assert row["layer_2_thickness_m"] is row["layer_3_modulus_pa"] is None
+
+
+@pytest.mark.parametrize("count", EARLIER_COLUMNS)
+def test_a_part_of_before_there_were_layers_or_deflections_is_read(
+    drops: Path, tmp_path: Path, options: AnalysisOptions, count: int
+) -> None:
+    from pyarrow import parquet
+
+    out = tmp_path / "out"
+    run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
+    part = out / "results" / f"run={run}" / "part-000001.parquet"
+    table = parquet.read_table(part, partitioning=None)
+    known = table.column("modulus_pa").to_pylist()
+    parquet.write_table(table.select(range(count)), part)
+    with parquet.ParquetFile(part) as file:
+        found = dataset._unpacked(file, dataset._schema("results"))
+    assert found.schema.equals(dataset._schema("results"))
+    assert found.column("modulus_pa").to_pylist() == known
+    assert set(found.column("deflection_corrected_m").to_pylist()) == {None}
+    assert set(found.column("layers").to_pylist()) == {None}
+    parquet.write_table(table.select(range(count - 1)), part)
+    with (
+        parquet.ParquetFile(part) as file,
+        pytest.raises(ValueError, match="other columns"),
+    ):
+        dataset._unpacked(file, dataset._schema("results"))
+
+
+def test_a_second_run_does_nothing(drops: Path, tmp_path: Path, options: AnalysisOptions) -> None:
+    out = tmp_path / "out"
+    invert_archive([str(drops)], out, options, QuickWorkers(options))
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("*.parquet")}
+    again = QuickWorkers(options)
+    summary = invert_archive([str(drops)], out, options, again)
+    assert again.taken == []
+    assert (summary.done_before, summary.drops, summary.parts) == (6, 0, 0)
+    assert before == {path: path.stat().st_mtime_ns for path in out.rglob("*.parquet")}
+
+
+def test_moved_touched_and_copied_files_are_not_done_again(
+    drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    out = tmp_path / "out"
+    invert_archive([str(drops)], out, options, QuickWorkers(options))
+    first, second, third = sorted(drops.rglob("*.csv"))[:3]
+    os.utime(first, ns=(1, 1))
+    second.rename(second.with_name("moved.csv"))
+    third.with_name("copy.csv").write_bytes(third.read_bytes())
+    again = QuickWorkers(options)
+    summary = invert_archive([str(drops)], out, options, again)
+    assert again.taken == []
+    assert summary.duplicates == 2
+    assert len(rows(out)) == 6
+    assert invert_archive([str(drops)], out, options, again).done_before == 7
+
+
+def test_copies_within_one_run_are_done_once(
+    drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    text = (drops / "area-0" / "point-0.csv").read_bytes()
+    (drops / "area-0" / "point-0-copy.csv").write_bytes(text)
+    summary = invert_archive([str(drops)], tmp_path / "out", options, QuickWorkers(options))
+    assert (summary.duplicates, summary.drops) == (1, 6)
+    same = [row["same_as"] for row in rows(tmp_path / "out", "sources") if row["same_as"]]
+    assert len(same) == 1
+
+
+def test_a_changed_file_is_done_again_and_its_old_rows_go(
+    drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    out = tmp_path / "out"
+    invert_archive([str(drops)], out, options, QuickWorkers(options))
+    changed = drops / "area-0" / "point-0.csv"
+    changed.write_text(changed.read_text().replace("demo-0", "renamed"))
+    again = QuickWorkers(options)
+    invert_archive([str(drops)], out, options, again)
+    assert [source.path for batch in again.taken for source in batch.sources] == [str(changed)]
+    assert len(rows(out)) == 6
+    assert len(rows(out, "sources")) == 6
+
+
+def test_other_options_are_another_run_beside_the_first(
+    drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    out = tmp_path / "out"
+    other = AnalysisOptions(method="least-squares", seed=1)
+    one = invert_archive([str(drops)], out, options, QuickWorkers(options))
+    two = invert_archive([str(drops)], out, other, QuickWorkers(other))
+    assert one.run != two.run
+    assert {row["run"] for row in rows(out)} == {one.run, two.run}
+    assert json.loads((out / "runs" / f"{two.run}.json").read_text())["options"]["seed"] == 1
+
+
+def test_the_content_of_a_header_file_is_part_of_the_run(tmp_path: Path) -> None:
+    header = tmp_path / "header.toml"
+    keys = set()
+    for mass in (10, 12):
+        header.write_text(f"plate_mass_kg = {mass}\n")
+        options = AnalysisOptions(header=str(header))
+        keys.add(running.run_key(running.run_identity(options)))
+    assert len(keys) == 2
+
+
+def test_damaged_and_foreign_files_are_collected_with_their_reasons(
+    drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    damaged = drops / "area-1" / "damaged.csv"
+    whole = (drops / "area-0" / "point-0.csv").read_text(encoding="utf-8")
+    damaged.write_text(whole[: len(whole) // 2] + "x", encoding="utf-8")
+    (drops / "broken.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + b"\0" * 100)
+    (drops / "broken.dynz").write_bytes(b"PK\x03\x04")
+    (drops / "photo.jpg").write_bytes(b"no source")
+    out = tmp_path / "out"
+    met: list[Failure] = []
+    summary = invert_archive(
+        [str(drops)], out, options, HereWorkers(options), lambda _, new: met.extend(new)
+    )
+    assert (summary.sources, summary.drops, summary.failed_in_all) == (9, 12, 3)
+    failures = {Path(row["file"]).name: row for row in rows(out, "failures")}
+    assert set(failures) == {"damaged.csv", "broken.h5", "broken.dynz"}
+    assert "damaged.csv, line" in failures["damaged.csv"]["reason"]
+    assert {row["kind"] for row in failures.values()} == {"refused"}
+    assert sorted(failure.reason for failure in met) == sorted(
+        row["reason"] for row in failures.values()
+    )
+    again = HereWorkers(options)
+    assert invert_archive([str(drops)], out, options, again).failed_in_all == 3
+    assert again.taken == []
+
+
+def test_an_error_nobody_foresaw_costs_its_source_alone(
+    drops: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from pfwd.files import reading
+
+    def read(path: str, *args: object) -> Any:
+        if path.endswith("point-0.csv"):
+            raise ZeroDivisionError("a bug")
+        return read_points(path)
+
+    monkeypatch.setattr(reading, "read_points", read)
+    outcomes = list(invert_stream([str(drops)], options, HereWorkers(options)))
+    (failure,) = [failure for one in outcomes for failure in one.failures]
+    assert (failure.kind, "ZeroDivisionError: a bug" in failure.reason) == ("unforeseen", True)
+    assert sum(len(one.results) for one in outcomes) == 10
+
+
+def test_a_file_that_is_written_to_meanwhile_is_tried_again(
+    drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    class Writing(HereWorkers):
+        def work(self, batch: Batch) -> list[SourceOutcome]:
+            with open(batch.sources[0].path, "a") as stream:
+                stream.write("\n")
+            return super().work(batch)
+
+    out = tmp_path / "out"
+    summary = invert_archive([str(drops)], out, options, Writing(options))
+    assert (summary.drops, summary.failed_in_all) == (10, 1)
+    (line,) = (out / "unfinished" / f"{summary.run}.jsonl").read_text().splitlines()
+    assert json.loads(line)["kind"] == "changed"
+    summary = invert_archive([str(drops)], out, options, HereWorkers(options))
+    assert (summary.drops, summary.failed_in_all) == (2, 0)
+    assert not (out / "unfinished" / f"{summary.run}.jsonl").exists()
+
+
+def test_a_run_that_is_stopped_keeps_what_is_done(
+    drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(running, "BATCH_SOURCES", 1)
+
+    class Stopped(QuickWorkers):
+        def work(self, batch: Batch) -> list[SourceOutcome]:
+            if len(self.taken) > 4:
+                raise KeyboardInterrupt
+            return super().work(batch)
+
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt):
+        invert_archive([str(drops)], out, options, Stopped(options))
+    assert len(rows(out)) == 4
+    summary = invert_archive([str(drops)], out, options, QuickWorkers(options))
+    assert (summary.done_before, summary.drops) == (4, 2)
+
+
+def test_an_interrupt_right_after_a_part_leaves_no_row_twice(
+    drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    add = Ledger.add
+    interrupted = []
+
+    def late(self: Ledger, number: int, found: Any) -> None:
+        add(self, number, found)
+        if not interrupted:
+            interrupted.append(number)
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Ledger, "add", late)
+    with pytest.raises(KeyboardInterrupt):
+        invert_archive([str(drops)], out, options, QuickWorkers(options), part_rows=1)
+    assert interrupted
+    assert len(rows(out)) == 6
+    assert invert_archive([str(drops)], out, options, QuickWorkers(options)).drops == 0
+
+
+@pytest.mark.parametrize("table", ["results", "failures", "sources"])
+def test_a_crash_between_the_tables_of_a_part_leaves_no_row_twice(
+    table: str,
+    drops: Path,
+    tmp_path: Path,
+    options: AnalysisOptions,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from pfwd.archive.dataset import Dataset
+
+    (drops / "damaged.csv").write_text("# pfwd-traces = 1\n")
+    out = tmp_path / "out"
+    write = Dataset._write_table
+
+    def crash(self: Dataset, name: str, number: int, content: Any) -> None:
+        if name == table:
+            raise KeyboardInterrupt
+        write(self, name, number, content)
+
+    class Quick(QuickWorkers):
+        def work(self, batch: Batch) -> list[SourceOutcome]:
+            broken = [s for s in batch.sources if s.path.endswith("damaged.csv")]
+            sound = Batch(tuple(s for s in batch.sources if s not in broken))
+            failed = [SourceOutcome(s, failures=[Failure("refused", "bad")]) for s in broken]
+            return super().work(sound) + failed
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Dataset, "_write_table", crash)
+        with pytest.raises(KeyboardInterrupt):
+            invert_archive([str(drops)], out, options, Quick(options))
+    assert rows(out, "sources") == []
+    invert_archive([str(drops)], out, options, Quick(options))
+    assert len(rows(out)) == 6
+    assert len(rows(out, "failures")) == 1
+
+
+def test_a_table_that_was_cut_off_is_no_part_for_its_readers(
+    drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    monkeypatch.setattr(running, "BATCH_SOURCES", 2)
+    monkeypatch.setattr(running, "PART_SOURCES", 2)
+    settle = dataset._settle
+
+    def cut_off(draft: Path, path: Path) -> None:
+        if path.name == "part-000002.parquet":
+            draft.write_bytes(draft.read_bytes()[:100])
+            raise KeyboardInterrupt
+        settle(draft, path)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(dataset, "_settle", cut_off)
+        with pytest.raises(KeyboardInterrupt):
+            invert_archive([str(drops)], out, options, QuickWorkers(options))
+    # As pyarrow reads a folder: with all files in it that are not hidden.
+    assert len(rows(out)) == len(rows(out, "sources")) == 2
+    assert list(out.glob("**/*.tmp"))
+    invert_archive([str(drops)], out, options, QuickWorkers(options))
+    assert len(rows(out)) == 6
+    assert list(out.glob("**/*.tmp")) == []
+
+
+@pytest.mark.parametrize("damage", ["lost", "damaged", "behind"])
+def test_the_ledger_is_made_anew_from_the_tables(
+    damage: str, drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    out = tmp_path / "out"
+    ledger = out / "ledger.sqlite"
+    invert_archive([str(drops / "area-0")], out, options, QuickWorkers(options))
+    old = ledger.read_bytes()
+    invert_archive([str(drops)], out, options, QuickWorkers(options))
+    if damage == "lost":
+        ledger.unlink()
+    else:
+        ledger.write_bytes(old if damage == "behind" else b"SQLite format 3\0" + b"x" * 5000)
+    again = QuickWorkers(options)
+    assert invert_archive([str(drops)], out, options, again).done_before == 6
+    assert again.taken == []
+
+
+def test_a_part_that_is_deleted_is_done_again(
+    drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    out = tmp_path / "out"
+    run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
+    (out / "sources" / f"run={run}" / "part-000001.parquet").unlink()
+    assert invert_archive([str(drops)], out, options, QuickWorkers(options)).drops == 6
+    assert len(rows(out)) == 6
+
+
+def test_a_damaged_part_is_said_with_what_to_do(
+    drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    out = tmp_path / "out"
+    run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
+    (out / "sources" / f"run={run}" / "part-000001.parquet").write_bytes(b"PAR1")
+    (out / "ledger.sqlite").unlink()
+    with pytest.raises(SurveyError, match=r"part-000001.*remove it"):
+        invert_archive([str(drops)], out, options, QuickWorkers(options))
+
+
+def test_the_results_within_the_drops_are_no_drops(drops: Path, options: AnalysisOptions) -> None:
+    out = drops / "out"
+    invert_archive([str(drops)], out, options, QuickWorkers(options))
+    (out / "table.csv").write_text("a table made of the results")
+    assert invert_archive([str(drops)], out, options, QuickWorkers(options)).sources == 6
+
+
+def test_two_programs_cannot_work_on_one_archive(
+    drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    out = tmp_path / "out"
+
+    class Meddling(QuickWorkers):
+        def work(self, batch: Batch) -> list[SourceOutcome]:
+            with pytest.raises(SurveyError, match="nobody else works on"):
+                invert_archive([str(drops)], out, self.options, QuickWorkers(self.options))
+            return super().work(batch)
+
+    assert invert_archive([str(drops)], out, options, Meddling(options)).drops == 6
+
+
+def test_a_folder_with_something_else_is_left_alone(drops: Path, options: AnalysisOptions) -> None:
+    with pytest.raises(OptionError, match=r"--archive .*expected a folder that is new"):
+        invert_archive([str(drops)], drops, options, QuickWorkers(options))
+    assert not (drops / "archive.json").exists()
+
+
+def test_what_does_not_exist_is_refused_before_anything_is_made(
+    tmp_path: Path, options: AnalysisOptions
+) -> None:
+    with pytest.raises(OptionError, match="nothing of that name"):
+        invert_archive(["/no/such"], tmp_path / "out", options, QuickWorkers(options))
+    assert not (tmp_path / "out").exists()
+
+
+# Surveys
+
+
+@pytest.fixture
+def survey(drops: Path, tmp_path: Path) -> Path:
+    """A survey of six points."""
+    folder = tmp_path / "surveys" / "road"
+    folder.parent.mkdir()
+    files = [str(path) for path in sorted(drops.rglob("*.csv"))]
+    for _ in import_files(files, str(folder)):
+        pass
+    return folder
+
+
+def test_a_survey_in_a_folder_is_one_source(survey: Path) -> None:
+    (found,) = find_sources([str(survey.parent)])
+    assert (found.path, found.survey) == (str(survey), True)
+
+
+def test_a_large_survey_is_done_in_pieces_that_can_be_continued(
+    survey: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (whole,) = find_sources([str(survey)])
+    pieces = pieces_of(whole, 4)
+    assert [(one.first_point, one.end_point) for one in pieces] == [(0, 2), (2, 4), (4, 6)]
+    monkeypatch.setattr(running, "pieces_of", lambda source: pieces_of(source, 4))
+    monkeypatch.setattr(running, "BATCH_SOURCES", 1)
+
+    class Stopped(HereWorkers):
+        def work(self, batch: Batch) -> list[SourceOutcome]:
+            if len(self.taken) > 1:
+                raise KeyboardInterrupt
+            return super().work(batch)
+
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt):
+        invert_archive([str(survey)], out, options, Stopped(options))
+    assert len(rows(out)) == 4
+    summary = invert_archive([str(survey)], out, options, HereWorkers(options))
+    assert (summary.inverted, summary.drops) == (2, 8)
+    (outcome,) = analyse_files([str(survey)], options)
+    assert sorted(row["modulus_pa"] for row in rows(out)) == sorted(
+        result.modulus_pa for result in outcome.results
+    )
+    again = HereWorkers(options)
+    assert invert_archive([str(survey)], out, options, again).done_before == 1
+    assert again.taken == []
+
+
+def _a_text_that_stands_for_many(path: Path, count: int, length: int) -> None:
+    """A packed table of some kB, in which one text is said `count` times."""
+    import pyarrow
+    from pyarrow import parquet
+
+    def column(field: Any) -> Any:
+        if field.type == pyarrow.int64():
+            return pyarrow.array(np.ones(count, np.int64))
+        text = pyarrow.array(["x" * length])
+        return pyarrow.DictionaryArray.from_arrays(np.zeros(count, np.int32), text)
+
+    schema = parquet.read_schema(path)
+    parquet.write_table(
+        pyarrow.table({field.name: column(field) for field in schema}),
+        path,
+        compression="zstd",
+        store_schema=False,
+    )
+
+
+@pytest.mark.parametrize(("count", "length"), [(3_000_000, 1), (20_000, 100_000)])
+def test_a_part_that_unpacks_to_gigabytes_is_refused(
+    drops: Path, tmp_path: Path, options: AnalysisOptions, count: int, length: int
+) -> None:
+    assert (dataset.MOST_ROWS, dataset.LARGEST_PART) == (10 * running.PART_ROWS, 64 * 2**20)
+    out = tmp_path / "out"
+    run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
+    part = out / "sources" / f"run={run}" / "part-000001.parquet"
+    _a_text_that_stands_for_many(part, count, length)
+    assert part.stat().st_size < 200_000
+    (out / "ledger.sqlite").unlink()
+    with pytest.raises(SurveyError, match=r"part-000001.*expected a Parquet table.*remove it"):
+        invert_archive([str(drops)], out, options, QuickWorkers(options))
+
+
+def test_a_part_with_other_columns_is_refused(
+    drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    import pyarrow
+    from pyarrow import parquet
+
+    out = tmp_path / "out"
+    run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
+    part = out / "sources" / f"run={run}" / "part-000001.parquet"
+    parquet.write_table(pyarrow.table({"file": ["a"]}), part)
+    (out / "ledger.sqlite").unlink()
+    with pytest.raises(SurveyError, match=r"came other columns.*remove it"):
+        invert_archive([str(drops)], out, options, QuickWorkers(options))
+
+
+STRANGE_LEDGERS = {
+    "a view that never ends": (
+        "drop table sources; create view sources as with recursive c(n) as (select 1 union all "
+        "select n + 1 from c) select 'r' run, 'f' file, n piece, n pieces, 'd' digest, 1 size, "
+        "1 mtime_ns, 0 failures, null same_as, n number from c"
+    ),
+    "a rule that never ends": (
+        "create trigger t before insert on sources begin insert into stale with recursive c(n) as "
+        "(select 1 union all select n + 1 from c) select 'r', n, 'd' from c; end"
+    ),
+    "a long value": "insert into stale values ('r', 1, zeroblob(200000))",
+    "parts that are nowhere": (
+        "insert into parts with recursive c(n) as (select 10 union all select n + 1 from c "
+        "where n < 3000) select (select run from parts), n from c"
+    ),
+    "another table": "create table more (a)",
+    "other columns": "drop table stale; create table stale (run text)",
+}
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("said", STRANGE_LEDGERS)
+def test_a_ledger_that_is_not_as_we_make_it_is_made_anew(
+    said: str, drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    out = tmp_path / "out"
+    invert_archive([str(drops)], out, options, QuickWorkers(options))
+    path = out / "ledger.sqlite"
+    with contextlib.closing(sqlite3.connect(path)) as base:
+        base.executescript(STRANGE_LEDGERS[said])
+    again = QuickWorkers(options)
+    assert invert_archive([str(drops)], out, options, again).done_before == 6
+    assert again.taken == []
+    with contextlib.closing(sqlite3.connect(path)) as base:
+        kinds = {kind for (kind,) in base.execute("select distinct type from sqlite_master")}
+        assert kinds == {"table", "index"}
+        assert base.execute("select count(*) from parts").fetchone() == (1,)
+
+
+def test_a_ledger_that_is_too_large_is_not_opened(
+    drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from pfwd.archive import ledger
+
+    assert ledger.LARGEST == 2 * 2**30  # six times what a million sources take
+    assert ledger.LARGEST_OF_A_PART == 16 * 2**20  # four times what 10,000 sources take
+    out = tmp_path / "out"
+    invert_archive([str(drops)], out, options, QuickWorkers(options))
+    path = out / "ledger.sqlite"
+    size = path.stat().st_size
+    os.truncate(path, 2 * size)
+    monkeypatch.setattr(ledger, "LARGEST", size)
+    assert invert_archive([str(drops)], out, options, QuickWorkers(options)).done_before == 6
+    assert path.stat().st_size == size

@@ -1,0 +1,115 @@
+"""Points of an archive are diagnosed once; a row a point."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from inversion.diagnosis import LeaveOut
+from inversion.notices import other
+from pfwd.analysis.diagnosis.diagnose import Diagnosed
+from pfwd.analysis.diagnosis.entries import DiagnosisPoint
+from pfwd.analysis.diagnosis.result import (
+    DiagnosisResult,
+    EffectResult,
+    FittedState,
+    HeldOut,
+)
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.archive.run import invert_archive
+
+pytest.importorskip("pyarrow")
+from pyarrow import parquet
+
+from tests.pfwd.archive.stand_ins import HereWorkers
+
+OPTIONS = AnalysisOptions(diagnose=True)
+
+
+def told(point: DiagnosisPoint) -> DiagnosisResult:
+    assert point.records is not None
+    return DiagnosisResult(
+        file=point.file,
+        point=point.point,
+        drops=point.records.numbers,
+        verdict="explained",
+        corrected=True,
+        plate_radius_m=0.15,
+        before=FittedState(model="half-space", modulus_pa=5e7, residual_rms_over_peak=0.2),
+        after=FittedState(
+            model="layer",
+            modulus_pa=4e7,
+            modulus_interval_pa=(3.9e7, 4.1e7),
+            residual_rms_over_peak=0.01,
+            stress_pa=1e5,
+        ),
+        effects=(EffectResult(name="sensor_lag"), EffectResult(name="bedrock")),
+        held_out=HeldOut(mode="drop", before=0.2, after=0.02),
+        warnings=(other("a warning"),),
+    )
+
+
+@pytest.fixture
+def diagnosed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Points that were diagnosed; one of them is refused."""
+    seen: list[str] = []
+
+    def diagnose(entries: Sequence[DiagnosisPoint], *_more: LeaveOut | None) -> Iterator[Diagnosed]:
+        for entry in entries:
+            seen.append(str(entry.point))
+            if entry.point == "demo-3":
+                yield Diagnosed(entry.file, error=f"{entry.file}: no ground")
+            else:
+                yield Diagnosed(entry.file, told(entry))
+
+    name = "pfwd.analysis.diagnosis.diagnose.diagnose_entries"
+    monkeypatch.setattr(name, diagnose)
+    return seen
+
+
+def rows(folder: Path, name: str) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = []
+    for path in sorted((folder / name).rglob("*.parquet")):
+        found += parquet.ParquetFile(path).read().to_pylist()
+    return found
+
+
+def test_a_row_a_point(drops: Path, tmp_path: Path, diagnosed: list[str]) -> None:
+    summary = invert_archive([str(drops)], tmp_path / "out", OPTIONS, HereWorkers(OPTIONS))
+    assert sorted(diagnosed) == [f"demo-{number}" for number in range(6)]
+    assert (summary.points, summary.drops, summary.failed) == (5, 0, 1)
+    kept = rows(tmp_path / "out", "diagnoses")
+    assert sorted(row["point"] for row in kept) == [f"demo-{n}" for n in range(6) if n != 3]
+    row = kept[0]
+    assert (row["drops"], row["verdict"], row["corrected"]) == (2, "explained", True)
+    assert (row["modulus_pa"], row["before_modulus_pa"]) == (4e7, 5e7)
+    assert (row["modulus_interval_low_pa"], row["modulus_interval_high_pa"]) == (3.9e7, 4.1e7)
+    assert (row["residual_rms_over_peak"], row["before_residual_rms_over_peak"]) == (0.01, 0.2)
+    assert (row["held_out_mode"], row["held_out_after"]) == ("drop", 0.02)
+    assert row["effects"] == ["sensor_lag", "bedrock"]
+    assert row["warnings"] == ["a warning"]
+    assert row["stress_pa"] == 1e5
+    (failure,) = rows(tmp_path / "out", "failures")
+    assert "no ground" in failure["reason"]
+    assert not rows(tmp_path / "out", "results")
+
+
+def test_what_is_there_is_not_diagnosed_again(
+    drops: Path, tmp_path: Path, diagnosed: list[str]
+) -> None:
+    invert_archive([str(drops)], tmp_path / "out", OPTIONS, HereWorkers(OPTIONS))
+    diagnosed.clear()
+    again = invert_archive([str(drops)], tmp_path / "out", OPTIONS, HereWorkers(OPTIONS))
+    assert not diagnosed
+    assert (again.done_before, again.points) == (6, 0)
+
+
+def test_a_run_of_diagnoses_is_none_of_inversions(
+    drops: Path, tmp_path: Path, diagnosed: list[str], options: AnalysisOptions
+) -> None:
+    invert_archive([str(drops)], tmp_path / "out", OPTIONS, HereWorkers(OPTIONS))
+    inverted = invert_archive([str(drops)], tmp_path / "out", options, HereWorkers(options))
+    assert inverted.drops == 12
+    assert inverted.done_before == 0
+    assert len(diagnosed) == 6

@@ -1,0 +1,204 @@
+"""The processes that invert an archive: killed, interrupted, and held back."""
+
+import contextlib
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.archive import run as running
+from pfwd.archive.local import LocalWorkers
+from pfwd.archive.run import Summary, invert_archive, invert_stream
+from pfwd.archive.sources import Source
+from pfwd.archive.work import Failure, SourceOutcome
+from pfwd.archive.workers import MOST_DEATHS, Batch
+from pfwd.errors import SurveyError
+
+pytest.importorskip("pyarrow")
+from tests.pfwd.archive.stand_ins import HereWorkers, QuickWorkers, facts, invented, rows
+
+
+def test_a_killed_worker_costs_nothing_but_time(
+    drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(running, "BATCH_SOURCES", 2)
+    killed = []
+
+    with contextlib.closing(LocalWorkers(options, 2)) as workers:
+
+        def tell(summary: Summary, failures: Sequence[Failure]) -> None:
+            if not killed:
+                # All of them: whoever has work is among them.
+                for process in workers.processes:
+                    psutil.Process(process).kill()
+                    killed.append(process)
+
+        summary = invert_archive([str(drops)], tmp_path / "out", options, workers, tell)
+    assert killed
+    assert (summary.drops, summary.failed_in_all) == (12, 0)
+    assert len(facts(tmp_path / "out")) == 12
+
+
+def test_a_source_that_kills_its_workers_is_given_up_alone(
+    drops: Path, tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The processes are started anew and read this file's name from the environment.
+    monkeypatch.setattr("pfwd.archive.local._serve", deadly)
+    with contextlib.closing(LocalWorkers(options, 2)) as workers:
+        summary = invert_archive([str(drops)], tmp_path / "out", options, workers)
+    assert (summary.drops, summary.failed_in_all) == (5, 1)
+    (line,) = (tmp_path / "out" / "unfinished" / f"{summary.run}.jsonl").read_text().splitlines()
+    failure = json.loads(line)
+    assert failure["file"].endswith("point-3.csv")
+    assert f"the end of the worker process, {MOST_DEATHS} times" in failure["reason"]
+
+
+def deadly(line: Any, options: AnalysisOptions) -> None:
+    """A worker that dies of one file and invents the others' results."""
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            sources = line.recv()
+            if any(source.path.endswith("point-3.csv") for source in sources):
+                os._exit(9)
+            line.send([SourceOutcome(source, [invented(source)]) for source in sources])
+
+
+def test_processes_that_always_die_end_the_run(
+    drops: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pfwd.archive.local._serve", stillborn)
+    monkeypatch.setattr("pfwd.archive.local._MOST_DEATHS_IN_A_ROW", 3)
+    with (
+        contextlib.closing(LocalWorkers(options, 1)) as workers,
+        pytest.raises(SurveyError, match="expected processes that stay alive, came 3"),
+    ):
+        list(invert_stream([str(drops)], options, workers))
+
+
+def stillborn(line: Any, options: AnalysisOptions) -> None:
+    """A worker that does not live to do anything."""
+    os._exit(1)
+
+
+MAIN = """
+import contextlib, sys
+from pfwd.archive import run
+from pfwd.archive.ledger import Ledger
+from pfwd.archive.local import LocalWorkers
+from pfwd.analysis.options import AnalysisOptions
+
+if __name__ == "__main__":
+    run.BATCH_SOURCES = 1
+    options = AnalysisOptions(method="least-squares", sensors="centre", bedrock_depth=1.2)
+    with contextlib.closing(LocalWorkers(options, 2)) as workers:
+        run.invert_archive(
+            [sys.argv[1]], sys.argv[2], options, workers,
+            lambda summary, failures: print(summary.parts, flush=True), part_rows=2,
+        )
+"""
+
+
+def test_a_killed_main_process_goes_on_where_it_was(
+    drops: Path, tmp_path: Path, options: AnalysisOptions
+) -> None:
+    out, script = tmp_path / "out", tmp_path / "main.py"
+    script.write_text(MAIN)
+    top = str(Path(__file__).resolve().parents[3])
+    environment = {**os.environ, "PYTHONPATH": top}
+    command = [sys.executable, str(script), str(drops), str(out)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as main:
+        assert main.stdout is not None
+        told = next(text for text in main.stdout if int(text) >= 2)
+        children = psutil.Process(main.pid).children(recursive=True)
+        main.kill()
+    assert int(told) >= 2
+    # They end by themselves once nobody listens.
+    _gone, alive = psutil.wait_procs(children, timeout=30)
+    assert alive == []
+    # Results without their sources may have been left: they do not count.
+    kept = sum(row["drops"] for row in rows(out, "sources"))
+    assert kept >= 2
+    summary = invert_archive([str(drops)], out, options, HereWorkers(options))
+    assert summary.drops == 12 - kept
+    whole = tmp_path / "whole"
+    invert_archive([str(drops)], whole, options, HereWorkers(options))
+    assert facts(out) == facts(whole)
+
+
+def test_memory_does_not_grow_with_the_archive(
+    tmp_path: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    count = 40_000
+    found = (Source(f"/drops/{number}.csv", 20_000, number) for number in range(count))
+    monkeypatch.setattr(running, "find_sources", lambda *_: found)
+    monkeypatch.setattr(running, "content_digest", lambda source: f"{source.mtime_ns:064d}")
+    monkeypatch.setattr(running, "pieces_of", lambda source: [source])
+    monkeypatch.setattr(running, "PART_SOURCES", 2_000)
+    process = psutil.Process()
+    resident: list[int] = []
+
+    def tell(summary: Summary, failures: Sequence[Failure]) -> None:
+        if summary.drops % 4_000 == 0:
+            resident.append(process.memory_info().rss)
+
+    invert_archive(
+        [str(tmp_path)], tmp_path / "out", options, QuickWorkers(options), tell, part_rows=2_000
+    )
+    assert len(resident) >= 10
+    # A row takes 3 kB as Python objects: all of them would be 100 MB.
+    assert max(resident[3:]) - resident[2] < 30e6
+
+
+def test_no_more_is_taken_than_is_worked_on(
+    drops: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pfwd.archive.local._serve", quick)
+    taken = itertools.count()
+    seen = 0
+
+    def endless() -> Iterator[Batch]:
+        while True:
+            yield Batch((Source(f"/{next(taken)}", 1, 1),))
+
+    with contextlib.closing(LocalWorkers(options, 2)) as workers:
+        for _ in workers.run(endless()):
+            seen += 1
+            if seen == 20:
+                break
+    assert next(taken) <= 20 + 2 + 2 + 1
+
+
+def quick(line: Any, options: AnalysisOptions) -> None:
+    """A worker that invents results."""
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            line.send([SourceOutcome(source, [invented(source)]) for source in line.recv()])
+
+
+@pytest.mark.posix
+def test_an_interrupt_ends_the_processes_too(drops: Path, tmp_path: Path) -> None:
+    command = [
+        sys.executable, "-c", "import sys; from tui.cli import main; sys.exit(main())",
+        "invert", str(drops), "--archive", str(tmp_path / "out"), "--jobs", "2",
+    ]  # fmt: skip
+    top = Path(__file__).resolve().parents[3]
+    with subprocess.Popen(command, cwd=top, stderr=subprocess.PIPE, text=True) as main:
+        until = time.monotonic() + 60
+        while not (children := psutil.Process(main.pid).children()):
+            assert time.monotonic() < until
+            time.sleep(0.05)
+        main.send_signal(signal.SIGINT)
+        _, said = main.communicate(timeout=60)
+    assert main.returncode == 0
+    assert said.splitlines()[-1:] == ["pfwd: stopped"]
+    assert psutil.wait_procs(children, timeout=30)[1] == []

@@ -1,0 +1,146 @@
+"""The same work on a dask cluster, here one on this machine."""
+
+import contextlib
+import socket
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.archive import cluster
+from pfwd.archive import run as running
+from pfwd.archive.cluster import ClusterWorkers, check_address
+from pfwd.archive.local import LocalWorkers
+from pfwd.archive.run import Summary, invert_archive, invert_stream
+from pfwd.archive.work import Failure
+from pfwd.errors import OptionError, SurveyError
+from tui.cli import main
+
+OPTIONS = AnalysisOptions(method="least-squares", sensors="centre", bedrock_depth=1.2)
+
+
+@pytest.fixture(scope="module")
+def dask_cluster() -> Iterator[Any]:
+    """Two workers with a thread each."""
+    distributed = pytest.importorskip("distributed", reason="the extra cluster is not installed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=":0", processes=True
+    ) as found:
+        yield found
+
+
+def moduli(archive: Path) -> list[tuple[Any, ...]]:
+    dataset = pytest.importorskip("pyarrow.dataset")
+    table = dataset.dataset(archive / "results", format="parquet").to_table()
+    names = ("file", "drop", "modulus_pa", "r_squared")
+    return sorted(zip(*(table[name].to_pylist() for name in names), strict=True))
+
+
+def test_a_cluster_finds_what_processes_find(
+    dask_cluster: Any, drops: Path, tmp_path: Path
+) -> None:
+    with contextlib.closing(ClusterWorkers(OPTIONS, dask_cluster.scheduler_address)) as workers:
+        summary = invert_archive([str(drops)], tmp_path / "there", OPTIONS, workers)
+    assert (summary.drops, summary.failed_in_all) == (12, 0)
+    with contextlib.closing(LocalWorkers(OPTIONS)) as workers:
+        invert_archive([str(drops)], tmp_path / "here", OPTIONS, workers)
+    assert moduli(tmp_path / "there") == moduli(tmp_path / "here")
+
+
+def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(
+    dask_cluster: Any, drops: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(running, "BATCH_SOURCES", 1)
+    killed = []
+
+    def tell(summary: Summary, failures: Sequence[Failure]) -> None:
+        if not killed:
+            killed.append(next(iter(dask_cluster.workers.values())).process.process.pid)
+            psutil.Process(killed[0]).kill()
+
+    with contextlib.closing(ClusterWorkers(OPTIONS, dask_cluster.scheduler_address)) as workers:
+        summary = invert_archive([str(drops)], tmp_path / "out", OPTIONS, workers, tell)
+    assert killed
+    assert (summary.drops, summary.failed_in_all) == (12, 0)
+    assert len(moduli(tmp_path / "out")) == 12
+
+
+def test_workers_with_another_version_are_refused(
+    dask_cluster: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    versions = iter(["9.9"])
+    real = cluster.software_version
+    monkeypatch.setattr(cluster, "software_version", lambda: next(versions, real()))
+    with pytest.raises(SurveyError, match=r"expected pfwd 9\.9 on all, came"):
+        ClusterWorkers(OPTIONS, dask_cluster.scheduler_address)
+
+
+def test_a_cluster_that_ends_is_said_with_what_to_do(
+    drops: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # So long the client looks whether it comes back.
+    monkeypatch.setattr(cluster, "_CONNECT_S", 2.0)
+    distributed = pytest.importorskip("distributed", reason="the extra cluster is not installed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=":0", processes=True
+    ) as found:
+        workers = ClusterWorkers(OPTIONS, found.scheduler_address)
+        outcomes = invert_stream([str(drops)], OPTIONS, workers)
+    with (
+        contextlib.closing(workers),
+        pytest.raises(SurveyError, match="the same command goes on where this one ended"),
+    ):
+        list(outcomes)
+
+
+def test_where_no_scheduler_answers_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed", reason="the extra cluster is not installed")
+    monkeypatch.setattr(cluster, "_CONNECT_S", 1.0)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+        with pytest.raises(SurveyError, match=f"{address}: expected a scheduler, came no answer"):
+            ClusterWorkers(OPTIONS, address)
+
+
+def test_an_address_that_is_none_is_wrong_usage() -> None:
+    pytest.importorskip("distributed", reason="the extra cluster is not installed")
+    for address in ("nowhere://x", "nonsense", "foo://127.0.0.1:8786", "tcp://127.0.0.1:99999"):
+        with pytest.raises(OptionError, match="expected an address like tcp://host:8786"):
+            ClusterWorkers(OPTIONS, address)
+
+
+@pytest.mark.parametrize(
+    "address", ["nonsense", "nonsense.invalid:8786", "foo://127.0.0.1:8786", "tcp://", "tcp://:1"]
+)
+def test_a_wrong_address_is_one_line_at_once(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("distributed", reason="the extra cluster is not installed")
+
+    def refuse(*_: object, **_more: object) -> None:
+        raise AssertionError("no client is made, for it would try for most of a minute")
+
+    monkeypatch.setattr("distributed.Client", refuse)
+    (tmp_path / "a.csv").write_text("")
+    assert main(["invert", str(tmp_path / "a.csv"), "--scheduler", address]) == 2
+    output = capfd.readouterr()
+    assert output.out == ""
+    assert f"--scheduler {address}: " in output.err
+    assert len(output.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "address", ["127.0.0.1:8786", "tcp://localhost:1", "tls://[::1]:8786", "inproc://x/1/1"]
+)
+def test_addresses_of_dask_are_accepted(address: str) -> None:
+    check_address(address)
+
+
+def test_without_distributed_the_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
+    with pytest.raises(OptionError, match=r"--scheduler: expected the package distributed, came"):
+        ClusterWorkers(OPTIONS, "tcp://127.0.0.1:8786")

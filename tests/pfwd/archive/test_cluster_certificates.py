@@ -1,0 +1,174 @@
+"""A cluster that believes certificates only, and what is said of one that believes anybody."""
+
+import contextlib
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.archive import cluster
+from pfwd.archive.cluster import ClusterWorkers, unprotected
+from pfwd.archive.run import invert_stream
+from pfwd.errors import OptionError, SurveyError
+
+TOP = Path(__file__).resolve().parents[3]
+OPTIONS = AnalysisOptions(method="least-squares", sensors="centre", bedrock_depth=1.2)
+METHOD = ("--method", "least-squares", "--sensors", "centre", "--bedrock-depth", "1.2")
+NAME = "DASK_DISTRIBUTED__COMM__TLS__"
+
+distributed: Any = pytest.importorskip("distributed", reason="the extra cluster is not installed")
+dask: Any = pytest.importorskip("dask", reason="the extra cluster is not installed")
+pytest.importorskip("cryptography", reason="it makes the certificates")
+
+
+def certificates(folder: Path) -> tuple[Any, dict[str, str]]:
+    """New ones: for a cluster, and as the settings that point dask to their files."""
+    made = distributed.Security.temporary()
+    folder.mkdir()
+    (folder / "certificate.pem").write_text(made.tls_ca_file)
+    (folder / "key.pem").write_text(made.tls_client_key)
+    return made, {
+        "distributed.comm.tls.ca-file": str(folder / "certificate.pem"),
+        "distributed.comm.tls.client.cert": str(folder / "certificate.pem"),
+        "distributed.comm.tls.client.key": str(folder / "key.pem"),
+    }
+
+
+@pytest.fixture(scope="module")
+def protected(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[tuple[str, dict[str, str], dict[str, str]]]:
+    """Address of a cluster, the settings that it believes, and others."""
+    folder = tmp_path_factory.mktemp("certificates")
+    security, right = certificates(folder / "right")
+    _, wrong = certificates(folder / "wrong")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=":0", security=security
+    ) as found:
+        assert found.scheduler_address.startswith("tls://")
+        yield found.scheduler_address, right, wrong
+
+
+Protected = tuple[str, dict[str, str], dict[str, str]]
+
+
+def test_with_its_certificates_a_cluster_inverts(protected: Protected, drops: Path) -> None:
+    address, right, _ = protected
+    with (
+        dask.config.set(right),
+        contextlib.closing(ClusterWorkers(OPTIONS, address)) as workers,
+    ):
+        outcomes = list(invert_stream([str(drops)], OPTIONS, workers))
+    assert sum(len(outcome.results) for outcome in outcomes) == 12
+
+
+def test_the_command_takes_them_from_its_environment(protected: Protected, drops: Path) -> None:
+    address, right, _ = protected
+    names = {
+        "distributed.comm.tls.ca-file": "CA_FILE",
+        "distributed.comm.tls.client.cert": "CLIENT__CERT",
+        "distributed.comm.tls.client.key": "CLIENT__KEY",
+    }
+    environment = {NAME + names[key]: value for key, value in right.items()}
+    done = subprocess.run(
+        [
+            sys.executable, "-c", "import sys; from tui.cli import main; sys.exit(main())",
+            "invert", str(drops), "--scheduler", address, "--json", *METHOD,
+        ],
+        cwd=TOP, env={**os.environ, **environment}, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) == 12
+    assert done.stderr == ""
+
+
+def test_other_certificates_are_refused_and_it_is_said(protected: Protected) -> None:
+    address, _, wrong = protected
+    with (
+        dask.config.set(wrong),
+        pytest.raises(SurveyError, match=r"whose certificate fits, came .*; see distributed\.comm"),
+    ):
+        ClusterWorkers(OPTIONS, address)
+
+
+def test_without_certificates_it_is_said_which_settings_are_missing(protected: Protected) -> None:
+    with pytest.raises(OptionError, match=r"expected certificates in .*ca-file.*, came none"):
+        ClusterWorkers(OPTIONS, protected[0])
+
+
+@pytest.mark.parametrize("content", [None, "no certificate"])
+def test_files_that_are_no_certificates_are_said(
+    content: str | None, protected: Protected, tmp_path: Path
+) -> None:
+    path = tmp_path / "file.pem"
+    if content is not None:
+        path.write_text(content)
+    settings = dict.fromkeys(protected[1], str(path))
+    with dask.config.set(settings), pytest.raises(OptionError, match="expected certificates in"):
+        ClusterWorkers(OPTIONS, protected[0])
+
+
+def test_a_plain_address_does_not_reach_it(
+    protected: Protected, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster, "_CONNECT_S", 2.0)
+    plain = protected[0].replace("tls://", "tcp://")
+    with pytest.raises(SurveyError, match="does it speak this protocol"):
+        ClusterWorkers(OPTIONS, plain)
+
+
+def test_dask_that_is_told_to_require_certificates_refuses_a_plain_address() -> None:
+    with (
+        dask.config.set({"distributed.comm.require-encryption": True}),
+        pytest.raises(OptionError, match="expected an address like"),
+    ):
+        ClusterWorkers(OPTIONS, "tcp://127.0.0.1:1")
+
+
+@pytest.mark.parametrize(
+    ("address", "told"),
+    [
+        ("tls://head-node:8786", False),
+        ("wss://head-node:8786", False),
+        ("inproc://10.0.0.1/1/1", False),
+        ("tcp://127.0.0.1:8786", False),
+        ("tcp://127.9.9.9:8786", False),
+        ("tcp://[::1]:8786", False),
+        ("tcp://localhost:8786", False),
+        ("localhost:8786", False),
+        ("tcp://head-node:8786", True),
+        ("tcp://192.168.1.5:8786", True),
+        ("tcp://[2001:db8::1]:8786", True),
+        ("tcp://localhost.example.org:8786", True),
+        ("ws://head-node:8786", True),
+        ("ucx://head-node:8786", True),
+        ("head-node:8786", True),
+        ("tcp://0.0.0.0:8786", True),
+    ],
+)
+def test_a_cluster_elsewhere_without_certificates_is_remarked_on(address: str, told: bool) -> None:
+    remark = unprotected(address)
+    assert (remark is not None) is told
+    if remark is not None:
+        assert address in remark
+        assert "tls://" in remark
+
+
+def test_the_command_says_it_on_standard_error(
+    drops: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from tui.cli import main
+
+    monkeypatch.setattr(cluster, "_CONNECT_S", 0.5)
+    # A network that is for documents: nobody answers.
+    assert main(["invert", str(drops), "--scheduler", "tcp://192.0.2.1:8786", *METHOD]) == 1
+    output = capsys.readouterr()
+    first, last = output.err.splitlines()
+    assert "without certificates whoever reaches the cluster" in first
+    assert "expected a scheduler, came no answer" in last
+    assert output.out == ""

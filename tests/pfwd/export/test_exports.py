@@ -1,0 +1,311 @@
+"""What holds for exports in every format: nothing is lost, nothing is written over."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pfwd.analysis.drop_result import drop_result
+from pfwd.analysis.results import DropAnalysis
+from pfwd.analysis.screening.drops import Screening
+from pfwd.errors import OptionError, SurveyError
+from pfwd.export.export import export_survey
+from pfwd.export.registry import OWN, find_format, format_names
+from pfwd.export.surveys import safe_name
+from pfwd_device.recording import SurveyWriter, read_survey
+from tests.pfwd.export.conftest import BELONGS, result_of, rows_of
+from tui.parser import build_parser
+
+
+def test_every_format_has_its_name_and_a_function_that_writes_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert format_names()[: len(OWN)] == tuple(OWN)
+    for name, form in OWN.items():
+        assert find_format(name) is form
+        assert form.writer().__name__ == f"write_{name.replace('-', '_')}"
+    with pytest.raises(SystemExit):
+        build_parser().parse_args(["export", "--help"])
+    help_ = " ".join(capsys.readouterr().out.split())
+    assert all(f"{name}: {form.holds}" in help_ for name, form in OWN.items())
+
+
+@pytest.mark.parametrize(
+    ("missing", "named"),
+    [
+        ({"modulus_sd_pa": None, "modulus_interval_pa": None}, "an uncertainty"),
+        ({"model": None}, "its model"),
+        ({"plate_radius_m": None}, "the plate radius"),
+        ({"poisson_ratio": None}, "Poisson's ratio"),
+        ({"warnings": None}, "its warnings"),
+    ],
+)
+@pytest.mark.parametrize("form", ["jsonl", "geojson", "table"])
+def test_no_modulus_without_what_belongs_to_it(
+    survey: Path, tmp_path: Path, missing: dict[str, Any], named: str, form: str
+) -> None:
+    drop = read_survey(survey).drops[0].read().drop
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.save_result(1, result_of(drop, **missing, effective_modulus_pa=6e7))
+    path = tmp_path / "out"
+    export_survey(survey, form, path)
+    text = path.read_text(encoding="utf-8")
+    if form == "table":
+        values: dict[str, Any] = dict(rows_of(path)[0])
+        assert values["modulus_pa"] == values["effective_modulus_pa"] == ""
+    else:
+        line = json.loads(text.splitlines()[0])
+        values = line if form == "jsonl" else line["features"][0]["properties"]
+        assert values["modulus_pa"] is values["effective_modulus_pa"] is None
+    assert f"modulus withheld: the result lacks {named}" in str(values["warnings"])
+
+
+LAYERED = {
+    "layers": [
+        {
+            "modulus_pa": 90e6,
+            "modulus_interval_pa": [80e6, 101e6],
+            "thickness_m": 0.3,
+            "thickness_sd_m": 0.01,
+            "thickness_interval_m": [0.28, 0.32],
+        },
+        {"modulus_pa": 60e6, "modulus_interval_pa": [20e6, 201e6], "thickness_m": 0.5},
+        {"modulus_pa": 45e6, "modulus_interval_pa": [43e6, 47e6], "thickness_m": None},
+    ],
+    "effective_modulus_pa": 52e6,
+    "effective_modulus_interval_pa": [51e6, 53e6],
+    "effective_depth_m": 0.93,
+}
+
+
+def test_layers_have_columns_behind_all_others(survey: Path, tmp_path: Path) -> None:
+    drop = read_survey(survey).drops[0].read().drop
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.save_result(1, result_of(drop, **LAYERED))
+    export_survey(survey, "table", tmp_path / "t.csv")
+    first, second, *_ = rows_of(tmp_path / "t.csv")
+    names = list(first)
+    assert names.index("layers") == names.index("notes") + 1
+    assert names.index("kind") == names.index("effective_depth_m") + 1
+    of_layers = names[names.index("layers") : names.index("kind")]
+    found = {name: first[name] for name in of_layers if first[name]}
+    assert found == {
+        "layers": "3",
+        "layer_1_modulus_pa": "90000000.0",
+        "layer_1_modulus_interval_low_pa": "80000000.0",
+        "layer_1_modulus_interval_high_pa": "101000000.0",
+        "layer_1_thickness_m": "0.3",
+        "layer_1_thickness_interval_low_m": "0.28",
+        "layer_1_thickness_interval_high_m": "0.32",
+        # Open by more than a factor of ten: no value, the interval alone.
+        "layer_2_modulus_interval_low_pa": "20000000.0",
+        "layer_2_modulus_interval_high_pa": "201000000.0",
+        "layer_2_thickness_m": "0.5",
+        "layer_3_modulus_pa": "45000000.0",
+        "layer_3_modulus_interval_low_pa": "43000000.0",
+        "layer_3_modulus_interval_high_pa": "47000000.0",
+        "effective_modulus_pa": "52000000.0",
+        "effective_modulus_interval_low_pa": "51000000.0",
+        "effective_modulus_interval_high_pa": "53000000.0",
+        "effective_depth_m": "0.93",
+    }
+    assert not any(second[name] for name in of_layers)
+    assert second["kind"] == "traces"
+
+
+def test_layers_without_what_belongs_to_a_modulus_are_withheld(
+    survey: Path, tmp_path: Path
+) -> None:
+    drop = read_survey(survey).drops[0].read().drop
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.save_result(1, result_of(drop, **LAYERED, plate_radius_m=None))
+    export_survey(survey, "table", tmp_path / "t.csv")
+    first = rows_of(tmp_path / "t.csv")[0]
+    assert not any(text for name, text in first.items() if "layer_" in name or "effective" in name)
+
+
+def test_what_was_declared_since_the_result_is_said(survey: Path, tmp_path: Path) -> None:
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.edit("declared", {"plate_radius_m": 0.1}, point="A/1")
+    export_survey(survey, "table", tmp_path / "t.csv")
+    assert (
+        "plate_radius_m was 0.15 for this result, 0.1 is"
+        in rows_of(tmp_path / "t.csv")[0]["warnings"]
+    )
+
+
+@pytest.mark.parametrize("form", list(OWN))
+def test_nothing_is_written_over_by_mistake(survey: Path, tmp_path: Path, form: str) -> None:
+    path = tmp_path / "out"
+    path.write_text("mine")
+    with pytest.raises(OptionError, match="a name that is free, came one that is taken; --force"):
+        export_survey(survey, form, path)
+    assert path.read_text() == "mine"
+    if form == "csv":
+        with pytest.raises(OptionError, match=r"nothing but \*.csv files"):
+            export_survey(survey, form, path, force=True)
+        path.unlink()
+        export_survey(survey, form, path)
+    export_survey(survey, form, path, force=True)
+    assert path.exists()
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["out", "survey"]
+
+
+def test_a_folder_with_other_things_is_not_replaced(survey: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    folder.mkdir()
+    export_survey(survey, "csv", folder)  # an empty one is none
+    (folder / "diary.txt").write_text("mine")
+    with pytest.raises(OptionError, match=r"nothing but \*.csv files"):
+        export_survey(survey, "csv", folder, force=True)
+    assert (folder / "diary.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("form", list(OWN))
+def test_a_failure_leaves_nothing_behind(
+    survey: Path, tmp_path: Path, form: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", fail)
+    before = sorted(one.name for one in tmp_path.iterdir())
+    with pytest.raises(SurveyError, match="a disk that takes it, came No space left on device"):
+        export_survey(survey, form, tmp_path / "out")
+    monkeypatch.undo()
+    assert sorted(one.name for one in tmp_path.iterdir()) == before
+
+
+def test_wrong_use_is_said(survey: Path, tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match="--format: expected one of h5"):
+        export_survey(survey, "shp", tmp_path / "out")
+    with pytest.raises(OptionError, match="--invert: expected a format with results"):
+        export_survey(survey, "h5", tmp_path / "out", invert=True)
+    with pytest.raises(OptionError, match=r"the folder .*, came none; make it first"):
+        export_survey(survey, "table", tmp_path / "none" / "out")
+    for wrong in (tmp_path, tmp_path / "none", survey / "drops" / "drop-000001.h5"):
+        with pytest.raises(SurveyError, match="a survey, or one that was exported as h5"):
+            export_survey(wrong, "table", tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("name", "safe"),
+    [("a/b\\c:d", "a_b_c_d"), ("end. . ", "end"), ("...", "point"), ("x" * 99, "x" * 60)],
+)
+def test_names_that_no_system_takes(name: str, safe: str) -> None:
+    assert safe_name(name) == safe
+
+
+def test_inverting_on_the_way(survey: Path, tmp_path: Path) -> None:
+    before = sorted((survey / "results").iterdir())
+    done = export_survey(survey, "table", tmp_path / "t.csv", invert=True)
+    rows = rows_of(tmp_path / "t.csv")
+    assert done.results == 3
+    assert rows[0]["modulus_pa"] not in ("", "45000000.0")
+    assert all(rows[0][name] for name in BELONGS if name != "warnings")
+    assert rows[2]["reason"] == "discarded drops are not inverted"
+    assert sorted((survey / "results").iterdir()) == before
+
+
+def test_the_example_of_the_documentation_runs(
+    survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    export_survey(survey, "h5", tmp_path / "survey.h5")
+    text = (Path(__file__).resolve().parents[3] / "docs" / "files.md").read_text(encoding="utf-8")
+    found = re.search(r"<!-- example -->\n```python\n(.*?)```", text, re.S)
+    assert found is not None
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    exec(compile(found[1], "files.md", "exec"), names)
+    np.testing.assert_array_equal(names["load"], read_survey(survey).drops[0].read().drop.load)
+    assert json.loads(names["said"])["points"][0]["name"] == "A/1"
+
+
+def test_a_rejected_drop_keeps_its_reason(survey: Path, tmp_path: Path) -> None:
+    drop = read_survey(survey).drops[0].read().drop
+    rejected = drop_result(
+        "f", DropAnalysis(drop, Screening("rejected", "no pulse"), None)
+    ).to_json()
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.save_result(1, rejected)
+    export_survey(survey, "table", tmp_path / "t.csv")
+    first = rows_of(tmp_path / "t.csv")[0]
+    assert (first["status"], first["reason"], first["modulus_pa"]) == ("rejected", "no pulse", "")
+
+
+def test_a_damaged_result_is_said_and_the_others_come(survey: Path, tmp_path: Path) -> None:
+    (survey / "results" / "drop-000001-2.json").write_text("{")
+    done = export_survey(survey, "table", tmp_path / "t.csv")
+    rows = rows_of(tmp_path / "t.csv")
+    assert rows[0]["status"] == "no result"
+    assert rows[0]["reason"].startswith("damaged: ")
+    assert rows[1]["modulus_pa"] == "45000000.0"
+    assert done.results == 1
+
+
+LAYERS = [
+    {
+        "modulus_pa": modulus,
+        "modulus_sd_pa": 1e5,
+        "modulus_interval_pa": [0.5 * modulus, 2 * modulus],
+        "thickness_m": thickness,
+        "thickness_sd_m": None,
+        "thickness_interval_m": None,
+        "viscosity_pa_s": 4e4,
+        "density_kg_m3": 1900.0,
+        "poisson_ratio": 0.35,
+    }
+    for modulus, thickness in ((90e6, 0.2), (45e6, None))
+]
+EFFECTIVE = (
+    "layers",
+    "effective_modulus_pa",
+    "effective_modulus_interval_low_pa",
+    "effective_modulus_interval_high_pa",
+    "effective_depth_m",
+)
+SAID = "modulus of the subgrade not known: 1 to 800 MPa fit as well"
+
+
+@pytest.mark.parametrize("form", list(OWN))
+def test_layers_whose_subgrade_is_not_known_go_into_every_format(
+    survey: Path, tmp_path: Path, form: str
+) -> None:
+    drop = read_survey(survey).drops[0].read().drop
+    more = {
+        "modulus_pa": None,
+        "modulus_sd_pa": None,
+        "modulus_interval_pa": [1e6, 8e8],
+        "layers": LAYERS,
+        "effective_modulus_pa": 6e7,
+        "effective_modulus_interval_pa": [5.9e7, 6.1e7],
+        "effective_depth_m": 0.8,
+        "warnings": [SAID],
+    }
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.save_result(1, result_of(drop, **more))
+    path = tmp_path / "out"
+    export_survey(survey, form, path)
+    if form == "table":
+        row = rows_of(path)[0]
+        assert (row["modulus_pa"], row["modulus_interval_high_pa"]) == ("", "800000000.0")
+        assert SAID in row["warnings"]
+        found = [row[key] for key in EFFECTIVE]
+        assert found == ["2", "60000000.0", "59000000.0", "61000000.0", "0.8"]
+    elif form == "jsonl":
+        line = json.loads(path.read_text(encoding="utf-8").splitlines()[0])
+        assert line["modulus_pa"] is None
+        assert line["layers"] == 2
+        assert line["effective_modulus_interval_low_pa"] == 5.9e7
+        assert line["result"]["layers"] == LAYERS
+        assert line["result"]["effective_modulus_pa"] == 6e7
+    elif form == "geojson":
+        properties = json.loads(path.read_text(encoding="utf-8"))["features"][0]["properties"]
+        assert properties["modulus_pa"] is None
+        assert properties["effective_modulus_pa"] == 6e7
+        assert SAID in properties["warnings"]
+    elif form == "gpx":
+        assert SAID in path.read_text(encoding="utf-8")

@@ -1,0 +1,376 @@
+"""Every format is opened by a reader of its own and holds what it promises."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import geojson
+import gpxpy
+import h5py
+import numpy as np
+import pyarrow.parquet
+import pytest
+
+from pfwd.errors import OptionError, SurveyError
+from pfwd.export.columns import COLUMNS
+from pfwd.export.export import export_survey
+from pfwd.export.tables import cell
+from pfwd.files.importing import import_files
+from pfwd.files.reading import read_points
+from pfwd.files.upkeep import check_survey
+from pfwd_device.recording import Rebound, SurveyWriter, drop_place, read_survey, survey_reader
+from pfwd_device.recording.framing import Frame, Kind
+from pfwd_device.recording.layout import Layout
+from tests.pfwd.export.conftest import BELONGS, FORMULA, rows_of
+
+
+def everything(survey: Path) -> Any:
+    """All that a survey holds, arrays as bytes."""
+    found: list[Any] = []
+    read = read_survey(survey)
+    for point in read.points:
+        found.append((point.name, point.title, point.discarded, point.notes, point.target))
+        found.append((point.position, point.declared))
+        for drop in point.drops:
+            record = drop.read()
+            arrays = [record.drop.time, record.drop.load]
+            arrays += [channel.values for channel in record.drop.channels]
+            arrays += [] if record.counts is None else [record.counts]
+            arrays += [rebound.counts for rebound in record.rebounds]
+            metadata = {k: v for k, v in record.metadata.items() if k != "key"}
+            found.append((drop.drop, drop.discarded, drop.notes, json.dumps(metadata)))
+            found.append((record.declared, [array.tobytes() for array in arrays]))
+            found.append([path.read_bytes() for path in drop.results])
+    found.append([event.get("details") for event in read.events if event["event"] != "recovery"])
+    found.append([check["details"] for check in read.checks])
+    return found
+
+
+def test_h5_holds_the_whole_survey(survey: Path, tmp_path: Path) -> None:
+    path = tmp_path / "s.h5"
+    done = export_survey(survey, "h5", path)
+    assert (done.points, done.drops, done.notes) == (2, 4, ())
+    list(import_files([str(path)], tmp_path / "again"))
+    assert everything(tmp_path / "again") == everything(survey)
+    assert check_survey(tmp_path / "again")[0]["ok"]
+    # Once more adds nothing.
+    assert all(one.before for one in import_files([str(path)], tmp_path / "again"))
+    assert everything(tmp_path / "again") == everything(survey)
+
+
+def test_h5_is_read_without_this_program(survey: Path, tmp_path: Path) -> None:
+    path = tmp_path / "s.h5"
+    export_survey(survey, "h5", path)
+    drop = read_survey(survey).drops[0].read()
+    with h5py.File(path) as file:
+        assert sorted(file["drops"]) == ["000001", "000002", "000003", "000004"]
+        group = file["drops/000001"]
+        np.testing.assert_array_equal(group["load"][()], drop.drop.load)
+        assert group["load"].attrs["units"] == "N"
+        np.testing.assert_array_equal(group["counts"][()], drop.counts)
+        said = json.loads(file["survey"][()])
+        assert said["points"][0]["title"] == "north, end"
+        assert len(file["results/000001"]) == 2
+        assert file["captures/link-1.pfwdc"].shape[0] > 5
+
+
+def test_h5_is_read_like_the_survey(survey: Path, tmp_path: Path) -> None:
+    path = tmp_path / "s.h5"
+    export_survey(survey, "h5", path)
+    wanted, found = read_points(survey), read_points(path)
+    assert [one.setup for one in found] == [one.setup for one in wanted]
+    for one, other in zip(found, wanted, strict=True):
+        assert [d.load.tobytes() for d in one.drops] == [d.load.tobytes() for d in other.drops]
+    record, _ = check_survey(path)
+    assert record == {
+        "survey": str(path),
+        "drops_acknowledged": 4,
+        "drops_published": 4,
+        "recovered": 0,
+        "damaged": [],
+        "ok": True,
+    }
+    # What was exported can be exported on.
+    export_survey(path, "table", tmp_path / "t.csv")
+    export_survey(survey, "table", tmp_path / "u.csv")
+    assert (tmp_path / "t.csv").read_bytes() == (tmp_path / "u.csv").read_bytes()
+
+
+def test_damage_in_an_exported_survey_is_found(survey: Path, tmp_path: Path) -> None:
+    path = tmp_path / "s.h5"
+    export_survey(survey, "h5", path)
+    with h5py.File(path, "r+") as file:
+        file["drops/000002/load"][5] = 1.0
+        del file["drops/000003"]
+        text = file["results/000001/1"]
+        text[()] = text[()].replace(b"least", b"LEAST")
+    record, _ = check_survey(path)
+    assert not record["ok"]
+    assert record["drops_published"] == 2
+    said = "; ".join(record["damaged"])
+    for place in ("drop 2", "drop 3", "results/000001/1"):
+        assert place in said
+    with pytest.raises(SurveyError, match="drop 2"):
+        read_points(path)
+    found = list(import_files([str(path)], tmp_path / "again"))
+    assert [one.error is None for one in found] == [False, False, False, True]
+
+
+def test_a_cut_off_export_is_a_clear_line(survey: Path, tmp_path: Path) -> None:
+    path = tmp_path / "s.h5"
+    export_survey(survey, "h5", path)
+    path.write_bytes(path.read_bytes()[:-5000])
+    with pytest.raises(SurveyError) as caught:
+        read_points(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_csv_is_a_folder_that_comes_back(survey: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "traces"
+    done = export_survey(survey, "csv", folder)
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "0001-north, end.csv",
+        "0002-CON.csv",
+    ]
+    # The record that was cut short keeps its unbroken part, and that is said.
+    assert any("CON/1" in note and "unbroken part" in note for note in done.notes)
+    assert any("1 discarded" in note for note in done.notes)
+    wanted = read_points(survey)[0]
+    (found,) = read_points(folder / "0001-north, end.csv")
+    assert found.setup == wanted.setup
+    for one, other in zip(found.drops, wanted.drops, strict=True):
+        assert one.load.tobytes() == other.load.tobytes()
+        assert one.time.tobytes() == other.time.tobytes()
+        for mine, theirs in zip(one.channels, other.channels, strict=True):
+            assert mine.values.tobytes() == theirs.values.tobytes()
+    files = [str(path) for path in folder.iterdir()]
+    assert all(one.error is None for one in import_files(files, tmp_path / "again"))
+
+
+def test_a_table_has_every_drop_and_what_belongs_to_its_modulus(
+    survey: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "t.csv"
+    done = export_survey(survey, "table", path)
+    assert (done.results, done.as_dict()["without_result"]) == (2, 2)
+    rows = rows_of(path)
+    assert list(rows[0]) == [column.name for column in COLUMNS]
+    assert [(row["point"], row["drop"], row["status"]) for row in rows] == [
+        ("north, end", "1", "measured"),
+        ("north, end", "2", "measured"),
+        ("north, end", "3", "no result"),
+        ("CON", "1", "no result"),
+    ]
+    first, _, third, last = rows
+    # The last of several results counts.
+    assert (first["modulus_pa"], first["method"]) == ("45000000.0", "mpga")
+    assert all(first[name] for name in BELONGS)
+    assert (first["modulus_interval_low_pa"], first["modulus_interval_high_pa"]) == (
+        "43000000.0",
+        "47000000.0",
+    )
+    assert first["residual_rms_over_peak"] == ""
+    assert (first["latitude"], first["longitude"], first["altitude_m"]) == ("48.1", "11.5", "520.0")
+    assert float(first["peak_load_n"]) == pytest.approx(8001.0, rel=1e-3)
+    assert float(first["deflection_recorded_m"]) == pytest.approx(5e-4, rel=0.01)
+    assert first["half_sine_peak_pressure_pa"] == "110000.0"
+    assert (first["target_pa"], first["device"], first["site"]) == ("45000000.0", "d7", "km 1")
+    assert (third["discarded"], first["discarded"]) == ("true", "false")
+    assert last["latitude"] == last["modulus_pa"] == ""
+    assert "not inverted yet" in last["reason"]
+
+
+def test_a_table_runs_nothing_in_a_spreadsheet(survey: Path, tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    export_survey(survey, "table", path)
+    assert FORMULA not in [row["notes"] for row in rows_of(path)]
+    assert rows_of(path)[0]["notes"] == f"'{FORMULA}"
+
+
+@pytest.mark.parametrize("text", ["=1", "+1", "-1", "@x", "\t=1", "  =1", "\r=1"])
+def test_text_that_begins_like_a_formula_does_not(text: str) -> None:
+    assert cell(text) == f"'{text}"
+    assert cell([text]) == f"'{text}"
+
+
+def test_numbers_stay_numbers() -> None:
+    assert (cell(-1.5), cell(-3), cell(0.1)) == ("-1.5", "-3", "0.1")
+
+
+def test_json_lines_are_json_with_the_whole_result(survey: Path, tmp_path: Path) -> None:
+    path = tmp_path / "r.jsonl"
+    export_survey(survey, "jsonl", path)
+
+    def refuse(name: str) -> None:
+        raise AssertionError(name)
+
+    lines = [
+        json.loads(line, parse_constant=refuse)
+        for line in path.read_text(encoding="utf-8").splitlines()
+    ]
+    assert len(lines) == 4
+    assert b"\r" not in path.read_bytes()
+    first = lines[0]
+    assert first["modulus_pa"] == first["result"]["modulus_pa"] == 45e6
+    assert first["result"]["residual_rms_over_peak"] is None
+    assert first["declared"]["plate_radius_m"] == 0.15
+    assert lines[3]["result"] is None
+
+
+def test_parquet_has_types_and_meanings(survey: Path, tmp_path: Path) -> None:
+    path = tmp_path / "r.parquet"
+    export_survey(survey, "parquet", path)
+    table = pyarrow.parquet.read_table(path)
+    assert table.column_names == [column.name for column in COLUMNS]
+    rows = table.to_pylist()
+    assert rows[0]["modulus_pa"] == 45e6
+    assert rows[0]["warnings"] == ["depth not unique"]
+    assert rows[3]["modulus_pa"] is None
+    assert rows[2]["discarded"] is True
+    field = table.schema.field("modulus_pa")
+    assert str(field.type) == "double"
+    assert b"Young" in field.metadata[b"meaning"]
+
+
+def test_parquet_without_pyarrow_says_what_to_install(
+    survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
+    with pytest.raises(OptionError, match="the package pyarrow, came none; python -m pip install"):
+        export_survey(survey, "parquet", tmp_path / "r.parquet")
+    assert list(tmp_path.glob("r.parquet*")) == []
+
+
+def test_geojson_is_valid_and_null_where_nobody_knows(survey: Path, tmp_path: Path) -> None:
+    path = tmp_path / "r.geojson"
+    done = export_survey(survey, "geojson", path)
+    collection = geojson.loads(path.read_text(encoding="utf-8"))
+    assert isinstance(collection, geojson.FeatureCollection)
+    assert collection.is_valid
+    assert "crs" not in collection
+    features = collection["features"]
+    assert len(features) == 3  # without the discarded drop
+    # Longitude first.
+    assert features[0]["geometry"]["coordinates"] == [11.5, 48.1, 520.0]
+    assert all(features[0]["properties"][name] for name in BELONGS)
+    assert features[2]["geometry"] is None
+    assert any("1 of 3 drops have no position" in note for note in done.notes)
+    assert any("1 discarded" in note for note in done.notes)
+
+
+def test_a_position_that_was_said_later_wins(survey: Path, tmp_path: Path) -> None:
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.edit("position", {"latitude": -10.0, "longitude": -170.5}, point="A/1")
+        writer.edit("position", {"latitude": 5.0, "longitude": 6.0}, number=1)
+        writer.edit("position", {"latitude": 95.0, "longitude": 6.0}, point="CON")
+    path = tmp_path / "r.geojson"
+    export_survey(survey, "geojson", path)
+    places = [one["geometry"] for one in json.loads(path.read_text())["features"]]
+    assert [place and place["coordinates"] for place in places] == [
+        [6.0, 5.0],
+        [-170.5, -10.0],
+        None,
+    ]
+
+
+def test_gpx_has_points_with_a_position_and_counts_the_others(survey: Path, tmp_path: Path) -> None:
+    path = tmp_path / "r.gpx"
+    done = export_survey(survey, "gpx", path)
+    with open(path, encoding="utf-8") as stream:
+        document = gpxpy.parse(stream, version="1.1")
+    assert document.version == "1.1"
+    assert document.schema_locations == [
+        "http://www.topografix.com/GPX/1/1",
+        "http://www.topografix.com/GPX/1/1/gpx.xsd",
+    ]
+    (point,) = document.waypoints
+    assert (point.latitude, point.longitude, point.elevation) == (48.1, 11.5, 520.0)
+    assert point.name == "north, end"
+    assert point.time is not None
+    assert point.time.isoformat() == "2024-05-06T08:01:00+00:00"
+    for part in ("E = 45 MPa", "sd 0.5 MPa", "43 to 47", "half-space", "0.15 m", "ratio 0.35"):
+        assert part in str(point.description)
+    assert "warnings: depth not unique" in str(point.description)
+    assert done.notes[0] == "1 points without a position or drops are left out"
+
+
+def sections(path: Path) -> dict[str, dict[str, str]]:
+    found: dict[str, dict[str, str]] = {}
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if line.startswith("["):
+            section = found.setdefault(line.strip("[]"), {})
+        elif " = " in line and not line.startswith(";"):
+            key, _, value = line.partition(" = ")
+            section[key] = value
+    return found
+
+
+def test_pddx_holds_the_peaks_in_its_units(survey: Path, tmp_path: Path) -> None:
+    path = tmp_path / "r.pdx"
+    done = export_survey(survey, "pddx", path)
+    found = sections(path)
+    assert next(iter(found)) == "Pavement Deflection Data Exchange File"
+    assert found["Pavement Deflection Data Exchange File"]["PDDXVersionNumber"] == "2.0"
+    assert found["Operations Information"]["StartDate"] == "06-May-2024"
+    assert found["Device Configuration"]["LoadPlateRadius"] == "150"
+    assert found["Device Configuration"]["DeflectionSensorXAxisDistances"] == "0,300"
+    first = found["Test Location 1"]
+    assert first["NumberOfDrops"] == "2"
+    assert first["GPSLocation"] == "48.10000000,11.50000000,520"
+    assert first["TestComment"] == "north  end"  # the delimiter would split it
+    load, *deflections = map(float, first["DropData_2"].split(","))
+    assert load == pytest.approx(8.002, abs=0.01)
+    assert deflections == pytest.approx([500, 200], rel=0.01)
+    assert "GPSLocation" not in found["Test Location 2"]
+    # What is not certain stands in the file and is said.
+    assert "not verified" in path.read_text(encoding="utf-8")
+    assert any("not verified" in note for note in done.notes)
+    text = path.read_text(encoding="utf-8")
+    assert "PointQuantity = modulus\nPointTarget = 45000.00\nPointVerdict = undecided" in text
+    assert "DropKind_1 = measured\nDropDeflectionCorrected_1 = " in text
+
+
+def test_pddx_has_one_configuration_a_file(survey: Path, tmp_path: Path) -> None:
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.edit("declared", {"plate_radius_m": 0.1}, point="CON")
+    done = export_survey(survey, "pddx", tmp_path / "r.pdx")
+    files = sorted(path.name for path in tmp_path.glob("r*"))
+    assert files == ["r-2.pdx", "r.pdx"]
+    radii = {
+        line.split("=")[1].strip()
+        for name in files
+        for line in (tmp_path / name).read_text(encoding="utf-8").splitlines()
+        if line.startswith("LoadPlateRadius =")
+    }
+    assert len(radii) == 2
+    assert "100" in radii
+    assert any("r-2.pdx" in note for note in done.notes)
+
+
+def test_a_row_of_the_table_reads_a_drop_without_its_later_rebounds(
+    survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.save_rebound(2, Rebound(0.9, 500.0, 9000, np.zeros((4, 2), np.int32)))
+    assert len(read_survey(survey).drops[1].read().rebounds) == 2
+    drop = read_survey(survey).drops[1]
+    whole, traces = drop.read(), drop.read_traces()
+    assert whole.counts is not None
+    assert (traces.rebounds, traces.counts) == ((), None)
+    assert (traces.declared, traces.metadata) == (whole.declared, whole.metadata)
+    assert np.array_equal(traces.drop.load, whole.drop.load)
+    for left, right in zip(traces.drop.channels, whole.drop.channels, strict=True):
+        assert np.array_equal(left.values, right.values)
+    read: list[int] = []
+    of = survey_reader.read_record
+
+    def noted(layout: Layout, segment: int, offset: int) -> Frame:
+        frame = of(layout, segment, offset)
+        read.append(frame.kind)
+        return frame
+
+    for module in (survey_reader, drop_place):
+        monkeypatch.setattr(module, "read_record", noted)
+    export_survey(survey, "table", tmp_path / "t.csv")
+    assert read.count(Kind.DROP) == 4, "once for the verdict of its point and for its row"
+    assert Kind.REBOUND not in read

@@ -1,0 +1,226 @@
+"""One row a point: the same columns in every format, opened by readers that did not write them."""
+
+import csv
+import datetime
+import json
+import sqlite3
+import struct
+from pathlib import Path
+from typing import Any
+
+import geojson
+import pytest
+from python_calamine import CalamineWorkbook
+
+from pfwd.errors import OptionError
+from pfwd.export.export import export_survey
+from pfwd.export.tables import cell
+from pfwd_device.recording import SurveyWriter, read_survey
+from tests.pfwd.export.conftest import result_of
+
+COLUMNS = [
+    *("point", "chainage_m", "latitude", "longitude", "altitude_m", "time_utc", "time_local"),
+    *("procedure", "quantity", "value", "interval_low", "interval_high", "unit", "target"),
+    *("verdict", "drops_measured", "modulus_pa", "modulus_interval_low_pa"),
+    *("modulus_interval_high_pa", "diagnosis", "discarded", "note"),
+    *("verdict_reason", "verdict_reason_code", "value_not_supported", "modulus_in_force_pa"),
+    *("modulus_in_force_interval_low_pa", "modulus_in_force_interval_high_pa"),
+    *("modulus_source", "modulus_not_supported"),
+]
+
+
+def points_of(survey: Path, path: Path, **options: Any) -> list[dict[str, str]]:
+    export_survey(survey, "points", path, **options)
+    sign = ";" if options.get("decimal") == "," else ","
+    with open(path, encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream, strict=True, delimiter=sign))
+
+
+@pytest.fixture
+def judged(survey: Path) -> Path:
+    """With results that say all that a judgement asks for, a note and a target."""
+    drops = [drop for drop in read_survey(survey).drops if drop.number < 3]
+    more = {"density_kg_m3": 1900.0, "residual_rms_over_peak": 0.01}
+    whole = [(drop.number, result_of(drop.read().drop, **more)) for drop in drops]
+    with SurveyWriter.open(survey) as writer:
+        for number, result in whole:
+            writer.save_result(number, result)
+        writer.edit("note", "=1+1 wet", point="A/1")
+        writer.edit("target", 40e6, point="A/1")
+    return survey
+
+
+def test_a_point_has_value_interval_target_and_verdict(judged: Path, tmp_path: Path) -> None:
+    first, second = points_of(judged, tmp_path / "p.csv")
+    assert list(first) == COLUMNS
+    assert first["point"] == "north, end"
+    assert float(first["value"]) == pytest.approx(45e6)
+    assert float(first["interval_low"]) < 45e6 < float(first["interval_high"])
+    assert (first["quantity"], first["unit"], first["target"]) == ("modulus", "Pa", "40000000.0")
+    assert (first["verdict"], first["drops_measured"]) == ("pass", "2")
+    assert float(first["modulus_pa"]) == float(first["value"])
+    assert (first["modulus_in_force_pa"], first["modulus_source"]) == (first["value"], "fitted")
+    assert (first["verdict_reason_code"], first["modulus_not_supported"]) == ("decided", "")
+    assert (first["latitude"], first["altitude_m"]) == ("48.1", "520.0")
+    assert first["time_utc"] == "2024-05-06T08:01:00+00:00"
+    assert first["note"] == "'=1+1 wet"
+    assert (second["point"], second["value"], second["verdict"]) == ("CON", "", "none")
+
+
+def test_a_verdict_follows_the_target(judged: Path, tmp_path: Path) -> None:
+    with SurveyWriter.open(judged) as writer:
+        writer.edit("target", 60e6, point="A/1")
+    assert points_of(judged, tmp_path / "p.csv")[0]["verdict"] == "fail"
+    with SurveyWriter.open(judged) as writer:
+        writer.edit("target", 45e6, point="A/1")
+    assert points_of(judged, tmp_path / "q.csv")[0]["verdict"] == "undecided"
+
+
+def test_a_discarded_point_is_marked_and_has_no_verdict(judged: Path, tmp_path: Path) -> None:
+    with SurveyWriter.open(judged) as writer:
+        writer.edit("discard", "wrong place", point="A/1")
+    first, second = points_of(judged, tmp_path / "p.csv")
+    assert (first["discarded"], first["verdict"]) == ("true", "none")
+    assert second["discarded"] == "false"
+
+
+def test_a_point_of_damaged_or_no_drops_is_a_row_too(judged: Path, tmp_path: Path) -> None:
+    with SurveyWriter.open(judged) as writer:
+        writer.add_point("empty")
+    assert [row["point"] for row in points_of(judged, tmp_path / "p.csv")][-1] == "empty"
+
+
+def test_decimal_commas_for_european_spreadsheets(judged: Path, tmp_path: Path) -> None:
+    first, _ = points_of(judged, tmp_path / "p.csv", decimal=",")
+    assert first["latitude"] == "48,1"
+    assert first["target"] == "40000000,0"
+    export_survey(judged, "table", tmp_path / "t.csv", decimal=",", delimiter="tab")
+    with open(tmp_path / "t.csv", encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream, delimiter="\t", strict=True))
+    assert rows[0]["latitude"] == "48,1"
+    assert rows[0]["point"] == "north, end"
+    assert cell(1e-7, ",") == "1e-07"
+
+
+@pytest.mark.parametrize(
+    ("form", "signs", "message"),
+    [
+        ("jsonl", {"delimiter": ";"}, "a format in columns"),
+        ("csv", {"decimal": ","}, "a format in columns"),
+        ("points", {"decimal": ";"}, "a point or a comma"),
+        ("points", {"delimiter": ",", "decimal": ","}, "two signs"),
+        ("table", {"delimiter": ";;"}, "a sign such as"),
+        ("table", {"delimiter": "5"}, "a sign such as"),
+        ("table", {"delimiter": "\n"}, "a sign such as"),
+    ],
+)
+def test_signs_that_make_no_table_are_refused(
+    form: str, signs: dict[str, str], message: str, survey: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(OptionError, match=message):
+        export_survey(survey, form, tmp_path / "x", **signs)  # type: ignore[arg-type]
+    assert not (tmp_path / "x").exists()
+
+
+def test_points_geojson_has_a_feature_a_point(judged: Path, tmp_path: Path) -> None:
+    done = export_survey(judged, "points-geojson", tmp_path / "p.geojson")
+    text = (tmp_path / "p.geojson").read_text(encoding="utf-8")
+    collection = geojson.loads(text)
+    assert collection.is_valid
+    first, second = collection["features"]
+    assert first["geometry"]["coordinates"] == [11.5, 48.1, 520.0]
+    assert list(first["properties"]) == [
+        name for name in COLUMNS if name not in ("latitude", "longitude")
+    ]
+    assert first["properties"]["verdict"] == "pass"
+    assert second["geometry"] is None
+    assert "1 of 2 points have no position" in done.notes[0]
+    assert json.loads(text)["pfwd"]["survey_id"]
+
+
+def test_a_workbook_has_numbers_and_dates(judged: Path, tmp_path: Path) -> None:
+    export_survey(judged, "xlsx", tmp_path / "p.xlsx")
+    book = CalamineWorkbook.from_path(tmp_path / "p.xlsx")
+    assert book.sheet_names == ["job", "points", "drops", "notes"]
+    head, first, second = book.get_sheet_by_name("points").to_python()
+    assert head == COLUMNS
+    point = dict(zip(head, first, strict=True))
+    assert point["value"] == pytest.approx(45e6)
+    assert point["time_utc"] == datetime.datetime(2024, 5, 6, 8, 1)
+    assert point["discarded"] is False
+    assert point["note"] == "=1+1 wet"  # a text, which nothing computes
+    assert dict(zip(head, second, strict=True))["value"] == ""
+    drops = book.get_sheet_by_name("drops").to_python()
+    assert len(drops) == 1 + 4
+    drop = dict(zip(drops[0], drops[1], strict=True))
+    assert isinstance(drop["peak_load_n"], float)
+    assert drop["time_utc"] == datetime.datetime(2024, 5, 6, 8, 1)
+    notes = book.get_sheet_by_name("notes").to_python()
+    assert ["north, end", 3.0, "discard", "wet"] in [row[:4] for row in notes]
+    assert all(isinstance(row[4], datetime.datetime) for row in notes[1:])
+    job = {row[0]: row[1] for row in book.get_sheet_by_name("job").to_python()}
+    assert (job["points"], job["drops"], job["points_pass"]) == (2, 4, 1)
+
+
+def test_a_geopackage_has_a_feature_a_point(judged: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pyogrio")
+    done = export_survey(judged, "gpkg", tmp_path / "p.gpkg")
+    with sqlite3.connect(tmp_path / "p.gpkg") as base:
+        base.row_factory = sqlite3.Row
+        # OGC 12-128r18: "GPKG", version 1.2 or later.
+        assert base.execute("pragma application_id").fetchone()[0] == 0x47504B47
+        ((layer, reference),) = base.execute("select table_name, srs_id from gpkg_contents")
+        assert (layer, reference) == ("points", 4326)
+        first, second = base.execute("select * from points").fetchall()
+    assert list(first.keys())[2:] == COLUMNS
+    blob = first["geom"]
+    assert blob[:2] == b"GP"
+    envelope = {0: 0, 1: 32, 2: 48, 3: 48, 4: 64}[(blob[3] >> 1) & 7]
+    order, kind, east, north = struct.unpack("<BIdd", blob[8 + envelope :][:21])
+    assert (order, kind % 1000, east, north) == (1, 1, 11.5, 48.1)
+    assert first["value"] == pytest.approx(45e6)
+    assert (first["verdict"], first["drops_measured"], first["discarded"]) == ("pass", 2, 0)
+    assert (second["point"], second["value"], second["geom"]) == ("CON", None, None)
+    assert any("1 of 2 points have no position" in note for note in done.notes)
+    with pytest.raises(OptionError, match="taken"):
+        export_survey(judged, "gpkg", tmp_path / "p.gpkg")
+
+
+def test_results_found_for_the_export_count_for_the_points(
+    judged: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from pfwd.analysis.results import DropResult
+    from pfwd.export import export
+
+    anew = DropResult(status="measured", modulus_pa=70e6, modulus_interval_pa=(69e6, 71e6))
+    found = {("north, end", 1): anew, ("north, end", 2): anew}
+    monkeypatch.setattr(export, "_inverted", lambda *_: found)
+    first, _ = points_of(judged, tmp_path / "p.csv", invert=True)
+    assert float(first["value"]) == pytest.approx(70e6)
+
+
+def test_a_chainage_is_that_of_the_station_or_of_the_name(judged: Path, tmp_path: Path) -> None:
+    assert points_of(judged, tmp_path / "a.csv")[0]["chainage_m"] == ""
+    with SurveyWriter.open(judged) as writer:
+        writer.edit("name", "12+320", point="A/1")
+    assert points_of(judged, tmp_path / "b.csv")[0]["chainage_m"] == "12320.0"
+    with SurveyWriter.open(judged) as writer:
+        stations = [{"name": "12+320", "chainage_m": 12321.5, "target": 60e6}]
+        writer.note_event("job", {"stations": stations})
+    first, _ = points_of(judged, tmp_path / "c.csv")
+    assert first["chainage_m"] == "12321.5"
+
+
+def test_the_job_of_the_survey_judges_its_points(judged: Path, tmp_path: Path) -> None:
+    """The same function as screen, log and report."""
+    from pfwd.files.reading import survey_content
+    from pfwd.judging import point_views
+
+    with SurveyWriter.open(judged) as writer:
+        writer.edit("target", None, point="A/1")
+        writer.note_event("job", {"target": 60e6})
+    first, _ = points_of(judged, tmp_path / "p.csv")
+    point = next(iter(point_views(survey_content(judged))))
+    assert first["verdict"] == point.progress.verdict == "fail"
+    assert float(first["target"]) == 60e6
+    assert float(first["value"]) == point.progress.value.value

@@ -1,0 +1,65 @@
+"""The values of a result become cells, whoever wrote the result."""
+
+import math
+from typing import Any
+
+import pytest
+
+from pfwd.analysis.results import DropResult
+from pfwd.export import rows
+from pfwd.export.rows import _OF_A_RESULT, _OF_KIND, _cells
+from tests.pfwd.export.conftest import RESULT
+
+
+def one_by_one(result: DropResult) -> dict[str, Any]:
+    values = result.values(_OF_A_RESULT)
+    return {name: _OF_KIND[_OF_A_RESULT[name]](value) for name, value in values.items()}
+
+
+def as_row(cells: dict[str, Any]) -> dict[str, Any]:
+    """Without the layers, which are filled in from elsewhere."""
+    return {**rows._EMPTY, **cells, "layers": None}
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {},
+        {"seed": 3, "record": 7, "at_bound": ["viscosity"], "reason": "wet\n", "modulus_pa": 3},
+        {"at_bound": None, "warnings": None, "status": "seating", "explained": None},
+    ],
+)
+def test_known_values_are_looked_up_together(
+    more: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = DropResult.from_json(RESULT | {"residual_rms_over_peak": 0.5} | more)
+    expected = one_by_one(result)
+    monkeypatch.setattr(DropResult, "values", None)
+    assert as_row(_cells(result)) == as_row(expected)
+    assert [type(value) for value in as_row(_cells(result)).values()] == [
+        type(value) for value in as_row(expected).values()
+    ]
+
+
+def test_numbers_that_are_none_stay_out() -> None:
+    result = DropResult(modulus_pa=math.inf, viscosity_pa_s=math.nan, density_kg_m3=2000)
+    cells = _cells(result)
+    assert (cells["modulus_pa"], cells["viscosity_pa_s"]) == (None, None)
+    assert (cells["density_kg_m3"], type(cells["density_kg_m3"])) == (2000.0, float)
+
+
+@pytest.mark.parametrize(
+    ("key", "said", "cell"),
+    [
+        ("half_sine_duration_s", 0.02, 0.02),  # of another version
+        ("method", 7, "7"),
+        ("modulus_pa", "45e6", None),
+        ("at_bound", "viscosity", ["viscosity"]),
+    ],
+)
+def test_what_another_program_wrote_is_looked_at_one_by_one(
+    key: str, said: object, cell: object
+) -> None:
+    result = DropResult.from_json({key: said})
+    assert key in result.more
+    assert _cells(result)[key] == cell

@@ -1,0 +1,192 @@
+"""A survey in one file: drops are taken from their files where these hold what the journal does."""
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pfwd.files import survey_file
+from pfwd.files.survey_file import (
+    check_survey_file,
+    read_survey_file,
+    write_survey_file,
+)
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording import Rebound, SurveyPoint, SurveyWriter, read_survey
+from pfwd_device.recording.drop_file import drop_digest
+from pfwd_device.recording.survey_content import SurveyContent
+
+
+def digests(content: SurveyContent) -> dict[int, str]:
+    return {drop.number: drop_digest(drop.read(), drop.number) for drop in content.drops}
+
+
+@pytest.fixture
+def written(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Numbers of the drops that were written anew, in order."""
+    numbers: list[int] = []
+    write = survey_file.write_drop
+
+    def noted(group: object, record: object, number: int, survey: bytes) -> object:
+        numbers.append(number)
+        return write(group, record, number, survey)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(survey_file, "write_drop", noted)
+    return numbers
+
+
+def test_drops_are_copied_from_their_files(
+    survey: Path, tmp_path: Path, written: list[int]
+) -> None:
+    content = read_survey(survey)
+    write_survey_file(tmp_path / "s.h5", content)
+    assert written == []
+    assert digests(read_survey_file(tmp_path / "s.h5")) == digests(content)
+    assert check_survey_file(tmp_path / "s.h5")[0]["ok"]
+
+
+def test_what_is_copied_is_what_is_written(
+    survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = read_survey(survey)
+    write_survey_file(tmp_path / "copied.h5", content)
+    monkeypatch.setattr(content, "file_bytes_of", lambda number: None)
+    write_survey_file(tmp_path / "written.h5", content)
+    assert described(tmp_path / "copied.h5") == described(tmp_path / "written.h5")
+
+
+def test_an_exported_survey_is_asked_as_its_folder_is(survey: Path, tmp_path: Path) -> None:
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.save_result(1, {"seed": 7})
+        writer.edit("position", {"latitude": 48.0, "longitude": 11.0}, number=2)
+    content = read_survey(survey)
+    write_survey_file(tmp_path / "s.h5", content)
+    exported = read_survey_file(tmp_path / "s.h5")
+    assert (content.path, exported.path) == (str(survey), str(tmp_path / "s.h5"))
+    assert described_survey(exported) == described_survey(content)
+    assert exported.drops[0].read_last_result() == {"seed": 7}
+    for drop in exported.drops:
+        assert (drop.source, drop.file, drop.read_file(), drop.results) == (
+            "export",
+            None,
+            None,
+            (),
+        )
+        assert (drop.last_result, drop.place) == (None, None)
+        traces = drop.read_traces()
+        assert (traces.rebounds, traces.counts) == ((), None)
+        assert traces.drop.load.tolist() == drop.read().drop.load.tolist()
+    assert {drop.source for drop in content.drops} == {"journal"}
+
+
+def described_survey(content: SurveyContent) -> dict[str, object]:
+    """Everything that does not say where the survey is kept; arrays as digests."""
+    own = ("_origin", "source", "drops")
+    points: list[SurveyPoint] = list(content.points)
+    said = {
+        "points": [
+            {f.name: getattr(p, f.name) for f in fields(p) if f.name not in own} for p in points
+        ],
+        "drops": [
+            (
+                {f.name: getattr(drop, f.name) for f in fields(drop) if f.name not in own},
+                (drop.key, drop.result_count, drop.read_results(), drop.read_last_result()),
+                drop_digest(drop.read(), drop.number),
+            )
+            for point in points
+            for drop in point.drops
+        ],
+        "by number": [drop.number for drop in content.drops],
+        "rest": (content.survey_id, content.info, content.events, content.checks, content.damage),
+    }
+    assert len(content.drops) > 3
+    return said
+
+
+def described(path: Path) -> dict[str, object]:
+    """Everything below the drops and results: names, attributes, values, storage."""
+    import h5py
+
+    found: dict[str, object] = {}
+
+    def note(name: str, item: object) -> None:
+        about: list[object] = [sorted((k, repr(v)) for k, v in item.attrs.items())]  # type: ignore[attr-defined]
+        if isinstance(item, h5py.Dataset):
+            about += [item.dtype.str, item.shape, item.chunks, item.compression, item.shuffle]
+            about += [item.fletcher32, np.asarray(item[()]).tobytes() if item.shape else item[()]]
+        found[name] = about
+
+    with h5py.File(path) as file:
+        file["drops"].visititems(note)
+        file["results"].visititems(note)
+    assert len(found) > 20
+    return found
+
+
+def test_a_rebound_that_came_after_publication_is_exported(
+    survey: Path, tmp_path: Path, written: list[int]
+) -> None:
+    with SurveyWriter.open(survey, publish=False) as writer:
+        counts = np.arange(8, dtype=np.int32).reshape(4, 2)
+        writer.save_rebound(2, Rebound(0.9, 500.0, 9000, counts))
+    content = read_survey(survey)
+    write_survey_file(tmp_path / "s.h5", content)
+    assert written == [2]
+    assert len(read_survey_file(tmp_path / "s.h5").drops[1].read().rebounds) == 2
+
+
+@pytest.mark.parametrize("damage", ["flip", "cut", "unlink"])
+def test_a_damaged_drop_file_does_not_reach_the_export(
+    survey: Path, tmp_path: Path, written: list[int], damage: str
+) -> None:
+    before = digests(read_survey(survey))
+    path = survey / "drops" / "drop-000001.h5"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.unlink()
+    if damage != "unlink":
+        path.write_bytes(data if damage == "flip" else data[:-1])
+    write_survey_file(tmp_path / "s.h5", read_survey(survey))
+    assert written == [1]
+    assert digests(read_survey_file(tmp_path / "s.h5")) == before
+
+
+def test_a_file_that_holds_another_drop_is_noticed(
+    survey: Path, tmp_path: Path, written: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # As no disk makes it: the file is as it was listed, and no copy of the record.
+    content = read_survey(survey)
+    images = content.file_bytes_of
+    with monkeypatch.context() as patch:
+        patch.setattr(content, "file_bytes_of", lambda number: images(2 if number == 1 else number))
+        write_survey_file(tmp_path / "s.h5", content)
+    assert written == [1, 2, 3, 4]
+    assert digests(read_survey_file(tmp_path / "s.h5")) == digests(content)
+    # The same samples under the same number, but another key.
+    kept = content.drops[0].read()
+    monkeypatch.setattr(
+        survey_file, "_read_drop", lambda *_: replace(kept, metadata={"key": "another"})
+    )
+    with pytest.raises(RecordingError, match="expected what the survey holds, came another drop"):
+        write_survey_file(tmp_path / "t.h5", content)
+
+
+def test_the_file_is_opened_anew_after_some_drops(
+    survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_survey_file(tmp_path / "s.h5", read_survey(survey))
+    opens: list[str] = []
+    opened: Callable[[str], object] = survey_file._opened
+
+    def noted(path: str) -> object:
+        opens.append(path)
+        return opened(path)
+
+    monkeypatch.setattr(survey_file, "_opened", noted)
+    before = check_survey_file(tmp_path / "s.h5")
+    few = len(opens)
+    monkeypatch.setattr(survey_file, "DROPS_AT_ONCE", 1)
+    assert check_survey_file(tmp_path / "s.h5") == before
+    assert len(opens) == 2 * few + len(read_survey(survey).drops) - 1

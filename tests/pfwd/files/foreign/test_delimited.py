@@ -1,0 +1,206 @@
+"""Delimited text by a column map."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pfwd.errors import SurveyError, TraceError
+from pfwd.files.foreign.column_map import read_map
+from pfwd.files.importing import import_files
+from pfwd.files.reading import read_points
+from tests.pfwd.files.foreign.builders import Traces, pulse
+
+TOP = Path(__file__).resolve().parents[4]
+EXAMPLE = TOP / "examples" / "column-map.toml"
+DROPS = [pulse(rate=1e4, pre=0.02, peak=8000.0 + n, channels=2, samples=400) for n in (1, 2)]
+
+SIMPLE = """
+plate_radius_m = 0.15
+[time]
+column = 1
+unit = "s"
+[load]
+column = 2
+unit = "N"
+[[sensor]]
+column = 3
+quantity = "velocity"
+unit = "m/s"
+offset_m = 0.0
+[text]
+names = false
+"""
+
+
+def german(drops: list[Traces], rate: float = 1e4) -> bytes:
+    """The text that the example is for."""
+    lines = ["Site: Nürnberg", "Drop;t [ms];F [kN];s0 [mm];s1 [mm]"]
+    for number, one in enumerate(drops, start=1):
+        for row in range(one.load.size):
+            numbers = [1e3 * row / rate, one.load[row] / 1e3, *(1e3 * one.sensors[:, row])]
+            lines.append(";".join([str(number), *(f"{n:.7f}".replace(".", ",") for n in numbers)]))
+    return "\r\n".join(lines).encode("cp1252")
+
+
+def test_the_example_reads_what_it_is_for(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_bytes(german(DROPS))
+    (point,) = read_points(path, column_map=EXAMPLE)
+    setup = point.setup
+    assert (setup.plate_radius, setup.plate_mass, setup.seating_drops) == (0.15, 12.5, 1)
+    assert [drop.number for drop in point.drops] == [1, 2]
+    for drop, one in zip(point.drops, DROPS, strict=True):
+        assert [(c.offset, c.quantity) for c in drop.channels] == [
+            (0.0, "displacement"),
+            (0.3, "displacement"),
+        ]
+        np.testing.assert_allclose(drop.load, one.load, atol=1e-3)
+        for channel, values in zip(drop.channels, one.sensors, strict=True):
+            np.testing.assert_allclose(channel.values, values, atol=1e-10)
+        assert drop.time[200] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_map_may_put_a_sensor_on_the_other_side_of_the_plate(tmp_path: Path) -> None:
+    path, column_map = tmp_path / "a.txt", tmp_path / "m.toml"
+    path.write_bytes(german(DROPS))
+    text = EXAMPLE.read_text(encoding="utf-8")
+    assert text.count("offset_m = 0.3\n") == 1
+    column_map.write_text(text.replace("offset_m = 0.3\n", "offset_m = -0.3\n"), encoding="utf-8")
+    (point,) = read_points(path, column_map=column_map)
+    assert [channel.offset for channel in point.drops[0].channels] == [0.0, -0.3]
+
+
+def test_it_goes_into_a_survey_beside_other_files(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_bytes(german(DROPS))
+    found = list(import_files([str(path)], tmp_path / "s", column_map=str(EXAMPLE)))
+    assert [(one.point, one.number, one.error) for one in found] == [("a", 1, None), ("a", 2, None)]
+    # With a map a trace file is a trace file still.
+    (point,) = read_points(tmp_path / "s")
+    from pfwd.files.traces import write_traces
+
+    write_traces(tmp_path / "b.csv", point)
+    (again,) = read_points(tmp_path / "b.csv", column_map=EXAMPLE)
+    assert len(again.drops) == 2
+
+
+def text_of(columns: list[Any], separator: str = ",") -> str:
+    return "\n".join(separator.join(map(repr, row)) for row in zip(*columns, strict=True)) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("kip", 4448.2216152605), ("lbf", 4.4482216152605), ("kgf", 9.80665)]
+)
+def test_units_of_force(tmp_path: Path, unit: str, factor: float) -> None:
+    (tmp_path / "m.toml").write_text(SIMPLE.replace('"N"', f'"{unit}"'))
+    one = pulse(rate=1e4)
+    time = (np.arange(300) / 1e4).tolist()
+    (tmp_path / "a.csv").write_text(
+        text_of([time, (one.load / factor).tolist(), one.sensors[0].tolist()])
+    )
+    (point,) = read_points(tmp_path / "a.csv", column_map=tmp_path / "m.toml")
+    np.testing.assert_allclose(point.drops[0].load, one.load, rtol=1e-12)
+
+
+def test_upward_channels_are_turned(tmp_path: Path) -> None:
+    turned = SIMPLE.replace('unit = "m/s"', 'unit = "mil"\npositive = "up"').replace(
+        '"velocity"', '"displacement"'
+    )
+    (tmp_path / "m.toml").write_text(turned)
+    one = pulse(rate=1e4)
+    time = (np.arange(300) / 1e4).tolist()
+    mils = (-one.sensors[0] / 2.54e-5).tolist()
+    (tmp_path / "a.csv").write_text(text_of([time, one.load.tolist(), mils]))
+    (point,) = read_points(tmp_path / "a.csv", column_map=tmp_path / "m.toml")
+    np.testing.assert_allclose(point.drops[0].channels[0].values, one.sensors[0], atol=1e-18)
+
+
+def test_a_rate_stands_in_for_a_column_of_times(tmp_path: Path) -> None:
+    text = SIMPLE.replace('column = 1\nunit = "s"', "sampling_rate_hz = 1e4\ntrigger_s = 0.005")
+    (tmp_path / "m.toml").write_text(
+        text.replace("names = false", 'names = false\ndelimiter = "blank"')
+    )
+    one = pulse(rate=1e4)
+    rows = [[0] * 300, one.load.tolist(), one.sensors[0].tolist()]
+    (tmp_path / "a.csv").write_text(text_of(rows, "   "))
+    (point,) = read_points(tmp_path / "a.csv", column_map=tmp_path / "m.toml")
+    assert point.drops[0].time[0] == pytest.approx(-0.005)
+    assert point.drops[0].sampling_rate == pytest.approx(1e4)
+
+
+def test_times_that_were_printed_with_three_digits_are_even(tmp_path: Path) -> None:
+    (tmp_path / "m.toml").write_text(SIMPLE.replace('unit = "s"', 'unit = "ms"'))
+    one = pulse(rate=15e3)
+    time = [round(1e3 * n / 15e3, 3) for n in range(300)]
+    (tmp_path / "a.csv").write_text(text_of([time, one.load.tolist(), one.sensors[0].tolist()]))
+    (point,) = read_points(tmp_path / "a.csv", column_map=tmp_path / "m.toml")
+    assert point.drops[0].sampling_rate == pytest.approx(15e3, rel=1e-4)
+
+
+WRONG_MAPS = [
+    ("", "time: expected a table"),
+    ("= 1", "expected TOML"),
+    (SIMPLE.replace("column = 1", "column = 0"), "a position from 1, came 0"),
+    (SIMPLE.replace('"N"', '"stone"'), "load.unit: expected one of 'N'"),
+    (SIMPLE.replace('unit = "N"', ""), "load: expected either unit"),
+    (SIMPLE.replace('"N"', '"N"\nunti = 1'), "load: expected known keys only, came 'unti'"),
+    (SIMPLE.replace("column = 3", "column = 2"), "every column once"),
+    (SIMPLE.replace("column = 3", 'column = "v"'), "positions from 1, as the file has no names"),
+    (SIMPLE.replace("offset_m = 0.0", "offset_m = -inf"), "offset_m: expected a finite number"),
+    (SIMPLE.replace("offset_m = 0.0", ""), "a distance in m, came none"),
+    (SIMPLE.replace('"velocity"', '"jerk"'), "sensor 1.quantity: expected one of 'velocity'"),
+    (SIMPLE + 'encoding = "hex"', "an encoding such as utf-8"),
+    (SIMPLE + 'decimal = ","', "another sign than the delimiter"),
+    (SIMPLE + "skip_lines = -1", "a whole number >= 0"),
+    (SIMPLE.replace('unit = "s"', 'unit = "s"\nsampling_rate_hz = 1.0'), "either column or"),
+    (SIMPLE.replace('unit = "s"', "factor = 0"), "a number other than 0"),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), WRONG_MAPS)
+def test_a_wrong_map_is_refused_with_its_key(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "m.toml"
+    path.write_text(text)
+    with pytest.raises(TraceError, match=message) as caught:
+        read_map(path)
+    assert "\n" not in str(caught.value)
+
+
+ROWS = text_of([(np.arange(50) / 1e3).tolist(), [1.0] * 50, [2.0] * 50])
+WRONG_TEXTS = [
+    ("", "rows of numbers, came the end of the file"),
+    ("1,2\n", "line 1: expected at least 3 columns, came 2"),
+    (ROWS.replace("0.003,1.0", "0.003,x"), "line 4: expected a number, came 'x'"),
+    (ROWS.replace("0.003,1.0", "0.003,1_0"), "line 4: expected a number, came '1_0'"),
+    (ROWS.replace("0.003,1.0", "0.003,nan"), "finite numbers in the load, came nan as sample 4"),
+    (ROWS.replace("0.003,", "0.009,"), "even, growing time steps"),
+    ("\n".join(ROWS.splitlines()[:9]), "at least 16 samples, came 9"),
+    ("a\0b\n", "a line of text, came binary data"),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), WRONG_TEXTS)
+def test_a_wrong_text_is_refused_with_its_line(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "m.toml").write_text(SIMPLE)
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    with pytest.raises(SurveyError, match=message) as caught:
+        read_points(path, column_map=tmp_path / "m.toml")
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_wrong_encoding_names_the_map(tmp_path: Path) -> None:
+    (tmp_path / "m.toml").write_text(SIMPLE)
+    (tmp_path / "a.csv").write_bytes("Zeit Ü\n".encode("cp1252"))
+    with pytest.raises(SurveyError, match=r"say text.encoding in .*m.toml"):
+        read_points(tmp_path / "a.csv", column_map=tmp_path / "m.toml")
+
+
+def test_a_missing_column_lists_those_there_are(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_bytes(german(DROPS).replace(b"F [kN]", b"Kraft"))
+    with pytest.raises(SurveyError, match=r"one column named 'F \[kN\]', came columns 'Drop'"):
+        read_points(path, column_map=EXAMPLE)

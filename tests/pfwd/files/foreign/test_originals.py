@@ -1,0 +1,181 @@
+"""Files of other programs as these wrote them; they stay outside the project."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pfwd.files.reading import read_points
+from pfwd.files.traces import TracePoint
+from pfwd_device.peaks import trace_peaks
+
+Reader = Callable[..., list[TracePoint]]
+
+
+@pytest.fixture
+def original(shared: Path) -> Callable[[str], Path]:
+    """Path of an original by its name."""
+
+    def find(name: str) -> Path:
+        found = sorted((shared / "originals").glob(f"*/{name}"))
+        if not found:
+            pytest.skip(f"no {name} among the originals")
+        return found[0]
+
+    return find
+
+
+def said(points: list[TracePoint]) -> list[str]:
+    texts = [text for point in points for text in point.warnings]
+    return list(dict.fromkeys(texts))
+
+
+@pytest.mark.parametrize(
+    ("name", "points", "drops"),
+    [
+        ("maxidyn-12-points.prjz", 12, 36),
+        ("heavydyn-5-points.prjz", 5, 15),
+        ("minidyn-two-points.dynz", 2, 12),
+        ("big-endian.dynz", 12, 36),
+        ("rate-disagrees.mpvz", 14, 42),
+        ("old-viewer.mpvz", 14, 42),
+    ],
+)
+def test_points_and_drops_by_the_makers_names(
+    original: Callable[[str], Path], name: str, points: int, drops: int
+) -> None:
+    found = read_points(original(name))
+    assert len(found) == points
+    assert sum(len(point.drops) for point in found) == drops
+    # A report and a number, never the name of a member.
+    names = [str(point.setup.point) for point in found]
+    assert all(re.fullmatch(r"\S.* \d+", name) for name in names)
+    assert not any(name.startswith("point ") for name in names)
+    assert names[0].endswith(" 1")
+    assert all(drop.load.max() > 1000 for point in found for drop in point.drops)
+
+
+def test_sensors_on_both_sides_are_kept(original: Callable[[str], Path]) -> None:
+    found = read_points(original("heavydyn-5-points.prjz"))
+    offsets = [-0.3, -0.2, 0.0, 0.2, 0.3, 0.6, 0.9, 1.2, 1.5, 1.8, 2.1]
+    assert [c.offset for c in found[0].drops[0].channels] == pytest.approx(offsets)
+    assert found[0].setup.plate_radius == 0.15
+    assert not any("left out" in text for text in said(found))
+
+
+@pytest.mark.parametrize("name", ["rate-disagrees.mpvz", "old-viewer.mpvz"])
+def test_a_rate_that_disagrees(original: Callable[[str], Path], name: str) -> None:
+    found = read_points(original(name))
+    assert found[0].drops[0].sampling_rate == pytest.approx(15_000.0)
+    text = f"{name}: 15000 Hz and 750 samples, in database.json 30000 Hz and 1500 samples"
+    assert any(text in one for one in said(found))
+
+
+@pytest.mark.parametrize("name", ["maxidyn-12-points.prjz", "heavydyn-5-points.prjz"])
+def test_loads_are_those_that_the_program_stored(
+    original: Callable[[str], Path], name: str
+) -> None:
+    texts = said(read_points(original(name)))
+    assert not any("peak load of" in text for text in texts)
+
+
+@pytest.mark.parametrize("name", ["minidyn-two-points.dynz", "big-endian.dynz"])
+def test_drops_that_are_one_are_said(original: Callable[[str], Path], name: str) -> None:
+    assert any("number for number" in text for text in said(read_points(original(name))))
+
+
+@pytest.mark.parametrize(
+    ("name", "points", "drops", "sensors"),
+    [
+        ("heavydyn-peaks-only.mpvz", 26, 78, 11),
+        ("dynatest-fwdwin.f25", 63, 252, 9),
+        ("exported.F25", 52, 156, 11),
+        ("exported-sweco.fwd", 52, 156, 11),
+        ("exported.pdx", 52, 156, 11),
+        ("exported-dynatest.fwd", 52, 156, 7),
+    ],
+)
+def test_peaks_without_traces(
+    original: Callable[[str], Path], name: str, points: int, drops: int, sensors: int
+) -> None:
+    found = read_points(original(name))
+    assert len(found) == points
+    assert sum(len(point.drops) for point in found) == drops
+    for point in found:
+        assert point.setup.plate_radius == 0.15
+        assert isinstance(point.setup.latitude, float)
+        for drop in point.drops:
+            assert drop.only_peaks is not None
+            assert len(drop.only_peaks.displacements) == sensors
+            assert 30e3 < drop.only_peaks.load < 100e3
+
+
+def test_four_exports_of_one_survey_agree(original: Callable[[str], Path]) -> None:
+    names = ("exported.pdx", "exported.F25", "exported-sweco.fwd", "exported-dynatest.fwd")
+    exact, *others = (read_points(original(name)) for name in names)
+    for points in others:
+        for point, wanted in zip(points, exact, strict=True):
+            for drop, one in zip(point.drops, wanted.drops, strict=True):
+                assert drop.only_peaks is not None
+                assert one.only_peaks is not None
+                # Whole kPa, and 0.1 kN.
+                assert drop.only_peaks.load == pytest.approx(one.only_peaks.load, abs=52)
+                right = dict(one.only_peaks.displacements)
+                for offset, peak in drop.only_peaks.displacements:
+                    # 0.1 um, whole ones from 1 mm in F25; what is not positive is 0.1 in two.
+                    rounding = 0.11e-6 if right[offset] < 1e-3 else 0.51e-6
+                    assert peak == pytest.approx(right[offset], abs=rounding)
+
+
+OFFSETS = [0.0, 0.203, 0.305, 0.457, 0.61, 0.914, 1.219, 1.524, -0.305]
+
+
+def test_a_dat_beside_a_thy(original: Callable[[str], Path], tmp_path: Path) -> None:
+    header = tmp_path / "h.toml"
+    header.write_text(f"plate_radius_m = 0.15\nsensor_offsets_m = {OFFSETS}\n")
+    traced = read_points(original("stations-1-5.THY"), header)
+    alone = read_points(original("stations-1-5.DAT"), header)
+    assert [p.setup.point for p in traced] == [p.setup.point for p in alone]
+    for point, other in zip(traced, alone, strict=True):
+        assert isinstance(point.setup.latitude, float)
+        assert (point.setup.latitude, point.setup.longitude) == (
+            other.setup.latitude,
+            other.setup.longitude,
+        )
+        noted = point.setup.extra["imported"]
+        assert noted["note"]
+        assert 15 < noted["surface_temperature_c"] < 30
+        for drop, one in zip(point.drops, other.drops, strict=True):
+            assert one.only_peaks is not None
+            # 0.01 kip, as SOURCES has it 0.004 at most
+            assert float(drop.load.max()) == pytest.approx(one.only_peaks.load, abs=25)
+    differing = {
+        str(point.setup.point)
+        for point in traced
+        if any("off that of the time history" in text for text in point.warnings)
+    }
+    assert differing == {"station 2 lane 1", "station 3 lane 1"}
+
+
+@pytest.mark.parametrize("name", ["rig-no-plate.dynz", "rig-unescaped.dynz"])
+def test_a_rig_is_a_stiffness_test(original: Callable[[str], Path], name: str) -> None:
+    found = read_points(original(name))
+    assert len(found) == 45
+    assert all(point.setup.is_stiffness_test for point in found)
+    assert [found[n].setup.point for n in (0, 15, 30)] == ["2s1p 1", "4s1p 1", "2s2p 1"]
+    escaped = [text for text in said(found) if "not escaped" in text]
+    assert bool(escaped) == (name == "rig-unescaped.dynz")
+    if escaped:
+        assert escaped[0].startswith("rig-unescaped.dynz, database.xml, line 7: &")
+    texts = said(found)
+    assert any("smoothed alike these agree within 0.5 %" in text for text in texts)
+    # Three points of the one file have peaks that are not of their channels.
+    off = [p.setup.point for p in found if any(" % off " in text for text in p.warnings)]
+    assert off == ([] if name == "rig-no-plate.dynz" else ["4s1p 1", "4s1p 2", "4s1p 3"])
+    stiffness = []
+    for point in found:
+        peaks = trace_peaks(point.drops[0])
+        stiffness.append(peaks.load / peaks.displacements[0][1])
+    np.testing.assert_allclose(stiffness[:15], 24.8e6, rtol=0.05)

@@ -1,0 +1,379 @@
+"""Files with peaks and no time history: F25, Dynatest and Sweco .fwd, PDDX, projects."""
+
+import contextlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pfwd.errors import TraceError
+from pfwd.files.importing import import_files
+from pfwd.files.reading import read_points
+from pfwd.files.traces import TracePoint
+from pfwd_device.recording import read_survey
+from tests.pfwd.files.foreign.builders import acquired, prjz, pulse, viewed, zipped
+from tests.pfwd.files.foreign.peaks_builders import (
+    OFFSETS,
+    dynatest,
+    f25,
+    newtons,
+    pddx,
+    places,
+    sweco,
+)
+
+Reader = Callable[..., list[TracePoint]]
+
+ALL: dict[str, str] = {
+    "a.F25": f25(places()),
+    "a-sweco.fwd": sweco(places()),
+    "a-dynatest.fwd": dynatest(places()),
+    "a.pdx": pddx(places()),
+}
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Reader:
+    def read(name: str, text: str, header: str = "") -> list[TracePoint]:
+        path = tmp_path / name
+        path.write_bytes(text.encode())
+        if not header:
+            return read_points(path)
+        (tmp_path / "header.toml").write_text(header)
+        return read_points(path, tmp_path / "header.toml")
+
+    return read
+
+
+def numbers(points: list[TracePoint]) -> list[tuple[float, dict[float, float]]]:
+    """Load and deflection by offset of every drop."""
+    found = []
+    for point in points:
+        for drop in point.drops:
+            assert drop.only_peaks is not None
+            found.append((drop.only_peaks.load, dict(drop.only_peaks.displacements)))
+    return found
+
+
+def noted(point: TracePoint) -> dict[str, Any]:
+    return dict(point.setup.extra["imported"])
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_layout_gives_the_numbers_it_was_written_with(read: Reader, name: str) -> None:
+    points = read(name, ALL[name])
+    assert len(points) == 2
+    wanted = [drop for place in places() for drop in place.drops]
+    for (load, moved), (pressure, peaks) in zip(numbers(points), wanted, strict=True):
+        # F25 has whole kPa, Sweco 0.1 kN.
+        assert load == pytest.approx(newtons(pressure), abs=52 if name != "a.pdx" else 0.01)
+        if name in ("a.F25", "a-sweco.fwd", "a.pdx"):
+            assert list(moved) == pytest.approx(list(OFFSETS))
+        else:  # the head has seven of them
+            assert list(moved) == pytest.approx(list(OFFSETS[2:9]))
+        for offset, peak in zip(OFFSETS, peaks, strict=True):
+            if offset in moved and offset != -0.2:
+                assert moved[offset] == pytest.approx(1e-6 * peak, abs=0.051e-6)
+    first = points[0]
+    assert first.setup.plate_radius == 0.15
+    assert (first.setup.latitude, first.setup.longitude) == pytest.approx((48.5, 2.25), abs=1e-7)
+    assert noted(first)["air_temperature_c"] == pytest.approx(8.6)
+    assert noted(first)["surface_temperature_c"] == pytest.approx(3.0)
+    assert any("peaks as another program recorded them" in one for one in first.warnings)
+    if name != "a-dynatest.fwd":
+        assert noted(first)["time_local"].startswith("2024-05-06T07:30")
+    assert noted(points[1]).get("chainage_m", 20.0) == 20.0
+
+
+def test_zeros_and_what_stands_for_them(read: Reader) -> None:
+    found = numbers(
+        read("a-dynatest.fwd", ALL["a-dynatest.fwd"], "sensor_offsets_m = " + str(list(OFFSETS)))
+    )
+    assert [moved[-0.2] for _, moved in found] == pytest.approx(
+        [8e-8, 1e-7, 1e-7, 8e-8, 1e-7, 8e-8]
+    )
+    assert list(found[0][1]) == pytest.approx(list(OFFSETS))
+
+
+def test_a_dynatest_file_says_what_was_assumed(read: Reader) -> None:
+    (first, _) = read("a.fwd", ALL["a-dynatest.fwd"])
+    assert any(
+        "line 3: the plate is 0 there, 0.15 m in radius was assumed" in w for w in first.warnings
+    )
+    assert any("positions of 7 sensors, deflections of 11" in w for w in first.warnings)
+    (first, _) = read("a.fwd", dynatest(places(), radius=0.225))
+    assert first.setup.plate_radius == 0.225
+    assert not any("assumed" in w for w in first.warnings)
+    (first, _) = read("a.fwd", ALL["a-dynatest.fwd"], "plate_radius_m = 0.3")
+    assert first.setup.plate_radius == 0.3
+    assert numbers([first])[0][0] == pytest.approx(4 * newtons(992.67))
+
+
+def test_columns_of_a_dynatest_file_are_not_guessed(read: Reader) -> None:
+    """Where the largest deflection is not in one column, nobody knows which is which."""
+    found = places()
+    for number, (_, moved) in enumerate(drop for place in found for drop in place.drops):
+        moved[number % 4] = 999.0  # type: ignore[index]
+    with pytest.raises(TraceError, match=r"came 11; declare sensor_offsets_m") as caught:
+        read("a.fwd", dynatest(found))
+    assert "/a.fwd, line 3: expected 7 deflections" in str(caught.value).replace("\\", "/")
+
+
+def test_the_viewers_pddx_is_told_from_a_sound_one(read: Reader) -> None:
+    (first, _) = read("a.pdx", ALL["a.pdx"])
+    assert any(
+        "a.pdx, line 19: LoadPlateRadius 0.3 is the diameter in m" in w for w in first.warnings
+    )
+    sound = read("a.pdx", pddx(places(), viewer=False))
+    assert [point.setup.point for point in sound] == ["km 1", "km 1 (2)"]
+    assert sound[0].setup.plate_radius == 0.15
+    assert not any("diameter" in w for w in sound[0].warnings)
+    for (load, moved), (other, others) in zip(numbers(sound), numbers([first]), strict=False):
+        assert load == pytest.approx(other, rel=1e-3)
+        assert moved == pytest.approx(others)
+    assert noted(sound[1])["chainage_m"] == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("LoadPlateRadius = 150", "LoadPlateRadius = 0.15", "20 to 1000 mm, came 0.15 mm"),
+        ("LoadUnits = kilo-Newton", "LoadUnits = stone", "LoadUnits: one of kilo-newton.*'stone'"),
+        ("DropData_0 = ", "DropData_0 = 1,", "line 31: expected 11 deflections, came 12"),
+        ("DropData_0 = ", "DropData_0 = x", "a load and deflections, came 'x"),
+        ("DeflectionSensorYAxisDistances = 0", "DeflectionSensorYAxisDistances = 5", "one line"),
+    ],
+)
+def test_a_wrong_pddx_is_refused(read: Reader, old: str, new: str, message: str) -> None:
+    text = pddx(places(), viewer=False)
+    assert old in text
+    with pytest.raises(TraceError, match=message):
+        read("a.pdx", text.replace(old, new, 1))
+
+
+def test_units_of_a_pddx(read: Reader) -> None:
+    text = pddx(places(), viewer=False)
+    text = text.replace("LoadUnits = kilo-Newton", "LoadUnits = kip")
+    text = text.replace("DeflectionUnits = micron", "DeflectionUnits = mils")
+    text = text.replace("TemperatureUnits = Celsius", "TemperatureUnits = Fahrenheit")
+    (first, _) = read("a.pdx", text)
+    (sound, _) = read("b.pdx", pddx(places(), viewer=False))
+    assert numbers([first])[0][0] == pytest.approx(4.4482216152605 * numbers([sound])[0][0])
+    assert numbers([first])[0][1][0.0] == pytest.approx(25.4 * numbers([sound])[0][1][0.0])
+    assert noted(first)["air_temperature_c"] == pytest.approx((8.6 - 32) / 1.8)
+
+
+def test_an_f25_without_si_units_is_refused(read: Reader) -> None:
+    with pytest.raises(TraceError, match=r"line 2: expected units SI \(25SI\), came '25US'"):
+        read("a.f25", f25(places(), "25US"))
+    with pytest.raises(TraceError, match="a line 5020 with plate and sensors"):
+        read("a.f25", "5001,25.60,1\r\n")
+    with pytest.raises(TraceError, match="drops with a load and deflections"):
+        read("a.f25", "\r\n".join(ALL["a.F25"].split("\r\n")[:10]))
+
+
+def basin_row(number: int, count: int, centre: str = " 400.0") -> str:
+    """A drop of an F25: a pressure of 700 kPa and deflections that fall from the plate outward."""
+    falling = "".join(f",{100 - 10 * sensor:6.1f}" for sensor in range(1, count))
+    return f"{number:4d},   700,{centre}{falling}"
+
+
+def f25_of(*rows: str, positions: str = "0,   300,   600") -> str:
+    """An F25 of one station with lines of our own after its heading; drops are lines 5 and on."""
+    heading = [
+        '5001,25.60,1,40, 3, 1,"Prog    "',
+        '5002,"25SI  ","8002-000","CP15-000"',
+        f"5020,   150,{positions},N0    ,N0    ",
+        "5301,0,1,3,3,  12.000,1,1,NA      ,2024,05,06,07,30",
+    ]
+    return "\r\n".join([*heading, *rows]) + "\r\n"
+
+
+def test_an_f25_drop_with_surplus_deflections_is_read_with_a_remark(read: Reader) -> None:
+    (point,) = read("a.f25", f25_of(basin_row(1, 3), basin_row(2, 4), basin_row(3, 4)))
+    expected = {0.0: 400e-6, 0.3: 90e-6, 0.6: 80e-6}
+    assert [moved for _, moved in numbers([point])] == [pytest.approx(expected)] * 3
+    assert (
+        "a.f25, line 6: 4 deflections, 3 positions in line 5020: deflection 4 was left out; "
+        "1 more of that kind"
+    ) in point.warnings
+
+
+def test_an_f25_drop_with_fewer_deflections_is_read_with_a_remark(read: Reader) -> None:
+    (point,) = read("a.f25", f25_of(basin_row(1, 3), basin_row(2, 2), basin_row(3, 2)))
+    assert [list(moved) for _, moved in numbers([point])] == [[0.0, 0.3, 0.6], [0.0, 0.3], [0, 0.3]]
+    assert any("line 6: 2 deflections, 3 positions in line 5020" in w for w in point.warnings)
+
+
+def test_an_f25_that_is_cut_off_within_a_drop(read: Reader) -> None:
+    """The last number may have lost digits."""
+    (point,) = read("a.f25", f25_of(basin_row(1, 3), basin_row(2, 3)[:-9]))
+    assert len(point.drops) == 1
+    assert any("line 6: the file is cut off within this drop" in w for w in point.warnings)
+
+
+def test_columns_of_an_f25_that_cannot_match_the_positions_are_left_out(read: Reader) -> None:
+    shifted = basin_row(2, 3).replace("700,", "700,  49.5,")
+    (point,) = read("a.f25", f25_of(basin_row(1, 3), shifted))
+    assert len(point.drops) == 1
+    expected = "line 6: 4 deflections, 3 positions in line 5020, and the largest deflection is not"
+    assert any(expected in w for w in point.warnings)
+    with pytest.raises(TraceError, match="drops with a load and deflections, came none"):
+        read("b.f25", f25_of(shifted))
+
+
+def test_a_position_of_an_f25_may_be_missing_between_others(read: Reader) -> None:
+    (point,) = read("a.f25", f25_of(basin_row(1, 3), positions="0,N0    ,   600"))
+    assert numbers([point])[0][1] == pytest.approx({0.0: 400e-6, 0.6: 80e-6})
+    assert any("deflection 2 was left out" in w for w in point.warnings)
+
+
+def test_sensors_of_an_f25_that_change_within_the_file(read: Reader) -> None:
+    """A deflection belongs to the positions of the last line 5020 before it."""
+    later = [
+        "5020,   150,   300,     0,   900,  1200,N0    ,N0    ",
+        "5301,0,1,3,3,  13.000,1,1,NA      ,2024,05,06,07,40",
+        "   1,   700,  90.0, 400.0,  50.0,  30.0",
+    ]
+    first, second = read("a.f25", f25_of(basin_row(1, 3), *later))
+    assert numbers([first])[0][1] == pytest.approx({0.0: 400e-6, 0.3: 90e-6, 0.6: 80e-6})
+    expected = {0.0: 400e-6, 0.3: 90e-6, 0.9: 50e-6, 1.2: 30e-6}
+    assert numbers([second])[0][1] == pytest.approx(expected)
+    assert not any("line 5020" in w for point in (first, second) for w in point.warnings)
+
+
+def test_the_plate_of_an_f25_may_change_between_stations(read: Reader) -> None:
+    later = [
+        "5020,   225,     0,   300,   600,N0    ,N0    ",
+        "5301,0,1,3,3,  13.000,1,1,NA      ,2024,05,06,07,40",
+        basin_row(1, 3),
+    ]
+    first, second = read("a.f25", f25_of(basin_row(1, 3), *later))
+    assert (first.setup.plate_radius, second.setup.plate_radius) == (0.15, 0.225)
+    loads = [load for load, _ in numbers([first, second])]
+    assert loads[1] == pytest.approx(2.25 * loads[0])
+    assert any("radius 0.15 or 0.225 m" in w for w in first.warnings)
+    with pytest.raises(TraceError, match="line 7: expected one plate at a station, of radius 150"):
+        read("b.f25", f25_of(basin_row(1, 3), later[0], basin_row(2, 3)))
+
+
+def test_commas_between_the_thousands_of_an_f25(read: Reader) -> None:
+    """Four fields of three numbers: the deflection at the plate is 1607 um, not 1 um."""
+    (point,) = read("a.f25", f25_of(basin_row(1, 3), basin_row(2, 3, "1,607.0")))
+    assert [moved[0.0] for _, moved in numbers([point])] == pytest.approx([400e-6, 1607e-6])
+    assert any("line 6: numbers with a comma between the thousands" in w for w in point.warnings)
+    (same,) = read("b.f25", f25_of(basin_row(1, 3, " 1,607")))
+    assert numbers([same])[0][1] == pytest.approx({0.0: 1607e-6, 0.3: 90e-6, 0.6: 80e-6})
+
+
+def test_a_sensor_that_gave_nothing_is_left_out(read: Reader) -> None:
+    (first, _) = read("a.f25", f25(places(), none=(1,)))
+    assert -0.2 not in numbers([first])[0][1]
+    assert len(numbers([first])[0][1]) == 10
+
+
+def test_a_drop_of_peaks_is_imported_once(tmp_path: Path) -> None:
+    path = tmp_path / "a.F25"
+    path.write_text(ALL["a.F25"])
+    first = list(import_files([str(path)], tmp_path / "s"))
+    assert [(one.kind, one.before, one.error) for one in first] == [("peaks", False, None)] * 6
+    assert all("no time history" in one.remarks[0] for one in first)
+    again = list(import_files([str(path)], tmp_path / "s"))
+    assert [(one.kind, one.before) for one in again] == [("peaks", True)] * 6
+    survey = read_survey(tmp_path / "s")
+    assert [point.title for point in survey.points] == ["station 0.000", "station 20.000"]
+
+
+OFF = [-0.3, 0.0, 0.6]
+
+
+def peaks_of_project(database: dict[str, Any]) -> bytes:
+    return zipped({"database.json": json.dumps(database).encode()})
+
+
+def with_deflections() -> dict[str, Any]:
+    database = acquired({"1F": [pulse()]}, offsets=OFF)
+    (point,) = database["PVs"][0]["Points"]
+    point["Drops"] = [
+        {"Number": 1, "PulseTime": 0.025, "Load": 60e3, "Deflections": [2e-4, 7e-4, 1e-4]},
+        {"Number": 2, "PulseTime": 0.025, "Load": "NaN", "Deflections": [2e-4, 7e-4, 1e-4]},
+        {"Number": 3, "PulseTime": 0.025, "Load": 61e3, "Deflections": [3e-4, 8e-4, 1e-4]},
+    ]
+    del database["ParamsAcqu"]  # peaks have no rate
+    database["ParamsAcqu"] = {}
+    return database
+
+
+def test_a_project_without_traces_has_peaks(tmp_path: Path) -> None:
+    path = tmp_path / "a.prjz"
+    path.write_bytes(peaks_of_project(with_deflections()))
+    (point,) = read_points(path)
+    assert (point.setup.point, point.setup.plate_radius) == ("north 1", 0.15)
+    assert [drop.number for drop in point.drops] == [1, 3]
+    assert numbers([point])[1] == (61e3, {-0.3: 3e-4, 0.0: 8e-4, 0.6: 1e-4})
+    assert point.setup.source == "Rincent project (.prjz), peaks"
+    assert noted(point)["pulse_durations_s"] == [0.025] * 3
+    assert any("drop 2: no peaks, left out" in one for one in point.warnings)
+    assert not any("processed and stored" in one for one in point.warnings)
+
+
+def test_a_viewers_project_names_its_sensors(tmp_path: Path) -> None:
+    database = viewed({"1F": [pulse()]})
+    report = database["project"]["base"]["reports"]["list"][0]["base"]
+    (point,) = report["zones"][0]["base"]["points"]
+    values = {"PulseTime": 0.02, "Load": 5e4, "D-300": 1e-4, "D0": 5e-4, "D1200": 3e-5}
+    data = [{"label": key, "value": value} for key, value in values.items()]
+    # As the viewer corrects it; what was measured stands before.
+    data.append({"label": "D0", "value": 9e-4})
+    point["base"]["drops"] = [{"base": {"data": data}}]
+    path = tmp_path / "a.mpvz"
+    path.write_bytes(peaks_of_project(database))
+    (found,) = read_points(path)
+    assert numbers([found]) == [(5e4, {-0.3: 1e-4, 0.0: 5e-4, 1.2: 3e-5})]
+
+
+def test_a_point_without_traces_is_not_lost_among_others(tmp_path: Path) -> None:
+    drops = {"1F": [pulse(peak=80e3)], "2F": [pulse(peak=81e3)]}
+    database = acquired(drops)
+    for entry in database["PVs"][0]["Points"]:
+        entry["Drops"] = [{"Fmax": 80e3, "Umax": 1e-3}]
+    path = tmp_path / "a.prjz"
+    path.write_bytes(prjz({"1F": drops["1F"]}, database))
+    first, second = read_points(path)
+    assert first.drops[0].only_peaks is None
+    assert numbers([second]) == [(80e3, {0.0: 1e-3})]
+
+
+@pytest.mark.parametrize("name", ["a.mpvz", "a.prjz"])
+def test_a_project_without_anything_is_refused(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(peaks_of_project(acquired({"1F": [pulse()]})))
+    with pytest.raises(TraceError, match="or peaks of load and deflection in the database"):
+        read_points(path)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_file_cut_anywhere_is_read_in_part_or_refused(read: Reader, name: str) -> None:
+    """Never by anything but one line."""
+    text = ALL[name]
+    for end in np.linspace(3, len(text), 60).astype(int).tolist():
+        with contextlib.suppress(TraceError):
+            assert read(name, text[:end])
+
+
+def test_what_says_not_what_it_is_is_a_remark(read: Reader) -> None:
+    lines = ALL["a.F25"].split("\r\n")
+    lines.insert(12, "EOJ")
+    (first, second) = read("a.f25", "\r\n".join(lines) + "\x1a")
+    assert any("a.f25, line 13: no number at its beginning" in w for w in first.warnings)
+    assert len(first.drops) == len(second.drops) == 3
+
+
+def test_two_points_of_one_number_are_two(read: Reader) -> None:
+    text = pddx(places()).replace("[Test Location 1]", "[Test Location 0]")
+    points = read("a.pdx", text)
+    assert [point.setup.point for point in points] == ["location 0", "location 0 (2)"]
+    assert [len(point.drops) for point in points] == [3, 3]

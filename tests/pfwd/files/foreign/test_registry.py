@@ -1,0 +1,92 @@
+"""Which reader a file gets, with readers of other packages beside the program's own."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+import pfwd_plugins
+from pfwd.archive.sources import find_sources
+from pfwd.errors import TraceError
+from pfwd.files.foreign import registry
+from pfwd.files.reading import read_points
+from tests.installed_package import install
+from tests.pfwd.files.foreign.builders import pulse, thy
+
+pytestmark = pytest.mark.filterwarnings("ignore::pfwd_plugins.PluginWarning")
+
+SOURCE = """
+from pfwd.files.foreign.registry import Format
+
+def recognises(head):
+    {recognises}
+
+def read(file, request):
+    {read}
+
+FORMAT = Format("toys", (".thy", ".toy", ".csv"), read, recognises)
+"""
+
+Offer = Callable[..., None]
+
+
+@pytest.fixture
+def offer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Offer]:
+    """Installs a package with a reader."""
+    number = iter(range(100))
+
+    def put(recognises: str = "return False", read: str = "return []") -> None:
+        module = f"reader_{tmp_path.name.replace('-', '_')}_{next(number)}"
+        source = SOURCE.format(recognises=recognises, read=read)
+        folder = tmp_path / module
+        points = f"[pfwd.import_formats]\ntoys = {module}:FORMAT\n"
+        install(folder, {f"{module}.py": source}, points)
+        monkeypatch.syspath_prepend(folder)
+        pfwd_plugins.forget()
+        registry._others.cache_clear()
+
+    yield put
+    pfwd_plugins.forget()
+    registry._others.cache_clear()
+
+
+def test_every_reader_is_there() -> None:
+    for form in (*registry.OWN, registry.TEXT):
+        assert callable(form.reader())
+
+
+def test_a_file_of_ours_is_never_read_by_another_package(offer: Offer, tmp_path: Path) -> None:
+    offer("return True", "raise AssertionError")
+    traces = tmp_path / "traces.csv"
+    traces.write_text("# pfwd-traces = 1\n")
+    assert registry.find_format(str(traces)) is None
+    jils = tmp_path / "a.thy"
+    jils.write_bytes(thy([(1, 1, pulse())]))
+    assert registry.find_format(str(jils)) is registry.OWN[1]
+
+
+@pytest.mark.parametrize("name", ["a.toy", "b.TOY"])
+def test_another_package_reads_by_the_end_of_the_name(
+    offer: Offer, tmp_path: Path, name: str
+) -> None:
+    offer()
+    (tmp_path / name).write_text("what only it knows")
+    assert read_points(tmp_path / name) == []
+    assert tmp_path / name in [Path(one.path) for one in find_sources([str(tmp_path)])]
+
+
+def test_an_error_of_another_reader_is_one_line_that_names_its_package(
+    offer: Offer, tmp_path: Path
+) -> None:
+    offer(read="return 1 / 0")
+    (tmp_path / "a.toy").write_text("x")
+    with pytest.raises(TraceError, match=r"a\.toy: expected a file that toy 0\.1 reads, came Zero"):
+        read_points(tmp_path / "a.toy")
+
+
+def test_one_that_cannot_say_what_it_reads_costs_a_remark(offer: Offer, tmp_path: Path) -> None:
+    offer("return head.no_such_thing")
+    (tmp_path / "a.other").write_text("x")
+    assert registry.find_format(str(tmp_path / "a.other")) is None
+    (remark,) = pfwd_plugins.remarks()
+    assert "expected an answer to whether a file is one of it, came AttributeError" in remark

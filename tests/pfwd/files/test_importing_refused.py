@@ -1,0 +1,60 @@
+"""Files that cannot be imported leave no survey behind."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pfwd.files import importing
+from pfwd.files.foreign.registry import foreign_suffixes
+from pfwd.files.header import PointSetup
+from pfwd.files.importing import import_files
+from pfwd.files.traces import TracePoint
+from tests.pfwd.files.foreign.builders import dynz, prjz, pulse, thy, viewed
+from tests.pfwd.files.trace_lines import NAMES, rows
+
+DROPS = {"1": [pulse(samples=750)]}
+ENDINGS = sorted({*foreign_suffixes(), ".csv", ".h5"})
+CONTENTS = {
+    "empty": b"",
+    "noise": np.random.default_rng(1).bytes(3000),
+    "table": b"a,b\n1,2\n",
+    "project": prjz(DROPS, viewed(DROPS))[:-100],
+    "stored": dynz(DROPS)[: len(dynz(DROPS)) // 2],
+    "history": thy([(1, 1, pulse(samples=470))])[:300],
+    "history without drops": thy([]),
+}
+
+
+@pytest.mark.parametrize("content", CONTENTS.values(), ids=CONTENTS)
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_a_refused_file_leaves_no_survey(ending: str, content: bytes, tmp_path: Path) -> None:
+    file = tmp_path / f"file{ending}"
+    file.write_bytes(content)
+    (refused,) = import_files([str(file)], tmp_path / "survey")
+    assert refused.error is not None
+    assert file.name in refused.error
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_points_without_drops_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    empty = TracePoint("a.x", PointSetup(plate_radius=0.15), (), ())
+    monkeypatch.setattr(importing, "read_points", lambda *_, **_more: [empty])
+    (refused,) = import_files([str(tmp_path / "a.x")], tmp_path / "survey")
+    assert refused.error is not None
+    assert refused.error.endswith("a.x: expected at least one drop, came none")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_missing_plate_radius_names_what_import_takes(tmp_path: Path) -> None:
+    file = tmp_path / "a.csv"
+    file.write_text("\n".join(["# pfwd-traces = 1", NAMES, *rows()]) + "\n", encoding="utf-8")
+    (refused,) = import_files([str(file)], tmp_path / "survey")
+    assert refused.error is not None
+    assert "plate_radius_m = 0.15 (in m) into a TOML file and give it with --header" in (
+        refused.error
+    )
+    header = tmp_path / "h.toml"
+    header.write_text("plate_radius_m = 0.15", encoding="utf-8")
+    (imported,) = import_files([str(file)], tmp_path / "survey", str(header))
+    assert imported.error is None

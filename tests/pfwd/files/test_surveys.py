@@ -1,0 +1,382 @@
+"""Trace files into surveys, surveys into analyses, and what is said of points and drops later."""
+
+import math
+import weakref
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from pfwd.errors import OptionError, SurveyError
+from pfwd.files import editing
+from pfwd.files.editing import (
+    Edit,
+    edit_survey,
+    overview_of,
+    parse_declaration_option,
+    parse_position,
+    survey_overview,
+    target_pa,
+)
+from pfwd.files.folders import is_survey
+from pfwd.files.header import PointSetup
+from pfwd.files.importing import Imported, import_files
+from pfwd.files.reading import read_points
+from pfwd.files.survey_file import is_survey_file
+from pfwd.files.traces import TracePoint, write_traces
+from pfwd.files.upkeep import check_survey, recover_survey
+from pfwd_device import Drop
+from pfwd_device.recording import Survey, SurveyWriter, index, read_survey
+
+SETUP = PointSetup(plate_radius=0.15, plate_mass=12.0, poisson_ratio=0.3, site="km 1")
+
+
+@pytest.fixture
+def csv(tmp_path: Path, make_drop: Callable[..., Drop]) -> Path:
+    path = tmp_path / "first.csv"
+    drops = tuple(make_drop(number=n, peak=8000.0 + n, offsets=(0.0, 0.3)) for n in (1, 2, 3))
+    write_traces(path, TracePoint("", SETUP, drops, ()))
+    return path
+
+
+@pytest.fixture
+def survey(tmp_path: Path, csv: Path) -> Path:
+    folder = tmp_path / "survey"
+    list(import_files([str(csv)], folder))
+    return folder
+
+
+def test_what_is_imported_is_what_the_file_holds(csv: Path, survey: Path) -> None:
+    (from_file,) = read_points(csv)
+    (from_survey,) = read_points(survey)
+    assert from_survey.setup.point == "first"
+    for one, other in zip(from_file.drops, from_survey.drops, strict=True):
+        assert one.number == other.number
+        assert one.load.tobytes() == other.load.tobytes()
+        assert one.time.tobytes() == other.time.tobytes()
+        assert [c.values.tobytes() for c in one.channels] == [
+            c.values.tobytes() for c in other.channels
+        ]
+    assert from_survey.setup.poisson_ratio == 0.3
+    assert from_survey.setup.site == "km 1"
+
+
+def test_importing_twice_adds_nothing(csv: Path, survey: Path) -> None:
+    again = list(import_files([str(csv)], survey))
+    assert [(one.before, one.number, one.record) for one in again] == [
+        (True, 1, 1),
+        (True, 2, 2),
+        (True, 3, 3),
+    ]
+    assert len(read_survey(survey).drops) == 3
+
+
+def test_a_number_that_is_taken_becomes_the_next_one_and_is_told_again(
+    tmp_path: Path, survey: Path, make_drop: Callable[..., Drop]
+) -> None:
+    other = tmp_path / "other.csv"
+    setup = PointSetup(plate_radius=0.15, point="first")
+    write_traces(other, TracePoint("", setup, (make_drop(peak=5000.0),), ()))
+    assert [one.number for one in import_files([str(other)], survey)] == [4]
+    assert [(one.number, one.before) for one in import_files([str(other)], survey)] == [(4, True)]
+
+
+def test_a_refused_file_does_not_keep_the_others_out(
+    tmp_path: Path, csv: Path, make_drop: Callable[..., Drop]
+) -> None:
+    bad = tmp_path / "bad.csv"
+    bad.write_text("nonsense\n")
+    long = tmp_path / "long.csv"
+    setup = PointSetup(plate_radius=0.15, point="x" * 65)
+    write_traces(long, TracePoint("", setup, (make_drop(),), ()))
+    found = list(import_files([str(bad), str(long), str(csv)], tmp_path / "new"))
+    assert [one.error is None for one in found] == [False, False, True, True, True]
+    assert found[1] == Imported(str(long), error=found[1].error)
+    assert "point: 1 to 64 characters" in str(found[1].error)
+
+
+def test_files_of_which_none_can_be_read_leave_no_survey(tmp_path: Path, csv: Path) -> None:
+    text, exported = tmp_path / "text.csv", tmp_path / "exported.h5"
+    text.write_text("not a drop\n", encoding="utf-8")
+    with h5py.File(exported, "w") as file:
+        file.attrs["format"] = "pfwd-survey"
+        file.attrs["version"] = 99
+    refused, into = [str(text), str(exported), str(tmp_path / "none.csv")], tmp_path / "into"
+    assert is_survey_file(exported)
+    assert [one.error is None for one in import_files(refused, into)] == [False] * 3
+    assert not into.exists()
+    assert len(list(import_files([*refused, str(csv)], into))) == 6
+    assert len(list(import_files(refused, into))) == 3
+    assert len(read_survey(into).drops) == 3
+
+
+def test_long_names_of_files_stay_apart(tmp_path: Path, csv: Path) -> None:
+    files = []
+    for end in "ab":
+        path = tmp_path / ("very long " * 9 + end + ".csv")
+        text = csv.read_text().replace("km 1", f"km {end}")
+        path.write_text(text)
+        files.append(str(path))
+    found = list(import_files(files, tmp_path / "new"))
+    names = {one.point for one in found}
+    assert len(names) == 2
+    assert all(len(name) <= 64 for name in names)
+
+
+def test_a_drop_file_is_read_like_the_survey(survey: Path) -> None:
+    (point,) = read_points(survey / "drops" / "drop-000002.h5")
+    assert [drop.number for drop in point.drops] == [2]
+    assert point.setup.plate_mass == 12.0
+    np.testing.assert_array_equal(point.drops[0].load, read_points(survey)[0].drops[1].load)
+
+
+def test_headers_and_options_win_over_what_was_recorded(survey: Path, tmp_path: Path) -> None:
+    header = tmp_path / "h.toml"
+    header.write_text("poisson_ratio = 0.4\nplate_mass_kg = 1.0")
+    (point,) = read_points(survey, header, {"plate_mass_kg": 2.0})
+    assert (point.setup.poisson_ratio, point.setup.plate_mass) == (0.4, 2.0)
+
+
+def test_discarded_drops_are_left_out_and_come_back(survey: Path) -> None:
+    edit_survey(survey, [Edit("discard", "wet")], drop=2)
+    assert [drop.number for drop in read_points(survey)[0].drops] == [1, 3]
+    edit_survey(survey, [Edit("restore")], drop=2)
+    assert [drop.number for drop in read_points(survey)[0].drops] == [1, 2, 3]
+    edit_survey(survey, [Edit("discard")])
+    with pytest.raises(SurveyError, match="expected a survey with drops, came all are discarded"):
+        read_points(survey)
+    edit_survey(survey, [Edit("restore")])
+    assert len(read_points(survey)[0].drops) == 3
+
+
+def test_what_is_said_later_applies(survey: Path) -> None:
+    edit_survey(
+        survey,
+        [
+            Edit("declared", parse_declaration_option("plate_mass_kg=9.5")),
+            Edit("declared", parse_declaration_option("bedrock_depth_m = inf")),
+            Edit("declared", parse_declaration_option("site=by the river")),
+            Edit("name", "renamed"),
+            Edit("operator", "A. B."),
+            Edit("position", parse_position("48.1374,11.5755")),
+            Edit("target", target_pa(45.0)),
+            Edit("note", "first"),
+            Edit("note", "second"),
+        ],
+    )
+    edit_survey(survey, [Edit("note", "of a drop"), Edit("position", {"latitude": 1.0})], drop=3)
+    (point,) = read_points(survey)
+    setup = point.setup
+    assert (setup.plate_mass, setup.bedrock_depth, setup.site) == (9.5, math.inf, "by the river")
+    assert (setup.point, setup.operator) == ("renamed", "A. B.")
+    assert (setup.latitude, setup.longitude) == (48.1374, 11.5755)
+    (view,) = survey_overview(survey)
+    assert (view["point"], view["name"], view["target_pa"]) == ("first", "renamed", 45e6)
+    assert view["notes"] == ["first", "second"]
+    assert view["drops"][2]["notes"] == ["of a drop"]
+    # Found under either name; the record itself is as it was.
+    edit_survey(survey, [Edit("note", "third")], point="renamed")
+    edit_survey(survey, [Edit("note", "fourth")], point="first")
+    assert read_survey(survey).drops[0].read().declared["plate_mass_kg"] == 12.0
+
+
+def test_an_edited_survey_is_shown_without_being_read_again(
+    survey: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    readings: list[str] = []
+
+    def note(name: str) -> None:
+        read = getattr(index, name)
+
+        def noted(*args: Any) -> object:
+            readings.append(name)
+            return read(*args)
+
+        monkeypatch.setattr(index, name, noted)
+
+    note("agreed_records")
+    note("scan_journal")
+    shown = overview_of(edit_survey(survey, [Edit("note", "wet")], drop=2))
+    assert readings == ["agreed_records"]  # to see what the edit is about, and to write it
+    assert shown == survey_overview(survey)
+    assert shown[0]["drops"][1]["notes"] == ["wet"]
+
+
+def test_a_list_gives_the_memory_of_its_survey_back_at_once(
+    survey: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A search for circles costs as much as a tenth of a list of 10,000 drops."""
+    read: list[weakref.ref[Survey]] = []
+
+    def noted(folder: Path) -> Survey:
+        found = read_survey(folder)
+        read.append(weakref.ref(found))
+        return found
+
+    monkeypatch.setattr(editing, "read_survey", noted)
+    with index.no_collections():
+        (point,) = survey_overview(survey)
+        assert [found() for found in read] == [None]
+    assert len(point["drops"]) == 3
+
+
+def test_results_are_counted(survey: Path) -> None:
+    with SurveyWriter.open(survey) as writer:
+        writer.save_result(2, {"modulus_pa": 1.0})
+        writer.save_result(2, {"modulus_pa": 2.0})
+    (point,) = survey_overview(survey)
+    assert [drop["results"] for drop in point["drops"]] == [0, 2, 0]
+
+
+def test_points_measured_alike_stay_together_and_others_apart(
+    tmp_path: Path, make_drop: Callable[..., Drop]
+) -> None:
+    folder = tmp_path / "s"
+    for number, radius in ((1, 0.15), (2, 0.15), (3, 0.10)):
+        path = tmp_path / f"{number}.csv"
+        setup = PointSetup(plate_radius=radius, point="P")
+        write_traces(path, TracePoint("", setup, (make_drop(number=number),), ()))
+        list(import_files([str(path)], folder))
+    points = read_points(folder)
+    assert [(one.setup.plate_radius, len(one.drops)) for one in points] == [(0.15, 2), (0.1, 1)]
+
+
+@pytest.mark.parametrize(
+    ("point", "drop", "edits", "message"),
+    [
+        ("nowhere", None, [], r"one of the points first, came 'nowhere'"),
+        (None, 7, [], r"a drop of point first \(1, 2, 3\), came 7"),
+        (None, 1, [Edit("target", 1.0)], "--drop: expected a point for --set"),
+        (None, None, [Edit("discard"), Edit("restore")], "--discard and --restore"),
+        (None, None, [Edit("name", " ")], "--name: expected a name of 1 to 64 characters"),
+    ],
+)
+def test_wrong_edits_are_refused_with_what_is_valid(
+    survey: Path, point: Any, drop: Any, edits: Any, message: str
+) -> None:
+    before = (survey / "journal" / "0001.pfwdj").read_bytes()
+    with pytest.raises(OptionError, match=message):
+        edit_survey(survey, edits, point, drop)
+    assert (survey / "journal" / "0001.pfwdj").read_bytes() == before
+
+
+def test_among_several_points_one_is_named(survey: Path, csv: Path, tmp_path: Path) -> None:
+    second = tmp_path / "second.csv"
+    second.write_text(csv.read_text().replace("km 1", "km 2"))
+    list(import_files([str(second)], survey))
+    with pytest.raises(OptionError, match="one of the points first, second, came none"):
+        edit_survey(survey, [Edit("note", "x")])
+    with pytest.raises(OptionError, match="a name that no other point has"):
+        edit_survey(survey, [Edit("name", "first")], point="second")
+
+
+@pytest.mark.parametrize("text", ["", "1", "1,2,3", "91,0", "0,181", "nan,nan", "a,b"])
+def test_positions_outside_of_the_earth(text: str) -> None:
+    with pytest.raises(OptionError, match="--position"):
+        parse_position(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x",
+        "x=1",
+        "plate_mass_kg=-1",
+        "plate_mass_kg=a",
+        "plate_mass_kg=nan",
+        "site=true",
+        "plate_radius_m=" + "[" * 100_000,
+        "density_kg_m3=1" + "0" * 400,
+    ],
+)
+def test_declarations_that_are_refused_are_wrong_usage(text: str) -> None:
+    with pytest.raises(OptionError, match="--set") as caught:
+        parse_declaration_option(text)
+    assert len(str(caught.value)) < 600
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
+def test_targets_that_are_none(value: float) -> None:
+    with pytest.raises(OptionError, match="--target"):
+        target_pa(value)
+
+
+def test_what_is_no_survey_is_refused(tmp_path: Path, csv: Path) -> None:
+    assert not is_survey(tmp_path)
+    assert not is_survey(csv)
+    for wrong in (tmp_path, tmp_path / "none", csv):
+        for use in (survey_overview, check_survey, recover_survey):
+            with pytest.raises(SurveyError, match="the folder of a survey"):
+                use(wrong)  # type: ignore[operator]
+    with pytest.raises(SurveyError):
+        read_points(tmp_path)
+
+
+def test_a_survey_without_drops_is_refused(tmp_path: Path) -> None:
+    with SurveyWriter.open(tmp_path / "s"):
+        pass
+    with pytest.raises(SurveyError, match="expected a survey with drops, came none"):
+        read_points(tmp_path / "s")
+
+
+def test_what_is_lost_is_said_with_the_results(survey: Path) -> None:
+    """The second drop lost in the journal and in its file: the others come, with a warning."""
+    (survey / "drops" / "drop-000002.h5").unlink()
+    journal = survey / "journal" / "0001.pfwdj"
+    data = bytearray(journal.read_bytes())
+    record = read_survey(survey)
+    place = record._index.drops[2].entry.offset
+    data[place + 200] ^= 0xFF
+    journal.write_bytes(bytes(data))
+    points = read_points(survey)
+    assert [drop.number for drop in points[0].drops] == [1, 3]
+    assert any("damaged survey" in text and "2" in text for text in points[0].warnings)
+    found, _ = check_survey(survey)
+    assert found["ok"] is False
+    assert found["damaged"]
+
+
+def test_a_survey_whose_journal_is_gone_is_one_all_the_same(survey: Path) -> None:
+    for path in (survey / "journal").iterdir():
+        path.unlink()
+    (survey / "journal").rmdir()
+    assert is_survey(survey)
+    record, _ = recover_survey(survey)
+    assert record["drops_acknowledged"] == 3
+
+
+def test_a_broken_drop_file_is_a_clear_line(survey: Path, tmp_path: Path) -> None:
+    data = (survey / "drops" / "drop-000001.h5").read_bytes()
+    for damaged in (data[: len(data) // 2], data[:3000] + b"\xff" * 50 + data[3050:]):
+        path = tmp_path / "broken.h5"
+        path.write_bytes(damaged)
+        with pytest.raises(SurveyError) as caught:
+            read_points(path)
+        assert "\n" not in str(caught.value)
+
+
+def test_a_survey_gives_the_numbers_of_its_trace_file(
+    tmp_path: Path, make_drop: Callable[..., Drop]
+) -> None:
+    from inversion import SurrogateLibrary
+    from pfwd.analysis.analyse import analyse_file
+    from pfwd.analysis.options import AnalysisOptions
+
+    setup = PointSetup(plate_radius=0.15, plate_mass=12.0, bedrock_depth=math.inf, point="P")
+    drops = tuple(make_drop(number=n, peak=7000.0 + 500 * n, window=0.1) for n in (1, 2))
+    write_traces(tmp_path / "t.csv", TracePoint("", setup, drops, ()))
+    list(import_files([str(tmp_path / "t.csv")], tmp_path / "s"))
+    library, options = SurrogateLibrary(), AnalysisOptions(method="least-squares")
+    found = []
+    for path in (tmp_path / "t.csv", tmp_path / "s"):
+        outcome = analyse_file(str(path), options, library)
+        assert outcome.error is None
+        found.append([{**one.to_json(), "file": "", "elapsed_s": 0.0} for one in outcome.results])
+    assert found[0] == found[1]
+    assert all(one["modulus_pa"] > 0 for one in found[0])
+    single = analyse_file(str(tmp_path / "s/drops/drop-000002.h5"), options, library)
+    (one,) = single.results
+    assert one.modulus_pa == found[0][1]["modulus_pa"]

@@ -1,0 +1,273 @@
+"""Trace files: what is read, what is written, and that it is the same."""
+
+import dataclasses
+import string
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from pfwd.errors import TraceError
+from pfwd.files.header import KEYS, PointSetup
+from pfwd.files.traces import TracePoint, read_traces, write_traces
+from pfwd_device import Channel, Drop
+from tests.pfwd.files.trace_lines import HEADER, NAMES, Write, rows
+
+
+def test_a_file_is_read_as_it_was_declared(write: Write) -> None:
+    header = [
+        *HEADER,
+        "# poisson_ratio = 0.3",
+        "# bedrock_depth_m = inf",
+        '# centre_sensor = "ground"',
+        "# geophone_natural_frequency_hz = 4.5",
+        "# geophone_damping = 0.7",
+        "# seating_drops = 1",
+        '# device = "SN 1042"',
+        "# time_utc = 2026-05-01T10:00:00Z",
+        "#",
+        "# colour = 'red'",
+    ]
+    names = "drop,time_s,load_N,velocity_m_s@0.0000,displacement_m@0.3"
+    numbers = [f"{drop},{i / 1000},{i},{i + 0.5},{-i}" for drop in (1, 3) for i in range(-5, 15)]
+    point = read_traces(write([*header, names, *numbers]))
+    assert point.setup == PointSetup(
+        plate_radius=0.15,
+        poisson_ratio=0.3,
+        bedrock_depth=float("inf"),
+        centre_sensor="ground",
+        geophone_natural_frequency=4.5,
+        geophone_damping=0.7,
+        seating_drops=1,
+        device="SN 1042",
+        time_utc="2026-05-01T10:00:00+00:00",
+        extra={"colour": "red"},
+    )
+    assert [drop.number for drop in point.drops] == [1, 3]
+    second = point.drops[1]
+    np.testing.assert_allclose(second.time, np.arange(-5, 15) / 1000)
+    np.testing.assert_array_equal(second.load, np.arange(-5, 15))
+    assert [(c.quantity, c.offset) for c in second.channels] == [
+        ("velocity", 0.0),
+        ("displacement", 0.3),
+    ]
+    np.testing.assert_array_equal(second.channels[0].values, np.arange(-5, 15) + 0.5)
+    assert second.sampling_rate == pytest.approx(1000.0)
+
+
+def test_what_is_not_declared_is_unknown(write: Write) -> None:
+    setup = read_traces(write([*HEADER, NAMES, *rows()])).setup
+    assert setup == PointSetup(plate_radius=0.15)
+    assert setup.plate_mass is None
+    assert setup.bedrock_depth is None
+
+
+def test_a_point_carries_its_warnings(write: Write) -> None:
+    header = [*HEADER, "# plate_radius = 0.15"]
+    warnings = read_traces(write([*header, NAMES, *rows()])).warnings
+    assert warnings == (
+        "plate_mass_kg is not declared: taken as 0",
+        "header key 'plate_radius' is not known to the format: kept, not used",
+    )
+
+
+def test_a_radius_in_millimetres_is_suspect(write: Write) -> None:
+    lines = ["# pfwd-traces = 1", "# plate_radius_m = 150", "# plate_mass_kg = 5", NAMES, *rows()]
+    assert read_traces(write(lines)).warnings == (
+        "units suspect: plate_radius_m = 150 (in metres?)",
+    )
+
+
+def test_without_a_drop_column_the_file_is_drop_1(write: Write) -> None:
+    numbers = [row.split(",", 1)[1] for row in rows()]
+    point = read_traces(write([*HEADER, NAMES.removeprefix("drop,"), *numbers]))
+    assert [drop.number for drop in point.drops] == [1]
+
+
+def test_columns_may_come_in_any_order(write: Write) -> None:
+    names = "displacement_m@0.0000,load_N,drop,time_s"
+    numbers = [",".join(reversed(row.split(","))) for row in rows()]
+    swapped = [",".join((a, b, d, c)) for a, b, c, d in (n.split(",") for n in numbers)]
+    drop = read_traces(write([*HEADER, names, *swapped])).drops[0]
+    assert drop.load[3] == 300.0
+    assert drop.time[3] == pytest.approx(0.003)
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
+def test_any_line_end_and_a_byte_order_mark_are_accepted(
+    write: Write, end: str, mark: bytes
+) -> None:
+    text = end.join([*HEADER, NAMES, *rows(), ""])
+    assert read_traces(write(mark + text.encode())).drops[0].time.size == 20
+
+
+def test_blank_lines_are_passed_over_and_the_last_needs_no_end(write: Write) -> None:
+    text = "\n".join([*HEADER, "", NAMES, "", *rows(), "", *rows(2)])
+    assert len(read_traces(write(text.encode())).drops) == 2
+
+
+def test_a_file_without_sensors_is_left_to_the_screening(write: Write) -> None:
+    numbers = [row.rsplit(",", 1)[0] for row in rows()]
+    point = read_traces(write([*HEADER, "drop,time_s,load_N", *numbers]))
+    assert point.drops[0].channels == ()
+
+
+# A header from elsewhere
+
+
+def test_a_header_file_stands_in_for_the_header(write: Write) -> None:
+    header = write(["plate_radius_m = 0.1", "seating_drops = 3"], "setup.toml")
+    foreign = write(["# Recorder 3, exported 1.5.2026", "# plate_radius_m = 9", NAMES, *rows()])
+    setup = read_traces(foreign, header).setup
+    assert setup == PointSetup(plate_radius=0.1, seating_drops=3)
+
+
+def test_option_wins_over_header_file_wins_over_header(write: Write) -> None:
+    header = write(["plate_radius_m = 0.1", "poisson_ratio = 0.1"], "setup.toml")
+    lines = ["# pfwd-traces = 1", "# plate_radius_m = 0.2", "# poisson_ratio = 0.2"]
+    lines += ["# density_kg_m3 = 1800"]
+    setup = read_traces(write([*lines, NAMES, *rows()]), header, {"poisson_ratio": 0.4}).setup
+    assert (setup.plate_radius, setup.poisson_ratio, setup.density) == (0.1, 0.4, 1800)
+
+
+def test_an_option_supplies_a_missing_plate_radius(write: Write) -> None:
+    path = write(["# pfwd-traces = 1", NAMES, *rows()])
+    assert read_traces(path, None, {"plate_radius_m": 0.15}).setup.plate_radius == 0.15
+
+
+def test_a_bad_value_in_a_header_file_is_found_there(write: Write) -> None:
+    header = write(["# mine", "", 'plate_radius_m = "0.15"'], "setup.toml")
+    with pytest.raises(TraceError, match=r"setup\.toml, line 3: expected plate_radius_m: a number"):
+        read_traces(write([*HEADER, NAMES, *rows()]), header)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, r"setup\.toml: expected a readable TOML file, came No such file"),
+        (b"plate_radius_m = 0,15", r"setup\.toml: expected TOML, came .*line 1"),
+        (b"site = '\xff'", r"setup\.toml: expected UTF-8 text"),
+    ],
+)
+def test_a_header_file_that_cannot_be_read(
+    write: Write, tmp_path: Path, content: bytes | None, message: str
+) -> None:
+    header = tmp_path / "setup.toml" if content is None else write(content, "setup.toml")
+    with pytest.raises(TraceError, match=message):
+        read_traces(write([*HEADER, NAMES, *rows()]), header)
+
+
+# Writing
+
+texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
+finite = st.floats(allow_nan=False, allow_infinity=False)
+free_values = st.one_of(texts, st.integers(-(10**9), 10**9), finite)
+VALUES = {
+    "plate_radius": st.floats(1e-2, 10),
+    "plate_mass": st.floats(0, 1e3),
+    "poisson_ratio": st.floats(0, 0.5, exclude_max=True),
+    "density": st.floats(1, 1e4),
+    "bedrock_depth": st.one_of(st.floats(1e-2, 1e3), st.just(float("inf"))),
+    "centre_sensor": st.sampled_from(["plate", "ground"]),
+    "geophone_natural_frequency": st.floats(1, 100),
+    "geophone_damping": st.floats(0.01, 2),
+    "load_filter_frequency": st.floats(1, 1e5),
+    "load_delay": st.floats(-1, 1),
+    "seating_drops": st.integers(0, 10),
+    "model_floor": st.floats(0, 1e-3),
+    "moisture": st.floats(0, 100),
+    "plate_load_modulus": st.floats(1.0, 1e9),
+    "temperature": st.floats(-90, 100),
+    "test": st.sampled_from(["ground", "stiffness"]),
+    "rig_stiffness": st.floats(1e3, 1e9),
+}
+PAIR = {"geophone_natural_frequency", "geophone_damping"}
+
+
+@st.composite
+def setups(draw: st.DrawFn) -> PointSetup:
+    names = {rule.attribute for rule in KEYS.values()}
+    chosen = draw(st.sets(st.sampled_from(sorted(names)))) | {"plate_radius"}
+    chosen = chosen | PAIR if chosen & PAIR else chosen
+    bare = st.text(string.ascii_letters + string.digits + "-_ .\"'é", min_size=1, max_size=10)
+    unknown = bare.filter(lambda key: key not in KEYS and key != "pfwd-traces")
+    inner = st.one_of(free_values, st.booleans(), st.dates())
+    extra = st.dictionaries(unknown, st.one_of(inner, st.lists(inner, max_size=3)), max_size=3)
+    values = {name: draw(VALUES.get(name, free_values)) for name in sorted(chosen)}
+    return PointSetup(**values, extra=draw(extra))
+
+
+@st.composite
+def points(draw: st.DrawFn) -> TracePoint:
+    sensors = draw(
+        st.lists(
+            st.tuples(st.floats(0, 10), st.sampled_from(["velocity", "displacement"])),
+            unique=True,
+            max_size=3,
+        )
+    )
+    drops = []
+    for number in sorted(draw(st.sets(st.integers(1, 50), min_size=1, max_size=3))):
+        size = draw(st.integers(16, 24))
+        first, step = draw(st.integers(-30, 30)), draw(st.sampled_from([1e-5, 1 / 15000, 1e-3]))
+        vector = st.lists(finite, min_size=size, max_size=size).map(np.array)
+        channels = [Channel(offset, kind, draw(vector)) for offset, kind in sensors]  # type: ignore[arg-type]
+        time = (first + np.arange(size)) * step
+        drops.append(Drop(number, time, draw(vector), tuple(channels)))
+    return TracePoint("made up", draw(setups()), tuple(drops))
+
+
+@settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60
+)
+@given(point=points())
+def test_what_is_written_is_read_back_exactly(tmp_path: Path, point: TracePoint) -> None:
+    path = tmp_path / "point.csv"
+    write_traces(path, point)
+    back = read_traces(path)
+    assert back.setup == point.setup
+    assert [drop.number for drop in back.drops] == [drop.number for drop in point.drops]
+    for ours, theirs in zip(point.drops, back.drops, strict=True):
+        np.testing.assert_array_equal(theirs.time, ours.time)
+        np.testing.assert_array_equal(theirs.load, ours.load)
+        for one, other in zip(ours.channels, theirs.channels, strict=True):
+            assert (other.offset, other.quantity) == (one.offset, one.quantity)
+            np.testing.assert_array_equal(other.values, one.values)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["point.csv"]
+
+
+def test_drops_with_different_sensors_are_not_written(
+    make_drop: Callable[..., Drop], tmp_path: Path
+) -> None:
+    drops = (make_drop(), make_drop(number=2, offsets=(0.0, 0.3)))
+    with pytest.raises(TraceError, match="expected the same sensors in every drop"):
+        write_traces(
+            tmp_path / "point.csv", TracePoint("made up", PointSetup(plate_radius=0.15), drops)
+        )
+
+
+def test_a_failed_write_leaves_the_old_file(make_drop: Callable[..., Drop], tmp_path: Path) -> None:
+    path = tmp_path / "point.csv"
+    point = TracePoint("made up", PointSetup(plate_radius=0.15), (make_drop(),))
+    write_traces(path, point)
+    before = path.read_bytes()
+    unwritable = dataclasses.replace(point, setup=PointSetup(plate_radius=0.15, site="\udc80"))
+    with pytest.raises(TraceError, match="expected text that UTF-8 can hold"):
+        write_traces(path, unwritable)
+    assert path.read_bytes() == before
+    assert [entry.name for entry in tmp_path.iterdir()] == ["point.csv"]
+
+
+# Files that other people wrote
+
+
+def test_every_measured_and_computed_file_is_read(shared: Path) -> None:
+    files = [*shared.glob("measured/*.csv"), *shared.glob("fe_drops/*.csv")]
+    assert files
+    for file in files:
+        point = read_traces(file)
+        assert all(drop.channels[0].offset == 0 for drop in point.drops)

@@ -1,0 +1,297 @@
+"""How each kind of broken trace file is refused: by one line that says what and where."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from pfwd.errors import SurveyError, TraceError
+from pfwd.files.traces import read_traces
+from tests.pfwd.files.trace_lines import HEADER, NAMES, Write, rows
+
+# The header
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("plate_mass_kg = -1", "expected plate_mass_kg: a number >= 0, in kg, came -1"),
+        ("plate_mass_kg = nan", "came nan"),
+        ("plate_mass_kg = true", "expected plate_mass_kg: a number >= 0, in kg, came True"),
+        ('plate_mass_kg = "5"', "came '5'"),
+        ("poisson_ratio = -0.1", "expected poisson_ratio: 0 <= number < 0.5, came -0.1"),
+        ("poisson_ratio = 0.5", "came 0.5; 0.5 is an incompressible soil.*use 0.49"),
+        ("density_kg_m3 = 0", "expected density_kg_m3: a number > 0, in kg/m3, came 0"),
+        ("density_kg_m3 = inf", "came inf"),
+        ("density_kg_m3 = 1" + 400 * "0", r"came 10+\.\.\."),
+        ("bedrock_depth_m = 0", "expected bedrock_depth_m: a number from 0.01 to 10000, in m, or"),
+        ("bedrock_depth_m = 1e300", "to 10000, in m, or inf for none, came 1e\\+300"),
+        ("bedrock_depth_m = -inf", "came -inf"),
+        ('centre_sensor = "hole"', 'expected centre_sensor: "plate" or "ground", came \'hole\''),
+        ("geophone_damping = 0", "expected geophone_damping: a number > 0, came 0"),
+        ("geophone_natural_frequency_hz = -1", "a number > 0, in Hz, or 0 .*, came -1"),
+        ("load_filter_hz = 0", "expected load_filter_hz"),
+        ("load_delay_s = inf", "expected load_delay_s: a finite number, in s, came inf"),
+        ("seating_drops = -1", "expected seating_drops: a whole number >= 0, came -1"),
+        ("seating_drops = 1.0", "came 1.0"),
+        ("seating_drops = true", "came True"),
+        ("model_floor_m = -1e-6", "expected model_floor_m"),
+        ("site = true", "expected site: text in quotation marks or a finite number, came True"),
+        ("latitude = nan", "expected latitude"),
+        ("plate_mass_kg = 5,0", "expected one TOML key = value, came 'plate_mass_kg = 5,0'"),
+        ("site = km 12", "text goes in quotation marks"),
+        ("measured on a rainy day", "expected one TOML key = value"),
+        ("[table]", "tables are not used here"),
+        ("plate_radius_m = 0.15", "expected every key once, came 'plate_radius_m' again"),
+        ("a = " + 5000 * "[", "expected one TOML key = value"),
+        ("a = " + 5000 * "9", "expected one TOML key = value"),
+    ],
+)
+def test_a_bad_header_line_is_refused_with_its_number(
+    write: Write, line: str, message: str
+) -> None:
+    with pytest.raises(TraceError, match=f"point.csv, line 3: .*{message}"):
+        read_traces(write([*HEADER, f"# {line}", NAMES, *rows()]))
+
+
+@pytest.mark.parametrize("radius", ["0", "-0.15", "inf", "nan", "true", '"0.15"'])
+def test_a_bad_plate_radius_is_refused(write: Write, radius: str) -> None:
+    lines = ["# pfwd-traces = 1", f"# plate_radius_m = {radius}", NAMES, *rows()]
+    with pytest.raises(TraceError, match=r"line 2: expected plate_radius_m: a number >= 0\.01"):
+        read_traces(write(lines))
+
+
+def test_a_missing_plate_radius_is_refused(write: Write) -> None:
+    lines = ["# pfwd-traces = 1", "# plate_radius = 0.15", NAMES, *rows()]
+    message = "line 3: expected a header key plate_radius_m, came none; .*--plate-radius .*'plate_r"
+    with pytest.raises(TraceError, match=message):
+        read_traces(write(lines))
+
+
+@pytest.mark.parametrize(
+    ("declared", "missing"),
+    [
+        ("geophone_damping = 0.7", "geophone_natural_frequency_hz"),
+        ("geophone_natural_frequency_hz = 4.5", "geophone_damping"),
+    ],
+)
+def test_half_a_geophone_is_refused(write: Write, declared: str, missing: str) -> None:
+    with pytest.raises(TraceError, match=f"{declared.split()[0]} alone; declare {missing} too"):
+        read_traces(write([*HEADER, f"# {declared}", NAMES, *rows()]))
+
+
+@pytest.mark.parametrize("version", ["2", "1.0", '"1"', "true"])
+def test_another_version_is_refused(write: Write, version: str) -> None:
+    lines = [f"# pfwd-traces = {version}", HEADER[1], NAMES, *rows()]
+    with pytest.raises(TraceError, match="line 1: expected pfwd-traces = 1, came"):
+        read_traces(write(lines))
+
+
+@pytest.mark.parametrize("first", ["# plate_radius_m = 0.15", "", NAMES, "# by pfwd-traces"])
+def test_a_file_of_another_program_needs_a_header_file(write: Write, first: str) -> None:
+    with pytest.raises(TraceError, match=r"line 1: expected # pfwd-traces = 1, .*--header"):
+        read_traces(write([first, *HEADER[1:], NAMES, *rows()]))
+
+
+# The columns
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ("drop,load_N,displacement_m@0", "line 3: expected a column time_s, came columns"),
+        ("drop,time_s,displacement_m@0", "line 3: expected a column load_N"),
+        (NAMES + ",temperature", "line 3: expected a column drop, .*came 'temperature'"),
+        (NAMES + ",", "came ''"),
+        (NAMES + ",acceleration_m_s2@0.3", "came 'acceleration_m_s2@0.3'"),
+        (NAMES + ",velocity_m_s", "the centre sensor is velocity_m_s@0.0000"),
+        (NAMES + ",velocity_m_s@-1e999", "came 'velocity_m_s@-1e999'"),
+        (NAMES + ",velocity_m_s@1e999", "came 'velocity_m_s@1e999'"),
+        (NAMES + ",velocity_m_s@0.3.1", "came 'velocity_m_s@0.3.1'"),
+        (NAMES + ",load_N", "expected every column once, came 'load_N' again"),
+        (NAMES + ",displacement_m@0", "expected every column once, came 'displacement_m@0' again"),
+        (NAMES + ",displacement_m@-0.0", "once, came 'displacement_m@-0.0' again"),
+        (NAMES.replace(",", ";"), "separate the columns with commas"),
+    ],
+)
+def test_bad_columns_are_refused(write: Write, names: str, message: str) -> None:
+    with pytest.raises(TraceError, match=message):
+        read_traces(write([*HEADER, names, *rows()]))
+
+
+def test_a_velocity_and_a_displacement_may_share_a_place(write: Write) -> None:
+    numbers = [row + ",0" for row in rows()]
+    drop = read_traces(write([*HEADER, NAMES + ",velocity_m_s@0", *numbers])).drops[0]
+    assert len(drop.channels) == 2
+
+
+# The numbers
+
+
+def broken(index: int, row: str, lines: list[str] | None = None) -> list[str]:
+    """A sound file of 40 rows (or `lines`) with row `index` replaced; row 0 is line 4."""
+    numbers = lines or [*rows(1), *rows(2)]
+    numbers[index] = row
+    return [*HEADER, NAMES, *numbers]
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("1,0.007,700", r"expected 4 values, one per column, came 3: '1,0.007,700'"),
+        ("1,0.007,700,1e-6,", "expected 4 values, one per column, came 5"),
+        ("1,0.007,,1e-6", "expected a number in load_N, came ''"),
+        ("1,0.007,7OO,1e-6", "expected a number in load_N, came '7OO'"),
+        ("1,0.007,1_000,1e-6", "expected a number in load_N, came '1_000'"),
+        ("1,0.007,nan,1e-6", "expected a finite number in load_N, came nan"),
+        ("1,0.007,700,inf", "expected a finite number in displacement_m@0.0000, came inf"),
+        ("1,0.007,700,-1e999", "expected a finite number in displacement_m@0.0000, came -inf"),
+        ("1.5,0.007,700,1e-6", "expected a whole drop number from 1, came 1.5"),
+        ("0,0.007,700,1e-6", "expected a whole drop number from 1, came 0"),
+        ("-1,0.007,700,1e-6", "expected a whole drop number from 1, came -1"),
+        ("1e9,0.007,700,1e-6", "expected a whole drop number from 1, came 1e"),
+        ("1,0.00702,700,1e-6", "expected even time steps, each within 1 % of 0.001 s, came"),
+        ("1,0.006,700,1e-6", "expected even time steps"),
+        ("# a remark,0,0,0", "expected a number in drop, came '# a remark'"),
+        ("  ", "expected 4 values, one per column, came 1"),
+    ],
+)
+def test_a_bad_row_is_refused_with_its_line(write: Write, row: str, message: str) -> None:
+    with pytest.raises(TraceError, match=f"point.csv, line 11: {message}"):
+        read_traces(write(broken(7, row)))
+
+
+def test_the_line_counts_blank_lines_too(write: Write) -> None:
+    numbers = rows()
+    numbers[3:3] = ["", ""]
+    numbers[12] = "1,0.010,nan,0"
+    with pytest.raises(TraceError, match="line 16: expected a finite number"):
+        read_traces(write([*HEADER, NAMES, *numbers]))
+
+
+def test_every_row_too_short_is_refused_at_the_first(write: Write) -> None:
+    numbers = [row.rsplit(",", 1)[0] for row in rows()]
+    with pytest.raises(TraceError, match="line 4: expected 4 values, one per column, came 3"):
+        read_traces(write([*HEADER, NAMES, *numbers]))
+
+
+def test_a_lost_sample_is_found_where_it_is(write: Write) -> None:
+    numbers = rows(count=40)
+    del numbers[30]
+    with pytest.raises(
+        TraceError, match=r"line 34: expected even time steps.*came a step of 0.002"
+    ):
+        read_traces(write([*HEADER, NAMES, *numbers]))
+
+
+def test_steps_uneven_by_rounding_are_accepted(write: Write) -> None:
+    numbers = [f"1,{index / 15000:.7f},{index},0" for index in range(100)]
+    read_traces(write([*HEADER, NAMES, *numbers]))
+
+
+def test_time_that_starts_again_asks_for_a_drop_column(write: Write) -> None:
+    numbers = [row.split(",", 1)[1] for row in [*rows(), *rows()]]
+    with pytest.raises(
+        TraceError, match=r"line 24: .*several drops in one file need a column drop"
+    ):
+        read_traces(write([*HEADER, NAMES.removeprefix("drop,"), *numbers]))
+
+
+def test_a_drop_in_two_pieces_is_refused(write: Write) -> None:
+    with pytest.raises(
+        TraceError, match="line 44: expected the rows of a drop together, came drop 1"
+    ):
+        read_traces(write([*HEADER, NAMES, *rows(1), *rows(2), *rows(1)]))
+
+
+@pytest.mark.parametrize("count", [0, 1, 15])
+def test_fewer_than_16_samples_are_refused(write: Write, count: int) -> None:
+    with pytest.raises(TraceError, match=f"line 3: expected at least 16 samples, came {count}"):
+        read_traces(write([*HEADER, NAMES, *rows(count=count)]))
+
+
+def test_a_short_second_drop_is_refused(write: Write) -> None:
+    with pytest.raises(TraceError, match="line 24: expected at least 16 samples in drop 2, came 3"):
+        read_traces(write([*HEADER, NAMES, *rows(1), *rows(2, 3)]))
+
+
+def test_16_samples_are_enough(write: Write) -> None:
+    assert read_traces(write([*HEADER, NAMES, *rows(count=16)])).drops[0].time.size == 16
+
+
+# No trace file at all
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "point.csv: expected a row of column names, came the end of the file"),
+        (b"# pfwd-traces = 1\n", "expected a row of column names, came the end of the file"),
+        (bytes(range(256)) * 40, "expected UTF-8 text"),
+        (b"\0" * 100, "line 1: expected UTF-8 text, came binary data"),
+        (b"\x89PNG\r\n\x1a\n" + b"\0\1\2" * 100, "expected UTF-8 text"),
+        ("\n".join(HEADER).encode("utf-16"), "expected UTF-8 text"),
+        (b"x" * 100_000, "line 1: expected UTF-8 text, came binary data"),
+    ],
+)
+def test_what_is_no_text_is_refused(write: Write, data: bytes, message: str) -> None:
+    with pytest.raises(TraceError, match=message):
+        read_traces(write(data))
+
+
+@pytest.mark.parametrize(
+    "rubbish", [b"1,0.02,\xff\xfe,0\n", b"1,0.02,1\0,0\n", "1,0.02,١,0\n".encode()]
+)
+def test_rubbish_among_the_numbers_is_refused(write: Write, rubbish: bytes) -> None:
+    text = "\n".join([*HEADER, NAMES, *rows(), ""]).encode()
+    with pytest.raises(TraceError, match=r"point\.csv.*: expected UTF-8 text"):
+        read_traces(write(text + rubbish))
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        TraceError, match=r"none\.csv: expected a readable trace file, came No such file"
+    ):
+        read_traces(tmp_path / "none.csv")
+
+
+def test_a_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(TraceError, match="expected a trace file, came a folder"):
+        read_traces(tmp_path)
+
+
+@pytest.mark.posix
+def test_a_pipe_is_refused_without_waiting(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(TraceError, match="came a device or pipe"):
+        read_traces(tmp_path / "pipe")
+
+
+def test_a_file_that_may_not_be_read_is_refused(
+    write: Write, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def denied(*_: object, **__: object) -> None:  # a superuser may read whatever chmod says
+        raise PermissionError(13, "Permission denied")
+
+    path = write([*HEADER, NAMES, *rows()])
+    monkeypatch.setattr("builtins.open", denied)
+    with pytest.raises(TraceError, match="expected a readable trace file, came Permission denied"):
+        read_traces(path)
+
+
+@pytest.mark.timeout(5)
+def test_a_huge_file_is_refused_unread(tmp_path: Path) -> None:
+    path = tmp_path / "huge.csv"
+    with open(path, "wb") as stream:
+        stream.truncate(2_000_000_000)
+    with pytest.raises(TraceError, match=r"expected at most 500 MB, came 2000\.0 MB"):
+        read_traces(path)
+
+
+def test_a_message_is_one_line_whatever_the_file_holds(write: Write) -> None:
+    line = "# x = \x1b[31m" + 300 * "y"
+    with pytest.raises(TraceError) as caught:
+        read_traces(write([*HEADER, line, NAMES, *rows()]))
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 400
+    assert isinstance(caught.value, SurveyError)

@@ -1,0 +1,13 @@
+"""Verdicts on points that no survey holds."""
+
+import dataclasses
+
+from pfwd.judging import Job, PointView
+from pfwd.procedures import PointProgress
+
+
+def judge_point(
+    job: Job, point: PointView, fallback: tuple[float, str] | None = None
+) -> PointProgress:
+    """Return value and verdict of a point by a job."""
+    return dataclasses.replace(point, job=job, fallback_target=fallback).progress

@@ -1,0 +1,158 @@
+"""What a technician is told to do."""
+
+import dataclasses
+
+import pytest
+
+from inversion.effects import BY_NAME
+from pfwd.files.header import PointSetup
+from pfwd.judging import DropView, Job, PointView
+from pfwd.judging.advice import (
+    _OF_EFFECT,
+    FEWEST_OTHERS,
+    LOAD_DIFFERS,
+    LOOSE_BESIDE_OTHERS,
+    LOOSE_SENSOR,
+    OTHERS_FIT,
+    SINKS_ON,
+    STILL_SETTLES,
+    UNEVEN_ALONE,
+    UNEVEN_BESIDE_OTHERS,
+    UNEVEN_CONTACT,
+    Advised,
+    advice_on_drop,
+    advice_on_point,
+)
+from pfwd.procedures import Kind, PointDrop, find_procedure, plain_procedure
+
+SETUP = PointSetup(plate_radius=0.15)
+PLAIN, E_VD = Job(procedure=plain_procedure()), Job(procedure=find_procedure("tp-bf-stb-b8.3"))
+
+
+def measured(number: int, load: float = 7000.0, deflection: float = 4e-4) -> DropView:
+    return DropView(PointDrop(number, Kind.MEASURED, load, deflection), load, SETUP)
+
+
+OTHERS = [measured(1), measured(2)]
+
+
+def about(*found: Advised) -> list[Advised]:
+    return list(found)
+
+
+@pytest.mark.parametrize(
+    ("load", "expected"),
+    [
+        (7000.0 * (1 - LOAD_DIFFERS) + 1, []),
+        (7000.0 * (1 - LOAD_DIFFERS) - 1, [Advised.LOAD]),
+        (7000.0 * (1 + LOAD_DIFFERS) + 1, [Advised.LOAD]),
+    ],
+)
+def test_a_drop_from_another_height(load: float, expected: list[Advised]) -> None:
+    found = advice_on_drop(PLAIN, measured(3, load), OTHERS)
+    assert [advice.about for advice in found] == expected
+    assert all("drop 3 fell from" in advice.text for advice in found)
+
+
+def test_a_load_that_the_procedure_does_not_presume() -> None:
+    (found,) = advice_on_drop(E_VD, measured(1, 9600.0), [])
+    assert "wrong drop height: 9.6 kN, the procedure needs 7.07 kN" in found.text
+    assert advice_on_drop(PLAIN, measured(1, 9600.0), []) == []
+
+
+def test_a_loose_sensor_and_an_uneven_plate() -> None:
+    usual = [0.004, 0.005, 0.006]
+    found = advice_on_drop(
+        PLAIN,
+        measured(3),
+        OTHERS,
+        contact_residual=UNEVEN_CONTACT * 1.01,
+        usual_residuals=usual,
+        sensors_left_out=(2,),
+    )
+    assert [advice.about for advice in found] == [Advised.SENSOR, Advised.CONTACT]
+    assert found[0].text.startswith("re-seat sensor 2")
+    even = advice_on_drop(
+        PLAIN, measured(3), OTHERS, contact_residual=UNEVEN_CONTACT, usual_residuals=usual
+    )
+    assert even == []
+
+
+def test_what_an_instrument_leaves_of_every_drop_is_not_the_contact() -> None:
+    """Contact residuals of the drops of a real survey: 3 to 15 % with nothing under the plate."""
+    usual = [0.044, 0.056, 0.023, 0.105, 0.029, 0.084, 0.034, 0.040]
+
+    def about_residual(left: float, others: list[float]) -> list[Advised]:
+        found = advice_on_drop(
+            PLAIN, measured(3), OTHERS, contact_residual=left, usual_residuals=others
+        )
+        return [advice.about for advice in found]
+
+    limit = UNEVEN_BESIDE_OTHERS * 0.042
+    assert about_residual(limit - 1e-4, usual) == []
+    assert about_residual(limit + 1e-4, usual) == [Advised.CONTACT]
+    few = usual[: FEWEST_OTHERS - 1]
+    assert about_residual(UNEVEN_ALONE, few) == [], "too few to know what is usual"
+    assert about_residual(UNEVEN_ALONE + 1e-4, few) == [Advised.CONTACT]
+
+
+@pytest.mark.parametrize(
+    ("residuals", "loose"),
+    [
+        ({1: 0.0087, 2: 0.0334, 3: 0.0040}, 2),  # rings at 180 Hz on its seat
+        ({1: 0.0454, 2: 0.0117, 3: 0.0085}, 1),
+        ({1: 0.0004, 2: 0.0010, 3: 0.0022}, None),  # all sit
+        ({1: LOOSE_SENSOR, 2: 0.001}, None),
+        ({1: LOOSE_SENSOR + 1e-4, 2: 0.001}, 1),
+        ({1: 0.02 * LOOSE_BESIDE_OTHERS, 2: 0.02}, None),
+        ({1: 0.158, 2: 0.197, 3: 0.142}, None),  # a crust: another ground, no sensor
+        ({1: 0.544, 2: 0.20, 3: OTHERS_FIT + 1e-4}, None),
+        ({1: 0.05}, None),  # alone
+    ],
+)
+def test_the_sensor_that_moves_otherwise_than_the_others(
+    residuals: dict[int, float], loose: int | None
+) -> None:
+    found = advice_on_drop(PLAIN, measured(3), OTHERS, sensor_residuals=residuals)
+    expected = [] if loose is None else [f"re-seat sensor {loose}: it moves otherwise"]
+    assert [advice.text[: len(expected[0])] for advice in found] == expected
+
+
+def test_a_channel_at_the_end_of_its_range() -> None:
+    (found,) = advice_on_drop(PLAIN, measured(3), OTHERS, saturated=True)
+    assert found.about is Advised.RANGE
+    assert "drop from lower" in found.text
+
+
+def test_the_ground_is_not_blamed_for_a_drop_from_higher() -> None:
+    depths = [9e-4, 6e-4, 5e-4, 4e-4, 4e-4, 4e-4 * 1.2]
+    drops = [measured(number, deflection=depth) for number, depth in enumerate(depths, 1)]
+    progress = PointView("1", drops, job=PLAIN).progress
+    (found,) = advice_on_point(progress, {4: 7000.0, 6: 7000.0})
+    assert "drop 6 moves 20 % more than drop 4" in found.text
+    assert advice_on_point(progress, {4: 7000.0, 6: 8400.0}) == []
+
+
+def test_a_rejected_drop_has_its_reason_and_no_advice() -> None:
+    rejected = dataclasses.replace(measured(3, 3000.0), own=PointDrop(3, Kind.REJECTED))
+    assert advice_on_drop(PLAIN, rejected, OTHERS, sensors_left_out=(1,)) == []
+
+
+@pytest.mark.parametrize(
+    ("last", "expected"),
+    [
+        (1 - STILL_SETTLES + 1e-3, []),
+        (1 - STILL_SETTLES - 1e-3, [Advised.SEATING]),
+        (1 + SINKS_ON - 1e-3, []),
+        (1 + SINKS_ON + 1e-3, [Advised.SINKING]),
+    ],
+)
+def test_first_and_last_drop_differ(last: float, expected: list[Advised]) -> None:
+    depths = [9e-4, 6e-4, 5e-4, 4e-4, 4e-4, 4e-4 * last]
+    drops = [measured(number, deflection=depth) for number, depth in enumerate(depths, 1)]
+    progress = PointView("1", drops, job=PLAIN).progress
+    assert [advice.about for advice in advice_on_point(progress)] == expected
+
+
+def test_effects_that_ask_for_something_are_in_the_catalogue() -> None:
+    assert set(_OF_EFFECT) <= set(BY_NAME)

@@ -1,0 +1,163 @@
+"""Stations from a text with columns and from GPX."""
+
+from pathlib import Path
+
+import pytest
+
+from pfwd.errors import OptionError
+from pfwd.judging import Station
+from pfwd.judging.stations import next_along, read_stations, similar_name
+from pfwd.procedures import find_procedure
+
+PAPER, MNDOT = find_procedure("paper"), find_procedure("mndot")
+
+
+def written(tmp_path: Path, text: str, name: str = "stations.csv") -> Path:
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_text_with_columns(tmp_path: Path) -> None:
+    path = written(
+        tmp_path, "Station,Latitude,Longitude,Target\n12+320,48.1,11.5,45\n\n12+340,48.2,11.6,\n"
+    )
+    assert read_stations(path, PAPER) == (
+        Station("12+320", 12_320.0, 48.1, 11.5, 45e6),
+        Station("12+340", 12_340.0, 48.2, 11.6),
+    )
+
+
+def test_semicolons_have_decimal_commas_and_targets_the_unit_of_the_procedure(
+    tmp_path: Path,
+) -> None:
+    path = written(tmp_path, "\ufeffname;chainage;target\nA;0+020;0,6\nB;40,5;\n")
+    assert read_stations(path, MNDOT) == (
+        Station("A", 20.0, target=6e-4),
+        Station("B", 40.5),
+    )
+
+
+def test_waypoints(tmp_path: Path) -> None:
+    text = (
+        '<gpx xmlns="http://www.topografix.com/GPX/1/1"><wpt lat="48.1" lon="11.5">'
+        '<name>12+320</name></wpt><wpt lat="48.2" lon="11.6"/></gpx>'
+    )
+    assert read_stations(written(tmp_path, text, "s.gpx"), PAPER) == (
+        Station("12+320", 12_320.0, 48.1, 11.5),
+        Station("2", None, 48.2, 11.6),
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "message"),
+    [
+        ("a,b\n1,2\n", "s.csv", r"a first line with a column name or station .* came 'a, b'"),
+        ("name\n", "s.csv", r"s.csv: expected stations, came none"),
+        ("name\n1\n1\n", "s.csv", r"every station once, came '1' twice"),
+        ("name,lat\n1,91\n", "s.csv", r"line 2, latitude: expected a number, came '91'"),
+        ("name,target\n1,-3\n", "s.csv", r"line 2, target: expected a number > 0, in MPa"),
+        ("<gpx><wpt", "s.gpx", r"s.gpx: expected GPX, came no XML"),
+        ("<!DOCTYPE x><gpx/>", "s.gpx", r"GPX without definitions of its own"),
+        ('<gpx><wpt lat="x" lon="1"/></gpx>', "s.gpx", r"waypoint 1: expected lat and lon"),
+    ],
+)
+def test_what_holds_no_stations_is_refused(
+    tmp_path: Path, text: str, name: str, message: str
+) -> None:
+    with pytest.raises(OptionError, match=message):
+        read_stations(written(tmp_path, text, name), PAPER)
+
+
+def test_columns_that_are_not_used_are_named(tmp_path: Path) -> None:
+    text = "name,Lane,target,soll,id\n1,left,45,50,a\n2,left,,,b,dry\n3,,,,,,wet\n"
+    remarks: list[str] = []
+    stations = read_stations(written(tmp_path, text), PAPER, remarks.append)
+    assert [station.target for station in stations] == [45e6, None, None]
+    (remark,) = remarks
+    assert "columns not used: 'Lane', 'soll', 'id', number 6 (no heading), number 7" in remark
+    assert remark.endswith("Known columns are name, chainage_m, latitude, longitude, target")
+    remarks.clear()
+    read_stations(written(tmp_path, "name,target,\n1,45,\n"), PAPER, remarks.append)
+    assert remarks == []
+
+
+@pytest.mark.parametrize(
+    ("heading", "meant"),
+    [
+        ("Ziel", "target, in MPa"),
+        ("target_MPa", "target, in MPa"),
+        ("E target", "target, in MPa"),
+        ("targets", "target, in MPa"),
+        ("Trget", "target, in MPa"),
+        ("Sollwert", "target, in MPa"),
+        ("E_vd", "target, in MPa"),
+        ("Stationierung", "chainage_m, in m"),
+        ("chainge", "chainage_m, in m"),
+        ("Lattitude", "latitude"),
+        ("long", "longitude"),
+    ],
+)
+def test_a_heading_that_looks_like_a_known_column_is_refused(
+    tmp_path: Path, heading: str, meant: str
+) -> None:
+    path = written(tmp_path, f"name;{heading}\n12+320;45\n")
+    message = rf"line 1: expected a column {meant}, came '{heading}'; rename it to {meant[:6]}"
+    with pytest.raises(OptionError, match=message):
+        read_stations(path, PAPER)
+
+
+@pytest.mark.parametrize("heading", ["lane", "remark", "Datum", "note", "layer", "moisture"])
+def test_a_heading_of_its_own_is_no_mistake(tmp_path: Path, heading: str) -> None:
+    remarks: list[str] = []
+    path = written(tmp_path, f"name;{heading}\n12+320;45\n")
+    assert read_stations(path, PAPER, remarks.append) == (Station("12+320", 12_320.0),)
+    assert f"columns not used: '{heading}'." in remarks[0]
+
+
+def test_a_target_of_a_station_that_no_drop_can_reach(tmp_path: Path) -> None:
+    path = written(tmp_path, "name;target\n12+320;0,6\n12+340;45\n")
+    with pytest.raises(OptionError, match=r"line 3, target: .* came 45 mm; did you mean a modulus"):
+        read_stations(path, MNDOT)
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "similar"),
+    [
+        ("12+36", {"12+340", "12+360"}, "12+360"),
+        ("12+360", {"12+36"}, "12+36"),
+        ("12+3", {"12+30", "12+300"}, "12+30"),
+        (" 12+360 ", {"12+360", "12+36"}, None),
+        ("12+380", {"12+360"}, None),
+        ("10", {"1", "9"}, None),
+        ("11", {"1", "9"}, "1"),
+        ("1", {"0", "10"}, "10"),
+        ("12+360", {"1", "12"}, None),
+        ("12+360 left", {"12+360"}, "12+360"),
+        ("7", (), None),
+        ("7", {""}, None),
+    ],
+)
+def test_a_name_that_is_part_of_a_known_one(
+    name: str, known: set[str], similar: str | None
+) -> None:
+    assert similar_name(name, known) == similar
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match="a readable file"):
+        read_stations(tmp_path / "none.csv", PAPER)
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "further"),
+    [
+        ("12+320", 20.0, "12+340"),
+        ("km 12+990 left", 20.0, "km 13+010 left"),
+        ("0+000", 12.5, "0+012.5"),
+        ("12+320", -20.0, "12+300"),
+        ("7", 20.0, None),
+    ],
+)
+def test_a_step_along_the_line(name: str, step: float, further: str | None) -> None:
+    assert next_along(name, step) == further

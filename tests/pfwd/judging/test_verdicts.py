@@ -1,0 +1,275 @@
+"""From a job and the drops of a point to its verdict."""
+
+import dataclasses
+from typing import Any
+
+import pytest
+
+from inversion.forward.layered import LAYERED_PLATE_MODELS
+from pfwd.analysis.diagnosis.holding import basis_of
+from pfwd.analysis.diagnosis.result import DiagnosisResult, FittedState
+from pfwd.analysis.kept import PLATES
+from pfwd.analysis.results import DropResult
+from pfwd.files.header import PointSetup
+from pfwd.judging import DropView, Job, PointView, Station, drop_from_traces
+from pfwd.judging.drops import classify_drops
+from pfwd.procedures import (
+    Kind,
+    Number,
+    ReasonCode,
+    Verdict,
+    find_procedure,
+    plain_procedure,
+)
+from tests.pfwd.judging.judged import judge_point
+from tests.pfwd.report.surveys import half_sine_drop, result_of
+
+SETUP = PointSetup(plate_radius=0.15, poisson_ratio=0.35)
+MODULI = (30e6, 40e6, 42e6, 45e6, 45.1e6, 45.2e6)
+
+
+def drops(setup: PointSetup = SETUP, moduli: tuple[float, ...] = MODULI) -> list[DropView]:
+    return [
+        drop_from_traces(half_sine_drop(number, 8000.0), setup).with_result(
+            DropResult.from_json(result_of(number, modulus))
+        )
+        for number, modulus in enumerate(moduli, 1)
+    ]
+
+
+def test_the_nearest_target_counts() -> None:
+    job = Job(procedure=plain_procedure(), target=50e6, stations=(Station("12", target=30e6),))
+    point = PointView("12", drops())
+    own = dataclasses.replace(point, target=60e6)
+    other = dataclasses.replace(point, name="13")
+    said = [(judge_point(job, p).target, judge_point(job, p).verdict) for p in (own, point, other)]
+    assert said == [
+        (60e6, Verdict.FAIL),
+        (30e6, Verdict.PASS),
+        (50e6, Verdict.FAIL),
+    ]
+    assert judge_point(job, own).target_source == "of the point"
+    bare = Job(procedure=plain_procedure())
+    last = judge_point(bare, other, fallback=(20e6, "given with the report"))
+    assert (last.target_source, last.verdict) == ("given with the report", Verdict.PASS)
+
+
+def test_a_target_of_another_quantity_gives_way_or_is_noted() -> None:
+    job = Job(procedure=find_procedure("mndot"), target=6e-4)
+    point = PointView("1", drops(), target=45e6)
+    assert judge_point(job, point).target == 6e-4
+    alone = judge_point(dataclasses.replace(job, target=None), point)
+    assert alone.verdict is Verdict.NONE
+    assert any("not compared" in note for note in alone.notes)
+
+
+def test_a_discarded_point_has_no_verdict() -> None:
+    point = PointView("1", drops(), target=30e6, discarded=True)
+    progress = judge_point(Job(procedure=plain_procedure()), point)
+    assert (progress.verdict, progress.verdict_reason) == (
+        Verdict.NONE,
+        "the point is discarded",
+    )
+
+
+def test_drops_under_two_plates_are_no_point() -> None:
+    other = dataclasses.replace(SETUP, plate_radius=0.1)
+    mixed = [*drops()[:5], *drops(other)[5:]]
+    progress = judge_point(Job(procedure=plain_procedure(), target=30e6), PointView("1", mixed))
+    assert progress.verdict is Verdict.UNDECIDED
+    assert (
+        progress.verdict_reason == "its drops were measured with plates of 0.1 m and 0.15 m radius"
+    )
+
+
+def test_a_drop_is_a_rebound_once_a_larger_one_shows_it() -> None:
+    low = drop_from_traces(half_sine_drop(1, 1700.0), SETUP)
+    full = drop_from_traces(half_sine_drop(2, 9900.0), SETUP)
+    assert [fact.kind for fact in classify_drops([low])] == [Kind.MEASURED]
+    first, second = classify_drops([low, full])
+    assert (first.kind, second.kind) == (Kind.REJECTED, Kind.MEASURED)
+    assert "17% of the largest" in str(first.reason)
+
+
+def test_a_rejected_drop_seats_nothing_where_a_procedure_counts() -> None:
+    by_number = dataclasses.replace(SETUP, seating_drops=2)
+    by_procedure = dataclasses.replace(by_number, procedure="ours")
+    for setup, kinds in (
+        (by_number, ["rejected", "seating", "measured"]),
+        (by_procedure, ["rejected", "seating", "seating"]),
+    ):
+        some = [
+            drop_from_traces(half_sine_drop(n, p), setup)
+            for n, p in ((1, 900.0), (2, 8e3), (3, 8e3))
+        ]
+        assert [fact.kind.value for fact in classify_drops(some)] == kinds
+
+
+def diagnosis(
+    verdict: str = "explained",
+    ends: tuple[float, float] = (37e6, 39e6),
+    residual: float = 0.01,
+    **more: Any,
+) -> DiagnosisResult:
+    """Of all drops, 38 MPa."""
+    return DiagnosisResult(
+        drops=tuple(drop.facts.number for drop in drops()),
+        basis=basis_of(SETUP),
+        verdict=verdict,
+        after=FittedState(
+            modulus_pa=38e6,
+            modulus_interval_pa=ends,
+            residual_rms_over_peak=residual,
+            residual_over_noise=1e3,
+        ),
+        **more,
+    )
+
+
+@pytest.mark.parametrize(
+    ("verdict", "ends", "residual", "use"),
+    [
+        ("explained", (37e6, 39e6), 0.01, "design"),
+        ("clean", (37e6, 39e6), 0.001, "design"),
+        ("explained", (37e6, 38e6 * 1.299), 0.01, "design"),
+        ("explained", (37e6, 38e6 * 1.301), 0.01, "do-not-use"),
+        ("explained", (38e6 * 0.699, 39e6), 0.01, "do-not-use"),
+        ("unexplained", (37e6, 39e6), 0.029, "with-care"),
+        ("unexplained", (37e6, 39e6), 0.031, "do-not-use"),
+        ("unexplained", (30e6, 59.9e6), 0.029, "with-care"),
+        ("unexplained", (30e6, 60.1e6), 0.029, "do-not-use"),
+    ],
+)
+def test_the_modulus_in_force_follows_from_the_use_of_the_diagnosis(
+    verdict: str, ends: tuple[float, float], residual: float, use: str
+) -> None:
+    found = diagnosis(verdict, ends, residual)
+    assert found.use == use
+    assert found.use_reason
+    progress = judge_point(Job(procedure=plain_procedure()), PointView("1", drops(), 40e6))
+    fitted = progress.modulus_in_force
+    assert fitted is not None
+    assert fitted.source == "fitted"
+    progress = judge_point(
+        Job(procedure=plain_procedure()), PointView("1", drops(), 40e6, diagnosis=found)
+    )
+    in_force, other = progress.modulus_in_force, progress.other_modulus
+    assert in_force is not None
+    assert other is not None
+    assert progress.value is not None
+    if use == "do-not-use":
+        assert in_force == fitted
+        assert (other.source, other.value) == ("diagnosed", 38e6)
+        assert any(f"not used: {found.use_reason}" in note for note in progress.notes)
+    else:
+        assert (in_force.source, in_force.value, in_force.interval) == ("diagnosed", 38e6, ends)
+        assert other == fitted
+        assert any("the modulus is the diagnosed one, 38 MPa" in note for note in progress.notes)
+    assert (progress.value.value, progress.value.interval) == (in_force.value, in_force.interval)
+
+
+def test_what_is_explained_is_the_residual_beyond_the_noise() -> None:
+    after = FittedState(residual_rms_over_peak=0.05, residual_over_noise=1.25)
+    assert DiagnosisResult(after=after).explained_to == pytest.approx(0.03)
+    quiet = FittedState(residual_rms_over_peak=0.05, residual_over_noise=0.9)
+    assert DiagnosisResult(after=quiet).explained_to == 0.0
+    assert DiagnosisResult().explained_to is None
+    assert DiagnosisResult().use == "do-not-use"
+
+
+def test_the_json_of_a_diagnosis_has_its_use_and_reads_it_back() -> None:
+    found = diagnosis()
+    written = found.to_json()
+    assert [written[key] for key in ("use", "explained_to")] == ["design", found.explained_to]
+    assert DiagnosisResult.from_json(written | {"use": "with-care"}) == found
+
+
+UNSUPPORTED = [
+    ({"converged": False}, "the fit did not converge"),
+    ({"at_bound": ["modulus"]}, "modulus is on a bound"),
+    ({"at_bound": ["density"]}, "density is on a bound"),
+    ({"at_bound": ["bedrock_depth"]}, "bedrock depth is on a bound"),
+    ({"contact_residual_rms_over_peak": 0.11}, "leaves 11 % of the peak, at most 10 % is allowed"),
+]
+
+
+@pytest.mark.parametrize(("damage", "reason"), UNSUPPORTED)
+def test_a_modulus_that_the_data_do_not_support_decides_nothing(
+    damage: dict[str, Any], reason: str
+) -> None:
+    some = drops()
+    last = result_of(len(some), 45e6) | damage
+    some[-1] = some[-1].with_result(DropResult.from_json(last))
+    job = Job(procedure=plain_procedure())
+    point = PointView("1", some, target=20e6, job=job)
+    progress = point.progress
+    assert progress.verdict is Verdict.UNDECIDED
+    assert progress.verdict_reason_code is ReasonCode.NOT_SUPPORTED
+    assert reason in progress.verdict_reason
+    assert progress.value is not None
+    assert reason in str(progress.value.not_supported)
+    assert progress.modulus_in_force is None
+    assert point.as_json()["modulus_source"] is None
+    # A diagnosis that may be used is not touched by a bad fit.
+    diagnosed = judge_point(job, PointView("1", some, target=20e6, diagnosis=diagnosis()))
+    assert diagnosed.verdict is Verdict.PASS
+    # A result that replaces it takes the mark away.
+    some[-1] = some[-1].with_result(DropResult.from_json(result_of(len(some), 45e6)))
+    assert judge_point(job, PointView("1", some, target=20e6)).verdict is Verdict.PASS
+
+
+@pytest.mark.parametrize(("deviation", "supported"), [(0.05, True), (0.4, False)])
+def test_a_record_that_contradicts_its_stored_peak_decides_nothing(
+    deviation: float, supported: bool
+) -> None:
+    setup = dataclasses.replace(SETUP, extra={"imported": {"peak_deviations": {"6": deviation}}})
+    point = PointView("1", drops(setup), target=20e6)
+    progress = judge_point(Job(procedure=plain_procedure()), point)
+    assert (progress.verdict is Verdict.PASS) == supported
+    if not supported:
+        assert progress.verdict_reason_code is ReasonCode.NOT_SUPPORTED
+        assert (
+            "drop 6: the record contradicts the peak that its file stores"
+            in progress.verdict_reason
+        )
+
+
+def test_viscosity_on_a_bound_and_a_modest_residual_are_supported() -> None:
+    some = drops()
+    modest = {"at_bound": ["viscosity"], "contact_residual_rms_over_peak": 0.09}
+    some[-1] = some[-1].with_result(DropResult.from_json(result_of(len(some), 45e6) | modest))
+    progress = judge_point(Job(procedure=plain_procedure()), PointView("1", some, target=20e6))
+    assert progress.verdict is Verdict.PASS
+    strict = plain_procedure()
+    strict = dataclasses.replace(strict, checks={"most_residual": Number(0.05, "here", False)})
+    progress = judge_point(Job(procedure=strict), PointView("1", some, target=20e6))
+    assert "at most 5 % is allowed" in progress.verdict_reason
+
+
+def test_a_diagnosis_changes_no_deflection() -> None:
+    job = Job(procedure=find_procedure("mndot"))
+    plain = judge_point(job, PointView("1", drops()))
+    with_one = PointView("1", drops(), diagnosis=diagnosis())
+    assert judge_point(job, with_one).value == plain.value
+
+
+def test_a_diagnosis_of_other_drops_or_declarations_does_not_count() -> None:
+    job = Job(procedure=plain_procedure())
+    plain = judge_point(job, PointView("1", drops())).value
+    numbers = [drop.facts.number for drop in drops()]
+    for other in (
+        dataclasses.replace(diagnosis(), drops=(*numbers, 99)),
+        dataclasses.replace(diagnosis(), drops=tuple(numbers[:-1])),
+        dataclasses.replace(diagnosis(), basis="0" * 16),
+        dataclasses.replace(diagnosis(), after=None),
+        dataclasses.replace(diagnosis(), drops=()),
+    ):
+        assert judge_point(job, PointView("1", drops(), diagnosis=other)).value == plain
+    some = dataclasses.replace(diagnosis(), drops=tuple(numbers[1:]), left_out=(numbers[0],))
+    judged = judge_point(job, PointView("1", drops(), diagnosis=some)).value
+    assert judged is not None
+    assert judged.value == pytest.approx(38e6)
+
+
+def test_the_plates_of_kept_results_are_those_of_the_inversion() -> None:
+    assert frozenset(LAYERED_PLATE_MODELS) == PLATES

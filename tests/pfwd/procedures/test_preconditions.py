@@ -1,0 +1,185 @@
+"""A point that violates what its procedure presumes gets no verdict."""
+
+import dataclasses
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pfwd.errors import OptionError
+from pfwd.procedures import (
+    Kind,
+    PointDrop,
+    PointProgress,
+    Procedure,
+    Quantity,
+    ReasonCode,
+    Verdict,
+    find_procedure,
+    judge,
+    parse_procedure,
+    shipped_procedures,
+)
+from pfwd.procedures.preconditions import presumed_load
+
+GERMAN = find_procedure("tp-bf-stb-b8.3")
+RADIUS = 0.15
+DECIDED = (Verdict.PASS, Verdict.FAIL)
+
+
+def point(load: float | None, deflection: float = 0.5e-3, count: int = 6) -> list[PointDrop]:
+    """Drops that repeat within 1 %, the modulus that of 45 MPa soil by the measured load."""
+    return [
+        PointDrop(
+            number,
+            Kind.MEASURED,
+            peak_load=None if load is None else load * (1 + 1e-3 * (number % 3 - 1)),
+            peak_deflection=deflection * (1 + 1e-3 * (number % 3 - 1)),
+            pulse_duration=0.017,
+            modulus=45e6,
+            modulus_interval=(44e6, 46e6),
+            residual=0.01,
+        )
+        for number in range(1, count + 1)
+    ]
+
+
+def german(load: float | None, deflection: float, radius: float = RADIUS) -> PointProgress:
+    return judge(GERMAN, point(load, deflection), plate_radius=radius, target=45e6)
+
+
+def test_a_wrong_drop_height_gets_no_verdict() -> None:
+    """A lower height passed soil of 32 MPa, a higher one failed soil of 45 MPa."""
+    low = german(5100.0, 22.5e-6 / 56.6e-3)
+    assert low.verdict is Verdict.UNDECIDED
+    assert low.verdict_reason_code is ReasonCode.PRECONDITION
+    assert low.verdict_reason == (
+        "wrong drop height: 5.1 kN, this procedure needs 7.07 kN (within 10 %, our tolerance)"
+    )
+    assert low.value is not None
+    assert low.value.not_supported == low.verdict_reason
+    assert low.faults == (low.verdict_reason,)
+    high = german(9650.0, 22.5e-6 / 39.5e-3)
+    assert high.verdict is Verdict.UNDECIDED
+    assert "wrong drop height: 9.65 kN" in high.verdict_reason
+
+
+def test_the_same_soil_with_the_presumed_load_is_decided() -> None:
+    assert german(7070.0, 22.5e-6 / 56.6e-3).verdict is Verdict.PASS
+    assert german(7070.0, 22.5e-6 / 32e-3).verdict is Verdict.FAIL
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_tolerance_ends_at_ten_percent(sign: int) -> None:
+    assert german(7070.0 * (1 + sign * 0.098), 0.4e-3).verdict is Verdict.PASS
+    assert german(7070.0 * (1 + sign * 0.102), 0.4e-3).verdict is Verdict.UNDECIDED
+
+
+def test_a_load_that_nobody_measured_is_presumed() -> None:
+    assert german(None, 0.4e-3).verdict is Verdict.PASS, "such devices have no load cell"
+
+
+def test_one_drop_from_another_height_is_named() -> None:
+    drops = point(7070.0, 0.4e-3)
+    drops[4] = dataclasses.replace(drops[4], peak_load=8500.0)
+    progress = judge(GERMAN, drops, plate_radius=RADIUS, target=45e6)
+    assert progress.verdict is Verdict.UNDECIDED
+    assert progress.verdict_reason.startswith("drop 5: wrong drop height: 8.5 kN")
+    assert progress.verdict_reason.endswith("discard and repeat it")
+
+
+def test_another_plate_gets_no_verdict() -> None:
+    progress = german(7070.0, 0.4e-3, radius=0.1)
+    assert progress.verdict is Verdict.UNDECIDED
+    assert progress.verdict_reason == (
+        "wrong plate: radius 0.1 m, this procedure needs 0.15 m (within 1 %, our tolerance)"
+    )
+    assert german(7070.0, 0.4e-3, radius=0.1515).verdict is Verdict.PASS
+    assert "needs 0.15 m" in progress.instruction
+
+
+def test_preconditions_come_before_missing_drops() -> None:
+    early = judge(GERMAN, point(5100.0, count=4), plate_radius=RADIUS, target=45e6)
+    assert early.verdict_reason_code is ReasonCode.PRECONDITION
+    missing = judge(GERMAN, point(7070.0, count=4), plate_radius=RADIUS, target=45e6)
+    assert missing.verdict_reason_code is ReasonCode.DROPS_MISSING
+
+
+def test_without_a_target_the_violation_is_still_reported() -> None:
+    progress = judge(GERMAN, point(5100.0), plate_radius=RADIUS)
+    assert progress.verdict is Verdict.NONE
+    assert progress.verdict_reason_code is None
+    assert any("wrong drop height" in fault for fault in progress.faults)
+
+
+def test_a_profile_states_its_own_tolerance() -> None:
+    text = GERMAN.text.replace(
+        "[checks]",
+        '[checks]\nmost_load_deviation = { value = 0.02, source = "here", verified = true }',
+    )
+    strict = parse_procedure(text, "strict")
+    progress = judge(strict, point(7300.0, 0.4e-3), plate_radius=RADIUS, target=45e6)
+    assert progress.verdict_reason == (
+        "wrong drop height: 7.3 kN, this procedure needs 7.07 kN (within 2 %)"
+    )
+
+
+def test_a_tolerance_without_a_verified_source_applies_as_ours() -> None:
+    text = GERMAN.text.replace(
+        "[checks]",
+        '[checks]\nmost_load_deviation = { value = 0.02, source = "rumour", verified = false }',
+    )
+    progress = judge(
+        parse_procedure(text, "x"), point(7300.0, 0.4e-3), plate_radius=RADIUS, target=45e6
+    )
+    assert "(within 2 %, our tolerance)" in progress.verdict_reason
+    assert not any("most_load_deviation" in note for note in progress.notes)
+
+
+def test_a_stress_is_presumed_for_the_plate_of_the_procedure() -> None:
+    without_load = dataclasses.replace(GERMAN, nominal_load=None)
+    presumed = presumed_load(without_load, point(7070.0), RADIUS)
+    assert presumed is not None
+    assert presumed.load == pytest.approx(1e5 * math.pi * RADIUS**2)
+    assert presumed.pressure == pytest.approx(1e5)
+    assert presumed.measured_pressure == pytest.approx(1e5, rel=1e-3)
+    assert presumed_load(find_procedure("mndot"), point(7070.0), RADIUS) is None
+
+
+def test_a_negative_tolerance_is_refused() -> None:
+    text = GERMAN.text.replace(
+        "[checks]",
+        '[checks]\nmost_load_deviation = { value = -0.1, source = "here", verified = true }',
+    )
+    with pytest.raises(OptionError, match="most_load_deviation"):
+        parse_procedure(text, "x")
+
+
+@given(
+    procedure=st.sampled_from(tuple(shipped_procedures())),
+    load=st.floats(1e3, 3e4),
+    radius=st.floats(0.04, 0.31),
+    stiffness=st.floats(5e6, 3e8),
+    target_over_value=st.floats(0.2, 5.0),
+)
+def test_no_verdict_of_any_profile_under_a_violated_precondition(
+    procedure: Procedure, load: float, radius: float, stiffness: float, target_over_value: float
+) -> None:
+    deflection = 2 * load / (math.pi * radius * stiffness)
+    drops = point(load, deflection)
+    value = judge(procedure, drops, plate_radius=radius).value
+    assert value is not None
+    target = value.value * target_over_value
+    if procedure.quantity is Quantity.DEFLECTION and target >= 1.0:
+        return
+    progress = judge(procedure, drops, plate_radius=radius, target=target)
+    # Worked out here from the numbers of the profile alone.
+    violated = False
+    if procedure.nominal_load is not None:
+        violated |= abs(load / procedure.nominal_load.value - 1) > 0.101
+    if procedure.plate_radius is not None:
+        violated |= abs(radius / procedure.plate_radius.value - 1) > 0.0101
+    if violated:
+        assert progress.verdict not in DECIDED
+        assert progress.verdict_reason_code is ReasonCode.PRECONDITION

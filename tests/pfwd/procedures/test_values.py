@@ -1,0 +1,240 @@
+"""The quantity of a point, its scatter and its interval, against tables and sums by hand."""
+
+import dataclasses
+import math
+from typing import Any
+
+import pytest
+from scipy.stats import t as student
+
+from pfwd.procedures import (
+    Kind,
+    Number,
+    PointDrop,
+    PointProgress,
+    PointValue,
+    Procedure,
+    ReasonCode,
+    Verdict,
+    find_procedure,
+    judge,
+)
+from pfwd.procedures.moduli import half_width_95, mean, spread, stress_dependence
+from pfwd.procedures.valuing import known
+
+GERMAN = dataclasses.replace(find_procedure("tp-bf-stb-b8.3"), seating=Number(0, "here", True))
+BRITISH = dataclasses.replace(find_procedure("mchw-885"), seating=Number(0, "here", True))
+PAPER = find_procedure("paper")
+AMERICAN = dataclasses.replace(find_procedure("mndot"), seating=Number(0, "here", True))
+RADIUS = 0.15
+AREA = math.pi * RADIUS**2
+
+
+def drops(*deflections: float, **more: Any) -> list[PointDrop]:
+    """Measured ones, deflections in mm; a list in `more` has a value for each."""
+    made = []
+    for index, deflection in enumerate(deflections):
+        fields = {k: v[index] if isinstance(v, list) else v for k, v in more.items()}
+        fields = {"peak_load": 7070.0, **fields}
+        made.append(
+            PointDrop(index + 1, Kind.MEASURED, peak_deflection=deflection * 1e-3, **fields)
+        )
+    return made
+
+
+def judged(procedure: Procedure, found: list[PointDrop], **more: Any) -> PointProgress:
+    return judge(procedure, found, plate_radius=RADIUS, **more)
+
+
+def value_of(procedure: Procedure, found: list[PointDrop], **more: Any) -> PointValue:
+    value = judged(procedure, found, **more).value
+    assert value is not None
+    return value
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 6, 7, 8, 9, 10, 11])
+def test_the_half_width_is_that_of_student_s_table(count: int) -> None:
+    values = [float(number) for number in range(count)]
+    deviation = math.sqrt(sum((v - mean(values)) ** 2 for v in values) / (count - 1))
+    wanted = student.ppf(0.975, count - 1) * deviation / math.sqrt(count)
+    assert half_width_95(values) == pytest.approx(wanted, rel=2e-4)
+
+
+def test_beyond_the_table_the_half_width_is_on_the_safe_side() -> None:
+    values = [float(number) for number in range(40)]
+    deviation = math.sqrt(sum((v - mean(values)) ** 2 for v in values) / 39)
+    wanted = student.ppf(0.975, 39) * deviation / math.sqrt(40)
+    found = half_width_95(values)
+    assert found is not None
+    assert wanted < found < 1.15 * wanted
+
+
+def test_spread_begins_with_two_values() -> None:
+    assert spread([3.0]) is None
+    assert spread([1.0, 3.0]) == 1.0
+    assert spread([-1.0, -3.0]) == 1.0
+    assert spread([1.0, -1.0]) is None, "over a mean of 0"
+
+
+def test_an_interval_does_not_go_below_zero() -> None:
+    value = value_of(AMERICAN, drops(0.1, 0.5, 0.9))
+    assert value.interval is not None
+    assert value.interval[0] == 0.0
+    assert value.interval[1] == pytest.approx(0.5e-3 + 4.303 * 0.4e-3 / math.sqrt(3))
+
+
+def test_a_deflection_comes_with_all_it_rests_on() -> None:
+    value = value_of(AMERICAN, drops(0.4, 0.5, 0.6, peak_load=[7000.0, 7100.0, 7200.0]))
+    assert (value.drops, value.mean_load, value.plate_radius) == (3, 7100.0, RADIUS)
+    assert value.mean_deflection == value.value == pytest.approx(0.5e-3)
+    assert (value.factor, value.poisson_ratio, value.pressure) == (None, None, None)
+    partly = value_of(AMERICAN, drops(0.4, 0.5, 0.6, peak_load=[7000.0, None, 7200.0]))
+    assert partly.mean_load is None, "the load of one drop is not known"
+
+
+def test_a_surface_modulus_comes_with_all_it_rests_on() -> None:
+    value = value_of(BRITISH, drops(0.4, 0.5, 0.6), poisson_ratio=0.3)
+    assert (value.drops, value.mean_load, value.plate_radius) == (3, 7070.0, RADIUS)
+    assert value.pressure == pytest.approx(7070.0 / AREA)
+    assert (value.factor, value.poisson_ratio) == (2.0, 0.3)
+    assert value.mean_deflection == pytest.approx(0.5e-3)
+    without = judged(BRITISH, drops(0.4, 0.5, 0.6, peak_load=[7000.0, None, 7200.0]))
+    assert without.value is None, "a load is in the formula"
+
+
+def test_e_vd_does_without_a_load_and_comes_with_all_it_rests_on() -> None:
+    value = value_of(GERMAN, drops(0.4, 0.5, 0.6, peak_load=None))
+    assert (value.drops, value.mean_load, value.plate_radius) == (3, None, RADIUS)
+    assert value.mean_deflection == pytest.approx(0.5e-3)
+    assert judged(GERMAN, [PointDrop(1, Kind.MEASURED)]).value is None
+
+
+def test_several_inverted_moduli_are_combined_on_the_logarithm() -> None:
+    found = drops(
+        *(0.4, 0.5, 0.6),
+        modulus=[40e6, None, 44e6],
+        modulus_interval=[(39e6, 41e6), None, (41e6, 50e6)],
+        peak_load=[7000.0, 9000.0, 7200.0],
+    )
+    value = value_of(PAPER, found)
+    assert (value.drops, value.mean_load) == (2, 7100.0)
+    assert value.value == pytest.approx(math.sqrt(40e6 * 44e6))
+    assert value.mean_deflection == pytest.approx(0.5e-3)
+    scatter = 12.706 * math.log(44 / 40) / math.sqrt(2) / math.sqrt(2)
+    below = math.hypot((math.log(40 / 39) + math.log(44 / 41)) / 2, scatter)
+    above = math.hypot((math.log(41 / 40) + math.log(50 / 44)) / 2, scatter)
+    ends = value.value * math.exp(-below), value.value * math.exp(above)
+    assert value.interval == pytest.approx(ends)
+
+
+def test_the_interval_of_one_drop_is_that_of_its_point() -> None:
+    """Mean half-widths to either side made 60.9 to 114 MPa of these ends."""
+    one = [PointDrop(1, Kind.MEASURED, modulus=87.4e6, modulus_interval=(45.6e6, 98.7e6))]
+    progress = judged(PAPER, one, target=55e6)
+    assert progress.value is not None
+    assert progress.value.value == 87.4e6
+    assert progress.value.interval == (45.6e6, 98.7e6)
+    assert progress.verdict is Verdict.UNDECIDED
+    assert progress.verdict_reason_code is ReasonCode.INTERVAL
+
+
+def test_equal_drops_keep_both_sides_of_their_interval() -> None:
+    three = [
+        PointDrop(n, Kind.MEASURED, modulus=60e6, modulus_interval=(45e6, 98e6)) for n in (1, 2, 3)
+    ]
+    value = value_of(PAPER, three)
+    assert value.value == pytest.approx(60e6)
+    assert value.interval == pytest.approx((45e6, 98e6))
+
+
+def test_an_inverted_modulus_needs_no_peaks() -> None:
+    bare = [PointDrop(n, Kind.MEASURED, modulus=n * 1e6) for n in (40, 41)]
+    value = value_of(PAPER, bare)
+    assert value.value == pytest.approx(math.sqrt(40 * 41) * 1e6)
+    assert (value.mean_load, value.mean_deflection) == (None, None)
+    alone = judged(PAPER, bare[:1])
+    assert alone.value is not None
+    assert alone.value.interval is None
+    assert judged(PAPER, [PointDrop(1, Kind.MEASURED)]).value is None
+
+
+@pytest.mark.parametrize("procedure", [GERMAN, BRITISH, AMERICAN], ids=["de", "uk", "us"])
+def test_fewer_than_three_drops_have_a_range_and_no_interval(procedure: Procedure) -> None:
+    free = dataclasses.replace(procedure, measured=None)
+    value = value_of(free, drops(0.4, 0.6))
+    assert value.interval is None
+    assert value.drop_range is not None
+    low, high = value.drop_range
+    assert low < value.value < high
+    target = 1e-5 if procedure is AMERICAN else 1e6  # far from the value
+    progress = judged(free, drops(0.4, 0.6), target=target)
+    assert progress.verdict is Verdict.UNDECIDED
+    assert progress.verdict_reason_code is ReasonCode.DROPS_MISSING
+    assert "needs 3 measured drops, the point has 2" in progress.verdict_reason
+    alone = value_of(free, drops(0.4))
+    assert (alone.interval, alone.drop_range) == (None, None)
+    three = value_of(free, drops(0.4, 0.5, 0.6))
+    assert three.interval is not None
+    assert three.drop_range is None
+
+
+def test_poisson_s_ratio_of_the_procedure_then_of_the_setup_then_assumed() -> None:
+    found = drops(0.5, 0.5, 0.5)
+    own = dataclasses.replace(BRITISH, poisson_ratio=Number(0.2, "here", True))
+    assert value_of(own, found, poisson_ratio=0.4).poisson_ratio == 0.2
+    doubtful = dataclasses.replace(BRITISH, poisson_ratio=Number(0.2, "here", False))
+    assert value_of(doubtful, found, poisson_ratio=0.4).poisson_ratio == 0.4
+    assert value_of(doubtful, found).poisson_ratio == 0.35
+    assert judged(BRITISH, found).notes.count("Poisson's ratio 0.35 is assumed") == 1
+    assert "Poisson's ratio 0.35 is assumed" not in judged(BRITISH, found, poisson_ratio=0.4).notes
+
+
+LOADS = [3500.0, 5000.0, 7000.0, 9000.0]
+
+
+def test_stress_dependence_of_a_point_by_the_inversion() -> None:
+    moduli = [40e6 * (load / AREA / 1e5) ** 0.3 for load in LOADS]
+    found = judged(PAPER, drops(0.3, 0.4, 0.5, 0.6, peak_load=LOADS, modulus=moduli)).stress
+    assert found is not None
+    assert found.exponent == pytest.approx(0.3)
+    assert found.pressures == pytest.approx((3500.0 / AREA, 9000.0 / AREA))
+    # Drops of which load or modulus is not known take no part.
+    partly = drops(
+        *(0.3, 0.4, 0.5, 0.6),
+        peak_load=[3500.0, None, 7000.0, 9000.0],
+        modulus=[*moduli[:3], None],
+    )
+    found = judged(PAPER, partly).stress
+    assert found is not None
+    assert found.pressures == pytest.approx((3500.0 / AREA, 7000.0 / AREA))
+
+
+def test_stress_dependence_of_a_point_by_its_peaks() -> None:
+    # E is F over s but for constants: F^0.3 where s goes with F^0.7; beyond the three as well.
+    deflections = [0.5 * (load / 7070.0) ** 0.7 for load in LOADS]
+    found = judged(GERMAN, drops(*deflections, peak_load=LOADS)).stress
+    assert found is not None
+    assert found.exponent == pytest.approx(0.3)
+    unknown = judged(GERMAN, drops(*deflections[:3], peak_load=[None, 5000.0, 7000.0])).stress
+    assert unknown is not None
+    assert unknown.pressures == pytest.approx((5000.0 / AREA, 7000.0 / AREA))
+    assert unknown.exponent_deviation is None, "two drops have none"
+
+
+def test_the_deviation_of_the_exponent_is_that_of_a_straight_line() -> None:
+    # ln p = 0, 1, 2 and ln E = 0, 1, 0.5: slope 0.25, squares of what is left 0.375, of x 2.
+    found = stress_dependence([math.exp(x) for x in (0, 1, 2)], [math.exp(y) for y in (0, 1, 0.5)])
+    assert found is not None
+    assert found.exponent == pytest.approx(0.25)
+    assert found.exponent_deviation == pytest.approx(math.sqrt(0.375 / 1 / 2))
+
+
+def test_heights_differ_from_a_quarter_on() -> None:
+    assert stress_dependence([1e5, 1.24e5], [1e6, 2e6]) is None
+    assert stress_dependence([1e5, 1.26e5], [1e6, 2e6]) is not None
+    assert stress_dependence([1e5], [1e6]) is None
+
+
+def test_what_is_not_known_is_left_out_in_order() -> None:
+    found = drops(0.5, 0.6, 0.7, pulse_duration=[0.018, None, 0.017])
+    assert known(found, "pulse_duration") == [0.018, 0.017]

@@ -1,0 +1,33 @@
+"""A survey with results, to be reported."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from pfwd.files.importing import import_files
+from pfwd.files.traces import TracePoint, write_traces
+from pfwd_device.recording import SurveyWriter, read_survey
+from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two points of four drops with results; made once, for the disk takes its time."""
+    top = tmp_path_factory.mktemp("made")
+    folder = top / "survey"
+    for name, shift in (("A", 0.0), ("B", 30.0)):
+        drops = tuple(half_sine_drop(n, 8000.0 + shift + n) for n in (1, 2, 3, 4))
+        write_traces(top / f"{name}.csv", TracePoint("", SETUP, drops, ()))
+    list(import_files([str(top / "A.csv"), str(top / "B.csv")], folder))
+    with SurveyWriter.open(folder, publish=False) as writer:
+        for drop in read_survey(folder).drops:
+            writer.save_result(drop.number, result_of(drop.drop, 60e6))  # an older one
+            writer.save_result(drop.number, result_of(drop.drop, 45e6 + 1e5 * drop.drop))
+    return folder
+
+
+@pytest.fixture
+def survey(made: Path, tmp_path: Path) -> Path:
+    """A copy that a test may change."""
+    return shutil.copytree(made, tmp_path / "survey")

@@ -1,0 +1,285 @@
+"""Layers, deflection bowl and residual by sensor in a report."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from inversion.records import Interval
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import DropAnalysis, DropResult
+from pfwd.errors import OptionError
+from pfwd.files.editing import Edit, edit_survey
+from pfwd.report import gathering
+from pfwd.report.gathering import ReportOptions, gather
+from pfwd.report.ground_blocks import effective_of, ground_blocks
+from pfwd.report.ground_drawing import draw_ground
+from pfwd.report.report import write_report
+from pfwd.report.texts import languages, load_texts
+from pfwd_device import Channel, Drop
+from pfwd_device.recording import DropRecord, SurveyWriter
+from tests.pfwd.report.surveys import result_of
+
+OFFSETS = (0.0, 0.3, -0.3, 0.6)
+DECLARED = {"plate_radius_m": 0.15, "plate_mass_kg": 0.0, "poisson_ratio": 0.35}
+
+
+def layer(modulus: float, interval: Interval, **more: Any) -> dict[str, Any]:
+    return {
+        "modulus_pa": modulus,
+        "modulus_sd_pa": 1e5,
+        "modulus_interval_pa": list(interval),
+        "viscosity_pa_s": 2e4,
+        "density_kg_m3": 1900.0,
+        "poisson_ratio": 0.35,
+        **more,
+    }
+
+
+TOP = layer(
+    120e6,
+    (110e6, 131e6),
+    thickness_m=0.25,
+    thickness_sd_m=0.004,
+    thickness_interval_m=[0.24, 0.262],
+)
+BELOW = layer(45e6, (44e6, 46e6))
+LAYERS = {
+    "layers": [TOP, BELOW],
+    "effective_modulus_pa": 71e6,
+    "effective_modulus_interval_pa": [70e6, 72e6],
+    "effective_depth_m": 0.93,
+}
+
+
+@pytest.fixture
+def layered(survey: Path, make_drop: Any) -> Path:
+    """A survey with a point `L` of two drops on two media."""
+    keep(survey, make_drop)
+    return survey
+
+
+def keep(survey: Path, make_drop: Any, **changed: Any) -> None:
+    with SurveyWriter.open(survey, publish=False) as writer:
+        for number in (1, 2):
+            drop = make_drop(number=number, offsets=OFFSETS)
+            saved = writer.save_drop(DropRecord("L", drop, None, DECLARED, {}))
+            writer.save_result(saved, result_of(number) | LAYERS | changed)
+
+
+def point_of(survey: Path, **options: Any) -> Any:
+    report = gather(survey, ReportOptions(**options))
+    (point,) = [point for point in report.points if point.shown_name == "L"]
+    return point
+
+
+def text_of(survey: Path, **options: Any) -> str:
+    target = survey.parent / "report.html"
+    write_report(survey, target, ReportOptions(**options))
+    page = target.read_text(encoding="utf-8").split('id="', 1)[-1]
+    plain = re.sub(r"<[^>]*>", " ", re.sub(r'src="data:[^"]*"', "", page))
+    return re.sub(r"\s+", " ", plain.replace("&#39;", "'"))
+
+
+def drawn(survey: Path, language: str = "en") -> Figure:
+    figure = Figure()
+    draw_ground(figure, point_of(survey).drops, load_texts(language))
+    return figure
+
+
+def lines_of(axes: Any) -> list[tuple[list[float], list[float]]]:
+    return [(list(line.get_xdata()), list(line.get_ydata())) for line in axes.get_lines()]
+
+
+def test_the_layers_of_every_drop_stand_in_a_table(layered: Path) -> None:
+    text = text_of(layered)
+    assert "1 1 120 (110 – 131) 0.250 (0.240 – 0.262) 20.0 1900 0.35" in text.replace("\xa0", " ")
+    assert "2 2, subgrade 45.0 (44.0 – 46.0) without end" in text.replace("\xa0", " ")
+    assert "Effective modulus 71.0 MPa (70.0 – 72.0), down to 0.93 m" in text.replace("\xa0", " ")
+
+
+def test_what_the_record_leaves_open_has_no_value(survey: Path, make_drop: Any) -> None:
+    open_below = layer(45e6, (40e6, 410e6))
+    keep(survey, make_drop, layers=[TOP, open_below], modulus_pa=None, modulus_interval_pa=None)
+    text = text_of(survey)
+    assert "2, subgrade not known: 40 to 410 fit as well" in text
+    assert "2, subgrade 45" not in text
+    assert point_of(survey).progress.value is None, "nothing is judged that is not known"
+
+
+def test_a_given_thickness_is_named_so(survey: Path, make_drop: Any) -> None:
+    given = TOP | {"thickness_sd_m": None, "thickness_interval_m": None}
+    keep(survey, make_drop, layers=[given, BELOW])
+    assert "0.25 (given)" in text_of(survey)
+
+
+@pytest.mark.parametrize("language", languages())
+def test_the_picture_has_steps_bands_boundary_and_effective_modulus(
+    layered: Path, language: str
+) -> None:
+    profile, bowl = drawn(layered, language).axes
+    lines = lines_of(profile)
+    assert ([120.0, 120.0], [0.0, 0.25]) in lines
+    assert ([120.0, 45.0], [0.25, 0.25]) in lines
+    assert ([71.0, 71.0], [0.0, 0.93]) in lines
+    # The interval of the boundary, between the two moduli.
+    middle = pytest.approx(np.sqrt(120.0 * 45.0))
+    assert any(x == [middle] * 2 and y == pytest.approx([0.24, 0.262]) for x, y in lines)
+    bands = [path.get_datalim(profile.transData) for path in profile.collections]
+    assert any((b.x0, b.x1) == pytest.approx((110.0, 131.0)) for b in bands)
+    low, high = profile.get_ylim()
+    assert low == pytest.approx(1.35 * 0.93)
+    assert high == 0.0
+    assert profile.get_xscale() == "log"
+    offsets, _ = lines_of(bowl)[0]
+    assert offsets == [-0.3, 0.0, 0.3, 0.6], "both sides of the plate"
+    texts = load_texts(language)
+    assert bowl.get_xlabel() == texts["offset_axis"]
+    assert profile.get_ylabel() == texts["depth_axis"]
+
+
+def test_an_open_modulus_is_dotted(survey: Path, make_drop: Any) -> None:
+    open_below = layer(45e6, (40e6, 410e6))
+    keep(survey, make_drop, layers=[TOP, open_below], modulus_pa=None, modulus_interval_pa=None)
+    profile = drawn(survey).axes[0]
+    styles = {
+        tuple(line.get_xdata()): line.get_linestyle()
+        for line in profile.get_lines()
+        if len(line.get_xdata()) == 2
+    }
+    assert styles[120.0, 120.0] == "-"
+    assert styles[45.0, 45.0] == ":"
+
+
+def test_rock_is_hatched_down_to_the_end(survey: Path, make_drop: Any) -> None:
+    on_rock = BELOW | {"thickness_m": 0.75, "thickness_sd_m": 0.01}
+    keep(survey, make_drop, layers=[TOP, on_rock], bedrock_depth_m=1.0, model="layer")
+    profile = drawn(survey).axes[0]
+    hatched = [patch for patch in profile.patches if patch.get_hatch()]
+    assert len(hatched) == 1
+    assert hatched[0].get_bbox().y0 == pytest.approx(1.0)
+    assert hatched[0].get_bbox().y1 == pytest.approx(profile.get_ylim()[0])
+    assert "rock" in [text.get_text() for text in profile.texts]
+
+
+def test_the_bowl_is_shown_without_layers_too(layered: Path, make_drop: Any) -> None:
+    with SurveyWriter.open(layered, publish=False) as writer:
+        drop = make_drop(number=1, offsets=(0.0, 0.3))
+        saved = writer.save_drop(DropRecord("plain", drop, None, DECLARED, {}))
+        writer.save_result(saved, result_of(1))
+    points = {point.shown_name: point for point in gather(layered).points}
+    figure = Figure()
+    draw_ground(figure, points["plain"].drops, load_texts("en"))
+    (bowl,) = figure.axes
+    measured = lines_of(bowl)[1]
+    assert measured[0] == [0.0, 0.3]
+    assert measured[1] == pytest.approx([500.0, 500.0 / 2.5], rel=1e-3)
+    titles = [
+        getattr(block, "text", "")
+        for block in ground_blocks(points["plain"].drops, "plain", load_texts("en"))
+    ]
+    assert "Layers" not in titles
+    assert "Residual by sensor" in titles
+    # A single sensor has no bowl, and the residual of the drop is its own.
+    assert ground_blocks(points["A"].drops, "A", load_texts("en")) == []
+    empty = Figure()
+    draw_ground(empty, points["A"].drops, load_texts("en"))
+    assert empty.axes == []
+
+
+def test_a_sensor_that_was_left_out_is_named(survey: Path, make_drop: Any) -> None:
+    with SurveyWriter.open(survey, publish=False) as writer:
+        drop = make_drop(number=1, offsets=OFFSETS)
+        away = 5e-4 * np.clip(drop.time / 0.02, 0.0, 1.0)
+        loose = tuple(
+            Channel(c.offset, c.quantity, away) if c.offset == 0.6 else c for c in drop.channels
+        )
+        kept = Drop(1, drop.time, drop.load, loose)
+        saved = writer.save_drop(DropRecord("L", kept, None, DECLARED, {}))
+        writer.save_result(saved, result_of(1))
+    text = text_of(survey)
+    assert "0.6 m: left out – – – –" in text
+    assert re.search(r"-0\.3 m \d", text)
+
+
+def test_the_modulus_is_said_to_be_that_below_the_layers(layered: Path) -> None:
+    point = point_of(layered)
+    (said,) = [text for text in point.warnings if "lowest medium" in text]
+    assert "the average and a target refer to it" in said
+    text = text_of(layered)
+    assert "lowest of 2 media, half-space" in text
+    assert said in text
+    # E_vd is no modulus of the inversion; it is judged as ever.
+    other = point_of(layered, procedure="tp-bf-stb-b8.3")
+    (said,) = [text for text in other.warnings if "lowest medium" in text]
+    assert "average" not in said
+    assert not any("lowest medium" in text for text in gather(layered).points[0].warnings)
+
+
+def test_drops_with_other_numbers_of_media_are_told_apart(layered: Path, make_drop: Any) -> None:
+    with SurveyWriter.open(layered, publish=False) as writer:
+        drop = make_drop(number=3, offsets=OFFSETS)
+        writer.save_result(
+            writer.save_drop(DropRecord("L", drop, None, DECLARED, {})), result_of(3)
+        )
+    (warning,) = [one for one in point_of(layered).warnings if one.code == "media-differ"]
+    assert warning.values == {"media": "1 and 2"}
+
+
+class Asked:
+    """Stands for the inversion and keeps what it was asked for."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.options: list[AnalysisOptions] = []
+        monkeypatch.setattr(gathering, "analyse_drop", self)
+
+    def __call__(
+        self, drop: Drop, _setup: Any, screening: Any, options: AnalysisOptions, _library: Any
+    ) -> DropAnalysis:
+        self.options.append(options)
+        return DropAnalysis(drop, screening, None, "not inverted")
+
+
+def test_layers_are_inverted_for_the_report_whatever_is_stored(
+    layered: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = Asked(monkeypatch)
+    gather(layered)
+    assert asked.options == []
+    report = gather(layered, ReportOptions(layers=3, thickness=(0.1, 0.3), seed=5))
+    assert len(asked.options) == 10
+    assert set(asked.options) == {AnalysisOptions(layers=3, thickness=(0.1, 0.3), seed=5)}
+    assert "--layers 3 --thickness 0.1,0.3 --seed 5" in report.command
+    assert report.settings["layers"] == 3
+    assert report.settings["thickness"] == "0.1,0.3"
+    assert "layers" not in gather(layered).settings
+
+
+def test_a_result_of_layers_that_is_stale_is_inverted_with_layers(
+    layered: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    edit_survey(layered, [Edit("declared", {"poisson_ratio": 0.4})], point="L")
+    asked = Asked(monkeypatch)
+    point_of(layered)
+    assert asked.options == [AnalysisOptions(layers=2)] * 2
+
+
+def test_layers_that_cannot_be_are_refused() -> None:
+    with pytest.raises(OptionError, match="--layers: expected a whole number from 1 to 4"):
+        ReportOptions(layers=9)
+    with pytest.raises(OptionError, match="--thickness: expected a value for each layer"):
+        ReportOptions(layers=3, thickness=(0.1,))
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_a_pdf_with_layers_has_pages(layered: Path, language: str) -> None:
+    target = layered.parent / "layers.pdf"
+    write_report(layered, target, ReportOptions(language=language))
+    assert target.read_bytes().startswith(b"%PDF")
+
+
+def test_a_result_without_effective_modulus_says_nothing_of_it() -> None:
+    assert effective_of(DropResult(), load_texts("en")) == "–"

@@ -1,0 +1,615 @@
+"""Reports: what they say, that nothing in them runs or is fetched, that they can be read."""
+
+import dataclasses
+import gc
+import hashlib
+import html.parser
+import json
+import pickle
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from inversion import SurrogateLibrary
+from pfwd.analysis.analyse import analyse_drop
+from pfwd.analysis.diagnosis.holding import basis_of
+from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.drop_result import drop_result
+from pfwd.analysis.kept import is_sound
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import DropResult
+from pfwd.analysis.screening.drops import screen
+from pfwd.errors import OptionError, SurveyError
+from pfwd.files.editing import Edit, edit_survey
+from pfwd.judging import DropView
+from pfwd.procedures import StressDependence, Verdict
+from pfwd.report import fonts
+from pfwd.report.content import Report
+from pfwd.report.drawing import draw_traces
+from pfwd.report.fits import curves_of
+from pfwd.report.gathering import ReportOptions, gather
+from pfwd.report.point_blocks import _stress
+from pfwd.report.report import COLLECT_AFTER, _garbage_seldom, write_report
+from pfwd.report.texts import load_texts
+from pfwd_device import Channel, Drop
+from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
+from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
+
+HOSTILE = '<script>alert("1")</script> $\\frac{x}$ {{ 7 * 7 }}'
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge")
+
+
+class Page(html.parser.HTMLParser):
+    """Tags, attributes and texts of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data)
+
+
+def page_of(survey: Path, **options: Any) -> tuple[str, Page, Report]:
+    target = survey.parent / "report.html"
+    report = write_report(survey, target, ReportOptions(**options))
+    text = target.read_text(encoding="utf-8")
+    return text, Page(text), report
+
+
+def is_stored(drop: DropView) -> bool:
+    return drop.result is not None and bool(drop.result.stored)
+
+
+def test_a_point_goes_to_another_process_without_the_survey(survey: Path) -> None:
+    point = gather(survey).points[0]
+    assert point.source is not None
+    copy = pickle.loads(pickle.dumps(point))
+    for part in (copy, copy.whole):
+        assert [owner.source for owner in (part, *part.drops)] == [None] * (1 + len(part.drops))
+    assert copy.progress == point.progress
+    assert [drop.result for drop in copy.drops] == [drop.result for drop in point.drops]
+    assert copy.place == point.place
+
+
+def test_stored_results_are_used_the_last_one(survey: Path) -> None:
+    told: list[str] = []
+    report = gather(survey, ReportOptions(), told.append)
+    assert [point.shown_name for point in report.points] == ["A", "B"]
+    drops = report.points[0].drops
+    assert all(is_stored(drop) for drop in drops)
+    assert [drop.result and drop.result.modulus_pa for drop in drops] == [
+        45.1e6,
+        45.2e6,
+        45.3e6,
+        45.4e6,
+    ]
+    assert not any("inverted" in text for text in told)
+    # One seating drop was declared, no procedure chosen: the other three are averaged.
+    assert report.points[0].progress.used == (2, 3, 4)
+    value = report.points[0].progress.value
+    assert value is not None
+    assert value.value == pytest.approx((45.2e6 * 45.3e6 * 45.4e6) ** (1 / 3))
+
+
+def test_curves_are_those_of_the_stored_ground(survey: Path) -> None:
+    soft, stiff = ({**result_of(2), "modulus_pa": value} for value in (30e6, 60e6))
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.save_result(2, soft)
+        writer.save_result(3, stiff)
+    first, second = gather(survey).points[0].drops[1:3]
+    assert first.curves is not None
+    assert second.curves is not None
+    # Nearly static: half the modulus, nearly twice the deflection under the same load.
+    ratio = first.curves.predicted.max() / second.curves.predicted.max()
+    assert 1.6 < ratio < 2.0
+    np.testing.assert_allclose(first.curves.observed.max(), 5e-4, rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        AnalysisOptions(method="least-squares", bedrock_depth=1.2),
+        AnalysisOptions(method="least-squares", model="half-space"),
+        AnalysisOptions(method="least-squares", plate="rigid-smooth", load="half-sine"),
+        AnalysisOptions(method="least-squares", layers=2, bedrock_depth=1.2),
+        AnalysisOptions(method="least-squares", layers=2, bedrock_depth="none"),
+        AnalysisOptions(method="least-squares", layers=3, thickness=(0.2, 0.3), elastic=True),
+        AnalysisOptions(method="least-squares", plate="uniform", bedrock_depth="none"),
+        AnalysisOptions(method="least-squares", plate="uniform", layers=2, load="half-sine"),
+    ],
+)
+def test_a_stored_result_gives_the_curves_of_its_inversion(options: AnalysisOptions) -> None:
+    drop, library = half_sine_drop(2, 8000.0), SurrogateLibrary()
+    screening = screen(drop, SETUP)
+    analysis = analyse_drop(drop, SETUP, screening, options, library)
+    assert analysis.result is not None
+    history = analysis.result.history
+    # As it comes back from the disk.
+    result = DropResult.from_json(json.loads(json.dumps(drop_result("x", analysis).to_json())))
+    curves = curves_of(drop, SETUP, screening, result, library)
+    assert curves is not None
+    np.testing.assert_allclose(curves.observed, history.observed, rtol=1e-12)
+    np.testing.assert_allclose(curves.time, history.time, rtol=1e-12)
+    # The half-sine of a report has the measured area, that of this fit is by least squares.
+    close = 2e-2 if options.load == "half-sine" else 1e-9
+    scale = np.abs(history.predicted).max()
+    np.testing.assert_allclose(curves.predicted, history.predicted, atol=close * scale)
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_sensors_are_named_by_side_and_those_left_out_are_marked(
+    survey: Path, make_drop: Any, language: str
+) -> None:
+    places = (0.0, 0.3, -0.3, 0.6, -0.6)
+    with SurveyWriter.open(survey, publish=False) as writer:
+        for number in (1, 2):
+            drop = make_drop(number=number, offsets=places)
+            away = 5e-4 * np.clip(drop.time / 0.02, 0.0, 1.0)
+            loose = tuple(
+                Channel(c.offset, c.quantity, away) if c.offset == -0.6 else c
+                for c in drop.channels
+            )
+            kept = Drop(number, drop.time, drop.load, loose if number == 1 else drop.channels)
+            declared = {"plate_radius_m": 0.15, "plate_mass_kg": 0.0, "poisson_ratio": 0.35}
+            saved = writer.save_drop(DropRecord("sides", kept, None, declared, {}))
+            writer.save_result(saved, result_of(number))
+    report = gather(survey, ReportOptions())
+    (point,) = [one for one in report.points if one.shown_name == "sides"]
+    for one in point.drops:
+        assert one.left_out == (-0.6,)
+        assert one.curves is not None
+        assert one.curves.offsets.tolist() == [0.0, 0.3, -0.3, 0.6]
+        assert any("bad sensor: displacement at -0.6 m" in text for text in one.warnings)
+    figure = Figure()
+    draw_traces(figure, point.drops, load_texts(language))
+    names = [text.get_text() for text in figure.axes[1].get_legend().get_texts()]
+    said = load_texts(language).say("left_out", offset="-0.6")
+    assert [name for name in names if "0.3" in name] == ["0.3 m", "-0.3 m"]
+    assert names[-1] == said
+    assert "-0.6 m" in said
+
+
+LAYERS = [
+    {
+        "modulus_pa": modulus,
+        "viscosity_pa_s": 4e4,
+        "density_kg_m3": 1900.0,
+        "poisson_ratio": 0.35,
+        "thickness_m": thickness,
+    }
+    for modulus, thickness in ((90e6, 0.2), (45e6, None))
+]
+
+
+def layered(**changes: Any) -> DropResult:
+    return DropResult.from_json({**result_of(2), "layers": LAYERS, **changes})
+
+
+def test_a_layered_result_whose_subgrade_is_not_known_has_its_curves() -> None:
+    drop, library = half_sine_drop(2, 8000.0), SurrogateLibrary()
+    screening = screen(drop, SETUP)
+    known, unknown = layered(), layered(modulus_pa=None, modulus_sd_pa=None)
+    assert is_sound(known)
+    assert is_sound(unknown)
+    assert not is_sound(DropResult.from_json({**result_of(2), "modulus_pa": None}))
+    curves = [curves_of(drop, SETUP, screening, r, library) for r in (known, unknown)]
+    assert curves[0] is not None
+    assert curves[1] is not None
+    np.testing.assert_array_equal(curves[0].predicted, curves[1].predicted)
+    # The stiff top holds the plate up: less than on the lower medium alone.
+    alone = curves_of(drop, SETUP, screening, DropResult.from_json(result_of(2)), library)
+    assert alone is not None
+    assert curves[0].predicted.max() < 0.9 * alone.predicted.max()
+
+
+@pytest.mark.parametrize(
+    "layers",
+    [
+        "two",
+        [3, 4],
+        [LAYERS[1], LAYERS[0]],
+        [LAYERS[0], {**LAYERS[1], "thickness_m": "deep"}],
+        *(
+            [{**LAYERS[0], key: None}, LAYERS[1]]
+            for key in ("modulus_pa", "viscosity_pa_s", "density_kg_m3", "poisson_ratio")
+        ),
+    ],
+)
+def test_layers_that_can_not_be_computed_with_are_not_used(layers: Any) -> None:
+    assert not is_sound(layered(layers=layers))
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"modulus_pa": -1.0}, {"poisson_ratio": 0.5}, {"thickness_m": 0.0}]
+)
+def test_layers_that_no_ground_has_give_no_curves(wrong: dict[str, float]) -> None:
+    drop = half_sine_drop(2, 8000.0)
+    result = layered(layers=[{**LAYERS[0], **wrong}, LAYERS[1]])
+    assert curves_of(drop, SETUP, screen(drop, SETUP), result, SurrogateLibrary()) is None
+
+
+def test_a_report_of_a_layered_result_without_a_modulus(survey: Path) -> None:
+    said = "modulus of the subgrade not known: 1 to 800 MPa fit as well"
+    result = layered(modulus_pa=None, modulus_sd_pa=None, warnings=[said]).to_json()
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.save_result(2, result)
+    text, page, report = page_of(survey)
+    drop = report.points[0].drops[1]
+    assert is_stored(drop)
+    assert drop.curves is not None
+    assert said in text
+    assert not re.search(r"\b(nan|None|null)\b", " ".join(page.texts))
+
+
+def test_what_is_missing_or_stale_is_inverted(survey: Path) -> None:
+    edit_survey(survey, [Edit("declared", {"poisson_ratio": 0.4})], point="A")
+    told: list[str] = []
+    report = gather(survey, ReportOptions(), told.append)
+    assert not any(is_stored(drop) for drop in report.points[0].drops)
+    assert all(is_stored(drop) for drop in report.points[1].drops)
+    assert sum("is inverted" in text for text in told) == 4
+    changed = report.points[0].drops[1]
+    assert changed.result is not None
+    assert changed.result.poisson_ratio == 0.4
+    assert "declared values were changed since: inverted anew" in changed.warnings
+
+
+def test_refit_uses_nothing_that_is_stored(survey: Path) -> None:
+    report = gather(survey, ReportOptions(refit=True))
+    assert not any(is_stored(drop) for point in report.points for drop in point.drops)
+
+
+def test_no_modulus_stands_without_interval_and_basis(survey: Path) -> None:
+    text, page, _ = page_of(survey, target=40e6)
+    said = " ".join(page.texts).replace("\N{NO-BREAK SPACE}", " ")
+    assert re.search(r"45\.\d+ MPa \(44\.\d+ – 46\.\d+\)", said)
+    assert "half-space, rigid-rough 0.15 m, ν 0.35" in said
+    assert "a warning of the search" in said
+    cells = [html.unescape(cell) for cell in re.findall(r"<(?:td|dd)[^>]*>(.*?)</(?:td|dd)>", text)]
+    moduli = [cell for cell in cells if re.search("[0-9]\N{NO-BREAK SPACE}MPa", cell)]
+    assert len(moduli) >= 4, "two points, in the table and on their pages"
+    for cell in moduli:
+        assert re.search(r"MPa \(\d.*\d\)", cell), cell
+
+
+def test_the_file_holds_everything_and_runs_nothing(survey: Path) -> None:
+    text, page, _ = page_of(survey)
+    assert not [tag for tag, _ in page.tags if tag in ("script", "link", "iframe", "object")]
+    for tag, attributes in page.tags:
+        for name, value in attributes.items():
+            assert not name.startswith("on"), (tag, name)
+            if name in ("src", "href"):
+                assert value is not None
+                assert value.startswith("data:image/svg+xml;base64,")
+    assert "url(" not in text
+    assert sum(tag == "img" for tag, _ in page.tags) >= 5
+
+
+def test_what_comes_from_a_survey_is_text(survey: Path) -> None:
+    edits = [Edit("name", HOSTILE), Edit("note", HOSTILE), Edit("operator", HOSTILE)]
+    edit_survey(survey, [*edits, Edit("declared", {"site": HOSTILE})], point="A")
+    edit_survey(survey, [Edit("discard", HOSTILE)], point="B", drop=2)
+    text, page, report = page_of(survey)
+    assert "<script" not in text
+    assert "&lt;script&gt;" in text
+    assert sum(HOSTILE in one for one in page.texts) >= 5
+    assert all(HOSTILE in one for one in page.texts if "script" in one), "nothing is computed"
+    assert HOSTILE in report.title
+    target = survey.parent / "report.pdf"
+    write_report(survey, target)
+    assert target.read_bytes().startswith(b"%PDF")
+
+
+def test_discarded_drops_and_points_are_shown_as_such(survey: Path) -> None:
+    edit_survey(survey, [Edit("discard", "plate slipped")], point="A", drop=3)
+    edit_survey(survey, [Edit("discard", None)], point="B")
+    text, _, report = page_of(survey, target=40e6)
+    assert report.points[0].progress.used == (2, 4)
+    assert "discarded: plate slipped" in text
+    assert report.points[1].discarded
+    assert "1 pass, 0 fail, 0 undecided, 0 without a target" in text
+
+
+def test_a_point_is_judged_by_the_procedure_that_is_asked_for(survey: Path) -> None:
+    text, _, report = page_of(survey, procedure="tp-bf-stb-b8.3", target=40e6)
+    point = report.points[0]
+    assert point.progress.next_kind is not None, "only four drops: three are seating"
+    assert point.progress.used == (4,)
+    assert point.progress.verdict is Verdict.UNDECIDED
+    assert point.progress.value is not None
+    # 0.5 mm per 8 kN, hence 22.5 / 0.5 = 45 MPa at 8 kN.
+    assert point.progress.value.value == pytest.approx(45e6, rel=2e-3)
+    assert "Humboldt" in text, "the source of a number"
+    assert "not verified, not enforced" in text
+
+
+def test_positions_make_a_map_and_distances(survey: Path) -> None:
+    edit_survey(survey, [Edit("position", {"latitude": 60.0, "longitude": 11.0})], point="A")
+    edit_survey(survey, [Edit("position", {"latitude": 60.0003, "longitude": 11.0003})], point="B")
+    text, _, report = page_of(survey)
+    assert "Sketch of the points" in text
+    from pfwd.report.drawing import place
+
+    places = place(report)
+    # A minute of latitude is a nautical mile, 1852 m: 0.0003 degrees are 33.3 m.
+    assert places[1][1] - places[0][1] == pytest.approx(33.3, abs=0.1)
+    # At 60 degrees north a degree of longitude is half as long.
+    assert places[1][0] - places[0][0] == pytest.approx(33.3 / 2, abs=0.1)
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_a_pdf_has_at_most_a_page_a_point(survey: Path, language: str) -> None:
+    target = survey.parent / "report.pdf"
+    write_report(survey, target, ReportOptions(language=language))
+    data = target.read_bytes()
+    pages = len(re.findall(rb"/Type /Page\b", data))
+    assert 3 <= pages <= 4, "certificate, summary, two points and how to compute it again"
+
+
+def test_the_report_says_how_it_is_made_again(survey: Path) -> None:
+    _, page, report = page_of(survey, seed=5)
+    said = " ".join(page.texts)
+    assert f"pfwd report {survey} -o report.html --seed 5" in said
+    assert report.survey_id in said
+    files = sorted(survey.glob("drops/*.h5"))
+    assert files
+    assert all(hashlib.sha256(file.read_bytes()).hexdigest() in said for file in files)
+    assert '"plate_radius_m": 0.15' in said
+
+
+def test_chinese_needs_a_font_and_says_so(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fonts, "chinese_family", lambda: None)
+    with pytest.raises(OptionError, match=r"a font with Chinese letters .* fonts-noto-cjk"):
+        write_report(survey, survey.parent / "report.pdf", ReportOptions(language="zh"))
+    # A Chinese name in an English report is drawn with question marks, and counted.
+    edit_survey(survey, [Edit("name", "测点")], point="A")
+    letters = fonts.Letters()
+    assert letters.drawable("测点 A") == "?? A"
+    assert letters.missing == 2
+    write_report(survey, survey.parent / "report.pdf")
+
+
+def test_chinese_where_there_is_a_font(survey: Path) -> None:
+    if fonts.chinese_family() is None:
+        pytest.skip("no font with Chinese letters on this computer")
+    target = survey.parent / "report.pdf"
+    write_report(survey, target, ReportOptions(language="zh"))  # a missing letter would warn
+    text, _, _ = page_of(survey, language="zh")
+    assert load_texts("zh")["summary"] in text
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("report.txt", {}, "a name ending in .html or .pdf"),
+        ("report.html", {"language": "fr"}, "one of de, en, zh, or a file .toml, came 'fr'"),
+        ("no/such/folder/report.html", {}, "came none; make it first"),
+        ("report.html", {"procedure": "mndott"}, "pfwd procedures lists them"),
+    ],
+)
+def test_wrong_usage_is_told(
+    survey: Path, name: str, options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(OptionError, match=message):
+        write_report(survey, survey.parent / name, ReportOptions(**options))
+    assert not list(survey.parent.glob(".report*")), "nothing half is left"
+
+
+def test_a_deflection_has_a_target_of_its_own(survey: Path) -> None:
+    edit_survey(survey, [Edit("target", 45e6)], point="A")
+    edit_survey(survey, [Edit("discard", None)], point="B")
+    asked = ReportOptions(procedure="astm-e2583", target=6e-4)
+    point = gather(survey, asked).points[0]
+    assert point.progress.target == 6e-4
+    assert point.progress.verdict is Verdict.PASS
+    assert "--target 0.6" in gather(survey, asked).command
+    plain = gather(survey, ReportOptions(procedure="astm-e2583", target=45e6)).points[0]
+    assert plain.progress.verdict is Verdict.NONE
+
+
+def test_a_name_in_a_survey_opens_no_file(survey: Path) -> None:
+    trap = survey.parent / "trap.toml"
+    trap.write_text("not TOML at all [", encoding="utf-8")
+    edit_survey(survey, [Edit("declared", {"procedure": str(trap)})], point="A")
+    assert not gather(survey).chosen
+
+
+def test_a_named_procedure_of_the_program_is_used(survey: Path) -> None:
+    for point in ("A", "B"):
+        edit_survey(survey, [Edit("declared", {"procedure": "mndot"})], point=point)
+    report = gather(survey)
+    assert report.chosen
+    assert report.procedure.name == "mndot"
+
+
+def test_a_broken_procedure_of_a_survey_is_data_refused(survey: Path) -> None:
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.note_event("procedure", {"name": "x", "text": "pfwd-procedure = 9"})
+    with pytest.raises(SurveyError, match=r"kept in .* choose another one with --procedure"):
+        gather(survey)
+    assert gather(survey, ReportOptions(procedure="paper")).procedure.name == "paper"
+
+
+@pytest.mark.parametrize(
+    "strange",
+    [
+        {"modulus_pa": "a lot"},
+        {"modulus_interval_pa": ["x", None]},
+        {"modulus_interval_pa": 3},
+        {"bedrock_depth_m": "deep"},
+        {"bedrock_depth_m": 0.0, "bedrock_depth_sd_m": 1.0},
+        {"plate": "square"},
+        {"plate": None, "model": None},
+        {"warnings": None},
+        {"window_end_s": None, "contact_end_s": None},
+    ],
+)
+def test_strange_results_do_not_end_a_report(survey: Path, strange: dict[str, Any]) -> None:
+    with SurveyWriter.open(survey, publish=False) as writer:
+        for drop in read_survey(survey).drops:
+            writer.save_result(drop.number, {**result_of(drop.drop), **strange})
+    _, _, report = page_of(survey)
+    used = report.points[0].drops[0].result
+    assert used is not None
+    # The older one that is sound, where the strange one says nonsense.
+    harmless = "window_end_s" in strange or strange == {"warnings": None}
+    assert used.modulus_pa == (45e6 if harmless else 45.1e6)
+    write_report(survey, survey.parent / "r.pdf")
+
+
+def test_a_target_has_to_be_positive() -> None:
+    with pytest.raises(OptionError, match="--target: expected a number > 0"):
+        ReportOptions(target=-1.0)
+
+
+def test_another_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SurveyError, match="the folder of a survey"):
+        write_report(tmp_path, tmp_path / "report.html")
+
+
+def test_the_survey_is_not_changed_where_that_is_not_wanted(survey: Path) -> None:
+    before = {path: path.read_bytes() for path in survey.rglob("*") if path.is_file()}
+    write_report(survey, survey.parent / "report.html", ReportOptions(refit=True, store=False))
+    after = {path: path.read_bytes() for path in survey.rglob("*") if path.is_file()}
+    assert before == after
+
+
+def test_what_a_report_computes_is_kept(survey: Path) -> None:
+    edit_survey(survey, [Edit("declared", {"plate_radius_m": 0.1})], point="A")
+    first = gather(survey)
+    second = gather(survey)
+    assert {is_stored(drop) for drop in first.points[0].drops} == {False}
+    assert {is_stored(drop) for point in second.points for drop in point.drops} == {True}
+    moduli = [[drop.facts.modulus for drop in report.points[0].drops] for report in (first, second)]
+    assert moduli[0] == moduli[1]
+
+
+def test_a_trial_is_not_reported(survey: Path) -> None:
+    before = gather(survey)
+    with SurveyWriter.open(survey, publish=False) as writer:
+        trial = result_of(1, 99e6) | {"refit": "elastic"}
+        writer.save_result(1, trial)
+    after = gather(survey)
+    assert after.points[0].drops[0].facts.modulus == before.points[0].drops[0].facts.modulus
+
+
+def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from pfwd.analysis.diagnosis import diagnose as diagnosis
+
+    state = {
+        "model": "half-space",
+        "modulus_pa": 50e6,
+        "modulus_sd_pa": 1e5,
+        "modulus_interval_pa": [42e6, 48e6],
+        "residual_rms_over_peak": 0.03,
+    }
+    bent = {"name": "stress_dependence", "value": 0.43, "sd": 0.13, "unit": "-"}
+    late = {"name": "sensor_lag", "value": 0.0021, "sd": 0.0001, "unit": "s"}
+    effect = {"name": "geophone_response", "value": 11.0, "sd": 0.2, "unit": "Hz"}
+    record = {
+        "verdict": "explained",
+        "before": state,
+        "after": {**state, "modulus_pa": 45e6},
+        "effects": [{**effect, "alternatives": ["lag"]}, bent, late],
+        "warnings": [],
+    }
+    found = [
+        diagnosis.Diagnosed(
+            "x",
+            DiagnosisResult.from_json(
+                {
+                    **record,
+                    "verdict": verdict,
+                    "point": point,
+                    "drops": [2, 3, 4],
+                    "left_out": [1],
+                    "basis": basis_of(gather(survey).points[0].setup),
+                }
+            ),
+        )
+        for point, verdict in (("B", "clean"), ("A", "explained"))
+    ]
+    monkeypatch.setattr(diagnosis, "diagnose_files", lambda *_args, **_more: iter(found))
+    text, page, report = page_of(survey, diagnose=True)
+    assert report.points[0].diagnosis is not None
+    assert report.points[0].diagnosis.verdict == "explained"
+    assert "geophone response: 11.00 ± 0.20 Hz (or: lag)" in " ".join(page.texts)
+    assert "clean: no effect is asked for" in text
+    assert "stress dependence: 0.43 ± 0.13" in page.texts
+    assert "sensor lag: 2.10 ± 0.10 ms" in page.texts
+    assert text.count("The modulus after is a design value: the record is explained") == 1
+
+
+def test_a_browser_shows_it(survey: Path) -> None:
+    browser = next((found for name in BROWSERS if (found := shutil.which(name))), None)
+    if browser is None:
+        pytest.skip(f"none of {', '.join(BROWSERS)} on this computer")
+    edit_survey(survey, [Edit("name", HOSTILE)], point="A")
+    page_of(survey)
+    picture = survey.parent / "page.png"
+    done = subprocess.run(
+        [
+            browser,
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            f"--user-data-dir={survey.parent / 'profile'}",
+            "--window-size=1000,3000",
+            f"--screenshot={picture}",
+            (survey.parent / "report.html").as_uri(),
+        ],
+        capture_output=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr.decode(errors="replace")
+    from matplotlib.image import imread
+
+    pixels = imread(picture)[..., :3]
+    dark = (pixels.mean(axis=2) < 0.6).mean(axis=1)
+    # Text and curves from the top to near the bottom: pictures that did not load leave a gap.
+    gap = max(map(len, "".join("x" if row else "." for row in dark > 0).split("x")))
+    assert (dark > 0).mean() > 0.4
+    assert gap < 200, f"{gap} empty lines: a picture is missing"
+
+
+def test_results_and_points_survive_json(survey: Path) -> None:
+    for point in gather(survey).points:
+        json.dumps(point.progress.as_dict(), allow_nan=False)
+        assert dataclasses.is_dataclass(point)
+
+
+def test_garbage_is_looked_for_as_before_once_the_pictures_are_drawn() -> None:
+    before = gc.get_threshold()
+    with _garbage_seldom():
+        assert gc.get_threshold()[0] == max(before[0], COLLECT_AFTER)
+    assert gc.get_threshold() == before
+
+
+@pytest.mark.parametrize(
+    ("deviation", "said"),
+    [
+        (0.55, "none that the drops tell (90 to 120 kPa)"),
+        (0.04, "to the power -0.09"),
+        (None, "to"),
+    ],
+)
+def test_a_dependence_on_stress_is_told_where_the_drops_tell_it(
+    deviation: float | None, said: str
+) -> None:
+    stress = StressDependence(-0.09, deviation, (90e3, 120e3))
+    point = SimpleNamespace(progress=SimpleNamespace(stress=stress))
+    assert said in _stress(point, load_texts("en"))  # type: ignore[arg-type]

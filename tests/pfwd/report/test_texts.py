@@ -1,0 +1,158 @@
+"""Catalogues of texts, numbers as they are shown, text laid out on pages."""
+
+import json
+import math
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import pfwd.report as package
+from pfwd.errors import OptionError
+from pfwd.procedures import PointValue, Quantity
+from pfwd.report import shown
+from pfwd.report.fonts import Letters
+from pfwd.report.texts import _catalogues, languages, load_texts, placeholders
+
+EN = load_texts("en")
+
+
+def plain(text: str) -> str:
+    return text.replace("\N{NO-BREAK SPACE}", " ")
+
+
+def test_there_are_three_languages() -> None:
+    assert languages() == ("de", "en", "zh")
+    with pytest.raises(OptionError, match="one of de, en, zh"):
+        load_texts("xx")
+
+
+@pytest.mark.parametrize("code", languages())
+def test_every_language_says_everything_and_fills_in_the_same(code: str) -> None:
+    reference = tomllib.loads(_catalogues()["en"])
+    table = tomllib.loads(_catalogues()[code])
+    assert set(table) == set(reference)
+    for key, text in table.items():
+        assert text, key
+        assert placeholders(text) == placeholders(reference[key]), key
+    if code != "en":
+        same = [key for key, text in table.items() if text == reference[key]]
+        assert len(same) < len(table) / 5, "it is translated"
+
+
+def catalogue(**changes: str | None) -> str:
+    table = {**tomllib.loads(_catalogues()["en"]), **changes}
+    return "\n".join(
+        f"{key} = {json.dumps(text)}" for key, text in table.items() if text is not None
+    )
+
+
+def test_a_language_of_ones_own_is_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "french.toml"
+    path.write_text(catalogue(code="fr", summary="Résumé"), "utf-8")
+    texts = load_texts(str(path))
+    assert texts.code == "fr"
+    assert texts["summary"] == "Résumé"
+    assert texts["drops"] == EN["drops"]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (
+            catalogue(summary=None),
+            r"fr\.toml: expected every text, came none for summary; en",
+        ),
+        (catalogue(extra="x"), "expected the keys of the English texts, came extra; en"),
+        (catalogue(verdicts="{pass} only"), "verdicts: a text with the words in braces of"),
+        (catalogue(summary="{summary.__class__}"), "summary: a text with the words in braces"),
+        (catalogue(verdicts=EN["verdicts"].replace("{pass}", "{pass:>9999999999}")), "verdicts: "),
+        (catalogue(summary="{"), "summary: a text with the words in braces"),
+        (catalogue(code="<script>"), 'code: one such as "fr", came'),
+        ("summary = ", "expected TOML, came"),
+        ("x" * 1_000_001, "at most 1000000 bytes, came more"),
+        ("\ud800", "expected TOML, came"),
+    ],
+)
+def test_a_file_that_is_no_language_is_refused(tmp_path: Path, content: str, message: str) -> None:
+    path = tmp_path / "fr.toml"
+    path.write_bytes(content.encode("utf-8", "surrogatepass"))
+    with pytest.raises(OptionError, match=message):
+        load_texts(str(path))
+    with pytest.raises(OptionError, match="expected a TOML file, came No such file"):
+        load_texts(str(tmp_path / "none.toml"))
+
+
+def test_every_text_that_is_asked_for_is_there() -> None:
+    asked = set()
+    for path in Path(package.__path__[0]).glob("*.py"):
+        asked |= set(re.findall(r'texts(?:\[|\.say\(\s*)"(\w+)"', path.read_text("utf-8")))
+    assert len(asked) > 40
+    for key in asked:
+        assert EN[key]
+
+
+@pytest.mark.parametrize(
+    ("value", "interval", "expected"),
+    [
+        (45.0312, (44.7731, 45.2934), "45.03 MPa (44.77 – 45.29)"),
+        (45.0, (30.0, 62.0), "45 MPa (30 – 62)"),
+        (150.2, (149.9999, 150.4001), "150.2 MPa (150.0 – 150.4)"),
+        (45.0, None, "45.0 MPa (uncertainty not known)"),
+        (45.0, (math.nan, 50.0), "45.0 MPa (uncertainty not known)"),
+        (45.0, (45.0, 45.0), "45.0 MPa (45.0 – 45.0)"),
+    ],
+)
+def test_a_modulus_comes_with_its_interval(
+    value: float, interval: tuple[float, float] | None, expected: str
+) -> None:
+    assert plain(shown.with_interval(value, interval, "MPa", EN)) == expected
+
+
+def test_a_deviation_is_never_shown_as_nothing() -> None:
+    assert shown.with_deviation(0.70081, 1e-6, 1.0, "m") == "0.7008 ±<0.0001 m"
+    assert shown.with_deviation(1903.0, 6.4, 1.0, "kg/m³") == "1903 ± 6 kg/m³"
+    assert shown.with_deviation(1.2, None, 1.0, "m") == "1.20 m"
+    assert shown.with_deviation(None, None, 1.0, "m") == "–"
+
+
+def test_one_drop_has_no_interval_and_says_so() -> None:
+    value = PointValue(Quantity.E_VD, 45e6, None, 1, factor=1.5, plate_radius=0.15, pressure=1e5)
+    assert plain(shown.value_of(value, EN)) == "45.0 MPa (one drop: no interval)"
+    assert shown.value_basis(value, EN) == "k = 1.5, r = 0.15 m, σ = 100 kPa, n = 1"
+
+
+def test_a_deflection_is_shown_in_millimetres() -> None:
+    value = PointValue(Quantity.DEFLECTION, 5.1e-4, (4.9e-4, 5.3e-4), 3)
+    assert plain(shown.value_of(value, EN)) == "0.510 mm (0.490 – 0.530)"
+    assert shown.target_of(6e-4, Quantity.DEFLECTION) == "≤ 0.6 mm"
+    assert shown.target_of(45e6, Quantity.E_VD) == "≥ 45 MPa"
+
+
+def test_lines_fit_and_lose_nothing() -> None:
+    letters = Letters()
+    text = "a word " * 30 + "x" * 300 + " 1e6/1e7-1e8"
+    lines = letters.wrap(text, 9.0, 200.0)
+    assert len(lines) > 5
+    assert all(letters.width(line, 9.0) <= 200.0 for line in lines)
+    assert "".join("".join(lines).split()) == "".join(text.split())
+
+
+def test_control_characters_have_no_business_on_paper() -> None:
+    letters = Letters()
+    assert letters.drawable("a\x1b[31m\u202eb\nc") == "a [31m b\nc"
+    assert letters.missing == 0
+
+
+def test_a_family_without_bold_letters_prints_no_lines(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    from matplotlib.font_manager import FontProperties, findfont
+
+    from pfwd.matplotlib_start import start_matplotlib
+
+    start_matplotlib()
+    findfont(FontProperties(family=["no such family at all", "DejaVu Sans"], weight="bold"))
+    findfont(FontProperties(family="another family that is not there"))
+    assert "findfont" not in caplog.text

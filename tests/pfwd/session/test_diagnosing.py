@@ -1,0 +1,208 @@
+"""Points are diagnosed while they are measured; the process is a stand-in, but for one test."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from pfwd.analysis.diagnosis.result import (
+    DiagnosisResult,
+    EffectParameter,
+    EffectResult,
+)
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.screening.drops import Screening
+from pfwd.analysis.worker.process import outcome_of
+from pfwd.analysis.worker.tasks import DiagnosisTask
+from pfwd.analysis.worker.worker import Answer
+from pfwd.files.traces import TracePoint
+from pfwd.judging import drop_from_traces
+from pfwd.session import diagnosing
+from pfwd.session.diagnosing import MAX_POINTS, PointDiagnoses
+from pfwd.session.events import Notice, PointDiagnosed, SavedDrop
+from tests.pfwd.report.surveys import SETUP, half_sine_drop
+
+
+class Worker:
+    """Remembers what it is asked; answers when a test says so."""
+
+    def __init__(self, listener: Any) -> None:
+        self.listener = listener
+        self.tasks: dict[int, DiagnosisTask] = {}
+        self.count = 0
+
+    def diagnose(
+        self,
+        point: TracePoint,
+        options: AnalysisOptions,
+        device: Mapping[str, Mapping[str, float]],
+    ) -> int:
+        self.count += 1
+        self.tasks[self.count] = DiagnosisTask(self.count, point, options, device)
+        return self.count
+
+    def forget(self, number: int) -> bool:
+        return self.tasks.pop(number, None) is not None
+
+    def answer(self, number: int, **said: Any) -> None:
+        self.listener(Answer(self.tasks.pop(number), **said))
+
+    def close(self) -> None:
+        pass
+
+
+class Session:
+    """What a session sees."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(diagnosing, "InversionWorker", Worker)
+        self.told: list[PointDiagnosed | Notice] = []
+        self.kept: list[tuple[int, DiagnosisResult]] = []
+        self.before: dict[str, list[SavedDrop]] = {}
+        self.diagnoses = PointDiagnoses(
+            AnalysisOptions(diagnose=True),
+            self.told.append,
+            lambda number, found: self.kept.append((number, found)),
+            lambda point, _number: self.before.get(point, []),
+        )
+
+    @property
+    def worker(self) -> Worker:
+        found = self.diagnoses._worker
+        assert isinstance(found, Worker)
+        return found
+
+    def drop(self, point: str, number: int, record: int, status: str = "measured") -> None:
+        screening = Screening(status)  # type: ignore[arg-type]
+        drop = half_sine_drop(number, 8000.0)
+        view = drop_from_traces(drop, SETUP, record=record)
+        self.diagnoses.ask(SavedDrop(point, replace(view, screening=screening), drop))
+
+    def drops_of(self, task: int) -> list[int]:
+        return [drop.number for drop in self.worker.tasks[task].source.drops]
+
+
+@pytest.fixture
+def session(monkeypatch: pytest.MonkeyPatch) -> Session:
+    return Session(monkeypatch)
+
+
+def found(*effects: EffectResult) -> DiagnosisResult:
+    return DiagnosisResult(drops=(1,), verdict="explained", effects=effects)
+
+
+def lag(value: float, evidence: float | None = 50.0) -> EffectResult:
+    parameter = EffectParameter(name="delay", value=value, unit="s")
+    return EffectResult(
+        name="sensor_lag", scope="device", evidence=evidence, parameters=(parameter,)
+    )
+
+
+def test_a_point_is_diagnosed_with_all_of_its_drops(session: Session) -> None:
+    session.drop("A", 1, 11)
+    session.worker.answer(1, diagnoses=(found(),))
+    session.drop("A", 2, 12)
+    assert session.drops_of(2) == [1, 2]
+    session.worker.answer(2, diagnoses=(found(),))
+    session.diagnoses.take_answers()
+    assert [number for number, _ in session.kept] == [11, 12]
+    points = [event.point for event in session.told if isinstance(event, PointDiagnosed)]
+    assert points == ["A", "A"]
+    assert session.kept[1][1].point == "A"
+    assert session.diagnoses.unanswered == 0
+
+
+def test_an_older_question_that_waits_is_dropped(session: Session) -> None:
+    session.drop("A", 1, 11)
+    session.drop("A", 2, 12)
+    session.drop("B", 1, 13)
+    assert sorted(session.worker.tasks) == [2, 3]
+    assert session.diagnoses.unanswered == 2
+
+
+def test_a_rejected_drop_asks_nothing(session: Session) -> None:
+    session.drop("A", 1, 11, "rejected")
+    assert not session.worker.tasks
+
+
+def test_nothing_is_asked_before_a_drop_is_measured(session: Session) -> None:
+    session.drop("A", 1, 11, "seating")
+    assert not session.worker.tasks, "there is nothing to diagnose: it would be called unexplained"
+    session.drop("A", 2, 12)
+    assert session.drops_of(1) == [1, 2]
+    session.diagnoses.discard(12)
+    assert list(session.worker.tasks) == [1], "the seating drop alone"
+
+
+def test_a_discarded_drop_counts_no_more(session: Session) -> None:
+    session.drop("A", 1, 11)
+    session.drop("A", 2, 12)
+    session.diagnoses.discard(11)
+    (task,) = session.worker.tasks
+    assert session.drops_of(task) == [2]
+    session.diagnoses.discard(12)
+    session.diagnoses.discard(99)
+    assert list(session.worker.tasks) == [task]
+
+
+def test_drops_of_a_former_session_count(session: Session) -> None:
+    former = [half_sine_drop(number, 8000.0) for number in (1, 2)]
+    session.before["A"] = [
+        SavedDrop("A", drop_from_traces(drop, SETUP, record=drop.number), drop) for drop in former
+    ]
+    session.drop("A", 3, 21)
+    assert session.drops_of(1) == [1, 2, 3]
+
+
+def test_traces_of_early_points_leave_memory(session: Session) -> None:
+    for number in range(MAX_POINTS + 1):
+        session.drop(str(number), 1, number + 1)
+    session.drop("1", 2, 100)
+    assert session.drops_of(session.worker.count) == [1, 2]
+    session.drop("0", 2, 101)
+    assert session.drops_of(session.worker.count) == [2], "the survey is asked for the others"
+
+
+def test_the_device_learnt_so_far_is_given_to_the_next_point(session: Session) -> None:
+    for name, delay in (("A", 4e-4), ("B", 6e-4)):
+        session.drop(name, 1, 11)
+        session.worker.answer(session.worker.count, diagnoses=(found(lag(delay)),))
+        session.diagnoses.take_answers()
+    session.drop("C", 1, 13)
+    assert session.worker.tasks[3].device == {"sensor_lag": {"delay": pytest.approx(5e-4)}}
+    # What was given is no finding of the point.
+    session.worker.answer(3, diagnoses=(found(lag(5e-4, None)),))
+    session.diagnoses.take_answers()
+    session.drop("D", 1, 14)
+    assert session.worker.tasks[4].device == {"sensor_lag": {"delay": pytest.approx(5e-4)}}
+
+
+def test_one_point_says_nothing_of_the_device(session: Session) -> None:
+    session.drop("A", 1, 11)
+    session.worker.answer(1, diagnoses=(found(lag(4e-4)),))
+    session.diagnoses.take_answers()
+    session.drop("B", 1, 12)
+    assert session.worker.tasks[2].device == {}
+
+
+def test_a_fault_is_told(session: Session) -> None:
+    session.drop("A", 1, 11)
+    session.worker.answer(1, fault="the analysis failed")
+    session.diagnoses.take_answers()
+    (notice,) = session.told
+    assert isinstance(notice, Notice)
+    assert "point A" in notice.text
+    assert not session.kept
+
+
+def test_the_process_diagnoses_a_point() -> None:
+    from inversion import SurrogateLibrary
+
+    drops = tuple(half_sine_drop(n, 8000.0) for n in (1, 2))
+    task = DiagnosisTask(1, TracePoint("A", SETUP, drops), AnalysisOptions(), {})
+    outcome = outcome_of(task, SurrogateLibrary())
+    assert outcome.fault is None
+    (diagnosis,) = outcome.diagnoses
+    assert (diagnosis.left_out, diagnosis.drops) == ((1,), (2,))  # one seats
+    assert diagnosis.basis

@@ -1,0 +1,186 @@
+"""A drop that the instrument keeps is given back when it is on the disk, and not before."""
+
+import dataclasses
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pfwd.session.events import DropSaved, Notice
+from pfwd.session.kept_drops import trigger_for
+from pfwd.session.plan import SessionPlan
+from pfwd.session.session import Session
+from pfwd_device.acquisition.detection import DetectionSettings
+from pfwd_device.acquisition.items import KeptDrop, UnusableDrop
+from pfwd_device.errors import StorageFull
+from pfwd_device.recording import SurveyWriter, read_survey
+from pfwd_device.wire.fields import pack_int24
+from pfwd_device.wire.messages import Armed, DropOffer
+from tests.pfwd import scripted_feed
+from tests.pfwd.scripted_feed import Log, ScriptedFeed
+
+
+def kept(first: int = 500, *, earlier: bool = False, peak: int = 20_000) -> KeptDrop:
+    identity = scripted_feed.connected().identity
+    trigger = trigger_for(identity, DetectionSettings())
+    length = trigger.before + trigger.after
+    counts = np.zeros((length, len(identity.channels)), np.int32)
+    counts[trigger.before : trigger.before + 40] = peak
+    data = pack_int24(counts)
+    offer = DropOffer(
+        9,
+        first,
+        None,
+        trigger.before,
+        length,
+        counts.shape[1],
+        40,
+        zlib.crc32(data),
+        identity.sampling_rate,
+        earlier=earlier,
+    )
+    return KeptDrop(offer, counts, None, 1.0)
+
+
+def armed() -> Armed:
+    return Armed(trigger_for(scripted_feed.connected().identity, DetectionSettings()))
+
+
+def test_it_is_acknowledged_after_it_is_safe_and_not_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = Log()
+    with SurveyWriter.open(tmp_path / "survey") as writer:
+        feed = ScriptedFeed(scripted_feed.connected(), armed(), kept())
+        save = writer.save_drop
+        before: list[list[tuple[int, int]]] = []
+
+        def saving(record: object) -> int:
+            before.append(list(feed.acknowledged))
+            return save(record)  # type: ignore[arg-type]
+
+        monkeypatch.setattr(writer, "save_drop", saving)
+        Session(feed, log, writer=writer).run()
+    assert before == [[]]
+    assert feed.acknowledged == [(9, 500)]
+    assert len(read_survey(tmp_path / "survey").drops) == 1
+
+
+def test_what_the_disk_does_not_take_is_not_acknowledged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with SurveyWriter.open(tmp_path / "survey") as writer:
+        feed = ScriptedFeed(scripted_feed.connected(), armed(), kept(), kept())
+
+        def full(record: object) -> int:
+            raise StorageFull("full")
+
+        monkeypatch.setattr(writer, "save_drop", full)
+        session = Session(feed, Log(), writer=writer)
+        session.stop()  # the end makes one attempt and no more
+        for item in (scripted_feed.connected(), armed(), kept(), kept()):
+            session._take(item)
+        session._save_the_rest(lambda: True)
+    assert feed.acknowledged == []
+
+
+def test_a_drop_that_comes_again_is_acknowledged_and_recorded_once(tmp_path: Path) -> None:
+    for _ in range(2):  # the program was restarted in between
+        log = Log()
+        with SurveyWriter.open(tmp_path / "survey") as writer:
+            feed = ScriptedFeed(scripted_feed.connected(), armed(), kept(), kept(earlier=True))
+            Session(feed, log, writer=writer).run()
+        assert feed.acknowledged == [(9, 500)] * 2
+        assert "came again" in log.texts
+    assert len(read_survey(tmp_path / "survey").drops) == 1
+    assert not log.of(DropSaved)
+
+
+def test_a_drop_that_never_has_its_checksum_is_told(tmp_path: Path) -> None:
+    log = Log()
+    with SurveyWriter.open(tmp_path / "survey") as writer:
+        unusable = UnusableDrop(kept().offer, "expected its checksum, got another one")
+        feed = ScriptedFeed(scripted_feed.connected(), armed(), unusable)
+        Session(feed, log, writer=writer).run()
+    assert feed.acknowledged == []
+    (notice,) = [each for each in log if isinstance(each, Notice) and each.serious]
+    assert notice.text == (
+        "buffered drop (run and sample 9/500) is not recorded and stays in the instrument: "
+        "expected its checksum, got another one"
+    )
+
+
+def test_five_drops_under_one_name_are_five_drops_of_the_survey(tmp_path: Path) -> None:
+    drops = [kept(peak=20_000 + seed) for seed in range(5)]
+    log = Log()
+    for part in (drops[:3], drops[3:], drops):  # the host was restarted, and restarted again
+        with SurveyWriter.open(tmp_path / "survey") as writer:
+            feed = ScriptedFeed(scripted_feed.connected(), armed(), *part)
+            Session(feed, log, SessionPlan(options=None), writer).run()
+        assert feed.acknowledged == [(9, 500)] * len(part)
+    recorded = [drop.read() for drop in read_survey(tmp_path / "survey").drops]
+    assert [int(record.counts.max()) for record in recorded if record.counts is not None] == [
+        20_000 + seed for seed in range(5)
+    ]
+    assert log.texts.count("which has other samples; both are recorded") == 4
+    assert "the instrument used its name T-1/9/700" in log.texts
+    assert "for drop 1, which has other samples" in log.texts
+    assert log.texts.count("came again") == 5
+    assert recorded[0].metadata["key"] == "T-1/9/700"  # as the version before writes it
+
+
+def test_a_drop_of_the_same_samples_under_another_name_is_another_drop(tmp_path: Path) -> None:
+    with SurveyWriter.open(tmp_path / "survey") as writer:
+        moved = kept(first=510)
+        offer = dataclasses.replace(moved.offer, trigger=moved.offer.trigger - 10)
+        early = dataclasses.replace(moved, offer=offer)  # the trigger is the same sample
+        feed = ScriptedFeed(scripted_feed.connected(), armed(), kept(), early)
+        Session(feed, Log(), SessionPlan(options=None), writer).run()
+    assert len(read_survey(tmp_path / "survey").drops) == 2
+
+
+def test_drops_that_the_disk_has_not_taken_yet_are_told_apart_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = Log()
+    with SurveyWriter.open(tmp_path / "survey") as writer:
+        feed = ScriptedFeed(forever=True)
+        session = Session(feed, log, SessionPlan(options=None), writer)
+        with monkeypatch.context() as full:
+
+            def refuse(record: object) -> int:
+                raise StorageFull("full")
+
+            full.setattr(writer, "save_drop", refuse)
+            for item in (scripted_feed.connected(), armed(), kept(), kept(peak=9), kept()):
+                session._take(item)
+        assert feed.acknowledged == []
+        session._save_the_rest(lambda: True)
+    assert feed.acknowledged == [(9, 500)] * 2
+    assert len(read_survey(tmp_path / "survey").drops) == 2
+
+
+@pytest.mark.parametrize(
+    ("samples", "trigger", "rate", "reason"),
+    [
+        (700, 600, 50.0, "expected times up to 10 s, came 12.0"),
+        (700, 100, 50.0, "expected times up to 10 s, came 12.0"),
+        (12, 4, 10_000.0, "expected at least 16 samples"),
+    ],
+    ids=["long-before", "long-after", "short"],
+)
+def test_a_drop_that_no_replay_could_cut_is_reported_and_the_next_is_recorded(
+    tmp_path: Path, samples: int, trigger: int, rate: float, reason: str
+) -> None:
+    log = Log()
+    counts = np.ones((samples, 2), np.int32)
+    offer = DropOffer(9, 1, None, trigger, samples, 2, 40, zlib.crc32(pack_int24(counts)), rate)
+    with SurveyWriter.open(tmp_path / "survey") as writer:
+        odd = KeptDrop(offer, counts, None, 1.0)
+        feed = ScriptedFeed(scripted_feed.connected(), armed(), odd, kept())
+        Session(feed, log, SessionPlan(options=None), writer).run()
+    assert feed.acknowledged == [(9, 500)]
+    assert "run and sample 9/1) is not recorded and stays in the instrument" in log.texts
+    assert reason in log.texts
+    assert len(read_survey(tmp_path / "survey").drops) == 1

@@ -1,0 +1,276 @@
+"""What was recorded, through the same pipeline again: the same samples, the same results."""
+
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.errors import DeviceError, SurveyError
+from pfwd.files.importing import import_files
+from pfwd.files.traces import TracePoint, write_traces
+from pfwd.session.drop_metadata import feed_item_of
+from pfwd.session.events import DropAnalysed, DropSaved
+from pfwd.session.feeds import Ended, ImportedDrop, RecordedDrop
+from pfwd.session.measure import replay
+from pfwd.session.plan import Ending
+from pfwd.session.replay import Pause, RecordedFeed, capture_feed, survey_feed
+from pfwd_device import Drop
+from pfwd_device.acquisition.items import Gap
+from pfwd_device.recording import SurveyWriter, read_survey
+from pfwd_device.wire.messages import Event, EventKind
+from tests.pfwd.scripted_feed import (
+    Log,
+    ScriptedFeed,
+    began,
+    connected,
+    lost,
+    pieces,
+    run,
+    stream,
+    with_gaps,
+)
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """A survey with drops of every kind: rebounds, gaps, saturation, by hand, cut off."""
+    counts = stream(
+        26.0,
+        [
+            *((1.0, 8000.0), (1.5, 3000.0), (1.9, 900.0)),
+            (4.0, 7900.0),
+            (7.0, 8000.0),
+            (10.0, 8000.0),
+            *((16.0, 600.0), (16.6, 8000.0)),  # a knock, then the drop
+            (20.0, 8000.0),
+            (23.0, 8000.0),
+        ],
+    )
+    counts[100_060:100_065, 1] = 2**23 - 1
+    items = with_gaps(pieces(counts[:130_000]), [(39_900, 40), (70_050, 30), (15_000, 3)])
+    by_hand = Event(EventKind.TRIGGER, 0)
+    folder = tmp_path / "recording"
+    with SurveyWriter.open(folder, publish=False) as writer:
+        later = pieces(counts[130_000:230_500], 7, 130_000)
+        feed = ScriptedFeed(connected(), began(), items, by_hand, later[:40], later[40:], lost())
+        run(feed, Log(), writer)
+        # By hand just after a drop, with a weight still on the plate.
+        again = stream(4.0, [(1.0, 8000.0)], seed=5)
+        again[11_000:, 0] += 2000
+        feed = ScriptedFeed(
+            connected(again=True),
+            began(8),
+            pieces(again[:11_500], 8),
+            by_hand,
+            pieces(again[11_500:], 8, 11_500),
+        )
+        run(feed, Log(), writer, point="B")
+    return folder
+
+
+def traces(folder: Path) -> list[Any]:
+    return [drop.read() for drop in read_survey(folder).drops]
+
+
+def test_every_drop_is_found_again_bit_for_bit(recording: Path) -> None:
+    kept = traces(recording)
+    marks = [" ".join(record.metadata["marks"]) for record in kept]
+    for kind in ("missing", "saturated", "operator", "cut off"):
+        assert any(kind in text for text in marks), kind
+    assert sum(len(record.rebounds) for record in kept) == 2
+    log = Log()
+    assert replay(recording, log) is Ending.DONE
+    told = log.of(DropSaved)
+    assert [(one.saved.point, one.saved.number) for one in told] == [
+        (record.point, record.drop.number) for record in kept
+    ]
+    assert [one.identical for one in told] == [True] * len(kept)
+    marks = [list(one.saved.view.marks) for one in told]
+    assert marks == [record.metadata["marks"] for record in kept]
+    assert log.texts == ""
+
+
+def test_a_replay_into_another_survey_gives_the_same_drops(recording: Path, tmp_path: Path) -> None:
+    log = Log()
+    assert replay(recording, log, output=tmp_path / "copy") is Ending.DONE
+    assert all(one.identical for one in log.of(DropSaved))
+    kept, copied = traces(recording), traces(tmp_path / "copy")
+    assert len(kept) == len(copied) >= 8
+    for one, other in zip(kept, copied, strict=True):
+        assert (one.point, one.drop.number) == (other.point, other.drop.number)
+        assert one.metadata == other.metadata
+        assert one.declared == other.declared
+        assert one.counts.tobytes() == other.counts.tobytes()
+        assert one.drop.load.tobytes() == other.drop.load.tobytes()
+        assert [r.first_sample for r in one.rebounds] == [r.first_sample for r in other.rebounds]
+        for mine, theirs in zip(one.rebounds, other.rebounds, strict=True):
+            assert mine.counts.tobytes() == theirs.counts.tobytes()
+    # Once more adds nothing.
+    log = Log()
+    assert replay(recording, log, output=tmp_path / "copy") is Ending.DONE
+    assert not log.of(DropSaved)
+    assert log.texts.count("nothing is recorded twice") == len(kept)
+    assert len(traces(tmp_path / "copy")) == len(kept)
+
+
+def test_numbers_that_are_taken_are_not_waited_for(recording: Path, tmp_path: Path) -> None:
+    with SurveyWriter.open(tmp_path / "other", publish=False) as writer:
+        counts = stream(3.0, [(1.0, 8000.0)], seed=9)
+        run(ScriptedFeed(connected(), began(99), pieces(counts, 99)), Log(), writer)
+    log = Log()
+    assert replay(recording, log, output=tmp_path / "other", drops=2) is Ending.DONE
+    assert [(one.saved.point, one.saved.number) for one in log.of(DropSaved)] == [
+        ("1", 2),
+        ("1", 3),
+    ]
+    assert len(traces(tmp_path / "other")[1].rebounds) == 2
+
+
+def test_the_same_seed_gives_the_same_results(tmp_path: Path) -> None:
+    folder = tmp_path / "short"
+    with SurveyWriter.open(folder, publish=False) as writer:
+        counts = stream(6.0, [(1.0, 8000.0), (4.0, 7000.0)])
+        run(ScriptedFeed(connected(), began(), pieces(counts)), Log(), writer)
+
+    def results() -> list[dict[str, Any]]:
+        log = Log()
+        options = AnalysisOptions(seed=5)
+        assert replay(folder, log, options=options) is Ending.DONE
+        told = log.of(DropAnalysed)
+        assert [one.final for one in told].count(True) == 2
+        assert all(one.delay is None for one in told)
+        found = sorted(told, key=lambda one: (one.saved.number, one.full))
+        return [{**one.result.to_json(), "elapsed_s": None} for one in found]
+
+    first = results()
+    assert [one["method"] for one in first] == ["least-squares", "mpga"] * 2
+    assert all(one["modulus_pa"] > 0 for one in first)
+    assert first == results()
+
+
+def test_imported_drops_are_handed_on_as_they_are(
+    tmp_path: Path, make_drop: Callable[..., Drop]
+) -> None:
+    from pfwd.files.header import PointSetup
+
+    point = TracePoint("", PointSetup(plate_radius=0.15), (make_drop(), make_drop(number=2)), ())
+    write_traces(tmp_path / "t.csv", point)
+    list(import_files([str(tmp_path / "t.csv")], tmp_path / "survey"))
+    log = Log()
+    replay(tmp_path / "survey", log, output=tmp_path / "copy")
+    assert [one.saved.number for one in log.of(DropSaved)] == [1, 2]
+    assert [one.identical for one in log.of(DropSaved)] == [True, True]
+    assert traces(tmp_path / "copy")[1].drop.load.tobytes() == make_drop().load.tobytes()
+
+
+def test_a_drop_that_is_not_found_again_is_said(recording: Path) -> None:
+    (record,) = [one for one in traces(recording) if one.point == "B"][:1]
+    item = feed_item_of(record, "x")
+    assert isinstance(item, RecordedDrop)
+    log = Log()
+    run(ScriptedFeed(item, live=False), log)  # its samples never come
+    assert "drop B/1 was recorded and is not found again" in log.texts
+
+
+def test_other_traces_are_not_called_the_same(recording: Path) -> None:
+    import dataclasses
+
+    record = traces(recording)[0]
+    load = record.drop.load.copy()
+    load[7] = np.nextafter(load[7], np.inf)
+    other = dataclasses.replace(record, drop=dataclasses.replace(record.drop, load=load))
+    item = feed_item_of(other, "x")
+    assert isinstance(item, RecordedDrop)
+    log = Log()
+    samples = pieces(record.counts, item.stream, item.first)
+    run(ScriptedFeed(item, samples, Gap(item.stream, 0, 50_000), live=False), log)
+    assert [one.identical for one in log.of(DropSaved)] == [False]
+
+
+@pytest.mark.parametrize(
+    ("part", "value"),
+    [
+        (("missing",), None),
+        (("missing",), [["a", 1]]),
+        (("identity",), {}),
+        (("detection", "stream"), "x"),
+        (("detection", "settings"), {"unheard_of": 1}),
+        (("detection", "settings"), {"hysteresis": 2.0}),
+        (("detection", "at_rest"), {}),
+    ],
+)
+def test_what_was_recorded_incompletely_is_a_clear_error(
+    recording: Path, part: tuple[str, ...], value: Any
+) -> None:
+    import copy
+    import dataclasses
+
+    record = traces(recording)[0]
+    metadata: Any = copy.deepcopy(dict(record.metadata))
+    inner = metadata
+    for key in part[:-1]:
+        inner = inner[key]
+    inner[part[-1]] = value
+    with pytest.raises(DeviceError):
+        feed_item_of(dataclasses.replace(record, metadata=metadata), "x")
+
+
+def test_a_replay_in_real_time_takes_its_time_and_stays_awake(recording: Path) -> None:
+    slept: list[float] = []
+    feed = survey_feed(read_survey(recording), 2.0, slept.append)
+    idle = 0
+    while not isinstance(item := feed.next(0.02), Ended):
+        idle += item is None
+    assert max(slept) <= 0.02
+    # A second before the first drop, what went by between drops, and the samples; twice as fast.
+    records = traces(recording)
+    samples = sum(
+        len(one.counts) - sum(length for _, length in one.metadata["missing"])
+        + sum(len(bounce.counts) for bounce in one.rebounds)
+        for one in records
+    )  # fmt: skip
+    times = [np.datetime64(one.metadata["time_utc"][:26], "us") for one in records]
+    pauses = [
+        max(0.0, float((b - a) / np.timedelta64(1, "s"))) for a, b in itertools.pairwise(times)
+    ]
+    expected = (1.0 + sum(min(10.0, pause) for pause in pauses) + samples / 10_000) / 2
+    assert sum(slept) == pytest.approx(expected, rel=1e-3)
+    assert idle > 0
+
+
+def test_as_fast_as_possible_never_sleeps(recording: Path) -> None:
+    def refuse(_: float) -> None:
+        raise AssertionError
+
+    feed = survey_feed(read_survey(recording), 0.0, refuse)
+    while not isinstance(feed.next(0.02), Ended):
+        pass
+
+
+def test_a_pause_at_a_tiny_speed_can_be_interrupted() -> None:
+    feed = RecordedFeed([Pause(1.0), Ended()], 1e-300, lambda _: None)
+    assert [feed.next(0.02) for _ in range(5)] == [None] * 5
+
+
+def test_what_is_neither_survey_nor_capture_is_refused(tmp_path: Path, recording: Path) -> None:
+    with pytest.raises(SurveyError, match="expected a survey or a capture, came none"):
+        replay(tmp_path / "nothing", Log())
+    text = tmp_path / "text.txt"
+    text.write_text("no capture\n" * 100)
+    with pytest.raises((SurveyError, DeviceError), match="capture"):
+        capture_feed(text)
+    from pfwd.session.setup_file import MeasuringSetup
+
+    with pytest.raises(SurveyError, match="--setup"):
+        replay(recording, Log(), setup=MeasuringSetup())
+
+
+def test_an_import_without_counts_is_no_recorded_drop(recording: Path) -> None:
+    import dataclasses
+
+    record = dataclasses.replace(traces(recording)[0], counts=None)
+    assert isinstance(feed_item_of(record, "x"), ImportedDrop)

@@ -1,0 +1,290 @@
+"""A session against scripted samples: what is saved, told and when."""
+
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pfwd.analysis.drop_facts import FACTS_KEY, facts_to_store, stored_facts
+from pfwd.analysis.screening.drops import screen
+from pfwd.files.editing import Edit
+from pfwd.files.header import PointSetup
+from pfwd.judging import drops, point_views
+from pfwd.procedures import Kind, PointDrop
+from pfwd.session.events import (
+    DropSaved,
+    LiveSamples,
+    Ready,
+    Rebounded,
+    SensorCheck,
+)
+from pfwd.session.plan import Ending, SessionPlan
+from pfwd.session.session import Session
+from pfwd.session.setup_file import parse_setup
+from pfwd_device.identity import ChannelIdentity, Role
+from pfwd_device.recording import SurveyWriter, check, read_survey
+from pfwd_device.wire.messages import Event, EventKind
+from tests.pfwd.scripted_feed import (
+    GEOPHONE,
+    IDENTITY,
+    LOAD,
+    RATE,
+    Log,
+    ScriptedFeed,
+    SpyWriter,
+    began,
+    connected,
+    pieces,
+    run,
+    stream,
+)
+
+ONE_DROP = stream(3.0, [(1.0, 8000.0)])
+
+
+@pytest.fixture
+def log() -> Log:
+    return Log()
+
+
+@pytest.fixture
+def writer(tmp_path: Path, log: Log) -> Iterator[Any]:
+    with SurveyWriter.open(tmp_path / "survey", publish=False) as inner:
+        yield SpyWriter(inner, log)
+
+
+def recorded(writer: Any) -> list[Any]:
+    return [drop.read() for drop in read_survey(writer.folder).drops]
+
+
+def test_a_drop_is_saved_before_it_is_acknowledged(log: Log, writer: Any) -> None:
+    assert run(ScriptedFeed(connected(), began(), pieces(ONE_DROP)), log, writer) is Ending.DONE
+    (told,) = log.of(DropSaved)
+    assert log.index(("saved", "1", 1)) < log.index(told)  # type: ignore[arg-type]
+    assert (told.saved.point, told.saved.number, told.saved.record) == ("1", 1, 1)
+    assert told.saved.view.marks == ()
+    (record,) = recorded(writer)
+    # 8000 sin(pi k / 150) first exceeds 400 N for k = 3; the noise of 3 N may move that by one.
+    trigger = record.metadata["detection"]["first_sample"] + 200
+    assert trigger in (10_002, 10_003)
+    np.testing.assert_array_equal(record.counts, ONE_DROP[trigger - 200 : trigger + 1000])
+    np.testing.assert_allclose(record.drop.load, record.counts[:, 0], rtol=1e-12)
+    np.testing.assert_allclose(record.drop.channels[0].values, record.counts[:, 1] * 1e-6)
+    assert record.metadata["key"] == f"T-1/7/{trigger}"
+    assert record.metadata["link"] == {"samples_lost": 3, "drift_ppm": None}
+    assert record.declared["geophone_natural_frequency_hz"] == 4.5
+    assert record.metadata["time_utc"] < "2026-05-04T12:00:00"
+
+
+def test_drops_are_numbered_within_their_points(log: Log, writer: Any) -> None:
+    counts = stream(12.0, [(1.0, 8000.0), (4.0, 8000.0), (7.0, 7000.0), (10.0, 7000.0)])
+    items = pieces(counts)
+    session: list[Session] = []
+    feed = ScriptedFeed(
+        connected(),
+        began(),
+        items[:110],  # to 5.5 s
+        lambda: session[0].set_point("  km 2 "),
+        items[110:170],
+        lambda: session[0].set_point("1"),
+        items[170:],
+    )
+    session.append(Session(feed, log, SessionPlan(options=None), writer))
+    assert session[0].run() is Ending.DONE
+    assert writer.saved == [("1", 1), ("1", 2), ("km 2", 1), ("1", 3)]
+    assert [told.saved.record for told in log.of(DropSaved)] == [1, 2, 3, 4]
+    assert writer.points == ("1", "km 2")
+
+
+def test_a_survey_is_continued_at_its_last_point(log: Log, writer: Any) -> None:
+    run(ScriptedFeed(connected(), began(), pieces(ONE_DROP)), log, writer, point="A")
+    run(ScriptedFeed(connected(), began(9), pieces(ONE_DROP, 9)), log, writer)
+    run(ScriptedFeed(connected(), began(10), pieces(ONE_DROP, 10)), log, writer, point="B")
+    assert writer.saved == [("A", 1), ("A", 2), ("B", 1)]
+
+
+def test_the_point_of_the_setup_file_counts_unless_one_is_named(log: Log, writer: Any) -> None:
+    setup = parse_setup('point = "km 7"', "s.toml")
+    run(ScriptedFeed(connected(), began(), pieces(ONE_DROP)), log, writer, setup=setup)
+    feed = ScriptedFeed(connected(), began(9), pieces(ONE_DROP, 9))
+    run(feed, log, writer, setup=setup, point="B")
+    assert writer.saved == [("km 7", 1), ("B", 1)]
+
+
+def test_rebounds_are_kept_with_their_drop_and_published_with_it(log: Log, writer: Any) -> None:
+    counts = stream(8.0, [(1.0, 8000.0), (1.5, 3000.0), (1.8, 900.0), (5.0, 8000.0)])
+    run(ScriptedFeed(connected(), began(), pieces(counts)), log, writer)
+    assert [(told.point, told.number) for told in log.of(Rebounded)] == [("1", 1), ("1", 1)]
+    assert [told.delay for told in log.of(Rebounded)] == pytest.approx([0.5, 0.8], abs=2e-3)
+    first, second = recorded(writer)
+    assert [one.peak_load for one in first.rebounds] == pytest.approx([3000, 900], abs=15)
+    assert second.rebounds == ()
+    assert writer.published == [1, 2]
+
+
+def test_the_operator_may_trigger(log: Log, writer: Any) -> None:
+    items = pieces(stream(3.0))
+    session: list[Session] = []
+    feed = ScriptedFeed(
+        lambda: session[0].trigger(),  # too early: nothing comes yet
+        connected(),
+        began(),
+        items[:30],
+        lambda: session[0].trigger(),
+        items[30:45],
+        Event(EventKind.TRIGGER, 0, "button"),
+        items[45:],
+    )
+    session.append(Session(feed, log, SessionPlan(options=None), writer))
+    session[0].run()
+    views = [told.saved.view for told in log.of(DropSaved)]
+    assert [view.marks for view in views] == [("triggered by the operator",)] * 2
+    assert [view.own.kind for view in views] == [Kind.REJECTED] * 2
+    assert "no samples come that could be recorded" in log.texts
+
+
+@pytest.mark.parametrize("counts", [ONE_DROP, stream(3.0)], ids=["a drop", "no drop"])
+def test_a_drop_is_screened_once_and_its_facts_are_stored(
+    log: Log, writer: Any, counts: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    screened: list[int] = []
+
+    def counting(drop: Any, setup: Any) -> Any:
+        screened.append(drop.number)
+        return screen(drop, setup)
+
+    monkeypatch.setattr(drops, "screen", counting)
+    items = pieces(counts)
+    session: list[Session] = []
+
+    def trigger() -> None:
+        if counts is not ONE_DROP:
+            session[0].trigger()
+
+    feed = ScriptedFeed(connected(), began(), items[:30], trigger, items[30:])
+    session.append(Session(feed, log, SessionPlan(options=None), writer))
+    session[0].run()
+    (saved,) = log.of(DropSaved)
+    (point,) = point_views(read_survey(writer.folder))
+    (stored,) = point.drops
+    live = saved.saved.view
+    assert screened == [1]
+    assert (stored.own, stored.own_pulse_peak) == (live.own, live.own_pulse_peak)
+    assert (stored.own.kind is Kind.REJECTED) == (counts is not ONE_DROP)
+    for name in ("setup", "record", "declared", "metadata", "peaks", "has_traces"):
+        assert getattr(stored, name) == getattr(live, name), name
+
+
+def test_a_stored_rejection_holds_for_the_declared_geophone_only() -> None:
+    setup = PointSetup(plate_radius=0.15)
+    rejected = PointDrop(1, Kind.REJECTED, reason="no pulse")
+    facts = facts_to_store(rejected, 0.0, setup)
+    assert facts is not None
+    metadata = {FACTS_KEY: facts.to_json()}
+    assert stored_facts(1, setup, metadata, None) == (rejected, 0.0)
+    corrected = dataclasses.replace(setup, geophone_natural_frequency=4.5, geophone_damping=0.6)
+    assert stored_facts(1, corrected, metadata, None) is None
+
+
+def test_stop_finishes_the_drop_in_hand(log: Log, writer: Any) -> None:
+    session: list[Session] = []
+    items = pieces(ONE_DROP)
+    feed = ScriptedFeed(
+        connected(), began(), items[:21], lambda: session[0].stop(), items[21:], forever=True
+    )
+    session.append(Session(feed, log, SessionPlan(options=None), writer))
+    assert session[0].run() is Ending.DONE
+    (told,) = log.of(DropSaved)
+    assert told.saved.view.marks == ()
+    assert feed.closed
+
+
+def test_the_end_of_the_instrument_is_the_end_of_the_session(log: Log, writer: Any) -> None:
+    end = Event(EventKind.END, 0)
+    feed = ScriptedFeed(connected(), began(), pieces(ONE_DROP[:10_500]), end, forever=True)
+    assert run(feed, log, writer) is Ending.DONE
+    assert log.of(DropSaved)[0].saved.view.marks[0] == "cut off: the instrument has nothing more"
+
+
+def test_enough_drops_end_it_when_the_hammer_is_at_rest(log: Log, writer: Any) -> None:
+    counts = stream(9.0, [(1.0, 8000.0), (1.4, 3000.0), (4.0, 8000.0), (4.4, 3000.0)])
+    feed = ScriptedFeed(connected(), began(), pieces(counts), forever=True)
+    assert run(feed, log, writer, drops=2) is Ending.DONE
+    assert [len(one.rebounds) for one in recorded(writer)] == [1, 1]
+
+
+def test_saturated_samples_are_marked(log: Log, writer: Any) -> None:
+    counts = ONE_DROP.copy()
+    counts[10_060:10_070, 1] = 2**23 - 1
+    run(ScriptedFeed(connected(), began(), pieces(counts)), log, writer)
+    mark = "saturated: 10 samples of g0 at the end of the converter's range"
+    assert log.of(DropSaved)[0].saved.view.marks == (mark,)
+
+
+def test_ready_comes_after_the_check_of_the_sensors(log: Log, writer: Any) -> None:
+    channels = (dataclasses.replace(LOAD, shunt=5000.0), GEOPHONE)
+    identity = dataclasses.replace(IDENTITY, channels=channels)
+    counts = stream(4.0, [(2.5, 8000.0)])
+    shunted = counts[5000:9000].copy()
+    shunted[:, 0] += 5000
+    feed = ScriptedFeed(
+        connected(identity),
+        began(),
+        pieces(counts[:5000]),
+        pieces(shunted, 7, 5000, shunt=True),
+        pieces(counts[9000:], 7, 9000),
+    )
+    run(feed, log, writer)
+    assert feed.shunts == [True, False]
+    (found,) = log.of(SensorCheck)
+    assert found.details["zero_n"] == pytest.approx(20, abs=1)
+    assert found.details["span_ratio"] == pytest.approx(1, abs=1e-3)
+    assert log.index(found) < log.index(log.of(Ready)[0])
+    (record,) = recorded(writer)
+    assert record.metadata["check"]["zero_n"] == pytest.approx(20, abs=1)
+    assert record.metadata["check"]["faults"] == []
+
+
+def test_a_survey_of_a_session_is_whole(log: Log, tmp_path: Path) -> None:
+    folder = tmp_path / "survey"
+    with SurveyWriter.open(folder) as inner:
+        counts = stream(6.0, [(1.0, 8000.0), (1.5, 3000.0), (4.0, 8000.0)])
+        run(ScriptedFeed(connected(), began(), pieces(counts)), log, inner)
+    report = check(folder)
+    assert report.ok
+    assert (report.drops_acknowledged, report.drops_published) == (2, 2)
+
+
+def test_an_unused_channel_is_recorded_and_not_inverted(log: Log, writer: Any) -> None:
+    unused = ChannelIdentity("aux", Role.UNUSED)
+    identity = dataclasses.replace(IDENTITY, channels=(unused, LOAD, GEOPHONE))
+    counts = np.column_stack([np.arange(len(ONE_DROP)), ONE_DROP]).astype(np.int32)
+    run(ScriptedFeed(connected(identity), began(), pieces(counts)), log, writer)
+    (record,) = recorded(writer)
+    assert record.counts.shape == (1200, 3)
+    assert len(record.drop.channels) == 1
+    assert RATE == record.drop.sampling_rate == pytest.approx(10_000)
+
+
+def test_the_display_is_told_what_load_starts_a_drop(log: Log, writer: Any) -> None:
+    setup = parse_setup("[detection]\nthreshold_n = 2000", "s.toml")
+    run(ScriptedFeed(connected(), began(), pieces(ONE_DROP)), log, writer, setup=setup)
+    assert {told.drop_load for told in log.of(LiveSamples)} == {2000.0}
+
+
+def test_earlier_drops_that_count_are_read_from_the_survey(log: Log, writer: Any) -> None:
+    two = stream(6.0, [(1.0, 8000.0), (4.0, 7900.0)])
+    run(ScriptedFeed(connected(), began(7), pieces(two, 7)), log, writer)
+    feed = ScriptedFeed(connected(), began(8), pieces(two, 8))
+    session = Session(feed, log, SessionPlan(options=None), writer)
+    session.run()
+    session.edit(Edit("discard", "wet"), number=1)
+    earlier = session._pipeline._earlier_drops("1", 4)
+    assert [(drop.number, drop.record) for drop in earlier] == [(2, 2), (3, 3)]
+    stored = recorded(writer)
+    for drop in earlier:
+        np.testing.assert_array_equal(drop.drop.load, stored[drop.number - 1].drop.load)
+    assert session._pipeline._earlier_drops("2", 4) == []

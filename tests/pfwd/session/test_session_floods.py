@@ -1,0 +1,153 @@
+"""An instrument that says the same without end: what is told, what is kept, when it ends."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pfwd.session import repeats
+from pfwd.session.events import DropSaved, InstrumentReady, Notice
+from pfwd.session.plan import Ending, SessionPlan
+from pfwd.session.repeats import FIRST_TOLD, INTERVAL, Repeats
+from pfwd.session.session import STOPPED_DROP, TRIGGER_PAUSE, Session
+from pfwd_device.recording import SurveyWriter, read_survey
+from pfwd_device.wire.messages import Event, EventKind, Refusal
+from tests.pfwd.scripted_feed import (
+    RATE,
+    Log,
+    ScriptedFeed,
+    SpyWriter,
+    began,
+    connected,
+    pieces,
+    run,
+    stream,
+)
+
+QUIET = stream(8.0)
+TRIGGER = Event(EventKind.TRIGGER, 0)
+
+
+@pytest.fixture
+def log() -> Log:
+    return Log()
+
+
+@pytest.fixture
+def writer(tmp_path: Path, log: Log) -> Iterator[Any]:
+    with SurveyWriter.open(tmp_path / "survey", publish=False) as inner:
+        yield SpyWriter(inner, log)
+
+
+def test_of_a_kind_the_first_are_told_and_then_one_a_while_with_a_count() -> None:
+    now = [0.0]
+    counted = Repeats(lambda: now[0])
+    assert [counted.due("a") for _ in range(FIRST_TOLD)] == [0] * FIRST_TOLD
+    assert [counted.due("a") for _ in range(1000)] == [None] * 1000
+    assert counted.due("b") == 0  # another kind is not hidden by it
+    now[0] = INTERVAL - 0.1
+    assert counted.due("a") is None
+    now[0] = INTERVAL
+    assert counted.due("a") == 1001
+    assert counted.due("a") is None
+    assert counted.rest() == {"a": 1}
+    assert counted.rest() == {}
+
+
+def test_the_limits_are_what_a_day_of_them_can_be_read_at() -> None:
+    assert FIRST_TOLD + 24 * 3600 / INTERVAL < 1500
+
+
+def test_a_flood_of_events_hides_no_other_event(log: Log) -> None:
+    flood = [Event(EventKind.BOOT, n, f"text {n}") for n in range(5000)]
+    flood += [Refusal(3, f"text {n}") for n in range(5000)]
+    battery = Event(EventKind.LOW_BATTERY, 1, "3.1 V")
+    feed = ScriptedFeed(connected(), began(), pieces(QUIET[:20_000]), flood, battery)
+    run(feed, log)
+    texts = [notice.text for notice in log.of(Notice)]
+    assert "battery of the instrument is low 3.1 V" in texts
+    assert sum("started anew" in text for text in texts) == FIRST_TOLD
+    assert sum("refuses" in text for text in texts) == FIRST_TOLD
+    assert f"{5000 - FIRST_TOLD} more messages of the instrument: starts" in texts
+    assert len(texts) < 30
+
+
+def test_what_came_meanwhile_is_counted_in_the_next_that_is_told(
+    log: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    boots = [Event(EventKind.BOOT, n) for n in range(100)]
+
+    def wait() -> None:
+        monkeypatch.setattr(repeats, "INTERVAL", 0.0)
+
+    run(ScriptedFeed(connected(), boots, wait, boots[:1]), log)
+    assert f"the instrument started anew ({100 - FIRST_TOLD} more of these meanwhile)" in log.texts
+
+
+def test_an_instrument_cannot_trigger_more_often_than_a_person(log: Log) -> None:
+    # After each of 160 blocks of 50 ms; the first 0.5 s teach what the load at rest is.
+    items = [one for block in pieces(QUIET) for one in (block, TRIGGER)]
+    run(ScriptedFeed(connected(), began(), items), log)
+    assert len(QUIET) / RATE / TRIGGER_PAUSE == 8
+    assert 6 <= len(log.of(DropSaved)) <= 8
+    assert "triggers again within a second" in log.texts
+
+
+def test_another_number_of_the_run_does_not_make_it_trigger_more_often(log: Log) -> None:
+    items = [began(0)]
+    for number, block in enumerate(pieces(QUIET), 1):
+        items += [began(number), *pieces(block.counts, number), TRIGGER]  # type: ignore[union-attr]
+    run(ScriptedFeed(connected(), items), log)
+    assert len(log.of(DropSaved)) <= 8
+
+
+def test_two_triggers_a_person_gives_are_two_drops(log: Log) -> None:
+    blocks = pieces(QUIET[:40_000])
+    feed = ScriptedFeed(
+        connected(), began(), blocks[:30], TRIGGER, blocks[30:55], TRIGGER, blocks[55:]
+    )
+    run(feed, log)
+    assert len(log.of(DropSaved)) == 2
+    assert "triggers again" not in log.texts
+
+
+def test_told_to_end_it_takes_no_further_trigger(log: Log, writer: Any) -> None:
+    session: list[Session] = []
+    blocks = pieces(QUIET)
+    items = [one for block in blocks[30:] for one in (block, TRIGGER)]
+    feed = ScriptedFeed(
+        connected(), began(), blocks[:30], lambda: session[0].stop(), items, forever=True
+    )
+    session.append(Session(feed, log, SessionPlan(options=None), writer))
+    assert session[0].run() is Ending.DONE
+    assert writer.saved == []
+
+
+def test_a_drop_whose_samples_never_come_does_not_hold_up_the_end(log: Log, writer: Any) -> None:
+    session: list[Session] = []
+    blocks = pieces(QUIET[:20_500])
+    feed = ScriptedFeed(
+        connected(), began(), blocks[:-1], TRIGGER, blocks[-1:], lambda: session[0].stop(),
+        forever=True,
+    )  # fmt: skip
+    session.append(Session(feed, log, SessionPlan(options=None), writer))
+    begun = time.monotonic()
+    assert session[0].run() is Ending.DONE
+    assert STOPPED_DROP <= time.monotonic() - begun < STOPPED_DROP + 2
+    (told,) = log.of(DropSaved)
+    assert "cut off: the session was ended" in told.saved.view.marks
+
+
+def test_a_flood_of_connections_does_not_fill_the_survey(log: Log, writer: Any) -> None:
+    again = [connected(again=True) for _ in range(3000)]
+    drop = [began(), *pieces(stream(3.0, [(1.0, 8000.0)]))]
+    run(ScriptedFeed(connected(), again, drop), log, writer)
+    # A display has to know each of them, the survey does not.
+    assert len(log.of(InstrumentReady)) == 3001
+    events = [one for one in read_survey(writer.folder).events if one["event"] == "connected"]
+    # The last one is kept with the drop that it measured.
+    assert len(events) == FIRST_TOLD + 1
+    assert events[-1]["details"]["more_before"] == 3001 - FIRST_TOLD
+    assert len(log.of(DropSaved)) == 1

@@ -1,0 +1,331 @@
+"""The setup file: every key at fault is named with its file; what it says wins over the device."""
+
+import contextlib
+import dataclasses
+import datetime
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pfwd.errors import SurveyError
+from pfwd.files.header import KEYS
+from pfwd.session.setup_file import (
+    LARGEST_FILE,
+    MeasuringSetup,
+    parse_setup,
+    read_setup_file,
+    response_warnings,
+    setup_of,
+)
+from pfwd_device.errors import DeviceError, SetupError
+from pfwd_device.identity import ChannelIdentity, Role
+from pfwd_device.setup import CHANNEL_KEYS, DETECTION_KEYS, INSTRUMENT_KEYS, LINK_KEYS
+from tests.pfwd.scripted_feed import GEOPHONE, IDENTITY, LOAD, NOW
+
+ASCII = """
+plate_radius_m = 0.1
+[link]
+dialect = "ascii"
+sampling_rate_hz = 5000.0
+[instrument]
+adc_bits = 16
+adc_range_v = 5.0
+[[channels]]
+name = "load"
+column = 1
+role = "load"
+sensitivity = 4e-4
+[[channels]]
+name = "g0"
+column = 2
+role = "geophone"
+sensitivity = 28.8
+natural_frequency_hz = 4.5
+damping = 0.6
+resolution = 0.5
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        ("plate_radius_m = 0", "plate_radius_m"),
+        ("plate_radius_m = nan", "plate_radius_m"),
+        ("plate_radius_m = inf", "plate_radius_m"),
+        ('plate_radius_m = "0.15"', "plate_radius_m"),
+        ("plate_radius_m = 2026-01-01", "plate_radius_m"),
+        ("plate_mass_kg = -1", "plate_mass_kg"),
+        ("poisson_ratio = 0.5", "poisson_ratio"),
+        ("density_kg_m3 = true", "density_kg_m3"),
+        ("bedrock_depth_m = -inf", "bedrock_depth_m"),
+        ('centre_sensor = "left"', "centre_sensor"),
+        ("seating_drops = 1.5", "seating_drops"),
+        ("site = [1]", "site"),
+        (f'point = "{"x" * 65}"', "point"),
+        ('point = " "', "point"),
+        ("plate_radius_m = 1" + "0" * 400, "plate_radius_m"),
+        ("[link]\nbaud_rate = 10", "baud_rate"),
+        ("[link]\nbaud_rate = 9600.0", "baud_rate"),
+        ('[link]\ndialect = "morse"', "dialect"),
+        ("[link]\nsampling_rate_hz = 0", "sampling_rate_hz"),
+        ("[link]\nsampling_rate_hz = 1" + "0" * 400, "sampling_rate_hz"),
+        ("link = 5", r"\[link\]"),
+        ("[instrument]\nadc_bits = 7", "adc_bits"),
+        ("[instrument]\nadc_bits = true", "adc_bits"),
+        ("[instrument]\nadc_range_v = -5.0", "adc_range_v"),
+        ('[instrument]\nserial_number = ""', "serial_number"),
+        (f'[instrument]\nmodel = "{"m" * 33}"', "model"),
+        ('[instrument]\nmodel = "a\\u001b[2J"', "model"),
+        ('channels = "none"', "channels"),
+        ("channels = [1]", r"\[\[channels\]\] 1"),
+        ('[[channels]]\nrole = "load"', r"\[\[channels\]\] 1.*expected a name"),
+        ('[[channels]]\nname = "a"\nrole = "nose"', "role"),
+        ('[[channels]]\nname = "a"\ncolumn = 0', "column"),
+        ('[[channels]]\nname = "a"\nsensitivity = 0', "sensitivity"),
+        ('[[channels]]\nname = "a"\nsensitivity = -1' + "0" * 400, "sensitivity"),
+        ('[[channels]]\nname = "a"\nzero_v = inf', "zero_v"),
+        ('[[channels]]\nname = "a"\noffset_m = -inf', "offset_m"),
+        ('[[channels]]\nname = "a"\nnatural_frequency_hz = 0', "natural_frequency_hz"),
+        ('[[channels]]\nname = "a"\ndamping = nan', "damping"),
+        ('[[channels]]\nname = "a"\nshunt_n = 0', "shunt_n"),
+        ('[[channels]]\nname = "a"\ncalibrated = "2026-01-01"', "calibrated"),
+        ('[[channels]]\nname = "a"\ndue = 2026-01-01T00:00:00', "due"),
+        ('[[channels]]\nname = "a"\nresolution = 0', "resolution"),
+        ('[[channels]]\nname = "a"\n[[channels]]\nname = "a"', "name.*'a' twice"),
+        (
+            '[[channels]]\nname = "a"\ncolumn = 1\n[[channels]]\nname = "b"\ncolumn = 1',
+            "column.*1 twice",
+        ),
+        *((f"[detection]\n{key} = 0", key) for key in DETECTION_KEYS),
+        ("[detection]\nhysteresis = 1.0", "hysteresis"),
+        ("[detection]\npost_trigger_s = 60", "10 s"),
+        ("plate_radius_m = 0,15", "TOML"),
+        ("a = " + "[" * 5000, "TOML"),
+    ],
+)
+def test_the_key_at_fault_is_named_with_its_file(text: str, key: str) -> None:
+    with pytest.raises((SurveyError, DeviceError), match=f"(?s)field.toml.*{key}") as caught:
+        parse_setup(text, "field.toml")
+    assert "\n" not in str(caught.value)
+    assert "\x1b" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "suggestion"),
+    [
+        ("plate_radius = 0.15", "plate_radius_m"),
+        ("[detecton]", "detection"),
+        ("[link]\nbaudrate = 9600", "baud_rate"),
+        ("[instrument]\nadc_range = 5.0", "adc_range_v"),
+        ('[[channels]]\nname = "a"\nsensitivty = 1.0', "sensitivity"),
+        ("[detection]\nthreshold = 300", "threshold_n"),
+    ],
+)
+def test_a_key_that_is_unknown_comes_with_a_suggestion(text: str, suggestion: str) -> None:
+    message = rf"field.toml.*did you mean {suggestion}\?"
+    with pytest.raises((SurveyError, DeviceError), match=message):
+        parse_setup(text, "field.toml")
+
+
+def test_without_a_near_one_the_known_keys_are_listed() -> None:
+    with pytest.raises(SurveyError, match="known are plate_radius_m, plate_mass_kg"):
+        parse_setup("zzzzz = 1", "f")
+    with pytest.raises(SetupError, match="known are dialect, baud_rate"):
+        parse_setup("[link]\nzzzzz = 1", "f")
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("sampling_rate_hz = 5000.0", "sampling_rate_hz"),
+        ("adc_bits = 16", "adc_bits"),
+        ("adc_range_v = 5.0", "adc_range_v"),
+        ("column = 2", "'g0': column"),
+        ('role = "geophone"', "'g0': role"),
+        ("sensitivity = 28.8", "'g0': sensitivity"),
+        ("damping = 0.6", "natural_frequency and damping together"),
+        ('role = "load"', "'load': role"),
+    ],
+)
+def test_lines_need_everything_that_they_do_not_say(line: str, message: str) -> None:
+    assert ASCII.count(line) == 1
+    with pytest.raises(SetupError, match=f"field.toml: .*{message}"):
+        parse_setup(ASCII.replace(line, ""), "field.toml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('role = "load"', 'role = "unused"', 'expected one with role = "load"'),
+        ('role = "geophone"', 'role = "unused"', 'role = "geophone" or "displacement"'),
+    ],
+)
+def test_lines_need_a_load_and_a_sensor(old: str, new: str, message: str) -> None:
+    with pytest.raises(SetupError, match=message):
+        parse_setup(ASCII.replace(old, new), "f")
+
+
+def test_lines_that_are_declared_completely() -> None:
+    setup = parse_setup(ASCII, "field.toml")
+    assert setup.device.make_dialect(77).name == "ascii"
+    identity = setup.device.declared_identity()
+    assert identity.sampling_rate == 5000
+    assert identity.channels == (
+        ChannelIdentity("load", Role.LOAD, sensitivity=4e-4),
+        ChannelIdentity("g0", Role.GEOPHONE, sensitivity=28.8, natural_frequency=4.5, damping=0.6),
+    )
+    assert setup.device.apply(identity) is identity
+    assert setup.setup_with(identity).plate_radius == 0.1
+    assert setup.differences(identity) == []
+
+
+def test_the_file_wins_and_the_differences_are_listed() -> None:
+    text = """
+plate_radius_m = 0.1
+poisson_ratio = 0.4
+[link]
+sampling_rate_hz = 9000.0
+[instrument]
+serial_number = "X-9"
+[[channels]]
+name = "g0"
+sensitivity = 30.0
+offset_m = 0.02
+calibrated = 2026-01-02
+"""
+    setup = parse_setup(text, "field.toml")
+    identity = setup.identity_with(IDENTITY)
+    assert (identity.serial_number, identity.channels[1].sensitivity) == ("X-9", 30.0)
+    assert identity.channels[1].natural_frequency == 4.5
+    assert identity.channels[1].calibrated == datetime.date(2026, 1, 2)
+    declared = setup.declared_with(identity)
+    assert declared["plate_radius_m"] == 0.1
+    assert declared["device"] == "X-9"
+    said = setup.differences(IDENTITY)
+    assert said[:2] == [
+        "plate_radius_m = 0.1 from the setup file, not 0.15 as the instrument says",
+        "serial_number = 'X-9' from the setup file, not 'T-1' as the instrument says",
+    ]
+    assert "channel 'g0': offset_m = 0.02 from the setup file, not 0.0 as the instrument says" in (
+        said
+    )
+    assert any(line.startswith("channel 'g0': sensitivity = 30.0") for line in said)
+    assert (
+        "channel 'g0': calibrated = 2026-01-02 from the setup file, not nothing as the instrument "
+        "says" in said
+    )
+    assert said[-1] == "sampling_rate_hz = 9000 was asked for, the instrument has 10000"
+    assert len(said) == 6
+
+
+def test_a_channel_may_stand_on_the_other_side_of_the_plate() -> None:
+    setup = parse_setup('[[channels]]\nname = "g0"\noffset_m = -0.3', "field.toml")
+    assert setup.identity_with(IDENTITY).channels[1].offset == -0.3
+    said = setup.differences(IDENTITY)
+    assert said == [
+        "channel 'g0': offset_m = -0.3 from the setup file, not 0.0 as the instrument says"
+    ]
+
+
+def test_a_channel_that_the_instrument_does_not_have_is_named_with_the_file() -> None:
+    setup = parse_setup('[[channels]]\nname = "g9"\nsensitivity = 1.0', "field.toml")
+    with pytest.raises(SetupError, match=r"field.toml: .*among 'load', 'g0', came 'g9'"):
+        setup.identity_with(IDENTITY)
+
+
+def test_half_a_response_is_refused_with_the_file() -> None:
+    setup = parse_setup('[[channels]]\nname = "load"\ndamping = 0.6', "field.toml")
+    with pytest.raises(SetupError, match=r"field\.toml: .*natural_frequency and damping together"):
+        setup.identity_with(IDENTITY)
+    setup = parse_setup("geophone_damping = 0.6", "field.toml")
+    bare = dataclasses.replace(GEOPHONE, natural_frequency=None, damping=None)
+    identity = dataclasses.replace(IDENTITY, channels=(LOAD, bare))
+    with pytest.raises(SurveyError, match=r"field\.toml: .*geophone_damping alone"):
+        setup.setup_with(identity)
+
+
+def test_without_a_plate_radius_nothing_is_armed() -> None:
+    bare = dataclasses.replace(IDENTITY, plate_radius=None)
+    with pytest.raises(SetupError, match=r"nothing is armed: write plate_radius_m = 0\.15"):
+        MeasuringSetup().declared_with(bare)
+    assert parse_setup("plate_radius_m = 0.2", "f").setup_with(bare).plate_radius == 0.2
+
+
+def test_dates_and_infinity() -> None:
+    setup = parse_setup("bedrock_depth_m = inf\ntime_utc = 2026-05-04T12:00:00Z", "f")
+    assert setup.declared["time_utc"] == "2026-05-04T12:00:00+00:00"
+    assert setup.setup_with(IDENTITY).bedrock_depth == math.inf
+    assert NOW.isoformat() == setup.declared["time_utc"]
+
+
+def test_geophones_that_differ_from_the_centre_one_are_named() -> None:
+    near = dataclasses.replace(GEOPHONE, name="g1", offset=0.3, natural_frequency=4.6)
+    far = dataclasses.replace(GEOPHONE, name="g2", offset=0.6, natural_frequency=10.0)
+    identity = dataclasses.replace(IDENTITY, channels=(LOAD, far, near, GEOPHONE))
+    (line,) = response_warnings(identity)
+    assert line.startswith("geophone g2 (10 Hz, damping 0.6) is taken for one like g0 (4.5 Hz")
+    other_side = dataclasses.replace(far, offset=-0.6)
+    identity = dataclasses.replace(IDENTITY, channels=(LOAD, other_side, near, GEOPHONE))
+    (line,) = response_warnings(identity)
+    assert line.startswith("geophone g2 (10 Hz, damping 0.6) is taken for one like g0 (4.5 Hz")
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    with pytest.raises(SurveyError, match="expected a readable TOML file"):
+        read_setup_file(tmp_path / "none.toml")
+    with pytest.raises(SurveyError, match="expected a readable TOML file"):
+        read_setup_file(tmp_path)
+    odd = tmp_path / "odd.toml"
+    odd.write_bytes(b"site = '\xff\xfe'")
+    with pytest.raises(SurveyError, match="UTF-8"):
+        read_setup_file(odd)
+    odd.write_text("#" * (LARGEST_FILE + 1))
+    with pytest.raises(SurveyError, match="at most 100000 characters"):
+        read_setup_file(odd)
+    odd.write_bytes(b"\xef\xbb\xbfplate_radius_m = 0.15")  # as an editor of Windows writes it
+    assert read_setup_file(odd).declared == {"plate_radius_m": 0.15}
+
+
+_KEYS = st.sampled_from(
+    [*KEYS, *LINK_KEYS, *INSTRUMENT_KEYS, *CHANNEL_KEYS, *DETECTION_KEYS, "x", '"\\u001b"']
+)
+_VALUES = st.one_of(
+    st.integers(-(10**30), 10**30).map(str),
+    st.floats().map(repr),
+    st.sampled_from(
+        [
+            *('"ascii"', '"pfwd"', '"load"', '"geophone"', '"a"', "true", "[]", "{}"),
+            *("2026-01-01", "2026-01-01T00:00:00", "12:00:00", "1" + "0" * 400, '"\\u0000"'),
+            '"' + "x" * 99 + '"',
+        ]
+    ),
+)
+_TABLES = st.sampled_from(
+    ["[link]", "[instrument]", "[[channels]]", '[[channels]]\nname = "a"', "[detection]", "[x]"]
+)
+_LINES = st.one_of(_TABLES, st.builds("{} = {}".format, _KEYS, _VALUES), st.text(max_size=10))
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(_LINES, max_size=12).map("\n".join))
+def test_whatever_stands_in_it_only_known_errors_come_out(text: str) -> None:
+    with contextlib.suppress(SurveyError, DeviceError):
+        setup = parse_setup(text, "f")
+        setup.device.make_dialect()
+        identity = setup.identity_with(IDENTITY)
+        setup.setup_with(identity)
+        setup.differences(IDENTITY)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.dictionaries(st.sampled_from([*KEYS]), st.floats() | st.text() | st.integers()))
+def test_declared_values_are_checked_again_where_they_are_used(declared: dict[str, Any]) -> None:
+    try:
+        setup_of(declared, "drop 1")
+    except SurveyError:
+        return
+    assert declared["plate_radius_m"] > 0

@@ -1,0 +1,204 @@
+"""What a session says of its survey's files: what is not safe, and where it is kept."""
+
+import errno
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.power_loss import make_record
+from pfwd.session import survey_recorder
+from pfwd.session.events import (
+    DropNotPublished,
+    DropNotSaved,
+    Notice,
+    StorageLow,
+    SurveyFilesChanged,
+)
+from pfwd.session.survey_recorder import SurveyRecorder
+from pfwd_device.errors import RecordingError
+from pfwd_device.recording import SpareFolder, Storage, SurveyWriter, record_log
+from pfwd_device.recording.publishing import InlinePublisher
+
+
+class FullDisk(Storage):
+    """Takes nothing below `folder` while it is full."""
+
+    def __init__(self, folder: Path) -> None:
+        self.full = False
+        self._folder = folder
+        self._inside: dict[int, bool] = {}
+
+    def open(self, path: Path, *, create: bool = False) -> int:
+        inside = self._folder in path.parents
+        if create and inside:
+            self._may_refuse(inside)
+        descriptor = super().open(path, create=create)
+        self._inside[descriptor] = inside
+        return descriptor
+
+    def pwrite(self, descriptor: int, data: memoryview, offset: int) -> int:
+        self._may_refuse(self._inside[descriptor])
+        return super().pwrite(descriptor, data, offset)
+
+    def _may_refuse(self, inside: bool) -> None:
+        if self.full and inside:
+            raise OSError(errno.ENOSPC, "no space left")
+
+
+class Told:
+    """Everything that a recorder says, in order."""
+
+    def __init__(self) -> None:
+        self.events: list[object] = []
+
+    def saved(self, record: object, number: int, spare: Path | None) -> None:
+        self.events.append((number, spare))
+
+    def tell(self, event: object) -> None:
+        self.events.append(event)
+
+    def kinds(self) -> list[str]:
+        return [type(event).__name__ for event in self.events]
+
+
+@pytest.fixture
+def told() -> Told:
+    return Told()
+
+
+@pytest.fixture
+def survey(tmp_path: Path) -> Path:
+    return tmp_path / "survey"
+
+
+@pytest.fixture
+def writer(survey: Path, tmp_path: Path) -> Iterator[SurveyWriter]:
+    storage = Storage()
+    with SurveyWriter.open(
+        survey,
+        publisher=InlinePublisher(storage),
+        reserve_bytes=0,
+        spare=SpareFolder(tmp_path / "spare"),
+    ) as opened:
+        yield opened
+
+
+@pytest.mark.posix
+def test_not_safe_is_said_before_the_next_drop_is_acknowledged(
+    writer: SurveyWriter, survey: Path, told: Told
+) -> None:
+    recorder = SurveyRecorder(writer, told.saved, told.tell)
+    recorder.keep(make_record(1, np.random.default_rng(1)))
+    shutil.rmtree(survey)
+    recorder.keep(make_record(2, np.random.default_rng(2)))
+    assert told.kinds() == ["tuple", "SurveyFilesChanged", "SurveyFilesChanged", "tuple"]
+    _, taken, again, _ = told.events
+    assert isinstance(taken, SurveyFilesChanged)
+    assert isinstance(again, SurveyFilesChanged)
+    assert (taken.safe, again.safe) == (False, True)
+    assert "NOT SAFE" in taken.text
+
+
+@pytest.mark.posix
+def test_files_that_are_taken_away_are_noticed_within_a_second(
+    writer: SurveyWriter, survey: Path, told: Told
+) -> None:
+    recorder = SurveyRecorder(writer, told.saved, told.tell)
+    recorder.keep(make_record(1, np.random.default_rng(1)))
+    recorder.try_again()
+    shutil.rmtree(survey)
+    recorder.try_again()
+    assert told.kinds() == ["tuple"]  # not at every turn
+    recorder._next_look -= survey_recorder.LOOK_AFTER
+    recorder.try_again()
+    assert told.kinds() == ["tuple", "SurveyFilesChanged", "SurveyFilesChanged"]
+    assert survey_recorder.LOOK_AFTER <= 1.0
+
+
+def test_a_disk_that_fills_is_said_and_that_it_has_room_again(
+    writer: SurveyWriter, told: Told, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorder = SurveyRecorder(writer, told.saved, told.tell)
+    lefts: list[int | None] = [47, 46, 23, 24, 12, 0, 0]
+    for number, left in enumerate(lefts, start=1):
+        monkeypatch.setattr(writer, "scarce_drops", lambda left=left: left)
+        recorder.keep(make_record(number, np.random.default_rng(number)))
+    said = [event.drops_left for event in told.events if isinstance(event, StorageLow)]
+    assert said == [47, 23, 0]  # not at every drop
+    monkeypatch.setattr(writer, "scarce_drops", lambda: None)
+    recorder._next_look -= survey_recorder.LOOK_AFTER
+    recorder.try_again()  # no drop has to come for it
+    recorder._next_look -= survey_recorder.LOOK_AFTER
+    recorder.try_again()
+    again = [event for event in told.events if isinstance(event, StorageLow)][3:]
+    assert [event.drops_left for event in again] == [None]
+    assert not again[0].serious
+
+
+def test_a_drop_in_the_spare_folder_is_acknowledged_as_such(
+    survey: Path, tmp_path: Path, told: Told, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(record_log, "HOME_AGAIN", 0.0)
+    disk = FullDisk(survey)
+    spare = SpareFolder(tmp_path / "spare")
+    with SurveyWriter.open(
+        survey, storage=disk, publish=False, reserve_bytes=0, spare=spare
+    ) as writer:
+        recorder = SurveyRecorder(writer, told.saved, told.tell)
+        recorder.keep(make_record(1, np.random.default_rng(1)))
+        disk.full = True
+        recorder.keep(make_record(2, np.random.default_rng(2)))
+        assert recorder.held == 0
+        part = writer.kept_in_spare(2)
+        assert part is not None
+        assert told.events[-1] == (2, part)
+        recorder.finish(lambda: True)
+        last = told.events[-1]
+        assert isinstance(last, SurveyFilesChanged)
+        assert last.text == (
+            f"1 drops are NOT in {survey} but in {part}; pfwd recover {survey} brings them home"
+        )
+        disk.full = False
+        recorder._next_look = 0.0
+        recorder.try_again()
+        last = told.events[-1]
+        assert isinstance(last, SurveyFilesChanged)
+        assert last.safe
+
+
+def test_a_drop_that_no_place_takes_is_held_and_named(survey: Path, told: Told) -> None:
+    disk = FullDisk(survey)
+    with SurveyWriter.open(survey, storage=disk, publish=False, reserve_bytes=0) as writer:
+        recorder = SurveyRecorder(writer, told.saved, told.tell)
+        disk.full = True
+        recorder.keep(make_record(1, np.random.default_rng(1)))
+        assert told.kinds() == ["DropNotSaved"]
+        assert isinstance(told.events[0], DropNotSaved)
+        recorder.finish(lambda: True)
+        last = told.events[-1]
+        assert isinstance(last, Notice)
+        assert last.text.startswith("LOST, the disk did not take it: drop P 1/1")
+        disk.full = False
+
+
+def test_a_file_that_cannot_be_made_is_said(survey: Path, told: Told) -> None:
+    class Broken:
+        def ask(self, request: object) -> dict[str, object]:
+            raise RecordingError("the program that publishes failed: no such module")
+
+        def close(self) -> None:
+            """Nothing runs."""
+
+    with SurveyWriter.open(survey, publisher=Broken(), reserve_bytes=0) as writer:
+        recorder = SurveyRecorder(writer, told.saved, told.tell)
+        recorder.keep(make_record(1, np.random.default_rng(1)))
+        writer.publish(1)
+        while not told.events[1:]:
+            recorder.try_again()
+        (said,) = [one for one in told.events if isinstance(one, DropNotPublished)]
+        assert (said.point, said.number) == ("P 1", 1)
+        assert "it is safe in the journal" in said.text
+        assert "no such module" in said.text

@@ -1,0 +1,187 @@
+"""A survey of peaks, and one of a rig, on their way through every command."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pfwd
+from pfwd.analysis.drop_facts import point_drop
+from pfwd.analysis.screening.drops import screen_point
+from pfwd.errors import SurveyError
+from pfwd.export.export import export_survey
+from pfwd.files.importing import import_files
+from pfwd.files.reading import read_points
+from pfwd.procedures import Kind, PointDrop, find_procedure, judge
+from pfwd.report.composing import compose
+from pfwd.report.fonts import Letters
+from pfwd.report.gathering import ReportOptions, gather
+from pfwd.report.peaks_blocks import basin_of_drop
+from pfwd.report.texts import load_texts
+from pfwd_device.recording import check
+from tests.pfwd.files.foreign.builders import dataset, pulse, zipped
+from tests.pfwd.files.foreign.peaks_builders import pddx, places
+
+
+@pytest.fixture(scope="module")
+def peaks(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("peaks")
+    (folder / "a.pdx").write_text(pddx(places()))
+    assert all(one.kind == "peaks" for one in import_files([str(folder / "a.pdx")], folder / "s"))
+    return folder / "s"
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("rig")
+    one = pulse(peak=8000.0)
+    # 80 MN/m, as velocity.
+    one.sensors[0] = np.gradient(one.sensors[0], 1 / 15_000.0)
+    data = dataset({"1": [one]}).replace(b"<DPlaque>0.3</DPlaque>", b"<DPlaque>0</DPlaque>")
+    (folder / "rig.dynz").write_bytes(zipped({"database.xml": data}))
+    (found,) = import_files([str(folder / "rig.dynz")], folder / "s")
+    assert (found.kind, found.error) == ("stiffness", None)
+    return folder / "s"
+
+
+def rows_of(survey: Path, tmp_path: Path) -> list[dict[str, str]]:
+    assert export_survey(survey, "table", tmp_path / "t.csv")
+    with open(tmp_path / "t.csv", newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_both_are_whole(peaks: Path, rig: Path) -> None:
+    assert check(peaks).ok
+    assert check(rig).ok
+
+
+def test_peaks_are_refused_by_the_inversion_in_one_line(peaks: Path) -> None:
+    for point in read_points(peaks):
+        for screening in screen_point(point):
+            assert screening.status == "rejected"
+            assert screening.reason is not None
+            assert screening.reason.startswith("peaks only: the file had no time history")
+
+
+def test_peaks_are_judged_by_a_procedure_that_needs_no_more(peaks: Path) -> None:
+    (first, _) = read_points(peaks)
+    screenings = screen_point(first)
+    facts = [
+        point_drop(drop, first.setup, screening)
+        for drop, screening in zip(first.drops, screenings, strict=True)
+    ]
+    assert [one.kind for one in facts] == [Kind.MEASURED] * 3
+    assert facts[0].peak_load == pytest.approx(70168, abs=1)
+    assert facts[0].modulus is None
+    procedure = find_procedure("astm-e2835")
+    progress = judge(procedure, [*facts, *facts], plate_radius=0.15)
+    assert progress.value is not None
+    assert progress.value.drops == 6
+    assert judge(find_procedure("paper"), facts, plate_radius=0.15).value is None
+    drop = first.drops[0]
+    discarded = point_drop(drop, first.setup, screenings[0], discarded="wrong place")
+    assert (discarded.kind, discarded.reason) == (Kind.DISCARDED, "wrong place")
+
+
+def test_peaks_have_moduli_and_indices_in_tables(peaks: Path, tmp_path: Path) -> None:
+    rows = rows_of(peaks, tmp_path)
+    assert [row["kind"] for row in rows] == ["peaks"] * 6
+    first = rows[0]
+    assert first["status"] == "rejected"
+    assert first["reason"].startswith("peaks only")
+    assert float(first["peak_load_n"]) == pytest.approx(70168, abs=1)
+    moved = dict(zip((-0.3, -0.2, 0.0, 0.2, 0.3, 0.6, 0.9), places()[0].drops[0][1], strict=False))
+    assert float(first["sci_m"]) == pytest.approx(1e-6 * (moved[0.0] - moved[0.3]))
+    assert float(first["bdi_m"]) == pytest.approx(1e-6 * (moved[0.3] - moved[0.6]))
+    assert float(first["bci_m"]) == pytest.approx(1e-6 * (moved[0.6] - moved[0.9]))
+    wanted = np.pi / 2 * (1 - 0.35**2) * 992.67e3 * 0.15 / (1e-6 * moved[0.0])
+    assert float(first["peak_modulus_pa"]) == pytest.approx(wanted, rel=1e-6)
+    assert first["modulus_pa"] == ""
+    assert first["surface_moduli_pa"].startswith("0.3: ")
+    assert "bad sensors, left out of the indices: -0.2 m" in first["warnings"]
+
+
+def test_peaks_leave_as_peaks(peaks: Path, tmp_path: Path) -> None:
+    with pytest.raises(SurveyError, match=r"got peaks only; export them with --format table"):
+        export_survey(peaks, "csv", tmp_path / "csv")
+    export_survey(peaks, "pddx", tmp_path / "again.pddx")
+    wanted, found = read_points(peaks), read_points(tmp_path / "again.pddx")
+    for point, other in zip(wanted, found, strict=True):
+        for drop, one in zip(point.drops, other.drops, strict=True):
+            assert drop.only_peaks is not None
+            assert one.only_peaks is not None
+            assert one.only_peaks.load == pytest.approx(drop.only_peaks.load, abs=5.1)
+    export_survey(peaks, "h5", tmp_path / "a.h5")
+    assert len(read_points(tmp_path / "a.h5")) == 2
+    again = list(import_files([str(tmp_path / "a.h5")], tmp_path / "s"))
+    assert [(one.kind, one.error) for one in again] == [("peaks", None)] * 6
+
+
+def test_a_report_shows_the_basin(peaks: Path) -> None:
+    report = gather(peaks, ReportOptions())
+    text = repr(compose(report, load_texts("en"), Letters()))
+    assert "Deflection basin from peaks" in text
+    assert "Ullidtz 1987" in text
+    assert "standing still or moving more than one nearer to the plate: -0.2 m" in text
+    basin = basin_of_drop(report.points[0].drops[0])
+    assert basin is not None
+    assert basin.sci_m is not None
+    for language in ("de", "zh"):
+        assert "Ullidtz 1987" in repr(compose(report, load_texts(language), Letters()))
+
+
+def test_a_rig_has_stiffness_and_no_modulus(rig: Path, tmp_path: Path) -> None:
+    (row,) = rows_of(rig, tmp_path)
+    assert (row["kind"], row["status"]) == ("stiffness", "rejected")
+    assert row["reason"].startswith("stiffness test: the weight fell on a rig of springs")
+    assert float(row["secant_stiffness_n_per_m"]) == pytest.approx(80e6, rel=0.01)
+    assert float(row["dynamic_stiffness_n_per_m"]) == pytest.approx(80e6, rel=0.02)
+    assert row["modulus_pa"] == row["peak_modulus_pa"] == ""
+    with pytest.raises(SurveyError, match="drops with peaks to export, came 1 on a rig"):
+        export_survey(rig, "pddx", tmp_path / "a.pddx")
+    report = gather(rig, ReportOptions(procedure="astm-e2835"))
+    text = repr(compose(report, load_texts("en"), Letters()))
+    assert "Stiffness test on a rig" in text
+    assert "There is no modulus" in text
+
+
+def test_a_rig_needs_no_plate_and_ground_does(tmp_path: Path) -> None:
+    for key in ('test = "stiffness"', "stiffness_n_per_m = 2.0e7"):
+        path = tmp_path / "a.csv"
+        rows = "".join(f"{n / 1000:.4f},{n % 7},0\n" for n in range(32))
+        path.write_text(f"# pfwd-traces = 1\n# {key}\ntime_s,load_N,velocity_m_s@0\n{rows}")
+        (point,) = read_points(path)
+        assert point.setup.is_stiffness_test
+        assert point.setup.plate_radius == 0
+        assert not any("plate_mass_kg" in text for text in point.warnings)
+    path.write_text(f'# pfwd-traces = 1\n# test = "ground"\ntime_s,load_N,velocity_m_s@0\n{rows}')
+    with pytest.raises(SurveyError, match="plate_radius_m"):
+        read_points(path)
+
+
+def test_a_plate_of_nothing_judges_nothing() -> None:
+    rejected = PointDrop(1, Kind.REJECTED)
+    assert judge(find_procedure("astm-e2835"), [rejected], plate_radius=0.0).value is None
+    measured = PointDrop(2, Kind.MEASURED, peak_load=7e3, peak_deflection=5e-4)
+    with pytest.raises(SurveyError, match="plate radius: expected a number > 0"):
+        judge(find_procedure("astm-e2835"), [rejected, measured], plate_radius=0.0)
+
+
+def test_results_of_a_jsonl_are_json(peaks: Path, tmp_path: Path) -> None:
+    export_survey(peaks, "jsonl", tmp_path / "a.jsonl")
+    for line in (tmp_path / "a.jsonl").read_text().splitlines():
+        assert json.loads(line)["kind"] == "peaks"
+
+
+def test_scripts_see_what_kind_a_drop_is(peaks: Path, rig: Path) -> None:
+    first = pfwd.read(peaks)[0][0]
+    assert (first.kind, first.time.size) == ("peaks", 0)
+    assert first.peak_load == pytest.approx(70168, abs=1)
+    assert first.peak_displacements is not None
+    assert first.peak_displacements[2] == first.peak_displacement
+    assert "no time history, 11 sensors" in repr(first)
+    assert first.displacement.shape == (11, 0)
+    assert pfwd.read(rig)[0][0].kind == "stiffness"
+    assert pfwd.invert(peaks)[0].reason.startswith("peaks only")
