@@ -1,25 +1,130 @@
-"""``gpkg``: one feature a point in an OGC GeoPackage, written by GDAL through pyogrio."""
+"""``gpkg``: one feature for each point in an OGC GeoPackage 1.3 (OGC 12-128r17), written by SQLite.
 
+The standard asks for the tables ``gpkg_spatial_ref_sys``, ``gpkg_contents`` and
+``gpkg_geometry_columns``. The R-tree index is an extension of the standard (its annex F.3).
+"""
+
+import contextlib
+import datetime
 import os
+import sqlite3
 import struct
-from typing import Any
+from collections.abc import Iterator, Sequence
 
-import numpy as np
-
-from pfwd.errors import OptionError, refusal
 from pfwd.export.maps import without_position
 from pfwd.export.output import new_file
-from pfwd.export.point_rows import POINT_COLUMNS, place_of_row, point_rows
+from pfwd.export.point_rows import POINT_COLUMNS, PointValues, place_of_row, point_rows
 from pfwd.export.rows import Order
 from pfwd.judging.places import Place
 
 LAYER = "points"
+"""Name of the layer, which is the name of its table."""
 
-_CRS = "EPSG:4326"
-"""WGS 84, which receivers give."""
+APPLICATION_ID = 0x47504B47
+"""The letters GPKG."""
+USER_VERSION = 10300
+"""Version 1.3.0 of the standard."""
+
+_WGS_84 = 4326
+"""EPSG number of the coordinates that receivers give."""
 
 _POINT, _POINT_Z = 1, 1001
 """Kinds of geometry in well-known binary (ISO 13249-3)."""
+
+_COLUMN_TYPES = {"number": "REAL", "whole": "INTEGER", "flag": "BOOLEAN"}
+"""SQL type for each kind of column; TEXT for the others."""
+
+_SCHEMA = """
+CREATE TABLE gpkg_spatial_ref_sys (
+    srs_name TEXT NOT NULL,
+    srs_id INTEGER NOT NULL PRIMARY KEY,
+    organization TEXT NOT NULL,
+    organization_coordsys_id INTEGER NOT NULL,
+    definition TEXT NOT NULL,
+    description TEXT
+);
+CREATE TABLE gpkg_contents (
+    table_name TEXT NOT NULL PRIMARY KEY,
+    data_type TEXT NOT NULL,
+    identifier TEXT UNIQUE,
+    description TEXT DEFAULT '',
+    last_change DATETIME NOT NULL DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now')),
+    min_x DOUBLE,
+    min_y DOUBLE,
+    max_x DOUBLE,
+    max_y DOUBLE,
+    srs_id INTEGER,
+    CONSTRAINT fk_gc_r_srs_id FOREIGN KEY (srs_id) REFERENCES gpkg_spatial_ref_sys(srs_id)
+);
+CREATE TABLE gpkg_geometry_columns (
+    table_name TEXT NOT NULL,
+    column_name TEXT NOT NULL,
+    geometry_type_name TEXT NOT NULL,
+    srs_id INTEGER NOT NULL,
+    z TINYINT NOT NULL,
+    m TINYINT NOT NULL,
+    CONSTRAINT pk_geom_cols PRIMARY KEY (table_name, column_name),
+    CONSTRAINT uk_gc_table_name UNIQUE (table_name),
+    CONSTRAINT fk_gc_tn FOREIGN KEY (table_name) REFERENCES gpkg_contents(table_name),
+    CONSTRAINT fk_gc_srs FOREIGN KEY (srs_id) REFERENCES gpkg_spatial_ref_sys (srs_id)
+);
+CREATE TABLE gpkg_extensions (
+    table_name TEXT,
+    column_name TEXT,
+    extension_name TEXT NOT NULL,
+    definition TEXT NOT NULL,
+    scope TEXT NOT NULL,
+    CONSTRAINT ge_tce UNIQUE (table_name, column_name, extension_name)
+);
+"""
+
+_WGS_84_DEFINITION = (
+    'GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563,'
+    'AUTHORITY["EPSG","7030"]],AUTHORITY["EPSG","6326"]],PRIMEM["Greenwich",0,'
+    'AUTHORITY["EPSG","8901"]],UNIT["degree",0.0174532925199433,AUTHORITY["EPSG","9122"]],'
+    'AXIS["Latitude",NORTH],AXIS["Longitude",EAST],AUTHORITY["EPSG","4326"]]'
+)
+
+_REFERENCE_SYSTEMS = (
+    ("Undefined Cartesian SRS", -1, "NONE", -1, "undefined", "undefined Cartesian coordinates"),
+    ("Undefined geographic SRS", 0, "NONE", 0, "undefined", "undefined geographic coordinates"),
+    ("WGS 84 geodetic", _WGS_84, "EPSG", _WGS_84, _WGS_84_DEFINITION, "longitude and latitude"),
+)
+"""The three that every GeoPackage has to define."""
+
+_EXTENT_OF_NEW = (
+    "NEW.fid, ST_MinX(NEW.geom), ST_MaxX(NEW.geom), ST_MinY(NEW.geom), ST_MaxY(NEW.geom)"
+)
+
+_INDEX_TRIGGERS = f"""
+CREATE TRIGGER rtree_points_geom_insert AFTER INSERT ON points
+WHEN (NEW.geom NOT NULL AND NOT ST_IsEmpty(NEW.geom))
+BEGIN INSERT OR REPLACE INTO rtree_points_geom VALUES ({_EXTENT_OF_NEW}); END;
+
+CREATE TRIGGER rtree_points_geom_update1 AFTER UPDATE OF geom ON points
+WHEN OLD.fid = NEW.fid AND (NEW.geom NOTNULL AND NOT ST_IsEmpty(NEW.geom))
+BEGIN INSERT OR REPLACE INTO rtree_points_geom VALUES ({_EXTENT_OF_NEW}); END;
+
+CREATE TRIGGER rtree_points_geom_update2 AFTER UPDATE OF geom ON points
+WHEN OLD.fid = NEW.fid AND (NEW.geom ISNULL OR ST_IsEmpty(NEW.geom))
+BEGIN DELETE FROM rtree_points_geom WHERE id = OLD.fid; END;
+
+CREATE TRIGGER rtree_points_geom_update3 AFTER UPDATE ON points
+WHEN OLD.fid != NEW.fid AND (NEW.geom NOTNULL AND NOT ST_IsEmpty(NEW.geom))
+BEGIN
+    DELETE FROM rtree_points_geom WHERE id = OLD.fid;
+    INSERT OR REPLACE INTO rtree_points_geom VALUES ({_EXTENT_OF_NEW});
+END;
+
+CREATE TRIGGER rtree_points_geom_update4 AFTER UPDATE ON points
+WHEN OLD.fid != NEW.fid AND (NEW.geom ISNULL OR ST_IsEmpty(NEW.geom))
+BEGIN DELETE FROM rtree_points_geom WHERE id IN (OLD.fid, NEW.fid); END;
+
+CREATE TRIGGER rtree_points_geom_delete AFTER DELETE ON points
+WHEN OLD.geom NOT NULL
+BEGIN DELETE FROM rtree_points_geom WHERE id = OLD.fid; END;
+"""
+"""Triggers of annex F.3. The functions ST_... are those of the program that edits the file."""
 
 
 def write_gpkg(order: Order, path: str | os.PathLike[str]) -> list[str]:
@@ -28,63 +133,112 @@ def write_gpkg(order: Order, path: str | os.PathLike[str]) -> list[str]:
     Returns
     -------
     list of str
-        How many have no position: their geometry is null.
-
-    Raises
-    ------
-    OptionError
-        If pyogrio is not installed.
+        Number of points without a position: their geometry is null.
     """
-    try:
-        from pyogrio.raw import write
-    except ImportError as err:
-        hint = "python -m pip install pyogrio, or --format points-geojson"
-        expected = "the package pyogrio"
-        raise OptionError(refusal("--format gpkg", expected, "none", hint)) from err
     rows = point_rows(order)
-    places = [place_of_row(row) for row in rows]
-    heights = all(place is None or place.altitude is not None for place in places)
-    geometry = np.array(
-        [None if place is None else _binary(place, heights=heights) for place in places], object
-    )
-    data, masks = [], []
-    for column in POINT_COLUMNS:
-        values = [row[column.name] for row in rows]
-        filled, missing = _field(values, column.kind)
-        data.append(filled)
-        masks.append(missing)
-    with new_file(path, force=order.force) as draft:
-        # GDAL looks at the end of the name, too.
-        whole = draft.with_name(draft.name + ".gpkg")
-        try:
-            write(
-                whole,
-                geometry,
-                data,
-                [column.name for column in POINT_COLUMNS],
-                field_mask=masks,
-                layer=LAYER,
-                driver="GPKG",
-                geometry_type="Point Z" if heights else "Point",
-                crs=_CRS,
-            )
-            os.replace(whole, draft)
-        finally:
-            whole.unlink(missing_ok=True)
+    with new_file(path, force=order.force) as draft, _new_database(draft) as database:
+        _add_points(database, rows)
     return without_position(rows)
 
 
-def _field(values: list[Any], kind: str) -> tuple[Any, Any]:
-    """A column and which of its values are missing."""
-    missing = np.array([value is None for value in values], bool)
-    empty: Any = {"number": 0.0, "whole": 0, "flag": False}.get(kind)
-    types: dict[str, Any] = {"number": np.float64, "whole": np.int64, "flag": np.bool_}
-    filled = [empty if value is None else value for value in values]
-    return np.array(filled, types.get(kind, object)), missing
+@contextlib.contextmanager
+def _new_database(path: os.PathLike[str]) -> Iterator[sqlite3.Connection]:
+    """Open a new SQLite file, commit when the block ends well, and close it.
+
+    Raises
+    ------
+    OSError
+        If the disk refuses the file; SQLite reports this by an error of its own.
+    """
+    try:
+        with contextlib.closing(sqlite3.connect(path)) as database:
+            # The file is a draft that is synchronised later; no second file stands beside it.
+            database.execute("PRAGMA journal_mode = MEMORY")
+            database.execute("PRAGMA synchronous = OFF")
+            yield database
+            database.commit()
+    except sqlite3.OperationalError as err:
+        raise OSError(str(err)) from err
 
 
-def _binary(place: Place, *, heights: bool) -> bytes:
-    """A point as well-known binary, little-endian; longitude comes first."""
-    if heights and place.altitude is not None:
-        return struct.pack("<BIddd", 1, _POINT_Z, place.longitude, place.latitude, place.altitude)
-    return struct.pack("<BIdd", 1, _POINT, place.longitude, place.latitude)
+def _add_points(database: sqlite3.Connection, rows: Sequence[PointValues]) -> None:
+    """Create the tables of the standard and the layer with its features."""
+    places = [place_of_row(row) for row in rows]
+    located = [place for place in places if place is not None]
+    has_heights = all(place.altitude is not None for place in located)
+    database.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+    database.execute(f"PRAGMA user_version = {USER_VERSION}")
+    database.executescript(_SCHEMA)
+    database.executemany(
+        "INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, ?)", _REFERENCE_SYSTEMS
+    )
+    columns = [
+        f'"{column.name}" {_COLUMN_TYPES.get(column.kind, "TEXT")}' for column in POINT_COLUMNS
+    ]
+    database.execute(
+        f"CREATE TABLE {LAYER} (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, geom POINT, "
+        f"{', '.join(columns)})"
+    )
+    extent = (
+        (
+            min(place.longitude for place in located),
+            min(place.latitude for place in located),
+            max(place.longitude for place in located),
+            max(place.latitude for place in located),
+        )
+        if located
+        else (None,) * 4
+    )
+    now = datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds")
+    database.execute(
+        "INSERT INTO gpkg_contents VALUES (?, 'features', ?, '', ?, ?, ?, ?, ?, ?)",
+        (LAYER, LAYER, now.replace("+00:00", "Z"), *extent, _WGS_84),
+    )
+    database.execute(
+        "INSERT INTO gpkg_geometry_columns VALUES (?, 'geom', 'POINT', ?, ?, 0)",
+        (LAYER, _WGS_84, int(has_heights)),
+    )
+    marks = ", ".join("?" * (2 + len(POINT_COLUMNS)))
+    database.executemany(
+        f"INSERT INTO {LAYER} VALUES ({marks})",
+        (
+            (fid, place and _geometry(place, has_heights), *row.values())
+            for fid, (row, place) in enumerate(zip(rows, places, strict=True), 1)
+        ),
+    )
+    _add_index(database, places)
+
+
+def _add_index(database: sqlite3.Connection, places: Sequence[Place | None]) -> None:
+    """Add the R-tree index of the layer."""
+    try:
+        database.execute(
+            "CREATE VIRTUAL TABLE rtree_points_geom USING rtree(id, minx, maxx, miny, maxy)"
+        )
+    except sqlite3.OperationalError:
+        return  # an SQLite that was built without R-trees: the index is optional
+    database.executemany(
+        "INSERT INTO rtree_points_geom VALUES (?, ?, ?, ?, ?)",
+        (
+            (fid, place.longitude, place.longitude, place.latitude, place.latitude)
+            for fid, place in enumerate(places, 1)
+            if place is not None
+        ),
+    )
+    database.execute(
+        "INSERT INTO gpkg_extensions VALUES (?, 'geom', 'gpkg_rtree_index', ?, 'write-only')",
+        (LAYER, "http://www.geopackage.org/spec120/#extension_rtree"),
+    )
+    database.executescript(_INDEX_TRIGGERS)
+
+
+def _geometry(place: Place, has_heights: bool) -> bytes:
+    """Return a point as GeoPackageBinary: a header without an envelope, then well-known binary.
+
+    All numbers are little-endian; the longitude comes first.
+    """
+    header = struct.pack("<2sBBi", b"GP", 0, 0b1, _WGS_84)
+    if has_heights and place.altitude is not None:
+        coordinates = (place.longitude, place.latitude, place.altitude)
+        return header + struct.pack("<BIddd", 1, _POINT_Z, *coordinates)
+    return header + struct.pack("<BIdd", 1, _POINT, place.longitude, place.latitude)

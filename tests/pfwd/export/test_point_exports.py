@@ -1,18 +1,22 @@
 """One row a point: the same columns in every format, opened by readers that did not write them."""
 
+import contextlib
 import csv
 import datetime
 import json
+import re
 import sqlite3
 import struct
 from pathlib import Path
 from typing import Any
 
 import geojson
+import numpy as np
 import pytest
 from python_calamine import CalamineWorkbook
 
-from pfwd.errors import OptionError
+from pfwd.errors import OptionError, SurveyError
+from pfwd.export import geopackage
 from pfwd.export.export import export_survey
 from pfwd.export.tables import cell
 from pfwd_device.recording import SurveyWriter, read_survey
@@ -163,27 +167,96 @@ def test_a_workbook_has_numbers_and_dates(judged: Path, tmp_path: Path) -> None:
 
 
 def test_a_geopackage_has_a_feature_a_point(judged: Path, tmp_path: Path) -> None:
-    pytest.importorskip("pyogrio")
     done = export_survey(judged, "gpkg", tmp_path / "p.gpkg")
-    with sqlite3.connect(tmp_path / "p.gpkg") as base:
+    with contextlib.closing(sqlite3.connect(tmp_path / "p.gpkg")) as base:
         base.row_factory = sqlite3.Row
-        # OGC 12-128r18: "GPKG", version 1.2 or later.
+        # OGC 12-128r17: "GPKG", version 1.3.0.
         assert base.execute("pragma application_id").fetchone()[0] == 0x47504B47
-        ((layer, reference),) = base.execute("select table_name, srs_id from gpkg_contents")
-        assert (layer, reference) == ("points", 4326)
+        assert base.execute("pragma user_version").fetchone()[0] == 10300
+        assert base.execute("pragma integrity_check").fetchone()[0] == "ok"
+        assert base.execute("pragma foreign_key_check").fetchall() == []
+        (content,) = base.execute("select * from gpkg_contents")
+        assert (content["table_name"], content["data_type"]) == ("points", "features")
+        assert [content[n] for n in ("min_x", "min_y", "max_x", "max_y")] == [11.5, 48.1] * 2
+        assert re.fullmatch(r"\d{4}-\d\d-\d\dT[\d:]{8}\.\d{3}Z", content["last_change"])
+        (column,) = base.execute("select * from gpkg_geometry_columns")
+        assert tuple(column) == ("points", "geom", "POINT", 4326, 1, 0)
+        systems = base.execute("select srs_id, organization from gpkg_spatial_ref_sys")
+        assert sorted(map(tuple, systems)) == [(-1, "NONE"), (0, "NONE"), (4326, "EPSG")]
+        types = {row["name"]: row["type"] for row in base.execute("pragma table_info(points)")}
+        assert (types["value"], types["drops_measured"]) == ("REAL", "INTEGER")
+        assert (types["discarded"], types["note"]) == ("BOOLEAN", "TEXT")
         first, second = base.execute("select * from points").fetchall()
+        boxes = base.execute("select * from rtree_points_geom").fetchall()
     assert list(first.keys())[2:] == COLUMNS
     blob = first["geom"]
-    assert blob[:2] == b"GP"
-    envelope = {0: 0, 1: 32, 2: 48, 3: 48, 4: 64}[(blob[3] >> 1) & 7]
-    order, kind, east, north = struct.unpack("<BIdd", blob[8 + envelope :][:21])
-    assert (order, kind % 1000, east, north) == (1, 1, 11.5, 48.1)
+    # Version 1, no envelope, little-endian; then the reference system.
+    assert struct.unpack("<2sBBi", blob[:8]) == (b"GP", 0, 1, 4326)
+    order, kind, east, north, height = struct.unpack("<BIddd", blob[8:])
+    assert (order, kind, east, north, height) == (1, 1001, 11.5, 48.1, 520.0)
     assert first["value"] == pytest.approx(45e6)
     assert (first["verdict"], first["drops_measured"], first["discarded"]) == ("pass", 2, 0)
     assert (second["point"], second["value"], second["geom"]) == ("CON", None, None)
+    ((fid, *box),) = map(tuple, boxes)
+    assert fid == first["fid"]
+    assert box == pytest.approx([11.5, 11.5, 48.1, 48.1])
     assert any("1 of 2 points have no position" in note for note in done.notes)
     with pytest.raises(OptionError, match="taken"):
         export_survey(judged, "gpkg", tmp_path / "p.gpkg")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["p.gpkg", "survey"]
+
+
+def test_a_point_without_altitude_makes_the_layer_flat(judged: Path, tmp_path: Path) -> None:
+    with SurveyWriter.open(judged) as writer:
+        writer.edit("position", {"latitude": 48.2, "longitude": 11.6}, point="CON")
+    export_survey(judged, "gpkg", tmp_path / "p.gpkg")
+    with contextlib.closing(sqlite3.connect(tmp_path / "p.gpkg")) as base:
+        assert base.execute("select z from gpkg_geometry_columns").fetchone() == (0,)
+        extent = base.execute("select min_x, min_y, max_x, max_y from gpkg_contents").fetchone()
+        blobs = [blob for (blob,) in base.execute("select geom from points")]
+    assert extent == (11.5, 48.1, 11.6, 48.2)
+    points = [struct.unpack("<BIdd", blob[8:]) for blob in blobs]
+    assert points == [(1, 1, 11.5, 48.1), (1, 1, 11.6, 48.2)]
+
+
+def test_gdal_reads_a_geopackage_and_edits_it(judged: Path, tmp_path: Path) -> None:
+    """GDAL has written none of it; its edit runs the triggers of the index."""
+    raw = pytest.importorskip("pyogrio.raw")
+    export_survey(judged, "gpkg", tmp_path / "p.gpkg")
+    about, _, geometry, columns = raw.read(tmp_path / "p.gpkg", layer="points")
+    assert (about["crs"], about["geometry_type"]) == ("EPSG:4326", "Point Z")
+    assert list(about["fields"]) == COLUMNS
+    assert [blob is None for blob in geometry] == [False, True]
+    first = dict(zip(COLUMNS, (column[0] for column in columns), strict=True))
+    assert (first["point"], first["verdict"]) == ("north, end", "pass")
+    assert first["value"] == pytest.approx(45e6)
+    near = raw.read(tmp_path / "p.gpkg", bbox=(11.4, 48.0, 11.6, 48.2))[2]
+    assert (len(near), len(raw.read(tmp_path / "p.gpkg", bbox=(0.0, 0.0, 1.0, 1.0))[2])) == (1, 0)
+    names = np.array(["added"], object)
+    raw.write(
+        tmp_path / "p.gpkg",
+        geometry[:1],
+        [names],
+        ["point"],
+        layer="points",
+        driver="GPKG",
+        geometry_type="Point Z",
+        crs="EPSG:4326",
+        append=True,
+    )
+    assert len(raw.read(tmp_path / "p.gpkg", bbox=(11.4, 48.0, 11.6, 48.2))[2]) == 2
+
+
+def test_a_geopackage_that_the_disk_refuses_is_an_error_in_one_line(
+    judged: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise sqlite3.OperationalError("database or disk is full")
+
+    monkeypatch.setattr(geopackage, "_add_points", refuse)
+    with pytest.raises(SurveyError, match=r"p\.gpkg: .*database or disk is full"):
+        export_survey(judged, "gpkg", tmp_path / "p.gpkg")
+    assert [path.name for path in tmp_path.iterdir()] == ["survey"]
 
 
 def test_results_found_for_the_export_count_for_the_points(
