@@ -1,52 +1,92 @@
-"""A diagnosis in plain words: what was found, how sure, what it did, what to do in the field."""
+"""Text of diagnoses: what a modulus may be used for, what was found, and what to do in the field.
 
+A single point has `diagnosis_lines`. Several points have `survey_lines`: a table of a line a point,
+and the advice below it.
+"""
+
+import itertools
 import math
+import os
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, TypeGuard
 
 from pfwd.analysis.diagnosis.result import (
     DiagnosisResult,
+    EffectParameter,
     EffectResult,
     FittedState,
     HeldOut,
 )
-from pfwd.digits import read_in, rounded, with_ends, with_width
+from pfwd.digits import at_place, read_in, rounded, with_ends, with_width
 from pfwd.export.json_text import json_text
 from pfwd.message_groups import as_ranges, group_messages
-from tui.output import clean
+from tui.output import clean, spelled
 
 if TYPE_CHECKING:
     from pfwd.procedures import PointModulus
 
-_VERDICT = {
-    "clean": "CLEAN: no effect is asked for",
+WIDTH = 120
+"""Characters of a line of the table of a survey."""
+
+N_EFFECTS_SHOWN = 2
+"""Number of effects of a point in the table of a survey, the strongest ones."""
+
+MIN_COLUMN = 10
+"""Characters that a wrapped column of the table has at least."""
+
+_GAP = "  "
+"""Between two columns."""
+
+_VERDICTS = {
+    "clean": "CLEAN: the base model explains the record",
     "explained": "EXPLAINED: the effects below leave next to nothing",
-    "unexplained": "NOT EXPLAINED: more is left than the effects tell, the warnings say why",
+    "unexplained": "NOT EXPLAINED: more is left than the effects account for, see the warnings",
 }
+_PARTLY_EXPLAINED = (
+    "PARTLY EXPLAINED: the effects below leave a little, which the interval of the modulus covers"
+)
 _NO_DROP = "NOTHING TO DIAGNOSE: no drop of the point can be used"
-# Moduli that differ by less than this part need not both be told.
-_SAME = 0.02
-# From this part on no digits after the point.
-_TENTH = 0.1
-# One of so many times is told by its nearer end: its width would leave no digit.
-_WIDE = 3.0
+_USES = {"design": "design value", "with-care": "use with care", "do-not-use": "do not use"}
+_ACTIONS = {"design": "use it", "with-care": "use both ends", "do-not-use": "measure again"}
+
+_MIN_MODULUS_DIFFERENCE = 0.02
+"""Relative difference to the modulus at 100 kPa from which on both are shown."""
+
+_WHOLE_PERCENT_FROM = 0.1
+"""Share from which on a percentage has no digits after the point."""
+
+_MAX_RATIO_FOR_WIDTH = 3.0
+"""Ratio of the ends of an interval up to which its width decides the digits; beyond it, the nearer
+end does, because the width would leave none."""
+
+_MAX_RATIO_SHOWN = 1e4
+"""Ratio of the ends of an interval up to which they are shown where they leave the modulus open."""
 
 
-def diagnosis_lines(result: DiagnosisResult, *, warnings: bool = True) -> list[str]:
-    """The result of ``pfwd diagnose`` as lines of text, SI made readable.
+def diagnosis_lines(
+    result: DiagnosisResult,
+    *,
+    warnings: bool = True,
+    device_advice: bool = True,
+    modulus: "PointModulus | Literal['unknown'] | None" = "unknown",
+) -> list[str]:
+    """Return the diagnosis of a point as lines of text, in the units that people read.
 
     Parameters
     ----------
     result : DiagnosisResult
     warnings : bool
-        Whether they are among the lines; of many points `diagnosis_warnings` has each once.
+        Whether the warnings are among the lines; `diagnosis_warnings` has those of many points.
+    device_advice : bool
+        Whether device effects have their advice; `device_lines` has that of many points.
+    modulus : PointModulus or None, optional
+        Modulus in force at the point, where it is known.
     """
     drops = ", ".join(map(str, result.drops or ())) or "none"
     device = "" if result.device is None else f", device {clean(result.device)}"
     point = "" if result.point is None else f", point {clean(result.point)}"
-    lines = [f"{clean(result.file)}{point}{device}, drops {drops}"]
-    verdict = _VERDICT.get(result.verdict or "", clean(result.verdict))
-    lines.append(f"  {_NO_DROP if result.drops == () else verdict}")
+    lines = [f"{clean(result.file)}{point}{device}, drops {drops}", f"  {_verdict(result)}"]
     if result.before is not None and result.after is not None:
         lines.append(
             f"  {result.plate} plate of radius {_short(result.plate_radius_m)} m, Poisson's ratio "
@@ -58,43 +98,291 @@ def diagnosis_lines(result: DiagnosisResult, *, warnings: bool = True) -> list[s
             lines += _change(result.before, result.after)
         elif result.verdict == "unexplained" and _modulus(result.before) != _modulus(result.after):
             lines.append("  no effect is taken over: after is the base model within usual soils")
-        lines += _advice(result)
+        sentence = use_sentence(result, modulus)
+        lines += [f"  {sentence}"] if sentence else []
     for effect in result.effects or ():
-        lines += _effect(effect)
+        lines += _effect(effect, advice=device_advice or effect.scope != "device")
     lines += _held_out(result.held_out)
     lines += [f"  {clean(text)}" for text in result.rejected or ()]
     return [*lines, *diagnosis_warnings([result])] if warnings else lines
 
 
+def _verdict(result: DiagnosisResult) -> str:
+    if result.drops == ():
+        return _NO_DROP
+    if result.verdict == "unexplained" and result.use == "with-care":
+        return _PARTLY_EXPLAINED
+    return _VERDICTS.get(result.verdict or "", clean(result.verdict))
+
+
+def use_sentence(
+    result: DiagnosisResult, modulus: "PointModulus | Literal['unknown'] | None" = "unknown"
+) -> str:
+    """Return what the modulus of a point may be used for; empty: there is no ground.
+
+    Parameters
+    ----------
+    result : DiagnosisResult
+    modulus : PointModulus or None, optional
+        Modulus in force at the point, where it is known.
+    """
+    after = result.after
+    if after is None or after.modulus_interval_pa is None:
+        return ""
+    if result.use == "do-not-use" or not _is_finite(after.modulus_pa):
+        if modulus == "unknown" or modulus is None:
+            return f"Do not use: {result.use_reason}; {result.remedy}."
+        return (
+            f"Use the fit without effects: {_in_force(modulus)} MPa. Do not use the modulus after: "
+            f"{result.use_reason}; {result.remedy}."
+        )
+    value, *ends = _digits(after.modulus_pa, after.modulus_interval_pa)
+    word = "Design value" if result.use == "design" else "Use with care:"
+    text = f"{word} {value} MPa ({' to '.join(ends)})"
+    if _is_finite(after.stress_pa):
+        text += f", secant modulus at {after.stress_pa / 1e3:.0f} kPa"
+        other = after.modulus_100kpa_pa
+        if _is_finite(other) and abs(other / after.modulus_pa - 1.0) > _MIN_MODULUS_DIFFERENCE:
+            low, high = after.modulus_interval_pa
+            text += f" ({rounded(other / 1e6, (high - low) / 1e6)} MPa at 100 kPa)"
+    reason = f": {result.use_reason}" if result.use == "with-care" else ""
+    return f"{text}{reason}."
+
+
+def survey_lines(
+    results: Sequence[DiagnosisResult], moduli: "Sequence[PointModulus | None]", width: int = WIDTH
+) -> list[str]:
+    """Return a table of several points, a line a point, and the advice below it.
+
+    Parameters
+    ----------
+    results : sequence of DiagnosisResult
+    moduli : sequence of PointModulus or None
+        Modulus in force at each point.
+    width : int
+        Most characters of a line.
+    """
+    names = _names(results)
+    diagnosed = [
+        (name, result, modulus)
+        for name, result, modulus in zip(names, results, moduli, strict=True)
+        if result.drops != ()
+    ]
+    lines = [_summary(results, moduli), ""]
+    if diagnosed:
+        rows = [_row(*point) for point in diagnosed]
+        modes = {result.held_out.mode for result in results if result.held_out is not None}
+        mode = modes.pop() if len(modes) == 1 else None
+        columns = [*_COLUMNS, _PREDICTED.get(mode or "", "held out"), "found", "what to do"]
+        # A column without any value is left out.
+        shown = [place for place in range(len(columns)) if any(row[place] for row in rows)]
+        table = [[row[place] for place in shown] for row in (columns, *rows)]
+        lines += [*table_lines(table, width), ""]
+    notes = [
+        *nothing_lines(results),
+        *_unusable_lines(diagnosed, names),
+        *_advice_of_points(results),
+        *device_lines(results),
+    ]
+    return [*lines, *(part for note in notes for part in wrapped(note, width))]
+
+
+def _unusable_lines(
+    points: "Sequence[tuple[str, DiagnosisResult, PointModulus | None]]", names: Sequence[str]
+) -> list[str]:
+    """Return why moduli are not to be used, and the remedy, each sentence once with its points."""
+    where: dict[str, list[str]] = {}
+    for name, result, modulus in points:
+        sentence = use_sentence(result, None)
+        if result.use == "do-not-use" and modulus is None and sentence:
+            where.setdefault(sentence.partition(": ")[2], []).append(name)
+    return [
+        f"Do not use the modulus of {_where(chosen, names)}: {text}"
+        for text, chosen in where.items()
+    ]
+
+
+_COLUMNS = ("point", "E, MPa (95 %)", "stress, kPa", "use", "misfit")
+
+
+def _row(name: str, result: DiagnosisResult, modulus: "PointModulus | None") -> list[str]:
+    """Return the cells of a point: those of `_COLUMNS`, prediction error, effects, what to do."""
+    after = result.after or FittedState()
+    use, action = _USES[result.use], _ACTIONS[result.use]
+    stress = ""
+    if modulus is not None and modulus.source == "fitted":
+        use, action = "fit without effects", ""
+    elif modulus is not None and _is_finite(after.stress_pa):
+        stress = f"{after.stress_pa / 1e3:.0f}"
+    elif after.model == "rig":
+        use, action = "no ground", ""
+    effects = [_short_effect(e) for e in result.effects or () if not _is_shared(e)]
+    more = ["..."] if len(effects) > N_EFFECTS_SHOWN else []
+    found = ", ".join([*effects[:N_EFFECTS_SHOWN], *more]) or "no effect"
+    held = result.held_out
+    return [
+        name,
+        "none" if modulus is None else _in_force(modulus),
+        stress,
+        use,
+        _percent(result.explained_to),
+        "" if held is None else f"{_percent(held.after)} off",
+        found,
+        action,
+    ]
+
+
+def table_lines(table: Sequence[Sequence[str]], width: int) -> list[str]:
+    """Return the lines of a table, its last two columns wrapped so that it has the fewest lines.
+
+    Parameters
+    ----------
+    table : sequence of rows of cells, the heading first
+    width : int, most characters of a line
+    """
+    rows = [[spelled(cell) for cell in row] for row in table]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    room = max(width - sum(widths[:-2]) - len(_GAP) * (len(widths) - 1), 2 * MIN_COLUMN)
+    if sum(widths[-2:]) > room:
+        shares = range(MIN_COLUMN, room - MIN_COLUMN + 1)
+        first = min(shares, key=lambda share: len(_wrapped_rows(rows, share, room - share)))
+        return _wrapped_rows(rows, first, room - first)
+    return _wrapped_rows(rows, *widths[-2:])
+
+
+def _wrapped_rows(rows: Sequence[Sequence[str]], *last_widths: int) -> list[str]:
+    """Return the lines of a table whose last columns are wrapped to widths."""
+    fixed = len(last_widths)
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)][:-fixed]
+    lines = []
+    for row in rows:
+        wrapped_cells = [
+            textwrap.wrap(cell, width)
+            for cell, width in zip(row[-fixed:], last_widths, strict=True)
+        ]
+        cells = [*([cell] for cell in row[:-fixed]), *wrapped_cells]
+        for parts in itertools.zip_longest(*cells, fillvalue=""):
+            texts = map(str.ljust, parts, (*widths, *last_widths))
+            lines.append(_GAP.join(texts).rstrip())
+    return lines
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """Return a text as lines; those that follow the first are indented."""
+    return textwrap.wrap(text, width, subsequent_indent="  ", break_on_hyphens=False)
+
+
+def _short_effect(effect: EffectResult) -> str:
+    """Return the name of an effect, with its depth where it has one."""
+    name = clean(effect.name).replace("_", " ")
+    if effect.unit == "m" and _is_finite(effect.value) and _is_finite(effect.sd):
+        return f"{name} {rounded(effect.value, effect.sd)} m"
+    return name
+
+
+def _is_shared(effect: EffectResult) -> bool:
+    """Return whether an effect is one of the device that its points share."""
+    return effect.scope == "device" and not _is_finite(effect.evidence)
+
+
+def _in_force(modulus: "PointModulus") -> str:
+    """Return a modulus with its interval, MPa."""
+    if modulus.interval is None:
+        return f"{modulus.value / 1e6:.3g}"
+    value, *ends = _digits(modulus.value, modulus.interval)
+    return f"{value} ({' to '.join(ends)})"
+
+
+def _summary(results: Sequence[DiagnosisResult], moduli: "Sequence[PointModulus | None]") -> str:
+    """Return how many points may be used for what."""
+    uses = [
+        _USES[result.use] if modulus is None or modulus.source == "diagnosed" else "fit"
+        for result, modulus in zip(results, moduli, strict=True)
+    ]
+    words = {
+        "design value": "with a design value",
+        "use with care": "to use with care",
+        "fit": "with the fit without effects",
+        "do not use": "not to use",
+    }
+    counted = [f"{uses.count(use)} {text}" for use, text in words.items() if use in uses]
+    return f"{len(results)} points: {', '.join(counted)}"
+
+
+def _advice_of_points(results: Sequence[DiagnosisResult]) -> list[str]:
+    """Return the advice of effects that belong to points, each once with its points.
+
+    Points whose diagnosis is not to be used have a sentence of their own.
+    """
+    names = _names(results)
+    points: dict[tuple[str, str], list[str]] = {}
+    for name, result in zip(names, results, strict=True):
+        for effect in result.effects or ():
+            if effect.advice and effect.scope != "device" and result.use != "do-not-use":
+                points.setdefault((str(effect.name), effect.advice), []).append(name)
+    return [
+        clean(f"{effect.replace('_', ' ')}, {_where(where, names)}: {advice}")
+        for (effect, advice), where in points.items()
+    ]
+
+
+def device_lines(results: Sequence[DiagnosisResult]) -> list[str]:
+    """Return the effects of the devices with their advice, each once with its points."""
+    names = _names(results)
+    points: dict[tuple[str, str], list[str]] = {}
+    for name, result in zip(names, results, strict=True):
+        for effect in result.effects or ():
+            if effect.scope == "device" and (_is_shared(effect) or result.use != "do-not-use"):
+                values = [_parameter(p, effect) for p in effect.parameters or ()]
+                numbers = f" ({'; '.join(values)})" if _is_shared(effect) and values else ""
+                text = f"device: {str(effect.name).replace('_', ' ')}{numbers}"
+                points.setdefault((text, effect.advice or ""), []).append(name)
+    return [
+        clean(f"{text}, {_where(where, names)}" + (f": {advice}" if advice else ""))
+        for (text, advice), where in points.items()
+    ]
+
+
+def _where(chosen: Sequence[str], names: Sequence[str]) -> str:
+    """Return points as ranges of all points."""
+    order = list(dict.fromkeys(names))
+    return "all points" if len(set(chosen)) == len(order) else as_ranges(chosen, order)
+
+
 def nothing_lines(results: Sequence[DiagnosisResult]) -> list[str]:
-    """Several points none of whose drops can be used, in one line; their warnings say why."""
+    """Return a line with the points of which no drop can be used; the warnings say why."""
     names = _names(results)
     empty = [name for name, result in zip(names, results, strict=True) if result.drops == ()]
     if not empty:
         return []
-    order = list(dict.fromkeys(names))
-    where = "all points" if len(empty) == len(results) else as_ranges(empty, order)
     return [
-        f"NOTHING TO DIAGNOSE at {where} ({len(empty)}): none of their drops can be used, the "
-        "warnings say why"
+        f"NOTHING TO DIAGNOSE at {_where(empty, names)} ({len(empty)}): none of their drops can be "
+        "used, the warnings say why"
     ]
 
 
 def _names(results: Sequence[DiagnosisResult]) -> list[str]:
-    return [clean(result.file if result.point is None else result.point) for result in results]
+    """Return the names of the points; with that of the file where there are several files."""
+    several = len({result.file for result in results}) > 1
+    names = []
+    for result in results:
+        file = os.path.basename(str(result.file))
+        point = str(result.file) if result.point is None else result.point
+        names.append(clean(f"{file} {point}" if several and result.point is not None else point))
+    return names
 
 
 def diagnosis_warnings(results: Sequence[DiagnosisResult]) -> list[str]:
-    """What is to be known of diagnoses: each sentence once, with its points as ranges."""
+    """Return the warnings of diagnoses: each sentence once, with its points as ranges."""
     names = _names(results)
     order = list(dict.fromkeys(names))
-    said = [
+    warnings = [
         (name, text)
         for name, result in zip(names, results, strict=True)
         for text in result.warnings or ()
     ]
     lines = []
-    for group in group_messages(said):
+    for group in group_messages(warnings):
         where = f", {as_ranges(group.places, order)}" if len(results) > 1 else ""
         where = ", all points" if len(group.places) == len(order) > 2 else where
         lines.append(f"  warning{where}: {clean(group.text)}")
@@ -102,59 +390,40 @@ def diagnosis_warnings(results: Sequence[DiagnosisResult]) -> list[str]:
 
 
 def diagnosis_line(point: str, result: DiagnosisResult) -> str:
-    """The diagnosis of a point that is being measured, in one line."""
+    """Return the diagnosis of a point that is being measured, in one line."""
     after = result.after or FittedState()
-    left = _percent(after.residual_rms_over_peak)
+    residual = _percent(after.residual_rms_over_peak)
     effects = ", ".join(clean(effect.name).replace("_", " ") for effect in result.effects or ())
     modulus = _modulus(after) or "no modulus"
     word = (result.verdict or "").upper()
     if result.corrected and result.verdict == "unexplained":
         word = "CORRECTED"
-    return f"point {clean(point)} diagnosed: {modulus}, {word}, {left} of the peak left" + (
+    return f"point {clean(point)} diagnosed: {modulus}, {word}, {residual} of the peak left" + (
         f": {effects}" if effects else ""
     )
-
-
-def _advice(result: DiagnosisResult) -> list[str]:
-    """What an engineer may do with the number, in a sentence."""
-    after = result.after
-    if after is None or after.modulus_interval_pa is None:
-        return []
-    if after.left_open:
-        return ["  The record leaves the modulus open: take none from it."]
-    if not _is_finite(after.modulus_pa):
-        return []
-    low, high = after.modulus_interval_pa
-    wide = (high - low) / 1e6
-    value, *ends = _shown(after.modulus_pa, after.modulus_interval_pa)
-    if result.use == "do-not-use":
-        return [f"  Do not use the diagnosed modulus: {result.use_reason}."]
-    word = "Design value" if result.use == "design" else "Use with care:"
-    text = f"  {word} {value} MPa ({' to '.join(ends)})"
-    if _is_finite(after.stress_pa):
-        text += f", secant modulus at {after.stress_pa / 1e3:.0f} kPa"
-        other = after.modulus_100kpa_pa
-        if _is_finite(other) and abs(other / after.modulus_pa - 1.0) > _SAME:
-            text += f" ({rounded(other / 1e6, wide)} MPa at 100 kPa)"
-    reason = f": {result.use_reason}" if result.use == "with-care" else ""
-    return [f"{text}{reason}."]
 
 
 _PREDICTED = {"next": "next drop", "drop": "each drop", "sensor": "each sensor"}
 
 
 def _held_out(held: HeldOut | None) -> list[str]:
-    """Return how well held-out parts are predicted, and every number fitted to them."""
+    """Return the prediction errors of held-out parts, and every number fitted to them."""
     if held is None:
         return []
     what = f"{_PREDICTED.get(held.mode or '', 'held-out part')} predicted"
     if not held.is_prediction and held.mode != "next":
         what = "device of the other points" if held.mode == "point" else "ground of the other drops"
         what += ", the rest fitted"
+    scaled = "no preceding record to scale"
+    if held.scaled_record is not None:
+        scaled = (
+            f"preceding record scaled by the peak loads {_percent(held.scaled_record)} "
+            f"({_percent(held.contact_scaled_record)})"
+        )
     lines = [
         f"  {what}: off by {_percent(held.after)} of the peak (contact "
         f"{_percent(held.contact_after)}), base model {_percent(held.before)} "
-        f"({_percent(held.contact_before)}), {_scaled(held)}"
+        f"({_percent(held.contact_before)}), {scaled}"
     ]
     parts = held.by or ()
     if len(parts) > 1:
@@ -165,35 +434,35 @@ def _held_out(held: HeldOut | None) -> list[str]:
     return lines
 
 
-def _scaled(held: HeldOut) -> str:
-    if held.scaled_record is None:
-        return "no preceding record to scale"
-    return (
-        f"preceding record scaled by the peak loads {_percent(held.scaled_record)} "
-        f"({_percent(held.contact_scaled_record)})"
-    )
-
-
 def _modulus(state: FittedState) -> str:
-    """The modulus with its interval, MPa, with the digits that it supports; empty: no ground."""
+    """Return the modulus with its interval, MPa, with the digits it supports; empty: no ground."""
     modulus, interval = state.modulus_pa, state.modulus_interval_pa
     if interval is not None and state.left_open:
-        low, high = (rounded(end / 1e6, end / 1e6) for end in interval)
-        return f"E left open ({low} to {high} MPa)"
+        low, high = interval
+        if not 0.0 < high < _MAX_RATIO_SHOWN * low:
+            return "E left open"
+        shown = " to ".join(rounded(end / 1e6, end / 1e6) for end in interval)
+        return f"E left open ({shown} MPa)"
     if not _is_finite(modulus):
         return ""
     if interval is None or not all(map(math.isfinite, interval)):
         return f"E {modulus / 1e6:.3g} MPa"
-    middle, *ends = _shown(modulus, interval)
+    middle, *ends = _digits(modulus, interval)
     return f"E {middle} MPa ({' to '.join(ends)})"
 
 
-def _shown(modulus: float, interval: tuple[float, float]) -> tuple[str, str, str]:
-    """A modulus and the ends of its interval, MPa, with the digits that it supports."""
+def _digits(modulus: float, interval: tuple[float, float]) -> tuple[str, str, str]:
+    """Return a modulus and the ends of its interval, MPa, with the digits that it supports.
+
+    The modulus has two digits at least: with one, 88 beside 92 would read 90 beside 90.
+    """
     middle, low, high = (value / 1e6 for value in (modulus, *interval))
-    if high > _WIDE * low:
-        return with_ends(middle, (low, high))
-    return with_width(middle, (low, high))
+    if high <= _MAX_RATIO_FOR_WIDTH * low:
+        return with_width(middle, (low, high))
+    value, shown_low, shown_high = with_ends(middle, (low, high))
+    two_digits = at_place(middle, math.floor(math.log10(middle)) - 1) if middle > 0 else value
+    value = min(value, two_digits, key=lambda text: abs(float(text) - middle))
+    return value, shown_low, shown_high
 
 
 def _state(state: FittedState) -> str:
@@ -208,51 +477,56 @@ def _state(state: FittedState) -> str:
 
 
 def _change(before: FittedState, after: FittedState) -> list[str]:
+    """Return the line with the change of the modulus, in the numbers that are shown."""
     first, last = before.modulus_pa, after.modulus_pa
     if not _is_finite(first) or not _is_finite(last) or before.left_open or after.left_open:
         return []
-    return [f"  the modulus changes by {100 * (last / first - 1):+.1f} %"]
+    return [
+        f"  the modulus changes from {first / 1e6:.3g} to {last / 1e6:.3g} MPa, by "
+        f"{100 * (last / first - 1):+.0f} %"
+    ]
 
 
-def _effect(effect: EffectResult) -> list[str]:
-    numbers = []
-    for parameter in effect.parameters or ():
-        scale, unit = read_in(clean(parameter.unit))
-        unit = f" {unit}" if unit else ""
-        drop = "" if parameter.drop is None else f" (drop {parameter.drop})"
-        name = f"{clean(parameter.name).replace('_', ' ')}{drop}"
-        if not _is_finite(parameter.value):
-            numbers.append(f"{name} -")
-        elif not _is_finite(parameter.sd):
-            given = not _is_finite(effect.probability)
-            shown = f"{name} {scale * parameter.value:.3g}{unit}"
-            numbers.append(shown if given else f"{name} not fixed")
-        elif parameter.sd == 0.0:
-            numbers.append(f"{name} {scale * parameter.value:.3g}{unit}")
-        else:
-            spread = scale * parameter.sd
-            value = rounded(scale * parameter.value, spread)
-            numbers.append(f"{name} {value} ± {rounded(spread, spread)}{unit}")
+def _effect(effect: EffectResult, *, advice: bool) -> list[str]:
     evidence = effect.evidence
     shared = "declared" if effect.scope == "point" else "shared by the device's points"
     strength = f"evidence {evidence:.0f}" if _is_finite(evidence) else shared
     if _is_finite(effect.probability) and _is_finite(evidence):
         strength += f", probability {100 * effect.probability:.0f} %"
-    told = f": {'; '.join(numbers)}" if numbers else ""
+    numbers = [_parameter(parameter, effect) for parameter in effect.parameters or ()]
+    text = f": {'; '.join(numbers)}" if numbers else ""
     # What was found without a fit has no scope, and no strength.
-    told += "" if effect.scope is None and not _is_finite(evidence) else f" [{strength}]"
-    lines = [f"  {clean(effect.name)}{told}"]
+    text += "" if effect.scope is None and not _is_finite(evidence) else f" [{strength}]"
+    lines = [f"  {clean(effect.name)}{text}"]
     if effect.alternatives:
         lines.append(f"    could as well be {', '.join(map(clean, effect.alternatives))}")
-    if effect.advice:
+    if effect.advice and advice:
         lines.append(f"    {clean(effect.advice)}")
     return lines
+
+
+def _parameter(parameter: EffectParameter, effect: EffectResult) -> str:
+    """Return a parameter of an effect with its standard deviation."""
+    scale, unit = read_in(clean(parameter.unit))
+    unit = f" {unit}" if unit else ""
+    drop = "" if parameter.drop is None else f" (drop {parameter.drop})"
+    name = f"{clean(parameter.name).replace('_', ' ')}{drop}"
+    if not _is_finite(parameter.value):
+        return f"{name} -"
+    value = scale * parameter.value
+    if not _is_finite(parameter.sd):
+        declared = not _is_finite(effect.probability)
+        return f"{name} {value:.3g}{unit}" if declared else f"{name} not fixed"
+    if parameter.sd == 0.0:
+        return f"{name} {value:.3g}{unit}"
+    spread = scale * parameter.sd
+    return f"{name} {rounded(value, spread)} ± {rounded(spread, spread)}{unit}"
 
 
 def _percent(value: float | None) -> str:
     if not _is_finite(value):
         return "-"
-    return f"{100 * value:.0f} %" if value >= _TENTH else f"{100 * value:.2g} %"
+    return f"{100 * value:.0f} %" if value >= _WHOLE_PERCENT_FROM else f"{100 * value:.2g} %"
 
 
 def _short(value: float | None) -> str:
@@ -267,6 +541,7 @@ def show_diagnosis(
     result: DiagnosisResult,
     *,
     as_json: bool,
+    device_advice: bool = True,
     modulus: "PointModulus | Literal['unknown'] | None" = "unknown",
 ) -> None:
     """Print a diagnosis.
@@ -275,15 +550,21 @@ def show_diagnosis(
     ----------
     result : DiagnosisResult
     as_json : bool
+    device_advice : bool
+        Whether the text has the advice about the device.
     modulus : PointModulus or None, optional
-        The modulus in force at its point; by default that of the diagnosis alone.
+        Modulus in force at its point; by default that of the diagnosis by itself.
     """
-    if as_json:
+    if modulus == "unknown":
         from pfwd.judging.verdicts import modulus_in_force
+
+        modulus = modulus_in_force(result)
+    if as_json:
         from pfwd.procedures.point import in_force_as_dict
 
-        modulus = modulus_in_force(result) if modulus == "unknown" else modulus
         print(json_text(result.to_json() | in_force_as_dict(modulus)), flush=True)
         return
-    for line in diagnosis_lines(result, warnings=False):
+    for line in diagnosis_lines(
+        result, warnings=False, device_advice=device_advice, modulus=modulus
+    ):
         print(line, flush=True)

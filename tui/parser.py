@@ -509,6 +509,9 @@ def _add_diagnose(commands: "Commands") -> None:
     )
     _add_plot(diagnose)
     _add_store(diagnose)
+    diagnose.add_argument(
+        "--details", action="store_true", help="each of several points in full, and the warnings"
+    )
     diagnose.add_argument("--json", action="store_true", help="one JSON object a point, SI units")
 
 

@@ -1,5 +1,6 @@
 """Progress on standard error, on a terminal only."""
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -95,13 +96,13 @@ def counting(total: Callable[[], int]) -> Iterator[Callable[[int, str], None]]:
 
 
 @contextmanager
-def points_counted() -> Iterator[Callable[[str, int, int], None]]:
-    """Yields the callable that is told what is tried, and how many points of how many are done.
+def diagnosis_progress() -> Iterator[Callable[[str, str, int, int], None]]:
+    """Yield the callable that receives what is tried, at which point, and how many are done.
 
-    On a terminal a bar; elsewhere nothing is shown.
+    A terminal shows a bar for each kind of work, elsewhere nothing is shown.
     """
     if not sys.stderr.isatty():
-        yield lambda what, done, total: None
+        yield lambda what, point, done, total: None
         return
     from rich.console import Console
     from rich.progress import (
@@ -114,14 +115,16 @@ def points_counted() -> Iterator[Callable[[str, int, int], None]]:
     )
 
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
-    left = (TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, *left, console=Console(stderr=True), transient=True) as bar:
+    times = (TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, *times, console=Console(stderr=True), transient=True) as bar:
         tasks: dict[str, TaskID] = {}
 
-        def draw(what: str, done: int, total: int) -> None:
+        def draw(what: str, point: str, done: int, total: int) -> None:
             if what not in tasks:
-                tasks[what] = bar.add_task(f"diagnosis: {clean(what)}", total=total)
-            bar.update(tasks[what], completed=done, total=total)
+                tasks[what] = bar.add_task("", total=total)
+            at_point = f": {os.path.basename(point)}" if point else ""
+            text = f"diagnosis, {what}{at_point}"
+            bar.update(tasks[what], completed=done, total=total, description=clean(text))
 
         yield draw
 

@@ -111,8 +111,10 @@ class Diagnosis(Shown):
         record = self._record
         moduli = f"E {_modulus(self.before)}"
         if self.effects:
-            left = "" if self.corrected else " (not corrected)"
-            moduli += f" before, {_modulus(self.after)} after{left}"
+            use = {"design": "design value", "with-care": "use with care"}
+            moduli += (
+                f" before, {_modulus(self.after)} after: {use.get(record['use'], 'do not use')}"
+            )
         return (
             f"Diagnosis({name}, {drops}: {verdict}; {moduli}; {self.after['model']}, "
             f"{record['plate']} plate of radius {record['plate_radius_m']:g} m, "

@@ -25,14 +25,18 @@ def test_many_points_without_a_drop_take_one_line(capsys: pytest.CaptureFixture[
     show_all([empty("1"), WHOLE, empty("2"), Diagnosed("c.csv", error="no load")], as_json=False)
     out, err = capsys.readouterr()
     lines = out.splitlines()
-    assert lines[0].startswith("b.csv")
+    assert lines[0].startswith("3 points: ")
     assert [line for line in lines if "NOTHING TO DIAGNOSE" in line] == [lines[-2]]
-    assert lines[-1] == "  warning, 1, 2: drop 1: peaks only"
+    assert lines[-1] == "1 warning: --details shows them, and each point in full"
     assert "no load" in err
+    show_all([empty("1"), WHOLE, empty("2")], as_json=False, details=True)
+    out = capsys.readouterr().out
+    assert "\nb.csv, drops 1\n" in out
+    assert out.splitlines()[-1] == "  warning, a.F25 1, a.F25 2: drop 1: peaks only"
 
 
 def test_one_has_its_own_block(capsys: pytest.CaptureFixture[str]) -> None:
-    show_all([empty("1"), WHOLE], as_json=False)
+    show_all([empty("1")], as_json=False)
     out = capsys.readouterr().out
     assert "  NOTHING TO DIAGNOSE: no drop" in out
     assert "  drop 1: peaks only" in out

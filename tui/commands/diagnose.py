@@ -11,10 +11,10 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import require_writable
 from pfwd.message_groups import as_ranges
-from tui.diagnosis_lines import diagnosis_warnings, nothing_lines, show_diagnosis
+from tui.diagnosis_lines import diagnosis_warnings, show_diagnosis, survey_lines
 from tui.files import any_folder
 from tui.output import clean, say
-from tui.progress import points_counted
+from tui.progress import diagnosis_progress
 
 if TYPE_CHECKING:
     from pfwd.analysis.diagnosis.diagnose import Diagnosed
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     device, spread = read_device(args.device) if args.device else (None, None)
     # A plot and a device file need more than what a survey keeps.
     use_kept = not (args.refit or args.plot or args.write_device)
-    with points_counted() as progress:
+    with diagnosis_progress() as progress:
         done = diagnose_files(
             args.files,
             options,
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
         )
         found = list(done)
     name = device_of(found) if args.write_device else None
-    show_all(found, as_json=args.json)
+    show_all(found, as_json=args.json, details=args.details)
     if args.leave_out is not None:
         _tell_what_stayed(found, args.leave_out)
     keep_found(found, store=not args.no_store)
@@ -135,23 +135,42 @@ def keep_found(found: "Sequence[Diagnosed]", *, store: bool) -> None:
             say(failed)
 
 
-def show_all(found: "Sequence[Diagnosed]", *, as_json: bool) -> None:
-    """Print what was found, and as text the warnings of all points, each once with its points.
+def show_all(found: "Sequence[Diagnosed]", *, as_json: bool, details: bool = False) -> None:
+    """Print diagnoses: several points as a table, a single one or with `details` a block each.
 
-    As text several points of which no drop can be used stand in one line.
+    Blocks are followed by what concerns several points: device effects, and the warnings.
     """
-    results = [one.result for one in found if one.result is not None]
-    together = not as_json and sum(result.drops == () for result in results) > 1
-    moduli = _moduli_in_force(results) if as_json else {}
-    for one in found:
-        if one.error is not None:
-            say(one.error)
-        elif one.result is not None and not (together and one.result.drops == ()):
-            modulus = moduli.get(_key(one.result))
-            show_diagnosis(one.result, as_json=as_json, modulus=modulus)
-    if not as_json:
-        for line in [*(nothing_lines(results) if together else ()), *diagnosis_warnings(results)]:
-            print(line, flush=True)
+    for diagnosed in found:
+        if diagnosed.error is not None:
+            say(diagnosed.error)
+    results = [diagnosed.result for diagnosed in found if diagnosed.result is not None]
+    several = len(results) > 1
+    moduli = _moduli_in_force(results)
+    if as_json:
+        for result in results:
+            show_diagnosis(result, as_json=True, modulus=moduli[_key(result)])
+        return
+    if several:
+        _print(survey_lines(results, [moduli[_key(result)] for result in results]))
+    warnings = diagnosis_warnings(results)
+    if several and not details:
+        if warnings:
+            noun = "warning" if len(warnings) == 1 else "warnings"
+            print(
+                f"{len(warnings)} {noun}: --details shows them, and each point in full", flush=True
+            )
+        return
+    for result in results:
+        if not several or result.drops != ():
+            show_diagnosis(
+                result, as_json=False, device_advice=not several, modulus=moduli[_key(result)]
+            )
+    _print(warnings)
+
+
+def _print(lines: "Sequence[str]") -> None:
+    for line in lines:
+        print(line, flush=True)
 
 
 _Key = tuple[str | None, str | None, tuple[int, ...] | None]

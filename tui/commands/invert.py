@@ -76,9 +76,9 @@ def _diagnosed(
     if outcome.error is not None:
         return []
     from pfwd.analysis.diagnosis.diagnose import diagnose_files
-    from tui.progress import points_counted
+    from tui.progress import diagnosis_progress
 
-    with points_counted() as progress:
+    with diagnosis_progress() as progress:
         return list(
             diagnose_files(
                 [outcome.file], options, None, args.jobs, use_kept=not args.refit, progress=progress

@@ -73,7 +73,7 @@ def with_predictions(
         counts = [count_held_out(of_point, mode) for of_point in records]
         if not any(counts):
             continue
-        survey = _Survey(records, declared_effects or {}, workers, counter)
+        survey = _Survey(group, declared_effects or {}, workers, counter)
         tasks = [(place, part) for place, count in enumerate(counts) for part in range(count)]
         columns: list[Sequence[Any]] = [
             [records[place] for place, _ in tasks],
@@ -84,7 +84,10 @@ def with_predictions(
         predict = partial(
             _held_out_error, mode=mode, declared_effects=declared_effects, allow=allow
         )
-        counted = counter("held-out parts", len(tasks)).counted(workers.map(predict, *columns))
+        names = [group[place].name for place, _ in tasks]
+        counted = counter("held-out parts", len(tasks)).counted(
+            names, workers.map(predict, *columns)
+        )
         parts: dict[str, list[_Answer]] = {}
         for (place, _), answer in zip(tasks, counted, strict=True):
             parts.setdefault(group[place].name, []).append(answer)
@@ -100,20 +103,24 @@ class _Survey:
 
     def __init__(
         self,
-        records: Sequence[PointRecords],
+        points: Sequence[DiagnosisPoint],
         declared_effects: Mapping[str, Values],
         workers: Workers,
         counter: Callable[[str, int], ProgressCounter],
     ) -> None:
-        self._records = records
+        self._names = [point.name for point in points]
+        self._records = [_records(point) for point in points]
         self._declared_effects = declared_effects
         self._workers = workers
         self._counter = counter
         self._summaries: dict[Structure, list[PointSummary | None]] = {}
         # One more than is needed, because a point has no part in the choice for itself.
-        ranked = records[: MAX_RANKED_POINTS + 1] if len(records) > 1 else []
-        work = workers.map(partial(_evidence, declared_effects=declared_effects), ranked)
-        self._evidence = list(counter("candidate models", len(ranked)).counted(work))
+        n_ranked = min(len(points), MAX_RANKED_POINTS + 1) if len(points) > 1 else 0
+        work = workers.map(
+            partial(_evidence, declared_effects=declared_effects), self._records[:n_ranked]
+        )
+        counted = counter("candidate models", n_ranked).counted(self._names[:n_ranked], work)
+        self._evidence = list(counted)
 
     def structure_without(self, place: int) -> Structure | None:
         """Return the structure that the other points show; None: there are none."""
@@ -130,8 +137,8 @@ class _Survey:
                 _summary, structure=structure, declared_effects=self._declared_effects
             )
             work = self._workers.map(summarise, self._records)
-            counted = self._counter("points by themselves", len(self._records)).counted(work)
-            self._summaries[structure] = list(counted)
+            counted = self._counter("points by themselves", len(self._names))
+            self._summaries[structure] = list(counted.counted(self._names, work))
         summaries = self._summaries[structure]
         near = range(max(0, place - _MAX_NEAR), min(len(summaries), place + _MAX_NEAR + 1))
         return [s for i in near if i != place and (s := summaries[i]) is not None]

@@ -28,8 +28,9 @@ _AT_ONCE = 2
 _R = TypeVar("_R")
 _G = TypeVar("_G")
 DeviceValues = dict[str, dict[str, float]]
-Progress = Callable[[str, int, int], None]
-"""Receives the kind of work, the number of points done, and their total number."""
+Progress = Callable[[str, str, int, int], None]
+"""Receives the kind of work, the name of the point that is worked on (empty: none is left), the
+number of points done, and their total number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,14 +71,28 @@ class ProgressCounter:
         with self._lock:
             self.total += more
 
-    def counted(self, results: Iterable[_R]) -> Iterator[_R]:
-        """Yield the results and report each."""
-        for result in results:
+    def counted(self, names: Sequence[str], results: Iterable[_R]) -> Iterator[_R]:
+        """Yield the results; report each point before it is worked on, and the last one's end.
+
+        Parameters
+        ----------
+        names : sequence of str, names of the points in the order of the results
+        results : iterable that computes a result when it is asked for
+        """
+        pending = iter(results)
+        for name in names:
+            self._report(name)
+            result = next(pending)
             with self._lock:
                 self._done += 1
-                if self._progress is not None:
-                    self._progress(self._what, self._done, self.total)
             yield result
+        self._report("")
+
+    def _report(self, name: str) -> None:
+        """Report the point that is worked on."""
+        with self._lock:
+            if self._progress is not None:
+                self._progress(self._what, name, self._done, self.total)
 
 
 class Workers:
@@ -129,10 +144,9 @@ def diagnose_all(
 ) -> DiagnosisByPoint:
     """Diagnose points that have records, in order, each with what is known of its instrument."""
     records = [point.records for point in points]
-    outcomes = counter.counted(
-        workers.map(partial(_diagnose, predict_last=predict_last), records, known)
-    )
-    return {point.name: outcome for point, outcome in zip(points, outcomes, strict=True)}
+    names = [point.name for point in points]
+    outcomes = workers.map(partial(_diagnose, predict_last=predict_last), records, known)
+    return dict(zip(names, counter.counted(names, outcomes), strict=True))
 
 
 def _diagnose(

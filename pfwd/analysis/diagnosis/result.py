@@ -1,8 +1,8 @@
-"""What a diagnosis says of a point, without loading what found it."""
+"""Result of the diagnosis of a point. It is read without loading the inversion."""
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 from inversion.diagnosis.findings import EffectParameter as EffectParameter
 from inversion.diagnosis.findings import EffectResult as EffectResult
@@ -26,12 +26,14 @@ WIDEST_WITH_CARE = 2.0
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %"
+    """Return a share in percent with two digits, without powers of ten."""
+    percent = 100.0 * share
+    return f"{percent:.0f} %" if percent >= 10.0 else f"{percent:.2g} %"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiagnosisResult(StoredRecord):
-    """What is behind the residual of a point: the keys of ``pfwd diagnose --json``, in order."""
+    """Diagnosis of a point: the keys of ``pfwd diagnose --json``, in their order."""
 
     LEFT_OUT: ClassVar[frozenset[str]] = frozenset(
         {
@@ -95,11 +97,11 @@ class DiagnosisResult(StoredRecord):
         return StoredRecord.to_json(self) | {key: getattr(self, key) for key in self.DERIVED}
 
     @classmethod
-    def from_json(cls, said: object, where: str = "a stored record") -> Self:
+    def from_json(cls, written: object, where: str = "a stored record") -> Self:
         """Read the record from JSON, see `StoredRecord.from_json`."""
-        if isinstance(said, dict):
-            said = {key: value for key, value in said.items() if key not in cls.DERIVED}
-        return super(DiagnosisResult, cls).from_json(said, where)
+        if isinstance(written, dict):
+            written = {key: value for key, value in written.items() if key not in cls.DERIVED}
+        return super(DiagnosisResult, cls).from_json(written, where)
 
     @property
     def explained_to(self) -> float | None:
@@ -121,47 +123,93 @@ class DiagnosisResult(StoredRecord):
     @property
     def use(self) -> "Use":
         """What the modulus after the diagnosis may be used for."""
-        return self._use_and_reason[0]
+        return self._assess_use().use
 
     @property
     def use_reason(self) -> str:
-        """Why, in one sentence."""
-        return self._use_and_reason[1]
+        """Reason for `use`, in one sentence."""
+        return self._assess_use().reason
 
     @property
-    def _use_and_reason(self) -> "tuple[Use, str]":
+    def remedy(self) -> str:
+        """What to do about a modulus that is not to be used; empty: it may be used."""
+        return self._assess_use().remedy
+
+    def _assess_use(self) -> "_UseAssessment":
         after, explained_to = self.after, self.explained_to
         ends = None if after is None else after.modulus_interval_pa
-        if after is None or after.modulus_pa is None or ends is None or explained_to is None:
-            return "do-not-use", "the diagnosis leaves the modulus open"
-        value, (low, high) = after.modulus_pa, ends
-        if not 0.0 < value < math.inf:
-            return "do-not-use", "the diagnosis leaves the modulus open"
+        value = None if after is None else after.modulus_pa
+        if value is None or ends is None or explained_to is None or not 0.0 < value < math.inf:
+            reason = "the diagnosis leaves the modulus open"
+            return _UseAssessment("do-not-use", reason, self._remedy(_REMEDY_OPEN))
+        low, high = ends
         if self.verdict in ("clean", "explained"):
             reach = max(high - value, value - low) / value
             if reach < NARROW_FOR_DESIGN:
-                return "design", f"the record is {self.verdict} and the interval is narrow"
-            return "do-not-use", (
+                reason = f"the record is {self.verdict} and the interval is narrow"
+                return _UseAssessment("design", reason)
+            reason = (
                 f"the interval of the modulus reaches {_percent(reach)} from it, at most "
                 f"{_percent(NARROW_FOR_DESIGN)} is allowed"
             )
+            return _UseAssessment("do-not-use", reason, self._remedy(_REMEDY_WIDE))
         if explained_to > EXPLAINED_WITH_CARE:
-            return "do-not-use", (
+            reason = (
                 f"{_percent(explained_to)} of the peak is not explained, at most "
                 f"{_percent(EXPLAINED_WITH_CARE)} is allowed"
             )
+            return _UseAssessment("do-not-use", reason, self._remedy(_REMEDY_UNEXPLAINED))
         if not high < WIDEST_WITH_CARE * low:
-            return "do-not-use", (
-                f"the interval of the modulus spans more than a factor of {WIDEST_WITH_CARE:g}"
-            )
-        return "with-care", (
-            f"{_percent(explained_to)} of the peak is not explained, the interval covers it"
-        )
+            reason = f"the interval of the modulus spans more than a factor of {WIDEST_WITH_CARE:g}"
+            return _UseAssessment("do-not-use", reason, self._remedy(_REMEDY_WIDE))
+        reason = f"{_percent(explained_to)} of the peak is not explained, the interval covers it"
+        return _UseAssessment("with-care", reason)
+
+    def _remedy(self, usual: str) -> str:
+        """Return the remedy of a warning, else of the strongest effect, else the usual one."""
+        codes = {warning.code for warning in self.warnings or () if isinstance(warning, Notice)}
+        for warned, remedy in _REMEDIES_OF_WARNINGS.items():
+            if warned in codes:
+                return remedy
+        strongest = next(iter(self.effects or ()), None)
+        if strongest is not None and strongest.scope == "drop" and strongest.advice:
+            return f"measure again: {strongest.advice}"
+        return usual
+
+
+class _UseAssessment(NamedTuple):
+    """What the modulus of a diagnosis may be used for."""
+
+    use: "Use"
+    reason: str
+    remedy: str = ""
+
+
+_REMEDY_OPEN = (
+    "measure again with one more sensor beside the plate and a longer record, or declare the depth "
+    "of rock"
+)
+_REMEDY_WIDE = "measure again with one more sensor beside the plate"
+_REMEDY_UNEXPLAINED = (
+    "measure again with the plate and the sensors seated anew; if as much is left, with one more "
+    "sensor beside the plate"
+)
+_REMEDY_DECLARATION = "correct the declaration that the warning names and diagnose again"
+_REMEDY_GAPS = "measure again: samples of the record are missing, or its range was switched"
+_REMEDIES_OF_WARNINGS = {
+    "sensor-upside-down": _REMEDY_DECLARATION,
+    "sensors-exchanged": _REMEDY_DECLARATION,
+    "bedrock-elsewhere": _REMEDY_DECLARATION,
+    "bedrock-contradicted": _REMEDY_DECLARATION,
+    "load-steps": _REMEDY_GAPS,
+    "sensor-steps": _REMEDY_GAPS,
+}
+"""Remedies by the code of the warning that calls for them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DropDiagnosis(StoredRecord):
-    """What a drop's line says of the diagnosis of its point, `pfwd invert --diagnose`."""
+    """Diagnosis of the point of a drop, as `pfwd invert --diagnose` reports it with the drop."""
 
     verdict: str | None = None
     """clean, explained or unexplained."""

@@ -130,8 +130,9 @@ def test_progress_counts_points(files: list[str], monkeypatch: pytest.MonkeyPatc
         raise InversionError("refused")
 
     monkeypatch.setattr(name, refuse)
-    seen: list[tuple[str, int, int]] = []
-    found = diagnose_files(files, progress=lambda *told: seen.append(told))
+    seen: list[tuple[str, str, int, int]] = []
+    found = diagnose_files(files, progress=lambda *report: seen.append(report))
     assert [it.error for it in found] == [f"{file}: refused" for file in files]
     kinds = ("each point by itself", "with what other points show")
-    assert seen == [(kind, done, 2) for kind in kinds for done in (1, 2)]
+    names = [*(f"{file}, point None" for file in files), ""]
+    assert seen == [(kind, name, done, 2) for kind in kinds for done, name in enumerate(names)]

@@ -65,12 +65,26 @@ def test_who_stops_does_not_wait_for_the_work_that_has_not_begun() -> None:
 
 
 def test_one_count_is_shared() -> None:
-    said: list[tuple[str, int, int]] = []
-    counter = ProgressCounter(lambda *one: said.append(one), "each point", 2)
-    assert list(counter.counted(iter(["a", "b"]))) == ["a", "b"]
+    reports: list[tuple[str, str, int, int]] = []
+    counter = ProgressCounter(lambda *report: reports.append(report), "each point", 2)
+    assert list(counter.counted(["A", "B"], iter(["a", "b"]))) == ["a", "b"]
     counter.expect(1)
-    assert list(counter.counted(["c"])) == ["c"]
-    assert said == [("each point", 1, 2), ("each point", 2, 2), ("each point", 3, 3)]
+    assert list(counter.counted(["C"], ["c"])) == ["c"]
+    assert reports == [
+        ("each point", "A", 0, 2),
+        ("each point", "B", 1, 2),
+        ("each point", "", 2, 2),
+        ("each point", "C", 2, 3),
+        ("each point", "", 3, 3),
+    ]
+
+
+def test_a_point_is_reported_before_it_is_worked_on() -> None:
+    steps: list[str] = []
+    counter = ProgressCounter(lambda what, name, done, total: steps.append(name), "each point", 2)
+    for result in counter.counted(["A", "B"], map(str.lower, ["A", "B"])):
+        steps.append(result)
+    assert steps == ["A", "a", "B", "b", ""]
 
 
 def test_points_of_one_name_are_told_apart() -> None:

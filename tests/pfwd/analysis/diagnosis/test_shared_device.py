@@ -80,7 +80,7 @@ class Survey:
         self._answers = [alone, together, held]
         self.known: list[list[InstrumentKnowledge]] = []
         self.predicted: list[bool] = []
-        self.progress: list[tuple[str, int, int]] = []
+        self.progress: list[tuple[str, str, int, int]] = []
         patch.setattr(shared_device, "diagnose_all", self._diagnose_all)
 
     def _diagnose_all(
@@ -96,7 +96,7 @@ class Survey:
         self.known.append(list(known))
         self.predicted.append(predict_last)
         names = [point.name for point in points]
-        return dict(zip(names, counter.counted(answers), strict=True))
+        return dict(zip(names, counter.counted(names, answers), strict=True))
 
     def diagnose(self, leave_out: Any = None) -> dict[str, Any]:
         """The diagnoses by the names of the points."""
@@ -166,7 +166,7 @@ def test_every_point_is_diagnosed_with_what_the_others_say(monkeypatch: pytest.M
         ["sensor_lag", "seating"]
     ] * 3
     assert found["3"] is failure
-    assert survey.progress[-1] == ("with what other points show", 4, 4)
+    assert survey.progress[-1] == ("with what other points show", "", 4, 4)
 
 
 def left(
