@@ -366,9 +366,8 @@ def _names(results: Sequence[DiagnosisResult]) -> list[str]:
     several = len({result.file for result in results}) > 1
     names = []
     for result in results:
-        file = os.path.basename(str(result.file))
-        point = str(result.file) if result.point is None else result.point
-        names.append(clean(f"{file} {point}" if several and result.point is not None else point))
+        parts = [os.path.basename(str(result.file))] if several or result.point is None else []
+        names.append(clean(" ".join([*parts, *filter(None, [result.point])])))
     return names
 
 

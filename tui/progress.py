@@ -120,11 +120,11 @@ def diagnosis_progress() -> Iterator[Callable[[str, str, int, int], None]]:
         tasks: dict[str, TaskID] = {}
 
         def draw(what: str, point: str, done: int, total: int) -> None:
-            if what not in tasks:
-                tasks[what] = bar.add_task("", total=total)
             at_point = f": {os.path.basename(point)}" if point else ""
-            text = f"diagnosis, {what}{at_point}"
-            bar.update(tasks[what], completed=done, total=total, description=clean(text))
+            text = clean(f"diagnosis, {what}{at_point}")
+            if what not in tasks:
+                tasks[what] = bar.add_task(text, total=total)
+            bar.update(tasks[what], completed=done, total=total, description=text)
 
         yield draw
 

@@ -57,7 +57,8 @@ def with_unique_names(entries: Iterable[DiagnosisPoint | T]) -> list[DiagnosisPo
     named: list[DiagnosisPoint | T] = []
     for entry in entries:
         if isinstance(entry, DiagnosisPoint):
-            base = name = f"{entry.file}, point {entry.point}"
+            at_point = "" if entry.point is None else f", point {entry.point}"
+            base = name = f"{entry.file}{at_point}"
             number = 1
             while name in names:
                 number += 1

@@ -134,5 +134,5 @@ def test_progress_counts_points(files: list[str], monkeypatch: pytest.MonkeyPatc
     found = diagnose_files(files, progress=lambda *report: seen.append(report))
     assert [it.error for it in found] == [f"{file}: refused" for file in files]
     kinds = ("each point by itself", "with what other points show")
-    names = [*(f"{file}, point None" for file in files), ""]
+    names = [*files, ""]
     assert seen == [(kind, name, done, 2) for kind in kinds for done, name in enumerate(names)]

@@ -98,7 +98,7 @@ def test_points_of_one_name_are_told_apart() -> None:
         "s, point A (2)",
         "s, point A (2) (2)",
         "s, point A (3)",
-        "s, point None",
+        "s",
     ]
 
 
