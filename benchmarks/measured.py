@@ -20,8 +20,8 @@ from inversion.diagnosis import PointDiagnosis
 from inversion.records import known
 from pfwd.analysis.diagnosis.diagnose import diagnose_entries
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, entries_of
-from pfwd.analysis.diagnosis.result import HeldOut
 from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import HeldOut
 from pfwd.errors import SurveyError
 
 

@@ -11,7 +11,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, TypeGuard
 
-from pfwd.analysis.diagnosis.result import (
+from pfwd.analysis.results import (
     DiagnosisResult,
     EffectParameter,
     EffectResult,

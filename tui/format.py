@@ -5,8 +5,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Literal
 
-from pfwd.analysis.results import DropResult, HalfSinePulse, LayerResult
-from pfwd.analysis.spread import relative_spread
+from pfwd.analysis.results import DropResult, HalfSinePulse, LayerResult, relative_spread
 from pfwd.digits import rounded, significant, with_ends
 from pfwd.message_groups import as_ranges, group_messages
 from tui.output import clean, spelled

@@ -24,6 +24,7 @@ from pfwd.session.events import (
     PointDiagnosed,
     Ready,
     Rebounded,
+    Repeats,
     SavedDrop,
     SensorCheck,
     SessionEvent,
@@ -31,7 +32,6 @@ from pfwd.session.events import (
     TableBuilding,
 )
 from pfwd.session.live_view import CompletePoints
-from pfwd.session.repeats import Repeats
 from tui.diagnosis_lines import diagnosis_line
 from tui.format import drop_line
 from tui.output import clean, say

@@ -24,14 +24,11 @@ from inversion.forward.model import Instrument
 from inversion.measured.record import Sensor
 from inversion.notices import Notice
 from pfwd.analysis.drop_result import drop_result
-from pfwd.analysis.keeping import kept_answer, question_of, software_name
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.outcome import FileOutcome
-from pfwd.analysis.results import Asked, DropAnalysis, DropResult
+from pfwd.analysis.result_store import kept_answer, question_of, software_name
+from pfwd.analysis.results import Asked, DropAnalysis, DropResult, FileOutcome
 from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
-from pfwd.analysis.screening.drops import Screening, screen_point
-from pfwd.analysis.screening.duplicates import duplicate_drops
-from pfwd.analysis.screening.missing import whole_part
+from pfwd.analysis.screening.drops import Screening, duplicate_drops, screen_point, whole_part
 from pfwd.errors import SurveyError
 from pfwd.files.header import PointSetup
 from pfwd.files.reading import read_points

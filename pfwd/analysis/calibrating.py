@@ -14,7 +14,7 @@ from inversion import InversionError, notices
 from inversion.calibration import Calibration, calibrate
 from inversion.notices import Notice
 from pfwd.analysis.diagnosis.device_file import DeviceEffect, write_effects
-from pfwd.analysis.rig_drops import rig_drop
+from pfwd.analysis.diagnosis.record import rig_drop
 from pfwd.errors import SurveyError, refusal
 from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint

@@ -9,15 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd.analysis.results import DropResult, MeasuredFacts, fit_fault
-from pfwd.analysis.screening.drops import CENTRE, Screening, pulse_peak
-from pfwd.analysis.screening.missing import whole_part
-from pfwd.analysis.screening.signals import displacement_of, quiet_samples, remove_offset
+from pfwd.analysis.screening.drops import CENTRE, Screening, pulse_peak, whole_part
 from pfwd.files.header import IMPORTED, PEAK_DEVIATIONS, PointSetup
 from pfwd.procedures import Kind, PointDrop
 from pfwd_device import Channel, Drop
 from pfwd_device.drop import Peaks
 from pfwd_device.peaks import trace_peaks
 from pfwd_device.response import correct_response
+from pfwd_device.signals import displacement_of, quiet_samples, remove_offset
 
 FACTS_VERSION = 1
 """To be raised when :func:`point_drop` finds others; those that were kept are then found anew."""

@@ -17,9 +17,9 @@ from pfwd.analysis.drop_facts import (
     recorded_deflection,
 )
 from pfwd.analysis.results import DropAnalysis, DropResult
-from pfwd.analysis.screening.missing import whole_part
-from pfwd.analysis.screening.signals import remove_offset
+from pfwd.analysis.screening.drops import whole_part
 from pfwd_device import Drop
+from pfwd_device.signals import remove_offset
 
 
 def drop_result(

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pfwd.analysis.outcome import FileOutcome
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.results import DropResult, FileOutcome
 from pfwd.digits import with_ends
 from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import require_writable

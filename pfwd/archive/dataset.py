@@ -30,8 +30,7 @@ from pfwd.files.disk import disk_errors, sync
 from pfwd.files.output_path import refuse_inside_survey
 
 if TYPE_CHECKING:
-    from pfwd.analysis.diagnosis.result import DiagnosisResult
-    from pfwd.analysis.results import DropResult
+    from pfwd.analysis.results import DiagnosisResult, DropResult
 
 TABLES = ("results", "diagnoses", "failures", "sources")
 _MARK = {"format": "pfwd-archive", "version": 1}

@@ -15,9 +15,8 @@ from pfwd.errors import SurveyError, refusal
 if TYPE_CHECKING:
     # Only for annotations: a worker limits its threads before it loads these.
     from inversion import SurrogateLibrary
-    from pfwd.analysis.diagnosis.result import DiagnosisResult
     from pfwd.analysis.options import AnalysisOptions
-    from pfwd.analysis.results import DropResult
+    from pfwd.analysis.results import DiagnosisResult, DropResult
     from pfwd.files.traces import TracePoint
     from pfwd_device.recording.survey_content import SurveyContent
 

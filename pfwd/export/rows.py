@@ -12,7 +12,7 @@ from inversion.notices import WARNING_CODES, WARNINGS, Notice, Value, from_sente
 from pfwd.analysis.drop_facts import corrected_deflection
 from pfwd.analysis.result_columns import N_LAYERS, Kind, nested_cells, result_columns
 from pfwd.analysis.results import DropResult
-from pfwd.analysis.screening.missing import ONLY_PEAKS
+from pfwd.analysis.screening.drops import ONLY_PEAKS
 from pfwd.errors import SurveyError
 from pfwd.export.columns import COLUMNS
 from pfwd.files.header import Declaration, setup_from

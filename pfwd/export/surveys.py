@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import count, groupby
 from typing import Any
 
-from pfwd.analysis.screening.missing import ONLY_PEAKS, whole_part
+from pfwd.analysis.screening.drops import ONLY_PEAKS, whole_part
 from pfwd.errors import SurveyError
 from pfwd.export.output import new_file, new_folder
 from pfwd.export.rows import Order

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.judging.verdicts import PointView
 from pfwd.procedures import PointDrop, PointValue, Quantity, Verdict
 from pfwd.procedures.judging import RULES_EVENT, RULES_VERSION

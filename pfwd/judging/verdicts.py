@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from inversion.notices import Notice
-from pfwd.analysis.diagnosis.holding import holds
-from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.diagnosis.store import holds
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.files.header import PointSetup
 from pfwd.judging.drops import DropView, classify_drops
 from pfwd.judging.job import Job

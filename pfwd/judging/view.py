@@ -11,12 +11,10 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from pfwd.analysis.diagnosis.holding import last_diagnosis
-from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.diagnosis.store import last_diagnosis
 from pfwd.analysis.drop_facts import stored_facts, unbroken_peaks
-from pfwd.analysis.keeping import result_that_counts
-from pfwd.analysis.kept import is_sound, rests_on
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.result_store import is_sound, rests_on, result_that_counts
+from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.errors import SurveyError
 from pfwd.files.folders import is_survey, refuse_no_survey
 from pfwd.files.header import Declaration, PointSetup, setup_from

@@ -3,7 +3,7 @@
 import math
 from functools import partial
 
-from pfwd.analysis.diagnosis.result import DiagnosisResult, EffectResult, FittedState
+from pfwd.analysis.results import DiagnosisResult, EffectResult, FittedState
 from pfwd.digits import read_in
 from pfwd.judging import PointView
 from pfwd.message_groups import group_messages

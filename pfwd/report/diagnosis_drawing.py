@@ -3,7 +3,7 @@
 import math
 from typing import Any, TypeGuard
 
-from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.report.drawing import COLOURS, finish, margins
 from pfwd.report.texts import Texts
 

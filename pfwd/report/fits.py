@@ -31,8 +31,7 @@ from inversion.result import TimeHistories
 from pfwd.analysis.analyse import record_of
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult
-from pfwd.analysis.screening.drops import Screening
-from pfwd.analysis.screening.missing import whole_part
+from pfwd.analysis.screening.drops import Screening, whole_part
 from pfwd.files.header import PointSetup
 from pfwd_device import Drop
 

@@ -16,18 +16,16 @@ from typing import Any
 from inversion import SurrogateLibrary
 from inversion.notices import Notice
 from pfwd.analysis.analyse import ASSUMED_POISSON_RATIO, analyse_drop
-from pfwd.analysis.diagnosis.holding import basis_of
-from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.diagnosis.store import basis_of
 from pfwd.analysis.drop_result import drop_result
-from pfwd.analysis.keeping import keep_results
-from pfwd.analysis.kept import rests_on
 from pfwd.analysis.options import (
     AnalysisOptions,
     Layers,
     Thickness,
     with_layers_of,
 )
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.result_store import keep_results, rests_on
+from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
 from pfwd.analysis.screening.drops import Screening, screen_point
 from pfwd.errors import OptionError, SurveyError, refusal
@@ -461,7 +459,7 @@ def _diagnosed(
 ) -> dict[tuple[str, int], DiagnosisResult]:
     """New diagnoses by point and drop; they are kept. Discarded points have none."""
     from pfwd.analysis.diagnosis.diagnose import diagnose_files
-    from pfwd.analysis.diagnosis.kept import keep_diagnoses
+    from pfwd.analysis.diagnosis.store import keep_diagnoses
 
     folder = str(survey.folder)
     tell("residuals are diagnosed")

@@ -5,8 +5,7 @@ from collections.abc import Collection, Hashable, Mapping
 from functools import partial
 from typing import Any
 
-from pfwd.analysis.results import DropResult
-from pfwd.analysis.spread import relative_spread
+from pfwd.analysis.results import DropResult, relative_spread
 from pfwd.judging import DropView, PointView
 from pfwd.message_groups import as_ranges, group_messages
 from pfwd.procedures import Quantity, Verdict

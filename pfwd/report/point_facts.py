@@ -3,8 +3,7 @@
 import datetime
 from collections.abc import Mapping
 
-from pfwd.analysis.diagnosis.result import DiagnosisResult
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.files.header import IMPORTED
 from pfwd.judging import DropView, PointView
 from pfwd.procedures import Verdict

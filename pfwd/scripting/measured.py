@@ -14,7 +14,6 @@ from inversion import notices
 from inversion.notices import Notice
 from pfwd.analysis.drop_facts import unbroken_peaks
 from pfwd.analysis.options import OPTION_OF_KEY
-from pfwd.analysis.screening.signals import displacement_of
 from pfwd.errors import OptionError, TraceError, quote, refusal
 from pfwd.export.json_text import without_nan
 from pfwd.files.columns import DROP, LOAD, TIME, sensor_name
@@ -26,6 +25,7 @@ from pfwd.scripting.options import analysis_options, reading
 from pfwd.scripting.shown import Shown, axes_or_new, count, data_frame, html_table, text_of
 from pfwd_device.drop import Channel, Peaks
 from pfwd_device.drop import Drop as DeviceDrop
+from pfwd_device.signals import displacement_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,8 +9,8 @@ import statistics
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from pfwd.analysis.diagnosis.result import DiagnosisResult
 from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.analysis.worker.tasks import Building
 from pfwd.analysis.worker.worker import Answer, InversionWorker
 from pfwd.files.header import PointSetup

@@ -6,10 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pfwd.analysis.diagnosis.result import DiagnosisResult
 from pfwd.analysis.drop_facts import FACTS_KEY, facts_to_store
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.results import DropResult, MeasuredFacts
+from pfwd.analysis.results import DiagnosisResult, DropResult, MeasuredFacts
 from pfwd.analysis.screening.drops import Screening, compare, counted
 from pfwd.judging import DropView, PointView, SurveyView, drop_from_traces
 from pfwd.judging.view import NO_SETUP, recorded_fields

@@ -1,13 +1,13 @@
 """What a measuring session tells those who show it. All are immutable."""
 
 import datetime
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from inversion.result import TimeHistories
-from pfwd.analysis.diagnosis.result import DiagnosisResult
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.analysis.screening.drops import Screening
 from pfwd.files.header import PointSetup
 from pfwd.judging import DropView, Job, PointView
@@ -277,7 +277,7 @@ class Notice:
     """More, for the log."""
     kind: str = ""
     """Of what an instrument can cause as often as it likes: a session tells only some of a kind,
-    see `pfwd.session.repeats`. Empty: told whenever it comes."""
+    see `pfwd.session.events`. Empty: told whenever it comes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -315,3 +315,46 @@ SessionEvent = (
     | TableBuilding
     | Notice
 )
+
+
+FIRST_TOLD = 5
+"""Of a kind; told one by one, because each may be news."""
+
+INTERVAL = 60.0
+"""s; after those one is told at most so often, with how many came meanwhile. An instrument can say
+a hundred thousand things a second: a day of them is less than 1500 lines."""
+
+
+class Repeats:
+    """Decides for each kind by itself, so that a flood of one hides no other.
+
+    Parameters
+    ----------
+    clock : callable
+        Seconds, for tests.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._told: dict[str, int] = {}
+        self._last: dict[str, float] = {}
+        self._untold: dict[str, int] = {}
+
+    def due(self, kind: str) -> int | None:
+        """How many of the kind were not told since the last that was; None: nor is this one."""
+        now = self._clock()
+        told = self._told.get(kind, 0)
+        if told >= FIRST_TOLD and now - self._last[kind] < INTERVAL:
+            self._untold[kind] = self._untold.get(kind, 0) + 1
+            return None
+        self._told[kind], self._last[kind] = told + 1, now
+        return self.take(kind)
+
+    def take(self, kind: str) -> int:
+        """How many of the kind were not told; they are forgotten."""
+        return self._untold.pop(kind, 0)
+
+    def rest(self) -> dict[str, int]:
+        """How many of each kind were not told to this moment; they are forgotten."""
+        found, self._untold = self._untold, {}
+        return found

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from pfwd.analysis.kept import is_sound, rests_on
+from pfwd.analysis.result_store import is_sound, rests_on
 from pfwd.files.moving import moved_to
 from pfwd.judging import DropView, PointView, SurveyView
 from pfwd.judging.places import place_in

@@ -26,8 +26,7 @@ from pfwd.judging import Job, job_of
 from pfwd.procedures import NO_PROCEDURE
 from pfwd.session.events import DropSaved, Notice, SessionEvent
 from pfwd.session.live import LiveFeed, random_stream
-from pfwd.session.pace import Pace
-from pfwd.session.replay import RecordedFeed, capture_feed, survey_feed
+from pfwd.session.replay import Pace, RecordedFeed, capture_feed, survey_feed
 from pfwd.session.session import Ending, Listener, Session, SessionPlan
 from pfwd.session.setup_file import MeasuringSetup
 from pfwd.session.survey_job import agreed_job, point_known

@@ -42,6 +42,7 @@ from pfwd.session.events import (
     Notice,
     PointBegan,
     Ready,
+    Repeats,
     SensorCheck,
     SessionEvent,
 )
@@ -49,7 +50,6 @@ from pfwd.session.feeds import Ended, Feed, FeedItem, ImportedDrop, RecordedDrop
 from pfwd.session.kept_drops import marks_of_kept, raw_drop_of, settings_of
 from pfwd.session.live_view import apply_event
 from pfwd.session.plan import Ending, SessionPlan
-from pfwd.session.repeats import Repeats
 from pfwd.session.sensor_check import SensorChecker
 from pfwd.session.setup_file import response_warnings, setup_of
 from pfwd.session.survey_job import agreed_job, instrument_request, known_point

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfwd.analysis.diagnosis.result import DiagnosisResult
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.session.events import (
     DropNotPublished,
     DropNotSaved,

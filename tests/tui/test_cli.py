@@ -15,8 +15,7 @@ from typing import Any
 import pytest
 
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.outcome import FileOutcome
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.results import DropResult, FileOutcome
 from tui.cli import build_parser, main
 from tui.commands import bench
 from tui.commands.invert import options_from
@@ -269,7 +268,7 @@ def test_a_developer_may_see_the_traceback(monkeypatch: pytest.MonkeyPatch) -> N
 
 ENDLESS = textwrap.dedent("""
     import sys, time, types
-    from pfwd.analysis.outcome import FileOutcome
+    from pfwd.analysis.results import FileOutcome
     from pfwd.analysis.results import DropResult
     from tui.cli import main
 

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
-from pfwd.analysis.diagnosis.result import DiagnosisResult, HeldOut
+from pfwd.analysis.results import DiagnosisResult, HeldOut
 from tui.cli import main
 from tui.commands.diagnose import _tell_what_stayed
 from tui.diagnosis_lines import diagnosis_lines

@@ -6,7 +6,7 @@ import pytest
 
 from inversion.notices import Notice
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
-from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.results import DiagnosisResult
 from tui.commands.diagnose import show_all
 
 

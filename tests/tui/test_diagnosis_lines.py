@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from inversion.notices import Notice
-from pfwd.analysis.diagnosis.result import (
+from pfwd.analysis.results import (
     DiagnosisResult,
     EffectParameter,
     EffectResult,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from pfwd import port_advice
+from pfwd import ports as port_advice
 from tui.cli import main
 
 

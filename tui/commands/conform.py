@@ -3,8 +3,8 @@
 import argparse
 import dataclasses
 
-from pfwd.conforming import conform
 from pfwd.export.json_text import json_text
+from pfwd.ports import conform
 from tui.output import clean, say
 
 _SIGNS = {"passed": "passed", "failed": "FAILED", "not-offered": "not offered"}

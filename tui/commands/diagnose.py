@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from pfwd.analysis.diagnosis.result import DiagnosisResult
 from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import require_writable
 from pfwd.message_groups import as_ranges
@@ -116,7 +116,7 @@ def _over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
 
 def keep_found(found: "Sequence[Diagnosed]", *, store: bool) -> None:
     """Keep new diagnoses with their surveys, and say which were kept before."""
-    from pfwd.analysis.diagnosis.kept import keep_diagnoses
+    from pfwd.analysis.diagnosis.store import keep_diagnoses
 
     by_file: dict[str, list[tuple[int, DiagnosisResult]]] = {}
     for diagnosed in found:

@@ -6,7 +6,7 @@ import os
 from typing import TYPE_CHECKING
 
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.outcome import FileOutcome
+from pfwd.analysis.results import FileOutcome
 from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import require_writable
 from tui.files import any_folder
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _keep(outcome: FileOutcome, *, store: bool) -> None:
     """Keep new results with their survey, and say which were kept before."""
-    from pfwd.analysis.keeping import keep_results, kept_text
+    from pfwd.analysis.result_store import keep_results, kept_text
 
     if outcome.of_survey:
         said = kept_text(outcome.file, [result for _, result in outcome.of_survey])

@@ -5,8 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pfwd.export.json_text import json_text
-from pfwd.port_advice import port_advice
-from pfwd.ports import Port, Probe, list_ports, probe_ports
+from pfwd.ports import Port, Probe, list_ports, port_advice, probe_ports
 from tui.output import clean, say
 
 

@@ -10,14 +10,15 @@ from inversion import InversionError
 from inversion.diagnosis import Channel, LeaveOut, PointDiagnosis, largest_values
 from inversion.inference.held_out import Allow
 from inversion.inference.instrument import InstrumentKnowledge
-from pfwd.analysis.diagnosis.device_effects import given_device, with_device
 from pfwd.analysis.diagnosis.entries import (
     DiagnosisPoint,
     entries_of,
+    questions_of,
+    stored_answers,
+    with_question,
     with_unique_names,
 )
 from pfwd.analysis.diagnosis.hold_out import with_predictions
-from pfwd.analysis.diagnosis.kept import questions_of, stored_answers, with_question
 from pfwd.analysis.diagnosis.points import (
     DeviceValues,
     DiagnosisByPoint,
@@ -28,10 +29,15 @@ from pfwd.analysis.diagnosis.points import (
     diagnose_all,
 )
 from pfwd.analysis.diagnosis.record import diagnosis_result
-from pfwd.analysis.diagnosis.result import DiagnosisResult, DropDiagnosis
-from pfwd.analysis.diagnosis.shared_device import PREDICTED, Phases, diagnose_device
+from pfwd.analysis.diagnosis.shared_device import (
+    PREDICTED,
+    Phases,
+    diagnose_device,
+    given_device,
+    with_device,
+)
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.outcome import FileOutcome
+from pfwd.analysis.results import DiagnosisResult, DropDiagnosis, FileOutcome
 from pfwd.errors import SurveyError
 
 

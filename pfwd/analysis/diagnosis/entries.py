@@ -1,19 +1,19 @@
 """The points of files on their way to a diagnosis: which drops take part, and as what records."""
 
-from collections.abc import Iterable
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from inversion.diagnosis import PointRecords
 from inversion.notices import Notice
 from pfwd.analysis.analyse import record_of
-from pfwd.analysis.diagnosis.holding import basis_of
-from pfwd.analysis.keeping import question_of
+from pfwd.analysis.diagnosis.store import basis_of, read_diagnosis
 from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.result_store import question_of, software_name
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
-from pfwd.analysis.screening.drops import screen_point
-from pfwd.analysis.screening.duplicates import duplicate_drops
-from pfwd.analysis.screening.missing import whole_part
+from pfwd.analysis.screening.drops import duplicate_drops, screen_point, whole_part
 from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint
 from pfwd_device.recording import SurveyDrop
@@ -152,3 +152,71 @@ def instrument_of(point: DiagnosisPoint) -> tuple[object, ...]:
     record = point.records.records[0]
     sensors = tuple((sensor.offset, sensor.quantity) for sensor in record.sensors)
     return None, record.instrument.plate_radius, sensors
+
+
+# Modes that use all points of an instrument.
+_PREDICTIONS = frozenset({"next", "drop", "sensor"})
+
+DeviceEffects = Mapping[str, Mapping[str, float]]
+
+
+def questions_of(
+    work: Sequence[DiagnosisPoint],
+    device: DeviceEffects | None,
+    leave_out: str | None,
+    spread: DeviceEffects | None = None,
+    allow: str | None = None,
+) -> list[str]:
+    """What is asked of each point, told apart.
+
+    Points of one device are one question: what the others show is tried on each.
+
+    Parameters
+    ----------
+    work : sequence of DiagnosisPoint, with records
+    device, spread : mapping or None
+        Device effects that are given, and their deviations.
+    leave_out, allow : str or None
+    """
+    predicts = leave_out in _PREDICTIONS
+    groups: dict[object, list[str]] = {}
+    for place, point in enumerate(work):
+        groups.setdefault(_group(place, point, predicts), []).append(point.question)
+    asked = []
+    for place, point in enumerate(work):
+        group = sorted(groups[_group(place, point, predicts)])
+        parts: tuple[object, ...] = (point.question, group, device, leave_out, spread, allow)
+        # Answers by the fits that the predictions had before are no longer given.
+        text = repr((*parts, "inference") if predicts else parts)
+        asked.append(hashlib.sha256(text.encode()).hexdigest()[:32])
+    return asked
+
+
+def _group(place: int, point: DiagnosisPoint, predicts: bool) -> object:
+    """Return what the points have in common that are one question."""
+    if predicts:
+        return instrument_of(point)
+    return place if point.device is None else point.device
+
+
+def stored_answers(
+    points: Sequence[DiagnosisPoint], questions: Mapping[str, str]
+) -> dict[str, DiagnosisResult]:
+    """Return the stored diagnoses that answer the same questions; all by the name of the point."""
+    answers = {}
+    for point in points:
+        stored = None if point.last is None else read_diagnosis(point.last)
+        if stored and stored.question == questions[point.name] and not stored.unreadable:
+            answers[point.name] = replace(stored, file=point.file, point=point.point, stored=True)
+    return answers
+
+
+def with_question(result: DiagnosisResult, point: DiagnosisPoint, question: str) -> DiagnosisResult:
+    """A result with what was asked, and what answered."""
+    return replace(
+        result,
+        software=software_name(),
+        question=question,
+        basis=point.basis,
+        left_out=point.left_out,
+    )

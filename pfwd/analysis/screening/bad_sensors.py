@@ -7,8 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from inversion.notices import Notice
-from pfwd.analysis.screening.drops import Screening
-from pfwd.analysis.screening.missing import whole_part
+from pfwd.analysis.screening.drops import Screening, whole_part
 from pfwd.files.traces import TracePoint
 from pfwd.notice_texts import TERMS
 from pfwd_device.drop import Quantity, nearest_first

@@ -15,18 +15,137 @@ from numpy.typing import NDArray
 
 from inversion.notices import Notice, Value
 from pfwd.analysis.screening.centre_sensor import Response, centre_sensor_fault
-from pfwd.analysis.screening.clipping import clipped_samples
-from pfwd.analysis.screening.missing import whole_part
-from pfwd.analysis.screening.signals import (
-    channels_outward,
-    displacement_of,
-    quiet_samples,
-    remove_offset,
-)
 from pfwd.files.header import PointSetup
 from pfwd.files.traces import TracePoint
 from pfwd.notice_texts import STIFFNESS_TEST
 from pfwd_device import Channel, Drop
+from pfwd_device.signals import channels_outward as channels_outward
+from pfwd_device.signals import displacement_of as displacement_of
+from pfwd_device.signals import quiet_samples
+from pfwd_device.signals import remove_offset as remove_offset
+
+NEEDED_BEFORE = 0.003
+"""s before the trigger that have to be whole: the pulse begins before it, and an offset is told
+from what precedes the pulse."""
+
+NEEDED_AFTER = 0.050
+"""s after the trigger that have to be whole: the longest pulses take 30 ms, and the ground's answer
+to them is most of what the fit uses."""
+
+ONLY_PEAKS = "peaks only: the file had no time history, which the dynamic inversion needs"
+"""Why a drop without traces is not inverted."""
+
+
+def whole_part(drop: Drop) -> tuple[Drop, str | None, Notice | None]:
+    """The unbroken part of a drop around its trigger.
+
+    Parameters
+    ----------
+    drop : Drop
+        NaN where samples are missing.
+
+    Returns
+    -------
+    drop : Drop
+        Without missing samples, as far as there are enough around the trigger; otherwise as it was.
+    reason : str or None
+        Why it cannot be used.
+    warning : Notice or None
+        What was left out.
+    """
+    if drop.only_peaks is not None:
+        return drop, ONLY_PEAKS, None
+    values = np.array([drop.load, *(channel.values for channel in drop.channels)])
+    gone: NDArray[np.bool_] = np.isnan(values).max(axis=0)
+    if not gone.any():
+        return drop, None, None
+    count = int(gone.sum())
+    first_missing = float(drop.time[int(np.argmax(gone))])
+    middle = int(np.argmin(np.abs(drop.time)))
+    before = np.flatnonzero(gone[: middle + 1])
+    after = np.flatnonzero(gone[middle:])
+    start = int(before[-1]) + 1 if before.size else 0
+    end = middle + int(after[0]) if after.size else gone.size
+    step = 1.0 / drop.sampling_rate
+    # A record that is shorter by its settings is not damaged for that.
+    first = max(-NEEDED_BEFORE, drop.time[0]) + step / 2
+    last = min(NEEDED_AFTER, drop.time[-1]) - step / 2
+    if end <= start or drop.time[start] > first or drop.time[end - 1] < last:
+        return (
+            drop,
+            (
+                f"damaged record: {count} of {gone.size} samples are missing, the first at "
+                f"{first_missing * 1e3:.1f} ms; repeat the drop"
+            ),
+            None,
+        )
+    part = slice(start, end)
+    whole = Drop(
+        drop.number,
+        drop.time[part],
+        drop.load[part],
+        tuple(dataclasses.replace(c, values=c.values[part]) for c in drop.channels),
+    )
+    numbers = {"missing": count, "samples": gone.size, "first_missing_s": first_missing}
+    return whole, None, Notice("drop-incomplete", numbers)
+
+
+SHORTEST_FLAT = 3
+"""Samples; two equal samples at a peak are chance."""
+
+STEEP_FLANK = 10.0
+"""Fall beside a flat top, in steps of the quantisation. A parabola that rounding makes flat over n
+samples falls by 6.5 steps at most within n/2 samples of the flat part (at n = 4); a clipped one
+meets its level at an angle and falls by more, unless hardly more than a step was clipped off."""
+
+
+def clipped_samples(values: NDArray[np.float64]) -> int:
+    """Number of samples in the longest clipped top of a record, 0 when its top is natural.
+
+    A flat stretch at either end of the record does not count: a sensor may rest there.
+
+    Parameters
+    ----------
+    values : (n,) ndarray of float
+
+    Returns
+    -------
+    int
+
+    Examples
+    --------
+    >>> pulse = np.sin(np.linspace(0, np.pi, 100))
+    >>> [clipped_samples(values) for values in (pulse, pulse.round(2), pulse.clip(max=0.9))]
+    [0, 0, 28]
+    """
+    start, end = _longest_flat_top(values)
+    length = end - start
+    if length < SHORTEST_FLAT:
+        return 0
+    beside = min(length // 2, start, values.size - end)
+    foot = max(values[start - beside : start].min(), values[end : end + beside].min())
+    fall = values[start] - foot
+    step = _quantisation(values[max(0, start - 2 * length) : end + 2 * length])
+    return length if fall > STEEP_FLANK * step else 0
+
+
+def _longest_flat_top(values: NDArray[np.float64]) -> tuple[int, int]:
+    """First and past-the-last index of the longest run of the largest value inside the record."""
+    at_top = np.concatenate([[False], values == values.max(), [False]])
+    edges = np.flatnonzero(np.diff(at_top.astype(np.int8)))
+    starts, ends = edges[::2], edges[1::2]
+    inside = (starts > 0) & (ends < values.size)
+    if not inside.any():
+        return 0, 0
+    starts, ends = starts[inside], ends[inside]
+    longest = int(np.argmax(ends - starts))
+    return int(starts[longest]), int(ends[longest])
+
+
+def _quantisation(values: NDArray[np.float64]) -> float:
+    """Smallest step between different values."""
+    return float(np.diff(np.unique(values)).min())
+
 
 DropStatus = Literal["measured", "seating", "rejected"]
 
@@ -502,3 +621,32 @@ def _dead_extra(channel: Channel, pulse: _Pulse, drop: Drop) -> str | None:
 
 def _kilonewton(load: float) -> str:
     return f"{load / 1e3:.3g} kN"
+
+
+def duplicate_drops(drops: Sequence[Drop], screenings: Sequence[Screening]) -> dict[int, str]:
+    """Return the measured drops that have the samples of an earlier one, with the reason.
+
+    A copy is no second measurement: counted as one, it would make intervals narrower.
+
+    Parameters
+    ----------
+    drops : sequence of Drop
+    screenings : sequence of Screening
+        One a drop.
+
+    Returns
+    -------
+    dict of int to str
+        By index of the drop.
+    """
+    reasons: dict[int, str] = {}
+    originals: list[Drop] = []
+    for index, (drop, screening) in enumerate(zip(drops, screenings, strict=True)):
+        if screening.status != "measured":
+            continue
+        original = next((earlier for earlier in originals if earlier.has_samples_of(drop)), None)
+        if original is None:
+            originals.append(drop)
+        else:
+            reasons[index] = f"its samples are those of drop {original.number}, number for number"
+    return reasons

@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 
 from inversion.result import TimeHistories
-from pfwd.analysis.diagnosis.result import DiagnosisResult
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.analysis.screening.drops import Screening
 from pfwd.files.header import PointSetup
 from pfwd.files.traces import TracePoint

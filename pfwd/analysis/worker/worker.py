@@ -13,9 +13,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from inversion.result import TimeHistories
-from pfwd.analysis.diagnosis.result import DiagnosisResult
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.analysis.screening.drops import Screening
 from pfwd.analysis.worker.tasks import (
     Building,

@@ -11,8 +11,8 @@ MODULES = (
         "selection", "structures", "diagnose", "effects_found", "instrument", "modulus",
     )),
     *(f"inversion/diagnosis/{name}.py" for name in ("declarations", "findings")),
-    *(f"pfwd/analysis/diagnosis/{name}.py" for name in (
-        "shared_device", "device_effects", "points", "result",
+    *(f"pfwd/analysis/{name}.py" for name in (
+        "diagnosis/shared_device", "diagnosis/points", "results",
     )),
 )  # fmt: skip
 # Steps of derivatives, the end of a bisection, halves, the stress that moduli are compared at, and
@@ -21,7 +21,7 @@ NO_DECISION = {
     "inversion/inference/effects_found.py": (1e-3, 1e-6, 2e5, 3),
     "inversion/inference/modulus.py": (0.05, 1e-9, 1e-9, 9.0, 0.025, 0.975, 0.5, 0.5),
     "inversion/inference/diagnose.py": (100e3,),
-    "pfwd/analysis/diagnosis/result.py": (100,),
+    "pfwd/analysis/results.py": (100, 10),
 }
 MOST = 40
 

@@ -15,26 +15,24 @@ from inversion import SurrogateLibrary
 from inversion.notices import Notice, other
 from inversion.records import is_number, stored_fields
 from pfwd.analysis.analyse import analyse_drop
-from pfwd.analysis.diagnosis.result import (
-    DiagnosisResult,
-    DropDiagnosis,
-    EffectParameter,
-    EffectResult,
-    FittedState,
-    HeldOut,
-    HeldOutPart,
-)
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import (
+    DiagnosisResult,
     DropAnalysis,
+    DropDiagnosis,
     DropResult,
+    EffectParameter,
+    EffectResult,
+    FittedState,
     HalfSinePulse,
+    HeldOut,
+    HeldOutPart,
     LayerResult,
     MeasuredFacts,
+    StoredRecord,
 )
 from pfwd.analysis.screening.drops import Screening
-from pfwd.analysis.stored import StoredRecord
 from pfwd.errors import SurveyError
 from pfwd.files.header import PointSetup
 from pfwd_device import Channel, Drop

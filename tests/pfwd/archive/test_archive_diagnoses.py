@@ -10,13 +10,13 @@ from inversion.diagnosis import LeaveOut
 from inversion.notices import other
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint
-from pfwd.analysis.diagnosis.result import (
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import (
     DiagnosisResult,
     EffectResult,
     FittedState,
     HeldOut,
 )
-from pfwd.analysis.options import AnalysisOptions
 from pfwd.archive.run import invert_archive
 
 pytest.importorskip("pyarrow")

@@ -8,12 +8,12 @@ import pytest
 
 from pfwd.analysis.drop_facts import point_drop, unbroken_peaks
 from pfwd.analysis.screening.drops import screen
-from pfwd.analysis.screening.signals import channels_outward
 from pfwd.export.export import export_survey
 from pfwd.files.importing import import_files
 from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint
 from pfwd_device import Drop
+from pfwd_device.signals import channels_outward
 from tests.pfwd.files.trace_lines import HEADER
 
 HEAVYDYN = [-0.3, -0.2, 0.0, 0.2, 0.3, 0.6, 0.9, 1.2, 1.5, 1.8, 2.1]

@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from inversion.notices import OTHER, from_sentence
-from pfwd.analysis.diagnosis.result import DiagnosisResult
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.files.reading import read_points, survey_content
 
 DATA = Path(__file__).parents[2] / "data"

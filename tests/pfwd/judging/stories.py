@@ -7,9 +7,8 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from pfwd.analysis.diagnosis.holding import basis_of
-from pfwd.analysis.diagnosis.result import DiagnosisResult, FittedState
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.diagnosis.store import basis_of
+from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
 from pfwd.analysis.screening.drops import compare
 from pfwd.files.header import declared_values
 from pfwd.files.moving import MOVED_TO, move_with

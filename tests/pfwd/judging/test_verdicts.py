@@ -6,10 +6,9 @@ from typing import Any
 import pytest
 
 from inversion.forward.layered import LAYERED_PLATE_MODELS
-from pfwd.analysis.diagnosis.holding import basis_of
-from pfwd.analysis.diagnosis.result import DiagnosisResult, FittedState
-from pfwd.analysis.kept import PLATES
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.diagnosis.store import basis_of
+from pfwd.analysis.result_store import PLATES
+from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
 from pfwd.files.header import PointSetup
 from pfwd.judging import DropView, Job, PointView, Station, drop_from_traces
 from pfwd.judging.drops import classify_drops

@@ -19,12 +19,11 @@ from matplotlib.figure import Figure
 
 from inversion import SurrogateLibrary
 from pfwd.analysis.analyse import analyse_drop
-from pfwd.analysis.diagnosis.holding import basis_of
-from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.diagnosis.store import basis_of
 from pfwd.analysis.drop_result import drop_result
-from pfwd.analysis.kept import is_sound
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.result_store import is_sound
+from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.analysis.screening.drops import screen
 from pfwd.errors import OptionError, SurveyError
 from pfwd.files.editing import Edit, edit_survey

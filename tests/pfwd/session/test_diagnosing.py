@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from pfwd.analysis.diagnosis.result import (
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import (
     DiagnosisResult,
     EffectParameter,
     EffectResult,
 )
-from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.screening.drops import Screening
 from pfwd.analysis.worker.process import outcome_of
 from pfwd.analysis.worker.tasks import DiagnosisTask

@@ -18,9 +18,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from pfwd.session.events import FIRST_TOLD
 from pfwd.session.kept_drops import trigger_for
 from pfwd.session.plan import SessionPlan
-from pfwd.session.repeats import FIRST_TOLD
 from pfwd.session.session import Session
 from pfwd_device.acquisition.counters import Counters
 from pfwd_device.acquisition.items import KeptDrop, UnusableDrop

@@ -16,8 +16,8 @@ from pfwd.judging.view import read_points
 from pfwd.session.events import DropSaved, Edited, Notice, PointBegan
 from pfwd.session.live_view import apply_event
 from pfwd.session.measure import replay
-from pfwd.session.pace import Pace
 from pfwd.session.plan import SessionPlan
+from pfwd.session.replay import Pace
 from pfwd.session.session import Session
 from pfwd.session.stored_drops import (
     RecordingError,

@@ -7,10 +7,9 @@ from typing import Any
 
 import pytest
 
-from pfwd.session import repeats
-from pfwd.session.events import DropSaved, InstrumentReady, Notice
+from pfwd.session import events
+from pfwd.session.events import FIRST_TOLD, INTERVAL, DropSaved, InstrumentReady, Notice, Repeats
 from pfwd.session.plan import Ending, SessionPlan
-from pfwd.session.repeats import FIRST_TOLD, INTERVAL, Repeats
 from pfwd.session.session import STOPPED_DROP, TRIGGER_PAUSE, Session
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_device.wire.messages import Event, EventKind, Refusal
@@ -80,7 +79,7 @@ def test_what_came_meanwhile_is_counted_in_the_next_that_is_told(
     boots = [Event(EventKind.BOOT, n) for n in range(100)]
 
     def wait() -> None:
-        monkeypatch.setattr(repeats, "INTERVAL", 0.0)
+        monkeypatch.setattr(events, "INTERVAL", 0.0)
 
     run(ScriptedFeed(connected(), boots, wait, boots[:1]), log)
     assert f"the instrument started anew ({100 - FIRST_TOLD} more of these meanwhile)" in log.texts

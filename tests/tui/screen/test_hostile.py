@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.judging import PointView
 from pfwd.session.events import Edited, InstrumentLost, Notice
 from pfwd_device.identity import ChannelIdentity, Identity, Role

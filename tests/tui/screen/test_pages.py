@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from textual.widgets import Input, Label, Select
 
-from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.files.moving import MOVED_TO
 from pfwd.judging import PointView
 from pfwd.session.events import (
@@ -19,7 +19,7 @@ from pfwd.session.events import (
     PointBegan,
     Ready,
 )
-from pfwd.session.pace import Pace
+from pfwd.session.replay import Pace
 from tests.tui.screen.scripted import (
     App,
     QuietSource,

@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from pfwd.analysis.diagnosis.result import DiagnosisResult, EffectResult
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.results import DiagnosisResult, DropResult, EffectResult
 from pfwd.judging import Job, PointView
 from pfwd.procedures import Verdict, find_procedure
 from pfwd.session.events import (

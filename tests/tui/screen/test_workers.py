@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from pfwd.analysis.diagnosis.result import DiagnosisResult
 from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.analysis.worker.tasks import DiagnosisTask, TaskOutcome
 from tests.tui.screen.scripted import saved_drop
 from tui.screen.session.diagnosis import Diagnoser

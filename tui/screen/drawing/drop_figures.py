@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd.analysis.results import DropResult, TimeHistories
-from pfwd.analysis.screening.signals import (
+from pfwd.analysis.screening.drops import (
     channels_outward,
     displacement_of,
     remove_offset,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pfwd.analysis.screening.signals import channels_outward, displacement_of
+from pfwd.analysis.screening.drops import channels_outward, displacement_of
 from pfwd.errors import DeviceError
 from tui.screen.drawing.axes import Curve, Figure, plot_lines
 from tui.screen.drawing.glyphs import Glyphs

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
-from pfwd.analysis.diagnosis.result import DiagnosisResult, FittedState
+from pfwd.analysis.results import DiagnosisResult, FittedState
 from pfwd.digits import read_in, rounded
 from tui.diagnosis_lines import diagnosis_lines
 from tui.screen.drawing.blocks import TableColumn, TableRow, exactly, headed, table_lines, window

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pfwd.analysis.results import DropResult
-from pfwd.analysis.screening.signals import channels_outward
+from pfwd.analysis.screening.drops import channels_outward
 from tui.diagnosis_lines import diagnosis_lines
 from tui.screen.drawing.axes import plot_lines, stacked_plots
 from tui.screen.drawing.blocks import beside, exactly, headed

@@ -8,8 +8,8 @@ import subprocess
 import threading
 from collections.abc import Callable
 
-from pfwd.analysis.diagnosis.result import DiagnosisResult
 from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.analysis.worker.tasks import DiagnosisTask, TaskOutcome
 from pfwd.analysis.worker.worker import end_process, request, start_process
 from tui.screen.session.runner import SessionRunner

@@ -1,6 +1,6 @@
 """How fast a replay goes: set by keys, told in words."""
 
-from pfwd.session.pace import Pace
+from pfwd.session.replay import Pace
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 """Of a replay, times real time."""

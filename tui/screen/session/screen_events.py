@@ -3,8 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from pfwd.analysis.diagnosis.result import DiagnosisResult
-from pfwd.analysis.results import DropResult, TimeHistories
+from pfwd.analysis.results import DiagnosisResult, DropResult, TimeHistories
 from pfwd.judging import PointView
 from pfwd.session.events import SavedDrop, SessionEvent
 from pfwd.session.plan import Ending

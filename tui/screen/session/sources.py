@@ -8,8 +8,8 @@ from typing import Any, Protocol
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.session.measure import Control, measure, replay
-from pfwd.session.pace import Pace
 from pfwd.session.plan import Ending, SessionPlan
+from pfwd.session.replay import Pace
 from pfwd.session.session import Listener
 from pfwd.session.setup_file import MeasuringSetup
 

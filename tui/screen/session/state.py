@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.judging import Job, PointView, SurveyView, value_of_drop
 from pfwd.judging.advice import advice_on_drop, advice_on_point, of_effect
 from pfwd.procedures import Kind, PointProgress, PointValue, Procedure, plain_procedure

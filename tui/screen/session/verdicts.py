@@ -1,6 +1,6 @@
 """A diagnosis in one sentence."""
 
-from pfwd.analysis.diagnosis.result import DiagnosisResult, FittedState
+from pfwd.analysis.results import DiagnosisResult, FittedState
 from tui.screen.units import Units, percent
 
 

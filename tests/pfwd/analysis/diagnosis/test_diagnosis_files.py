@@ -14,8 +14,8 @@ from pfwd.analysis.diagnosis.device_file import (
     write_device_file,
 )
 from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_files
-from pfwd.analysis.diagnosis.result import DiagnosisResult
 from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.errors import OptionError
 from pfwd.export.json_text import json_text
 from pfwd.files.header import PointSetup

@@ -20,7 +20,7 @@ from pfwd.analysis.diagnosis import hold_out
 from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_entries
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint, instrument_of
 from pfwd.analysis.diagnosis.points import DiagnosisByPoint, Workers
-from pfwd.analysis.diagnosis.result import HeldOut
+from pfwd.analysis.results import HeldOut
 from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Ground, Plate
 

@@ -14,14 +14,15 @@ from inversion.diagnosis import DeviceFindings, PointDiagnosis
 from inversion.diagnosis.findings import PointSummary
 from inversion.inference.instrument import InstrumentKnowledge
 from pfwd.analysis.diagnosis import shared_device
-from pfwd.analysis.diagnosis.device_effects import (
+from pfwd.analysis.diagnosis.points import DiagnosisFailure, Workers
+from pfwd.analysis.diagnosis.shared_device import (
+    Phases,
     alternatives_of,
     contradictions,
     device_findings,
+    diagnose_device,
     with_device,
 )
-from pfwd.analysis.diagnosis.points import DiagnosisFailure, Workers
-from pfwd.analysis.diagnosis.shared_device import Phases, diagnose_device
 from tests.inversion.diagnosis.found import effect_of, parameter_of, state_of
 
 LAG = ("sensor_lag", "device", "delay", "s", 6e-4)

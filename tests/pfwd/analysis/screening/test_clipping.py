@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pfwd.analysis.screening.clipping import clipped_samples
+from pfwd.analysis.screening.drops import clipped_samples
 
 
 def pulse(samples: int, phase: float = 0.3) -> np.ndarray:

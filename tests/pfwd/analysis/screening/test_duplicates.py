@@ -11,8 +11,7 @@ from pfwd.analysis import analyse
 from pfwd.analysis.analyse import analyse_point
 from pfwd.analysis.diagnosis.entries import entry_of
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.screening.drops import screen_point
-from pfwd.analysis.screening.duplicates import duplicate_drops
+from pfwd.analysis.screening.drops import duplicate_drops, screen_point
 from pfwd.files.header import PointSetup
 from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pfwd.analysis.screening.drops import screen
-from pfwd.analysis.screening.missing import whole_part
+from pfwd.analysis.screening.drops import screen, whole_part
 from pfwd.files.header import PointSetup
 from pfwd_device import Drop
 

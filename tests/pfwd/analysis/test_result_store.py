@@ -13,14 +13,14 @@ from inversion import Record, Settings, SurrogateLibrary
 from inversion.forward.model import Instrument
 from inversion.measured.record import Sensor
 from pfwd.analysis.analyse import analyse_file
-from pfwd.analysis.keeping import (
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.result_store import (
     keep_results,
     kept_text,
     question_of,
     result_that_counts,
 )
-from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.outcome import FileOutcome
+from pfwd.analysis.results import FileOutcome
 from pfwd.files.editing import Edit, edit_survey
 from pfwd.files.importing import import_files
 from pfwd.files.traces import TracePoint, write_traces

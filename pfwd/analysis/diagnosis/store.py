@@ -1,10 +1,11 @@
 """When a diagnosis that a survey keeps still holds: its point is as it was."""
 
 import hashlib
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Any
 
-from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.result_store import Keepsake, keep
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.errors import SurveyError
 from pfwd.files.header import PointSetup, declared_values
 from pfwd_device.errors import RecordingError
@@ -56,3 +57,24 @@ def read_diagnosis(drop: SurveyDrop) -> DiagnosisResult | None:
         return None if said is None else DiagnosisResult.from_json(said)
     except (RecordingError, SurveyError):
         return None
+
+
+def keep_diagnoses(folder: str, found: Sequence[tuple[int, DiagnosisResult]]) -> str | None:
+    """Keep new diagnoses with the survey of their points.
+
+    Parameters
+    ----------
+    folder : path of the survey
+    found : sequence of (number within the survey of the point's last drop, DiagnosisResult)
+
+    Returns
+    -------
+    str or None
+        Why they could not be kept.
+    """
+    new: list[Keepsake] = []
+    for number, result in found:
+        if not result.stored:
+            plain: dict[str, Any] = result.to_json()
+            new.append(Keepsake(number, "diagnosis", plain))
+    return keep(folder, new)

@@ -7,14 +7,10 @@ import pytest
 
 from inversion import InversionError, SurrogateLibrary
 from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_files
-from pfwd.analysis.diagnosis.entries import entry_of
-from pfwd.analysis.diagnosis.holding import last_diagnosis
-from pfwd.analysis.diagnosis.kept import (
-    keep_diagnoses,
-    questions_of,
-)
-from pfwd.analysis.diagnosis.result import DiagnosisResult
+from pfwd.analysis.diagnosis.entries import entry_of, questions_of
+from pfwd.analysis.diagnosis.store import keep_diagnoses, last_diagnosis
 from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.analysis.worker.process import outcome_of
 from pfwd.analysis.worker.tasks import DiagnosisTask
 from pfwd.analysis.worker.worker import end_process, request, start_process
