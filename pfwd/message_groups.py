@@ -29,12 +29,12 @@ class MessageGroup(Generic[Place]):
     """One message and the places that it belongs to."""
 
     code: str
-    """That of the warning; ``other`` of any other message."""
+    """Code of the warning; ``other`` of any other message."""
     patterns: Mapping[str, str]
     """Text of each gap of the message by name, with ``{}`` in place of its numbers: equal for all
     that mean the same."""
     numbers: Mapping[str, tuple[str, ...]]
-    """By name of the gap, what stands at each ``{}``: one number, two, or a range of them."""
+    """Numbers by name of the gap, at each ``{}``: one number, two, or a range of them."""
     words: Mapping[str, tuple[str, ...]]
     """Values that are words of a list, by name of the gap."""
     places: tuple[Place, ...]

@@ -23,7 +23,7 @@ from pfwd_device.wire.registry import all_dialects
 
 
 def probe_ports(urls: Sequence[str], timeout: float = PROBE_TIMEOUT) -> list[Probe]:
-    """What answers at each of some ports, in their order; a few seconds for all together."""
+    """Return what answers at each of some ports, in their order; a few seconds for all together."""
     return probe_all(urls, all_dialects(), timeout)
 
 
@@ -36,7 +36,7 @@ TAKEN_BY_BRLTTY = frozenset({"0403:6001", "10c4:ea60", "1a86:7523"})
 
 
 def port_advice(urls: Sequence[str]) -> list[str]:
-    """What to do about ports that are not there or may not be opened; Linux, one sentence each.
+    """Return advice on ports that are missing or may not be opened; Linux, one sentence each.
 
     Parameters
     ----------

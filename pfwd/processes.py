@@ -1,4 +1,4 @@
-"""How the terminal starts a Python process: as :mod:`pfwd_device.child_python` says."""
+"""Start of Python processes for the terminal, by :mod:`pfwd_device.child_python`."""
 
 from pfwd_device.child_python import (
     children_shielded,

@@ -39,7 +39,7 @@ class _ShieldedContext(SpawnContext):
 
 
 def spawn_context() -> SpawnContext:
-    """For pools: processes spawned on every platform alike, a forked copy may hang.
+    """Return the context for pools: processes are spawned on every platform, as a fork may hang.
 
     What `multiprocessing.get_context("spawn")` gives starts its processes by ``python -c``, whose
     first import would come from the current folder.
@@ -97,7 +97,7 @@ def helper_result(request: Future[_R] | None) -> _R | None:
 
 
 def processors() -> int:
-    """How many of them this process may use."""
+    """Return the number of processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):  # not on Windows and macOS
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

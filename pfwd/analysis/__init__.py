@@ -1,1 +1,1 @@
-"""From drops to results: judged, inverted here or in a process of their own, plotted."""
+"""Analysis of drops: screening, inversion here or in a worker process, results and plots."""

@@ -1,4 +1,4 @@
-"""From trace files to results: the one road for the command line, the screens and scripts."""
+"""Analysis of trace files: the one function that command line, screens and scripts call."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from pfwd_device import Drop
 from pfwd_device.recording import SurveyDrop
 
 ASSUMED_POISSON_RATIO = 0.35
-"""Where none is declared: the usual value of subgrades; said so in every result."""
+"""Usual value of subgrades, taken where none is declared; every such result says so."""
 
 
 def record_of(
@@ -179,7 +179,7 @@ def _asked(
     screening: Screening,
     point_warnings: Sequence[Notice] = (),
 ) -> Asked:
-    """What is asked of a drop, the first of the records; the others share its ground."""
+    """Return the request for the drop of the first record; the others share its ground."""
     said = [screening.status, *point_warnings, *screening.warnings]
     return Asked(question_of(records, settings, said), options.label, software_name())
 

@@ -36,7 +36,7 @@ class InstrumentCalibration:
     gain_of: GainOf
     found: Calibration
     stiffness: tuple[float, ...]
-    """Of the rigs, N/m."""
+    """Stiffness of each rig, N/m."""
     reasons: tuple[str, ...]
     """Why it does not repeat; empty: it does."""
     warnings: tuple[Notice, ...]
@@ -51,7 +51,7 @@ class InstrumentCalibration:
         return 1 / gain.value, gain.deviation / gain.value**2, (1 / high, 1 / low)
 
     def to_json(self) -> Mapping[str, Any]:
-        """As ``pfwd calibrate --json`` prints it."""
+        """Return the keys of ``pfwd calibrate --json``."""
         value, deviation, interval = self.gain
         said: dict[str, Any] = {
             "files": list(self.files),
@@ -187,7 +187,7 @@ def _stiffness(file: str, point: TracePoint, given: float | None) -> float:
 
 
 def _several_rigs(groups: Sequence[tuple[float, TracePoint]]) -> list[str]:
-    """Where points of one stiffness show several at their peaks, by site."""
+    """Return the sites where points of one stiffness show several at their peaks."""
     found = []
     ordered = sorted(groups, key=lambda one: (one[0], str(one[1].setup.site)))
     for own, of_rig in groupby(ordered, key=lambda one: one[0]):

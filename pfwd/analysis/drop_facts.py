@@ -1,4 +1,4 @@
-"""What a measuring procedure has to know of a drop, from its record and its result."""
+"""Facts of a drop that a measuring procedure judges, from its record and its result."""
 
 import dataclasses
 import math
@@ -22,7 +22,7 @@ FACTS_VERSION = 1
 """To be raised when :func:`point_drop` finds others; those that were kept are then found anew."""
 
 FACTS_KEY = "facts"
-"""Of a drop's metadata; surveys of before have none."""
+"""Key of the facts in a drop's metadata; surveys of earlier versions have none."""
 
 PULSE_EDGE = 0.03
 """Part of the peak load between which the pulse lies."""

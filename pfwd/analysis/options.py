@@ -1,4 +1,4 @@
-"""What a user asks of an analysis: the choices, checked against their ranges and each other."""
+"""Options of an analysis, checked against their ranges and each other."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ OPTION_OF_KEY = {
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """How the record is used and searched, with nothing left open."""
+    """Complete choices: the use of the record and the search."""
 
     load: Load
     """The measured load, or the half-sine fitted to it."""
@@ -47,11 +47,11 @@ class Choices:
     sensors: Sensors
     """All sensors, or the one in the centre."""
     method: Method
-    """How the parameters are searched."""
+    """Method of the search for the parameters."""
 
 
 DEFAULT = Choices("measured", "rigid-rough", "all", "mpga")
-"""What gives the truest modulus."""
+"""Choices that give the truest modulus."""
 
 PUBLISHED = Choices("half-sine", "published", "centre", "mpga")
 """The method of doi 10.11835/j.issn.2096-6717.2022.021."""
@@ -59,7 +59,7 @@ PUBLISHED = Choices("half-sine", "published", "centre", "mpga")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnalysisOptions:
-    """What a user asks of an analysis; None: not said.
+    """Options of an analysis as the user declared them; None: not declared.
 
     Raises
     ------
@@ -74,7 +74,7 @@ class AnalysisOptions:
     layers: Layers | None = None
     """Media with a modulus, the lowest included, or as many as the record can tell; not said: 1."""
     thickness: Thickness | None = None
-    """Of all media but the lowest, from the top, m, or that it is fitted; not said: fitted."""
+    """Thickness of all media but the lowest, from the top, m; fitted if not declared."""
     elastic: bool = False
     """Leave the viscosity out of the model."""
     load: Load | None = None
@@ -86,13 +86,13 @@ class AnalysisOptions:
     joint: bool = False
     """All drops of a point have one soil."""
     method: Method | None = None
-    """How the parameters are searched."""
+    """Method of the search for the parameters."""
     published: bool = False
     """The published method as a whole."""
     diagnose: bool = False
     """Points are diagnosed: while measuring besides, over an archive in place of inverting."""
     priors: bool = True
-    """What nature gives decides between grounds that fit alike."""
+    """Prior knowledge of soils decides between grounds that fit equally well."""
     seed: int = 0
     """Seed of everything random, >= 0."""
     header: str | None = None
@@ -207,7 +207,7 @@ class AnalysisOptions:
 
     @property
     def choices(self) -> Choices:
-        """What was said, completed by what is published or by the default."""
+        """Return the declared choices, completed by the published ones or by the default."""
         base = PUBLISHED if self.published else DEFAULT
         said = {name: getattr(self, name) for name in dataclasses.asdict(base)}
         return dataclasses.replace(

@@ -20,7 +20,7 @@ class ResultColumn(NamedTuple):
     """One column."""
 
     name: str
-    """With the SI unit at its end."""
+    """Name of the column, with the SI unit at its end."""
     kind: Kind
     """texts: several, joined by ``"; "`` where a cell holds one text; time: ISO 8601."""
     meaning: str

@@ -92,13 +92,13 @@ def kept_answer(drop: SurveyDrop, question: str) -> DropResult | None:
 
 @dataclass(frozen=True, slots=True)
 class Keepsake:
-    """What is to be kept with a drop of a survey."""
+    """Result that is to be stored with a drop of a survey."""
 
     number: int
-    """Of the drop within the survey."""
+    """Number of the drop within the survey."""
     kind: ResultKind
     result: dict[str, Any]
-    """As JSON."""
+    """Result as JSON."""
 
 
 def keep(folder: str, found: Sequence[Keepsake], survey: Survey | None = None) -> str | None:
@@ -165,7 +165,7 @@ def keep_results(
 
 
 def kept_text(folder: str, results: Sequence[DropResult]) -> str | None:
-    """Which of the results of a survey were kept from before, in words; None: none.
+    """Return a sentence with the number of stored results among those of a survey; None: none.
 
     Examples
     --------
@@ -256,7 +256,7 @@ _SHOWN = (
 
 
 def is_sound(result: DropResult) -> bool:
-    """Whether a result that was kept, by whatever program, says what a report needs of it."""
+    """Return whether a stored result, of whatever program, has everything that a report needs."""
     depth = result.bedrock_depth_m
     return (
         all(
@@ -273,7 +273,7 @@ def is_sound(result: DropResult) -> bool:
 
 
 def layers_are_whole(result: DropResult) -> bool:
-    """Whether all layers that a result names can be computed with."""
+    """Return whether all layers of a result can be computed with."""
     layers = result.layers or ()
     return all(
         not layer.unreadable
@@ -287,7 +287,7 @@ def layers_are_whole(result: DropResult) -> bool:
 
 
 def rests_on(result: DropResult, setup: PointSetup) -> bool:
-    """Whether a stored result was found with what is declared of the point now.
+    """Return whether a stored result rests on what is declared of the point now.
 
     Parameters
     ----------

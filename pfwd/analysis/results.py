@@ -96,21 +96,21 @@ class DiagnosisResult(StoredRecord):
     verdict: str | None = None
     """clean, explained or unexplained."""
     corrected: bool | None = None
-    """Whether the modulus after may be taken for corrected."""
+    """Modulus after the diagnosis may be taken for corrected."""
     noise_rms_m: float | None = None
     """m."""
     before: FittedState | None = None
-    """None: no drop was measured."""
+    """Fit without effects; None: no drop was measured."""
     effects: tuple[EffectResult, ...] | None = None
     """Strongest first."""
     after: FittedState | None = None
     held_out: HeldOut | None = None
-    """None: nothing was held out."""
+    """Prediction errors; None: nothing was held out."""
     elapsed_s: float | None = None
     """s, without start-up."""
     warnings: tuple[Notice, ...] | None = None
     software: str | None = None
-    """That made it, with its version."""
+    """Name and version of the software that made it."""
     question: str | None = None
     """Tells what was asked: the points of the device, what was declared, given, and left out."""
     basis: str | None = None
@@ -118,7 +118,7 @@ class DiagnosisResult(StoredRecord):
     left_out: tuple[int, ...] | None = None
     """Numbers of drops that were there and took no part."""
     stored: bool | None = None
-    """Whether the survey kept it from before; None: no."""
+    """Result comes from the survey; None: it was computed now."""
 
     DERIVED: ClassVar[tuple[str, ...]] = ("use", "use_reason", "explained_to")
     """Keys of the JSON that follow from the others; those that a file has are not read."""
@@ -153,7 +153,7 @@ class DiagnosisResult(StoredRecord):
 
     @property
     def use(self) -> Use:
-        """What the modulus after the diagnosis may be used for."""
+        """Use that the modulus after the diagnosis may be put to."""
         return self._assess_use().use
 
     @property
@@ -163,7 +163,7 @@ class DiagnosisResult(StoredRecord):
 
     @property
     def remedy(self) -> str:
-        """What to do about a modulus that is not to be used; empty: it may be used."""
+        """Measurement that would help where the modulus is not to be used; else empty."""
         return self._assess_use().remedy
 
     def _assess_use(self) -> _UseAssessment:
@@ -209,7 +209,7 @@ class DiagnosisResult(StoredRecord):
 
 
 class _UseAssessment(NamedTuple):
-    """What the modulus of a diagnosis may be used for."""
+    """Use of the modulus of a diagnosis, with reason and remedy."""
 
     use: Use
     reason: str
@@ -252,7 +252,7 @@ class DropDiagnosis(StoredRecord):
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What was asked of a drop, as it is kept with the answer."""
+    """Request that a stored result answers."""
 
     question: str
     settings: str
@@ -271,10 +271,10 @@ class DropAnalysis:
     result: InversionResult | None
     fault: str | None = None
     setup: PointSetup | None = None
-    """What was declared of it; None: then its deflection is not corrected."""
+    """Declarations for the drop; None: then its deflection is not corrected."""
     asked: Asked | None = None
     stored: DropResult | None = None
-    """What the survey kept of the same question; then there is no ``result``."""
+    """Stored result of the same request; then there is no ``result``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -287,7 +287,7 @@ class MeasuredFacts(StoredRecord):
     """Version of the computation, see `pfwd.analysis.drop_facts.FACTS_VERSION`."""
     peak_load_n: float | None = None
     pulse_peak_n: float | None = None
-    """By which the drops of a point are compared, single spikes left out, N."""
+    """Peak by which the drops of a point are compared, single spikes left out, N."""
     deflection_m: float | None = None
     """Peak of the centre, the response below taken out, m."""
     velocity_m_per_s: float | None = None
@@ -295,7 +295,7 @@ class MeasuredFacts(StoredRecord):
     offset_over_peak: float | None = None
     return_over_peak: float | None = None
     geophone_natural_frequency_hz: float | None = None
-    """Of the response that was taken out; None: none was."""
+    """Natural frequency of the response that was taken out; None: none was."""
     geophone_damping: float | None = None
     rejected: str | None = None
     """Reason why the record is no drop, which then has no other facts; None: it is one.
@@ -324,7 +324,7 @@ class DropResult(InversionResult, StoredRecord):
     FIRST: ClassVar[tuple[str, ...]] = ("file", "point", "drop", "status", "reason")
 
     file: str | None = None
-    """That the drop is from."""
+    """File with the drop."""
     point: str | int | float | None = None
     """Name of its test point."""
     drop: int | None = None
@@ -333,29 +333,29 @@ class DropResult(InversionResult, StoredRecord):
     reason: str | None = None
     """Why it was rejected."""
     peak_load_n: float | None = None
-    """Of the measured load, less its offset, N; None in results of earlier versions."""
+    """Peak of the measured load, less its offset, N; None in results of earlier versions."""
     deflection_recorded_m: float | None = None
     """Peak of the centre as recorded, m."""
     deflection_corrected_m: float | None = None
     """The same with the declared response of the geophone taken out, m; procedures judge it."""
     facts: MeasuredFacts | None = None
-    """For the judgement of its point, so that its traces need not be read again."""
+    """Facts for the judgement of its point, so that its traces need not be read again."""
     refit: str | None = None
     """Settings of a trial that somebody made; the result before it counts. None: no trial."""
     software: str | None = None
-    """That made it, with its version."""
+    """Name and version of the software that made it."""
     settings: str | None = None
-    """That differ from the usual ones, in words."""
+    """Settings that differ from the usual ones, in words."""
     question: str | None = None
     """Tells what was asked: samples, what was declared, and settings."""
     stored: bool | None = None
-    """Whether the survey kept it from before; None: no."""
+    """Result comes from the survey; None: it was computed now."""
     diagnosis: DropDiagnosis | None = None
-    """Of its point; None: nobody asked for it."""
+    """Diagnosis of its point; None: none was requested."""
 
     @property
     def is_trial(self) -> bool:
-        """Whether somebody made it with other settings, so that it does not count."""
+        """Result was made with other settings on trial, so that it does not count."""
         return self.refit is not None or "refit" in self.more
 
     @property
@@ -409,7 +409,7 @@ class FileOutcome:
     results: list[DropResult] = field(default_factory=list)
     """One for each drop; with histories unless it was rejected or stored before."""
     numbers: list[int | None] = field(default_factory=list, repr=False)
-    """Of each drop within its survey; None: it is from none."""
+    """Number of each drop within its survey; None: it is from none."""
 
     @property
     def of_survey(self) -> list[tuple[int, DropResult]]:

@@ -1,4 +1,4 @@
-"""How well each sensor is fitted, and the deflection bowl: measured and modelled peaks."""
+"""Fit of each sensor, and the deflection bowl: measured and modelled peaks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from inversion.result import TimeHistories
 
 _ROUNDING = 1e-3
-"""Of a sample; an end is a time and stands for the sample at it."""
+"""Rounding in samples: the end of a window is a time and stands for the sample there."""
 
 
 @dataclass(frozen=True, slots=True)

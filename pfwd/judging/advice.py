@@ -1,4 +1,4 @@
-"""What is to be done about a drop or a point, in words that a technician acts on.
+"""Advice about a drop or a point, in words that a technician acts on.
 
 From what is known within a second of the drop: its own record, the drops before it, and the first
 fit. What an effect that the diagnosis found asks for is said by `of_effect`.
@@ -15,8 +15,8 @@ from pfwd.procedures import Kind, PointDrop, PointProgress
 from pfwd.procedures.preconditions import presumed_load
 
 LOAD_DIFFERS = 0.15
-"""Of the median of the point's drops. Drops from one height repeat within a few percent; the next
-catch of a guide rod is a fifth and more away."""
+"""Part of the median load of the point's drops. Drops from one height repeat within a few percent;
+the next catch of a guide rod is a fifth and more away."""
 
 STILL_SETTLES = 0.10
 """Part by which the last averaged drop may move less than the first one before the plate counts as
@@ -37,7 +37,7 @@ FEWEST_OTHERS = 3
 """Drops that have a usual residual."""
 
 UNEVEN_ALONE = 0.25
-"""Without others to compare: more than any even drop of a real instrument has left (0.19)."""
+"""Residual without others to compare: more than any even drop of a real instrument left (0.19)."""
 
 LOOSE_SENSOR = 0.015
 """Residual of one sensor over its own peak during the contact; sensors that sit leave 0.3 % of the
@@ -52,10 +52,10 @@ are fitted badly, the ground is another one."""
 
 
 class Advised(StrEnum):
-    """What is wrong."""
+    """Subject of an advice."""
 
     LOAD = "load"
-    """From another height, or another stress than the procedure presumes."""
+    """Drop from another height, or another stress than the procedure presumes."""
     SEATING = "seating"
     """Too few seating drops."""
     SINKING = "sinking"
@@ -90,7 +90,7 @@ def advice_on_drop(
     sensors_left_out: Sequence[int] = (),
     saturated: bool = False,
 ) -> list[Advice]:
-    """What is to be done about one drop.
+    """Return the advice about one drop.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def advice_on_drop(
 
 
 def _is_uneven(residual: float, usual: Sequence[float]) -> bool:
-    """Whether a drop leaves so much more than the others that its contact is to be looked at."""
+    """Return whether a drop leaves so much more than the others that its contact is suspect."""
     if len(usual) < FEWEST_OTHERS:
         return residual > UNEVEN_ALONE
     return residual > max(UNEVEN_CONTACT, UNEVEN_BESIDE_OTHERS * statistics.median(usual))
@@ -184,7 +184,7 @@ def _load(job: Job, drop: DropView, others: Sequence[PointDrop]) -> list[Advice]
 def advice_on_point(
     progress: PointProgress, loads: Mapping[int, float | None] | None = None
 ) -> list[Advice]:
-    """What is to be done about a point whose drops are averaged.
+    """Return the advice about a point whose drops are averaged.
 
     Parameters
     ----------
@@ -229,5 +229,5 @@ _OF_EFFECT: Mapping[str, str] = {
 
 
 def of_effect(name: str) -> str | None:
-    """What an effect that the diagnosis found asks for; None: nothing at the point."""
+    """Return the advice for an effect of the diagnosis; None: nothing to do at the point."""
     return _OF_EFFECT.get(name)

@@ -38,7 +38,7 @@ class Station:
     """A place that is to be measured."""
 
     name: str
-    """As the point is to be called."""
+    """Name that the point shall have."""
     chainage_m: float | None = None
     """Along the line, m."""
     latitude: float | None = None
@@ -49,7 +49,7 @@ class Station:
     """Pa, or m for a deflection; None: that of the job."""
 
     def as_kept(self) -> dict[str, Any]:
-        """Without what is not known."""
+        """Return the station as stored: without unknown values."""
         said = dataclasses.asdict(self)
         return {key: value for key, value in said.items() if value is not None}
 
@@ -59,23 +59,23 @@ class JobChange:
     """One thing that was said of a job."""
 
     time_utc: str
-    """When, ISO 8601; empty: not known."""
+    """Time, ISO 8601; empty: not known."""
     key: str
     """Field of `Job`."""
     value: Any
-    """As JSON knows it; of a procedure its name."""
+    """Value as in JSON; of a procedure its name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """What a survey is measured by. None: nobody said."""
+    """Job of a survey. None: not declared."""
 
     procedure: Procedure | None = None
     target: float | None = None
-    """Of points that have none of their own, Pa, or m for a deflection."""
+    """Target of points that have none of their own, Pa, or m for a deflection."""
     stations: tuple[Station, ...] = ()
     step_m: float | None = None
-    """From one station to the next along the line, m."""
+    """Distance of neighbouring stations along the line, m."""
     operator: str | None = None
     device: str | None = None
     """Serial number of the instrument."""
@@ -84,7 +84,7 @@ class Job:
     units: str | None = None
     """si or us, as they are shown."""
     time_zone: str | None = None
-    """Where it is measured, as the offset of local time: +02:00."""
+    """Offset of local time at the site: +02:00."""
     changes: tuple[JobChange, ...] = ()
     """Everything that was said, in order."""
     _stations_by_name: Mapping[str, Station] = field(
@@ -102,11 +102,11 @@ class Job:
 
     @property
     def quantity(self) -> Quantity:
-        """What its points are judged by."""
+        """Quantity that its points are judged by."""
         return self.procedure_in_force.quantity
 
     def station(self, name: str) -> Station | None:
-        """By its name."""
+        """Return the station with a name."""
         return self._stations_by_name.get(name)
 
     def target_faults(self) -> list[str]:
@@ -142,7 +142,7 @@ class Job:
         return JobRequest(**{name: getattr(self, name) or None for name in names})
 
     def as_json(self) -> dict[str, Any]:
-        """As one JSON object, SI units."""
+        """Return the job as one JSON object, SI units."""
         unit = target_unit(self.procedure_in_force)[2]
         return {
             "procedure": None if self.procedure is None else self.procedure.name,
@@ -162,7 +162,7 @@ class Job:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobRequest:
-    """What is to be said of a job. None: nothing."""
+    """Changes requested of a job. None: unchanged."""
 
     procedure: Procedure | None = None
     target: float | None = None
@@ -187,14 +187,14 @@ class JobRequest:
         return JobRequest(**{**other.said(), **self.said()})
 
     def news(self, job: Job) -> "JobRequest":
-        """What of it the job does not say yet."""
+        """Return the part of the request that the job does not have yet."""
         said = self.said()
         return JobRequest(
             **{key: value for key, value in said.items() if not _same(getattr(job, key), value)}
         )
 
     def differences(self, job: Job) -> list[str]:
-        """Where it says otherwise than the job does, one sentence each."""
+        """Return where the request differs from the job, one sentence each."""
         lines = []
         for key, value in self.news(job).said().items():
             old = getattr(job, key)
@@ -210,7 +210,7 @@ class JobRequest:
         return lines
 
     def events(self) -> list[tuple[str, dict[str, Any]]]:
-        """What a survey keeps of it: names and details of events."""
+        """Return the events that the survey stores of it: names and details."""
         said = self.said()
         found: list[tuple[str, dict[str, Any]]] = []
         procedure = said.pop("procedure", None)
@@ -228,8 +228,8 @@ _TITLES = {
     "step_m": "the step between stations",
     "operator": "the operator",
 }
-"""What people choose for a survey; of the rest (instrument, clock, units of the screen) changes are
-kept and not asked about."""
+"""Settings that people choose for a survey; changes of the others (instrument, clock, units of the
+screen) are stored without a request."""
 
 
 def _same(old: Any, new: Any) -> bool:
@@ -352,7 +352,7 @@ def time_zone_of(said: str, where: str = "--time-zone") -> str:
 
 _OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?", re.ASCII)
 MOST_HOURS = 14
-"""Of an offset; that of the Line Islands."""
+"""Largest offset of local time, h: that of the Line Islands."""
 
 
 def target_text(target: float) -> str:
@@ -365,7 +365,7 @@ def target_text(target: float) -> str:
 
 
 def job_of(survey: SurveyContent, procedure: Procedure | None = None) -> Job:
-    """What a survey is measured by, from its events; what cannot be read is left out.
+    """Return the job of a survey from its events; unreadable ones are left out.
 
     Parameters
     ----------
@@ -451,7 +451,7 @@ def _procedure(kept: Mapping[str, Any], where: str) -> Procedure:
 
 
 def _named_procedure(survey: SurveyContent) -> Procedure | None:
-    """Of a survey of before, whose drops name a procedure of the program.
+    """Return the procedure that the drops of a survey of an earlier version name.
 
     A name in a survey opens no file.
     """

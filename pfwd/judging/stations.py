@@ -91,7 +91,7 @@ def read_stations(
 
 
 def chainage_of(name: str) -> float | None:
-    """Where a station is along the line by its name, m; None: the name does not say.
+    """Return the chainage that the name of a station states, m; None: it states none.
 
     Examples
     --------

@@ -238,7 +238,7 @@ class PointPlate(NamedTuple):
     radius: float
     """m; 0: there was no plate."""
     poisson_ratio: float | None
-    """As declared; None: it is not."""
+    """Declared Poisson's ratio; None: it is not declared."""
     faults: list[str]
     """One sentence where drops were measured with different plates."""
 
@@ -264,7 +264,7 @@ def _plate_of(point: PointView) -> PointPlate:
 
 
 def value_of_drop(job: Job, drop: DropView) -> PointValue | None:
-    """What the job's procedure judges, of one drop alone; None: the drop does not say it.
+    """Return the judged quantity of one drop by itself; None: the drop does not have it.
 
     One drop has no scatter: only the modulus of the inversion has an interval, that of its model.
     """

@@ -26,7 +26,7 @@ class _Asked:
     saved: SavedDrop
     urgency: Urgency
     final: bool
-    """Whether no other answer follows."""
+    """No other answer follows."""
 
 
 MOST_WAITING = 60
@@ -65,7 +65,7 @@ class Analyses:
 
     @property
     def unanswered(self) -> int:
-        """How many analyses are under way."""
+        """Number of analyses under way."""
         return len(self._asked)
 
     def prepare(self, identity: Identity, setup: PointSetup) -> None:

@@ -19,7 +19,7 @@ from pfwd.procedures import Kind
 from pfwd.session.events import Notice, PointDiagnosed, SavedDrop
 
 FEWEST_POINTS = 2
-"""With an effect of the device, from which on the next point is taken to have it."""
+"""Points with an effect of the device from which on the next point is presumed to have it."""
 
 DeviceEffects = dict[str, dict[str, float]]
 KeepDiagnosis = Callable[[int, DiagnosisResult], object]
@@ -43,7 +43,7 @@ class _Point:
 
     @property
     def has_measured_drop(self) -> bool:
-        """Whether one drop neither seats the plate nor is rejected; else there is no residual."""
+        """A drop neither seats the plate nor is rejected; else there is no residual."""
         return any(_is_measured(drop, self.setup) for drop in self.drops.values())
 
 
@@ -84,7 +84,7 @@ class PointDiagnoses:
 
     @property
     def unanswered(self) -> int:
-        """How many are under way."""
+        """Number of diagnoses under way."""
         return len(self._asked)
 
     def ask(self, saved: SavedDrop) -> None:
@@ -119,7 +119,7 @@ class PointDiagnoses:
         self._asked[point.task] = name, drops[-1].record
 
     def _device(self, name: str) -> DeviceEffects:
-        """What most of the other points show of the device, in the middle."""
+        """Return the medians of the device effects that most of the other points show."""
         others = [shown for point, shown in self._shown.items() if point != name]
         device: DeviceEffects = {}
         for effect in {effect for shown in others for effect in shown}:

@@ -1,4 +1,4 @@
-"""What is recorded with a drop beside its samples, and what a replay needs of it."""
+"""Metadata recorded with a drop beside its samples, and the way back to a replay."""
 
 import dataclasses
 import datetime
@@ -17,7 +17,7 @@ from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.wire.messages import Status
 
 SATURATED = "saturated"
-"""How the mark of a drop begins of which a channel was at the end of its range."""
+"""Beginning of the mark of a drop of which a channel was at the end of its range."""
 
 
 def metadata_of(
@@ -29,7 +29,7 @@ def metadata_of(
     *,
     by_instrument: bool = False,
 ) -> dict[str, Any]:
-    """What is recorded with a drop.
+    """Return the metadata recorded with a drop.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def metadata_of(
 def state_of(
     check: Mapping[str, Any] | None, status: Status | None, counters: Mapping[str, float | None]
 ) -> dict[str, Any]:
-    """What is recorded of the instrument's state: last check and status, counters of the link."""
+    """Return the instrument's recorded state: last check and status, counters of the link."""
     said = status and {
         "battery_v": status.battery_v,
         "temperature_c": status.temperature_c,
@@ -82,7 +82,7 @@ def state_of(
 
 
 def marks_of(raw: RawDrop, identity: Identity) -> tuple[str, ...]:
-    """What is odd about a record, one phrase each."""
+    """Return the irregularities of a record, one phrase each."""
     found = []
     if raw.cut_off:
         found.append(f"cut off: {raw.cut_off}")
@@ -117,7 +117,7 @@ def rebound_of(raw: RawRebound, identity: Identity) -> Rebound:
 
 
 def feed_item_of(record: DropRecord, file: str) -> RecordedDrop | ImportedDrop:
-    """How a recorded drop goes through the detection again.
+    """Return the item by which a recorded drop goes through the detection again.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ LAST_REBOUNDS = 3.0
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Coming:
-    """What is known of a drop that is not acknowledged yet."""
+    """Drop that is not acknowledged yet."""
 
     view: DropView
     """Screened by its own record."""
@@ -89,17 +89,17 @@ class DropPipeline:
 
     @property
     def held(self) -> int:
-        """How many drops are not safe."""
+        """Number of drops that are not safe."""
         return self.recorder.held if self.recorder is not None else 0
 
     @property
     def settled(self) -> bool:
-        """Whether the hammer has come to rest after the last drop."""
+        """The hammer has come to rest after the last drop."""
         return self._last is None
 
     @property
     def complete(self) -> bool:
-        """Whether everything is safe and no bounce is waited for any more."""
+        """Everything is safe and no rebound is expected any more."""
         waiting = not self._live or time.monotonic() <= self._rebounds_until
         return not self.held and (self.settled or not waiting)
 
@@ -150,7 +150,7 @@ class DropPipeline:
     def take_buffered(
         self, record: DropRecord, received: float, release: Callable[[], None]
     ) -> None:
-        """As `take`, for a drop that the instrument keeps under a name of its own choice.
+        """Take a drop that the instrument buffers under a name of its own choice; see `take`.
 
         A name that the survey has for other samples is reported, and the drop gets a key of its
         own: `release` has the instrument erase it.

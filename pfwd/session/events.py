@@ -1,4 +1,4 @@
-"""What a measuring session tells those who show it. All are immutable."""
+"""Events of a measuring session for those who show it. All are immutable."""
 
 import datetime
 import time
@@ -23,15 +23,15 @@ class InstrumentReady:
 
     url: str
     identity: Identity
-    """With what the setup file says in place of what the instrument says."""
+    """Identity of the instrument, with the values of the setup file in place of its own."""
     setup: PointSetup
-    """What is declared of the points to come."""
+    """Declarations for the points to come."""
     differences: tuple[str, ...]
-    """Where the setup file says otherwise than the instrument."""
+    """Differences of the setup file from the instrument."""
     warnings: tuple[str, ...]
     """On calibration and response of the channels."""
     again: bool
-    """Whether it had been lost."""
+    """The instrument had been lost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,13 +40,13 @@ class CalibrationChanged:
 
     serial_number: str
     changes: tuple[str, ...]
-    """What changed, one phrase each."""
+    """Changes, one phrase each."""
     waits: bool
-    """Whether nothing is recorded until `Session.accept_calibration` is called with this."""
+    """Nothing is recorded until `Session.accept_calibration` is called with this event."""
 
     @property
     def text(self) -> str:
-        """For people."""
+        """Sentence for people."""
         return (
             f"calibration of {self.serial_number} changed since its last drop in this survey: "
             f"{'; '.join(self.changes)}"
@@ -62,7 +62,7 @@ class InstrumentLost:
 
     @classmethod
     def of(cls, item: Disconnected) -> "InstrumentLost":
-        """From what the driver says."""
+        """Return the event for a message of the driver."""
         return cls(item.reason, item.time_utc)
 
 
@@ -78,7 +78,7 @@ class LiveSamples:
 
 @dataclass(frozen=True, slots=True)
 class InstrumentStatus:
-    """How the instrument and the link are."""
+    """State of the instrument and of the link."""
 
     status: Status
     counters: Mapping[str, float | None]
@@ -95,9 +95,9 @@ class SensorCheck:
     """Zero and span of the load cell, noise of every channel."""
 
     details: Mapping[str, Any]
-    """As recorded: zero_n, span_ratio, noise by channel."""
+    """Details as recorded: zero_n, span_ratio, noise by channel."""
     faults: tuple[str, ...]
-    """What is wrong, one sentence each; empty: nothing."""
+    """Faults, one sentence each; empty: none."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -162,9 +162,9 @@ class SurveyFilesChanged:
     """Somebody took files of the survey away, its folder refuses, or all is well again."""
 
     text: str
-    """For people."""
+    """Sentence for people."""
     safe: bool
-    """Whether everything acknowledged is in the survey's own folder again."""
+    """Everything acknowledged is in the survey's own folder again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +177,7 @@ class DropNotPublished:
 
     @property
     def text(self) -> str:
-        """For people."""
+        """Sentence for people."""
         return (
             f"drop {self.point}/{self.number} has no file of its own yet (it is safe in the "
             f"journal; pfwd recover makes the file): {self.reason}"
@@ -190,19 +190,19 @@ class DropAnalysed:
 
     saved: SavedDrop
     delay: float | None
-    """From the last sample of the drop to now, s; None: in a replay."""
+    """Time from the last sample of the drop to now, s; None: in a replay."""
     result: DropResult
     curves: TimeHistories | None
-    """For a display; None when the analysis failed."""
+    """Time histories for a display; None when the analysis failed."""
     full: bool
-    """Whether this is the full search; a quick answer came before."""
+    """Result of the full search; a quick answer came before."""
     final: bool
-    """Whether no other answer follows."""
+    """No other answer follows."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PointDiagnosed:
-    """What is behind the residual of a point, with the drops that it has now."""
+    """Diagnosis of a point with the drops that it has now."""
 
     point: str
     result: DiagnosisResult
@@ -229,11 +229,11 @@ class PointBegan:
 
 @dataclass(frozen=True, slots=True)
 class JobKnown:
-    """What the survey is measured by, at the start and whenever something is said of it."""
+    """Job of the survey, at the start and after each change."""
 
     job: Job
     differences: tuple[str, ...] = ()
-    """Where it was said otherwise than the survey had it, one sentence each."""
+    """Differences of a request from the job of the survey, one sentence each."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -243,7 +243,7 @@ class PointKnown:
     point: PointView
     """Its job is that of the listener."""
     comes_again: bool = False
-    """Whether its drops come again, one by one, in a replay."""
+    """Its drops come again, one by one, in a replay."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,12 +251,12 @@ class Edited:
     """Something was said of a point or of a drop, and is safe; nothing recorded has changed."""
 
     what: str
-    """As in `pfwd.files.editing.Edit`."""
+    """Kind of the edit, as in `pfwd.files.editing.Edit`."""
     value: Any
     point: str | None
     """Name of the point; None: it is about a drop."""
     number: int | None
-    """Of the drop within the survey."""
+    """Number of the drop within the survey."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,8 +276,8 @@ class Notice:
     details: str = field(default="", repr=False)
     """More, for the log."""
     kind: str = ""
-    """Of what an instrument can cause as often as it likes: a session tells only some of a kind,
-    see `pfwd.session.events`. Empty: told whenever it comes."""
+    """Kind of a notice that an instrument can cause as often as it likes: a session reports only
+    some of a kind, see `Repeats`. Empty: it is always reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -318,7 +318,7 @@ SessionEvent = (
 
 
 FIRST_TOLD = 5
-"""Of a kind; told one by one, because each may be news."""
+"""Number of notices of a kind that are reported one by one, because each may be news."""
 
 INTERVAL = 60.0
 """s; after those one is told at most so often, with how many came meanwhile. An instrument can say
@@ -341,7 +341,8 @@ class Repeats:
         self._untold: dict[str, int] = {}
 
     def due(self, kind: str) -> int | None:
-        """How many of the kind were not told since the last that was; None: nor is this one."""
+        """Return the number of unreported notices of the kind; None: this one is not reported
+        either."""
         now = self._clock()
         told = self._told.get(kind, 0)
         if told >= FIRST_TOLD and now - self._last[kind] < INTERVAL:
@@ -351,10 +352,10 @@ class Repeats:
         return self.take(kind)
 
     def take(self, kind: str) -> int:
-        """How many of the kind were not told; they are forgotten."""
+        """Return the number of unreported notices of a kind, and forget them."""
         return self._untold.pop(kind, 0)
 
     def rest(self) -> dict[str, int]:
-        """How many of each kind were not told to this moment; they are forgotten."""
+        """Return the number of unreported notices of each kind, and forget them."""
         found, self._untold = self._untold, {}
         return found

@@ -1,4 +1,4 @@
-"""Where a session gets its samples from: an instrument, a recorded survey, a recorded link.
+"""Feeds of a session: an instrument, a recorded survey, or a recorded link.
 
 A session does not know which. A recorded drop is announced by `RecordedDrop`, so that the detection
 begins with what it knew when the drop was measured.
@@ -21,9 +21,9 @@ class RecordedDrop:
     record: DropRecord
     """The drop as it was recorded."""
     identity: Identity
-    """Of the instrument, as its counts were calibrated."""
+    """Identity of the instrument by which its counts were calibrated."""
     settings: DetectionSettings
-    """With which it was found."""
+    """Settings of the detection that found it."""
     stream: int
     """Number of the run of the sampler."""
     first: int
@@ -33,7 +33,7 @@ class RecordedDrop:
     operator_trigger: int | None
     """Index of the sample at which the operator triggered; None: the load did."""
     file: str
-    """Where it is kept."""
+    """File that holds it."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -42,7 +42,7 @@ class ImportedDrop:
 
     record: DropRecord
     file: str
-    """Where it is kept."""
+    """File that holds it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,10 +57,10 @@ class Feed(Protocol):
     """A source of samples."""
 
     live: bool
-    """Whether an instrument is there now: it can be checked, and its drops are new."""
+    """An instrument is connected: it can be checked, and its drops are new."""
 
     def next(self, timeout: float) -> FeedItem | None:
-        """What comes next, None when nothing came within so many seconds."""
+        """Return the next item; None when none came within a number of seconds."""
         ...
 
     def shunt(self, on: bool) -> None:

@@ -18,7 +18,7 @@ _SHORTEST = 1e-9
 
 
 def trigger_for(identity: Identity, settings: DetectionSettings) -> Trigger:
-    """How the instrument is to find drops, by the detection that was set up.
+    """Return the trigger of the instrument that matches the detection that was set up.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def settings_of(item: KeptDrop, settings: DetectionSettings) -> DetectionSetting
 
 
 def marks_of_kept(item: KeptDrop) -> list[str]:
-    """What is odd about it, beside what is odd about any record."""
+    """Return irregularities beyond those of any record."""
     marks = []
     if item.offer.shunt:
         marks.append("the calibration shunt was on")

@@ -19,7 +19,7 @@ that is offered again to this survey is recognised."""
 
 
 class LiveFeed:
-    """What an instrument sends, and nothing else.
+    """Feed of an instrument, and of nothing else.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class LiveFeed:
         self._driver.open()
 
     def next(self, timeout: float) -> FeedItem | None:
-        """What comes next, None when nothing came within so many seconds."""
+        """Return the next item; None when none came within a number of seconds."""
         return self._driver.next(timeout)
 
     def shunt(self, on: bool) -> None:

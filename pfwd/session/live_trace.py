@@ -34,9 +34,9 @@ class Envelope:
     velocity: NDArray[np.float64]
     """(n, 2), m/s or, for a sensor of displacement, m."""
     samples: int
-    """How many samples went by since the start."""
+    """Number of samples since the start."""
     unit: str
-    """Of the second, "m/s" or "m"."""
+    """Unit of the second channel, "m/s" or "m"."""
 
 
 class LiveTrace:
@@ -97,7 +97,7 @@ class LiveTrace:
             self._open = int(index[-1])
 
     def envelope(self) -> Envelope:
-        """What is there now."""
+        """Return the samples of the window as an envelope."""
         with self._lock:
             rows = self._rows.copy()
             samples, unit = self._samples, self._unit
@@ -105,7 +105,7 @@ class LiveTrace:
 
     @property
     def samples(self) -> int:
-        """How many samples went by since the start."""
+        """Number of samples since the start."""
         return self._samples
 
     def last_peak(self) -> float:

@@ -198,7 +198,7 @@ def replay(
 
 
 def _job_of(survey: Survey, listener: Listener) -> Job:
-    """What a survey was measured by; a procedure that cannot be read stops no replay."""
+    """Return the job of a survey; a procedure that cannot be read does not stop a replay."""
     try:
         return job_of(survey)
     except SurveyError as err:

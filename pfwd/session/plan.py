@@ -1,4 +1,4 @@
-"""What a measuring session is to do, and how it ended."""
+"""Plan of a measuring session, and the way it ended."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -15,10 +15,10 @@ from pfwd_device.recording.record import point_name
 
 
 class Ending(StrEnum):
-    """How a session ended."""
+    """End of a session."""
 
     DONE = "done"
-    """As it was asked to, or there was nothing more to come."""
+    """The session did what was requested, or the feed had ended."""
     LOST = "lost"
     """The instrument did not come back in time."""
     UNSAVED = "unsaved"
@@ -27,7 +27,7 @@ class Ending(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionPlan:
-    """What a session is to do.
+    """Plan of a session.
 
     Raises
     ------
@@ -38,20 +38,20 @@ class SessionPlan:
     point: str | None = None
     """Name of the test point; None: what the setup declares, the survey's last, or the first."""
     setup: MeasuringSetup = field(default_factory=MeasuringSetup)
-    """What is declared."""
+    """Declarations and detection."""
     drops: int | None = None
     """End after so many; None: go on."""
     options: AnalysisOptions | None = field(default_factory=AnalysisOptions)
-    """Of the analysis; None: no drop is inverted."""
+    """Options of the analysis; None: no drop is inverted."""
     give_up: float | None = None
     """s after which a lost instrument ends the session; None: never."""
     job: JobRequest = field(default_factory=JobRequest)
-    """What is said of the survey's job; what it says already holds without."""
+    """Changes of the survey's job; the rest of the job stays as it is."""
     usual_procedure: Procedure | None = None
-    """Of a survey that begins now and for which nobody chose one; None: none."""
+    """Procedure of a new survey for which none was chosen; None: none."""
     changed_calibration: Literal["refuse", "ask", "accept"] = "refuse"
-    """What to do when the instrument is calibrated otherwise than for the drops that the survey has
-    of it: end with an error, wait for `Session.accept_calibration`, or record."""
+    """Response to an instrument whose calibration differs from that of the survey's drops: end with
+    an error, wait for `Session.accept_calibration`, or record."""
     position: PositionSource | None = None
     """Says where the instrument stands, asked at every drop; None: no receiver."""
 

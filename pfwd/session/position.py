@@ -1,4 +1,4 @@
-"""Where the instrument stands, from a satellite receiver on a port of its own (NMEA 0183).
+"""Position of the instrument, from a satellite receiver on a port of its own (NMEA 0183).
 
 The receiver may come and go, send garbage or stand still: a drop is never held up for it. What is
 recorded says how good the position was and how old.
@@ -18,7 +18,7 @@ from pfwd_device.transport.base import Transport
 from pfwd_device.transport.opening import open_transport
 
 BAUD_RATE = 9600
-"""Of most receivers; those on USB do not care."""
+"""Baud rate of most receivers; those on USB ignore it."""
 
 STALE = 10.0
 """s; a person walks ten metres in it. Receivers send every second."""
@@ -53,7 +53,7 @@ class PositionSource(Protocol):
     """Says where the instrument stands."""
 
     def record(self) -> dict[str, Any]:
-        """What is recorded with a drop, as JSON knows it."""
+        """Return the position as JSON, as recorded with a drop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +215,7 @@ class PositionReceiver:
         return fix
 
     def record(self) -> dict[str, Any]:
-        """What is recorded with a drop: the position with its quality and age, or why none."""
+        """Return the position recorded with a drop, its quality and age, or why there is none."""
         fix, counts = self._last, {"sentences_refused": self._parser.refused}
         if fix is None:
             reason = self._fault or "the receiver has no fix"
@@ -238,7 +238,7 @@ class PositionReceiver:
         return {"source": "nmea", **place, **details, **counts}
 
     def warning(self) -> str | None:
-        """What the operator should know; None: the position is good."""
+        """Return the warning for the operator; None: the position is good."""
         fix = self.latest()
         if fix is None:
             return f"no position: {self.record().get('fault')}"

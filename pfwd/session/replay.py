@@ -57,12 +57,12 @@ class Pace:
 
     @property
     def paused(self) -> bool:
-        """Whether it waits, or will when the step is done."""
+        """The replay waits, or will when the step is done."""
         return self._paused
 
     @property
     def flows(self) -> bool:
-        """Whether anything may come now."""
+        """Items may come now."""
         return not self._paused or self._stepping
 
     def pause(self) -> None:
@@ -82,7 +82,7 @@ class Pace:
             self._stepping = True
 
     def may_begin(self) -> bool:
-        """Whether the drop that comes now may begin; if not, the step is over."""
+        """Return whether the next drop may begin; if not, the step is over."""
         with self._lock:
             if not self._paused:
                 return True
@@ -105,7 +105,7 @@ FIRST_PAUSE = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Pause:
-    """So many seconds went by before what comes next."""
+    """Pause of a number of seconds before the next item."""
 
     seconds: float
 
@@ -138,7 +138,7 @@ class RecordedFeed:
         self._held: FeedItem | None = None
 
     def next(self, timeout: float) -> FeedItem | None:
-        """What comes next, None while a pause of a replay in real time goes on."""
+        """Return the next item; None while a pause of a replay in real time goes on."""
         while True:
             if not self._pace.flows:
                 self._sleep(timeout)

@@ -35,7 +35,7 @@ REPEAT_AFTER = 0.25
 """s of samples after which a command that is not obeyed is said again."""
 
 SPAN_TOLERANCE = 0.02
-"""Of the shunt's reading; what a calibration is good for."""
+"""Relative tolerance of the shunt's reading: the accuracy of a calibration."""
 
 CHECK_AGAIN = 600.0
 """s without a drop, by the samples, after which the sensors are checked again."""
@@ -68,7 +68,7 @@ class SensorChecker:
 
     @property
     def due(self) -> bool:
-        """Whether a check is under way or to come, or the shunt is on, which hides a drop."""
+        """A check is under way or due, or the shunt is on, which hides a drop."""
         return self._due or self._is_on
 
     def _begin(self) -> None:
@@ -97,7 +97,7 @@ class SensorChecker:
             self._shunt(self._wanted)
 
     def feed(self, samples: Samples, *, at_rest: bool) -> Finding | None:
-        """What a check found that is complete with these samples.
+        """Return the result of a check that these samples complete.
 
         Parameters
         ----------

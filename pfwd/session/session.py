@@ -200,7 +200,7 @@ class Session:
 
     @property
     def job(self) -> Job:
-        """What the survey is measured by, with what is said for this session."""
+        """Job of the survey, with the changes requested for this session."""
         return self._job.with_request(self._job_request)
 
     def change_job(self, request: JobRequest) -> None:
@@ -422,7 +422,7 @@ class Session:
                 self._tell(Notice(str(err), serious=True))
 
     def _may_go_on(self) -> bool:
-        """Whether the feed is wanted now: an instrument cannot wait, a recording can."""
+        """Return whether the feed may go on now: an instrument cannot wait, a recording can."""
         waiting = self._analyses.unanswered if self._analyses is not None else 0
         return self._feed.live or waiting < MOST_UNANSWERED
 
@@ -436,7 +436,7 @@ class Session:
         return enough and self._pipeline.complete
 
     def _waited_enough(self) -> bool:
-        """Whether the drop in hand should be there by now, after the end was asked for."""
+        """Return whether the drop that began before the requested end should have come by now."""
         if self._detector is None or not self._feed.live:
             return False
         now = time.monotonic()
@@ -645,7 +645,7 @@ class Session:
         self._listener(event)
 
     def _tell_rest(self) -> None:
-        """How often the rest came that was not told."""
+        """Report the number of notices that were not reported one by one."""
         for kind, count in self._repeats.rest().items():
             self._listener(Notice(f"{count} more messages of the instrument: {kind}"))
 
@@ -832,7 +832,7 @@ class Session:
         self._pipeline.take(record, received, source)
 
     def _state(self) -> dict[str, Any]:
-        """What is recorded of instrument, link and place with a drop that falls now."""
+        """Return the state of instrument, link and place, as recorded with a drop."""
         state = state_of(self._last_check, self._status, self._feed.counters())
         where = self._plan.position
         return state | ({"position": where.record()} if where is not None else {})
@@ -872,7 +872,7 @@ class Session:
         return False
 
     def _time_of(self, raw: RawDrop) -> datetime.datetime:
-        """Of the trigger, from when the last samples came."""
+        """Return the time of the trigger, from the time of the last samples."""
         last = self._last_samples
         if last is None or self._identity is None:
             return datetime.datetime.now(datetime.UTC)

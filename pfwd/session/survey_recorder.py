@@ -67,7 +67,7 @@ def _counts_of(record: DropRecord) -> NDArray[np.int32]:
 
 
 def _same_samples(recorded: DropRecord, record: DropRecord) -> bool:
-    """Whether two drops with the same key are the same one, cut and sampled alike."""
+    """Return whether two drops with the same key have the same samples."""
     if recorded.counts is None:
         return False
     first, other = recorded.metadata, record.metadata
@@ -102,7 +102,7 @@ class SurveyRecorder:
 
     @property
     def held(self) -> int:
-        """How many drops are not safe."""
+        """Number of drops that are not safe."""
         return len(self._held)
 
     def next_number(self, point: str) -> int:
@@ -111,7 +111,7 @@ class SurveyRecorder:
         return max([self.writer.next_number(point), *(number + 1 for number in waiting)])
 
     def find(self, record: DropRecord) -> str | None:
-        """By what the same samples are known already, None when they are new."""
+        """Return the stored drop with the same samples; None when they are new."""
         key = record.metadata.get("key")
         if not isinstance(key, str):
             return None
@@ -160,7 +160,7 @@ class SurveyRecorder:
             return None  # taken for another one: a drop too many is better than one too few
 
     def is_safe(self, record: DropRecord) -> bool:
-        """Whether the same samples are on the disk already."""
+        """Return whether the same samples are on the disk already."""
         key = record.metadata.get("key")
         return isinstance(key, str) and self.writer.find_key(key) is not None
 
@@ -170,7 +170,7 @@ class SurveyRecorder:
         self._save()
 
     def try_again(self) -> None:
-        """From time to time: save what is held, and see to it that nothing is taken away."""
+        """Save the drops that wait from time to time, and keep the survey locked for others."""
         now = time.monotonic()
         if self._held and now >= self._next_try:
             self._save()

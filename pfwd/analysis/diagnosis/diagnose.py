@@ -43,14 +43,14 @@ from pfwd.errors import SurveyError
 
 @dataclass(frozen=True, eq=False)
 class Diagnosed:
-    """What came of one point, or why a file was refused."""
+    """Outcome of one point, or the reason why a file was refused."""
 
     file: str
     result: DiagnosisResult | None = None
     diagnosis: PointDiagnosis | None = None
     error: str | None = None
     number: int | None = None
-    """Of the point's last measured drop within its survey, with which the result is kept."""
+    """Number of the point's last measured drop within its survey; it stores the diagnosis."""
 
 
 def diagnose_files(

@@ -29,7 +29,7 @@ class DiagnosisPoint:
     device: str | None
     """Name of the device that measured it."""
     records: PointRecords | None
-    """None: no drop of it was measured."""
+    """Records of the measured drops; None: no drop of it was measured."""
     rejected: tuple[Notice, ...] = ()
     warnings: tuple[Notice, ...] = ()
     rig: TracePoint | None = None
@@ -167,7 +167,7 @@ def questions_of(
     spread: DeviceEffects | None = None,
     allow: str | None = None,
 ) -> list[str]:
-    """What is asked of each point, told apart.
+    """Return an identifier of the request for each point.
 
     Points of one device are one question: what the others show is tried on each.
 

@@ -99,7 +99,7 @@ def with_predictions(
 
 
 class _Survey:
-    """What the points of one instrument say of each other."""
+    """Structure and summaries of the points of one instrument, each without the point itself."""
 
     def __init__(
         self,

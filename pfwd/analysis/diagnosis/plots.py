@@ -130,7 +130,7 @@ def _draw_ladder(axis: Any, diagnosed: Diagnosed) -> None:
 
 
 def _name(diagnosed: Diagnosed) -> str:
-    """Of the point; of a file that is one, of the file."""
+    """Return the name of a point, or of its file where the file is one point."""
     point = None if diagnosed.result is None else diagnosed.result.point
     return Path(diagnosed.file).name if point is None else point
 

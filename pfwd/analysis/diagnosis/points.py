@@ -120,11 +120,12 @@ class Workers:
                 pool.shutdown(cancel_futures=True)
 
     def map(self, function: Callable[..., _R], *columns: Sequence[Any]) -> Iterator[_R]:
-        """What a function gives for each row, in order."""
+        """Yield the result of a function for each row, in order."""
         return map(function, *columns) if self._pool is None else self._pool.map(function, *columns)
 
     def at_once(self, function: Callable[[_G], _R], groups: Sequence[_G]) -> Iterator[_R]:
-        """What a function that waits for these processes gives for each group, in order.
+        """Yield the result of a function for each group, in order; the function waits for the
+        processes.
 
         While one group waits for its last point, the processes are another's.
         """

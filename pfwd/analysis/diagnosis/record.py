@@ -30,7 +30,7 @@ _NO_DROP = ("false trigger", "no pulse")
 
 
 def diagnosis_result(entry: DiagnosisPoint, found: PointDiagnosis | None) -> DiagnosisResult:
-    """What is told of one point; `found` is None where no drop of it was measured."""
+    """Return the result of one point; the diagnosis is None where no drop of it was measured."""
     if entry.rig is not None:
         return rig_result(entry, entry.rig)
     conditions: dict[str, Any] = {}

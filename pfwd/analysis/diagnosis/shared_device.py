@@ -33,7 +33,7 @@ from pfwd.analysis.diagnosis.points import (
 )
 
 PREDICTED: tuple[LeaveOut, ...] = ("next", "drop", "sensor")
-"""What is held out and predicted without anything fitted to it."""
+"""Modes in which the held-out part is predicted without anything fitted to it."""
 # Of so many points, so many are diagnosed by themselves first.
 _MANY_POINTS, _FIRST_POINTS = 8, 4
 # Of the usual discrepancy, what makes a point odd; and of that with the others' device, what it has
@@ -278,7 +278,7 @@ def contradictions(diagnosis: PointDiagnosis, findings: DeviceFindings) -> list[
 
 
 def alternatives_of(alone: Sequence[PointDiagnosis]) -> dict[str, tuple[str, ...]]:
-    """Of device effects what points by themselves could not tell them from, the most named first.
+    """Return the alternatives of device effects at single points, the most frequent first.
 
     As many as a point has.
     """

@@ -1,4 +1,4 @@
-"""When a diagnosis that a survey keeps still holds: its point is as it was."""
+"""Stored diagnoses of points, and whether they hold for the point as it is now."""
 
 import hashlib
 from collections.abc import Collection, Sequence
@@ -19,7 +19,8 @@ NO_BASIS = frozenset(
 
 
 def basis_values(setup: PointSetup) -> dict[str, Any]:
-    """What a result rests on; the drops of a point may differ in everything else."""
+    """Return the declared values on which a result rests; drops of a point may differ in the
+    others."""
     said = declared_values(setup)
     return {key: value for key, value in said.items() if key not in NO_BASIS}
 
@@ -31,7 +32,7 @@ def basis_of(setup: PointSetup) -> str:
 
 
 def holds(found: DiagnosisResult, setup: PointSetup, drops: Collection[int]) -> bool:
-    """Whether a diagnosis is of the drops as they are now, and of what is declared of them.
+    """Return whether a diagnosis is of the drops and the declarations as they are now.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""What is wrong with a drop before it is inverted, and what of it can be used."""
+"""Screening of drops before they are inverted: faults, and the usable part of a record."""

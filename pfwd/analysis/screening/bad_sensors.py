@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from inversion.measured.bad_sensors import Fault
 
 FEWEST_SENSORS = 3
-"""Where two sensors contradict each other nobody knows which is right."""
+"""Least number of sensors: where two contradict each other, either may be wrong."""
 
 
 def leave_out_bad_sensors(

@@ -1,4 +1,4 @@
-r"""Whether the centre sensor of a drop can be believed.
+r"""Check of the centre sensor of a drop.
 
 The ground and the plate are passive, and the surface deflects most under the plate. A record of the
 centre sensor that contradicts this is not the motion of the plate; its drop has no modulus.

@@ -217,19 +217,19 @@ PARTIAL_OVER_LARGEST = 0.7
 
 @dataclass(frozen=True, slots=True)
 class Screening:
-    """What a look at a drop's record found."""
+    """Result of the screening of a drop's record."""
 
     status: DropStatus
-    """What the drop counts as."""
+    """Role of the drop at its point."""
     reason: str | None = None
     """Why it was rejected; None when it was not."""
     warnings: tuple[Notice, ...] = ()
-    """What should be known of a drop that was not rejected."""
+    """Warnings about a drop that was not rejected."""
     left_out: tuple[float, ...] = ()
     """Offsets of the extra channels that take no part in the fit, m: they measured nothing, or
     cannot be believed."""
     clipped: bool = False
-    """Whether a channel of the fit ends in flat tops: the record is not what happened."""
+    """A channel of the fit ends in flat tops: the record is not what happened."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -87,7 +87,7 @@ def _work(source: IO[bytes], target: IO[bytes]) -> None:
 
 
 def outcome_of(task: Task | DiagnosisTask, library: "SurrogateLibrary") -> TaskOutcome:
-    """What comes of a task; whatever goes wrong in it is an outcome too."""
+    """Return the outcome of a task; a failure within it is an outcome too."""
     from pfwd.analysis.analyse import analyse_drop, rehearse
 
     try:

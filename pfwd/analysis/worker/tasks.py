@@ -1,4 +1,4 @@
-"""What the worker and its process say to each other."""
+"""Tasks for the worker process, and their outcomes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from pfwd_device import Drop
 
 
 class Urgency(IntEnum):
-    """What goes before what."""
+    """Priority of a task."""
 
     PREPARE = 0
     """Have the response table ready before the first drop."""
@@ -23,7 +23,7 @@ class Urgency(IntEnum):
     FULL = 2
     """The full search of a drop."""
     DIAGNOSIS = 3
-    """What is behind the residual of a point."""
+    """Diagnosis of the residual of a point."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -31,14 +31,14 @@ class Task:
     """One analysis."""
 
     number: int
-    """Of the task."""
+    """Number of the task."""
     urgency: Urgency
     drop: Drop
     setup: PointSetup
     screening: Screening
     options: AnalysisOptions
     file: str
-    """Where the drop is kept, for the result."""
+    """File of the drop, for the result."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -46,7 +46,7 @@ class DiagnosisTask:
     """The diagnosis of a point, or of all points of a file together."""
 
     number: int
-    """Of the task."""
+    """Number of the task."""
     source: TracePoint | str
     """The point, or the path of a survey or a drop file; diagnoses of a survey are stored in it."""
     options: AnalysisOptions
@@ -57,12 +57,12 @@ class DiagnosisTask:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class TaskOutcome:
-    """What the process says of a task."""
+    """Outcome of a task in the worker process."""
 
     result: DropResult | None = None
-    """None when it failed, and for a task that only prepares."""
+    """Result of the drop; None when the task failed, or only prepares."""
     curves: TimeHistories | None = None
-    """None when there is no result."""
+    """Time histories of the fit; None when there is no result."""
     fault: str | None = None
     """Why it failed, in one sentence."""
     details: str = ""

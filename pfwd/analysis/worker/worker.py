@@ -37,11 +37,11 @@ CLOSING_TIME = 5.0
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Answer:
-    """What came of a task."""
+    """Response to a task."""
 
     task: Task | DiagnosisTask
     result: DropResult | None = None
-    """As in `TaskOutcome`, like the following."""
+    """Result as in `TaskOutcome`; so are the following."""
     curves: TimeHistories | None = None
     fault: str | None = None
     details: str = ""
@@ -129,7 +129,7 @@ class InversionWorker:
         return task.number
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Whether everything was answered within so many seconds."""
+        """Return whether everything was answered within a number of seconds."""
         with self._changed:
             return self._changed.wait_for(lambda: not self._waiting, timeout)
 
