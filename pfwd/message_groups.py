@@ -9,8 +9,10 @@ from inversion.notices import Notice, fill_template, other, templates
 
 Place = TypeVar("Place", bound=Hashable)
 
-_ONE = r"[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
-_NUMBER = re.compile(rf"(?<![\w.:+/-]){_ONE}(?: to {_ONE})?(?![\w+/-]|[.:]\w)")
+_NUMBER_PATTERN = r"[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
+_NUMBER = re.compile(
+    rf"(?<![\w.:+/-]){_NUMBER_PATTERN}(?: to {_NUMBER_PATTERN})?(?![\w+/-]|[.:]\w)"
+)
 """A number, or two with a "to" between them. What is part of a name, a date, a time or a chainage
 (12-points.prjz, 2022-01-21, 14:05, 12+320) is none."""
 
@@ -20,7 +22,7 @@ GAP = "{}"
 DASH = "\N{EN DASH}"
 """Between the ends of a range; a "to" may stand in the message already."""
 
-FEW = 2
+MAX_LISTED_VALUES = 2
 """Different values that are listed; more become a range."""
 
 
@@ -78,7 +80,7 @@ def group_messages(messages: Iterable[tuple[Place, str]]) -> list[MessageGroup[P
     places: dict[Hashable, dict[Place, None]] = {}
     numbers: dict[Hashable, list[Mapping[str, tuple[str, ...]]]] = {}
     for place, message in messages:
-        group = _group_of_one(message if isinstance(message, Notice) else other(message), place)
+        group = _single_group(message if isinstance(message, Notice) else other(message), place)
         groups.setdefault(group.key, group)
         places.setdefault(group.key, {})[place] = None
         numbers.setdefault(group.key, []).append(group.numbers)
@@ -97,12 +99,12 @@ def group_messages(messages: Iterable[tuple[Place, str]]) -> list[MessageGroup[P
     ]
 
 
-def _group_of_one(notice: Notice, place: Place) -> MessageGroup[Place]:
+def _single_group(notice: Notice, place: Place) -> MessageGroup[Place]:
     split = {name: split_numbers(text) for name, text in notice.texts().items()}
     return MessageGroup(
         notice.code,
         {name: pattern for name, (pattern, _) in split.items()},
-        {name: found for name, (_, found) in split.items()},
+        {name: numbers for name, (_, numbers) in split.items()},
         notice.words(),
         (place,),
     )
@@ -132,7 +134,7 @@ def _together(values: Sequence[str]) -> str:
     if len(different) == 1:
         return different[0]
     ends = sorted((end for value in different for end in value.split(" to ")), key=float)
-    if len(different) <= FEW and len(ends) == len(different):
+    if len(different) <= MAX_LISTED_VALUES and len(ends) == len(different):
         return " and ".join(ends)
     signed = any(end.startswith(("+", "-")) for end in ends)
     return f"{ends[0]}{' to ' if signed else DASH}{ends[-1]}"
@@ -155,14 +157,16 @@ def as_ranges(chosen: Iterable[str], order: Sequence[str]) -> str:
     >>> as_ranges(["A", "B"], ["A", "B", "C"])
     'A, B'
     """
-    wanted = set(chosen)
+    chosen_names = set(chosen)
     runs: list[list[str]] = []
     before = None
     for index, name in enumerate(order):
-        if name in wanted:
+        if name in chosen_names:
             if before == index - 1 and runs:
                 runs[-1].append(name)
             else:
                 runs.append([name])
             before = index
-    return ", ".join(f"{run[0]} to {run[-1]}" if len(run) > FEW else ", ".join(run) for run in runs)
+    return ", ".join(
+        f"{run[0]} to {run[-1]}" if len(run) > MAX_LISTED_VALUES else ", ".join(run) for run in runs
+    )

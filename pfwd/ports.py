@@ -31,7 +31,7 @@ USB_DEVICES = Path("/sys/bus/usb/devices")
 
 UDEV_RULES = (Path("/usr/lib/udev/rules.d"), Path("/etc/udev/rules.d"))
 
-TAKEN_BY_BRLTTY = frozenset({"0403:6001", "10c4:ea60", "1a86:7523"})
+BRLTTY_ADAPTERS = frozenset({"0403:6001", "10c4:ea60", "1a86:7523"})
 """Serial adapters (FTDI, CP210x, CH340) that the driver of braille displays takes for its own."""
 
 
@@ -74,7 +74,7 @@ def _brltty(devices: Path) -> list[str]:
         except OSError:  # a hub's interface
             continue
         name = ":".join(parts)
-        if name in TAKEN_BY_BRLTTY and not any(device.glob("**/tty*")):
+        if name in BRLTTY_ADAPTERS and not any(device.glob("**/tty*")):
             return [
                 f"the adapter {name} is plugged in and has no port: brltty (braille displays) "
                 "takes it; sudo apt remove brltty, then plug it in again"

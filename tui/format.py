@@ -195,12 +195,12 @@ def verdict_of_fit(result: DropResult) -> str:
 
 def peak_load(result: DropResult) -> str:
     """As it was measured, kN; of results that do not know it that of the half-sine."""
-    return _short(_finite(result.known_peak_load_n, 1e3))
+    return _short(_finite(result.peak_load_or_half_sine_n, 1e3))
 
 
 def _peak_pressure(result: DropResult) -> str:
     """Mean of the peak load under the plate, kPa."""
-    load, radius = result.known_peak_load_n, result.plate_radius_m
+    load, radius = result.peak_load_or_half_sine_n, result.plate_radius_m
     if load is None or not radius:
         return NOTHING
     return _short(_finite(load / (math.pi * radius**2), 1e3))

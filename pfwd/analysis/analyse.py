@@ -25,10 +25,10 @@ from inversion.measured.record import Sensor
 from inversion.notices import Notice
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.result_store import kept_answer, question_of, software_name
-from pfwd.analysis.results import Asked, DropAnalysis, DropResult, FileOutcome
+from pfwd.analysis.result_store import question_of, software_name, stored_answer
+from pfwd.analysis.results import AnalysisRequest, DropAnalysis, DropResult, FileOutcome
 from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
-from pfwd.analysis.screening.drops import Screening, duplicate_drops, screen_point, whole_part
+from pfwd.analysis.screening.drops import Screening, duplicate_drops, screen_point, unbroken_part
 from pfwd.errors import SurveyError
 from pfwd.files.header import PointSetup
 from pfwd.files.reading import read_points
@@ -115,22 +115,22 @@ def analyse_point(
     options: AnalysisOptions,
     library: SurrogateLibrary,
     *,
-    use_kept: bool = False,
+    use_stored: bool = False,
 ) -> list[DropAnalysis]:
     """Screen and invert the drops of one point, in their order.
 
     Parameters
     ----------
-    use_kept : bool
+    use_stored : bool
         Whether what its survey keeps of the same question is the answer.
     """
     settings = settings_of(options, point.setup)
     screenings = leave_out_bad_sensors(point, screen_point(point))
-    drops = [whole_part(drop)[0] for drop in point.drops]
+    drops = [unbroken_part(drop)[0] for drop in point.drops]
     records = {
-        index: record_of(drop, point.setup, options, found.left_out)
-        for index, (drop, found) in enumerate(zip(drops, screenings, strict=True))
-        if found.status != "rejected"
+        index: record_of(drop, point.setup, options, screening.left_out)
+        for index, (drop, screening) in enumerate(zip(drops, screenings, strict=True))
+        if screening.status != "rejected"
     }
     together: list[int] = []
     if options.joint:
@@ -139,49 +139,49 @@ def analyse_point(
         together = [i for i in measured if i not in duplicates]
     groups = [together] if together else []
     groups += [[index] for index in records if index not in together]
-    found_results: dict[int, InversionResult] = {}
+    joint_results: dict[int, InversionResult] = {}
     stored: dict[int, DropResult] = {}
     faults: dict[int, str] = {}
-    asked: dict[int, Asked] = {}
+    requests: dict[int, AnalysisRequest] = {}
     for group in groups:
         for i in group:
-            own = [records[i], *(records[j] for j in group if j != i)]
-            asked[i] = _asked(own, settings, options, screenings[i], point.warnings)
-        if use_kept and point.kept:
-            answers = [kept_answer(point.kept[i], asked[i].question) for i in group]
+            ordered = [records[i], *(records[j] for j in group if j != i)]
+            requests[i] = _request_of(ordered, settings, options, screenings[i], point.warnings)
+        if use_stored and point.kept:
+            answers = [stored_answer(point.kept[i], requests[i].question) for i in group]
             if None not in answers:
-                stored |= {i: kept for i, kept in zip(group, answers, strict=True) if kept}
+                stored |= {i: answer for i, answer in zip(group, answers, strict=True) if answer}
                 continue
         try:
             results = invert_joint([records[i] for i in group], settings, library)
         except InversionError as error:
             faults |= dict.fromkeys(group, str(error))
         else:
-            found_results |= dict(zip(group, results, strict=True))
+            joint_results |= dict(zip(group, results, strict=True))
     return [
         DropAnalysis(
             drop,
             screenings[i],
-            found_results.get(i),
+            joint_results.get(i),
             faults.get(i),
             point.setup,
-            asked.get(i),
+            requests.get(i),
             stored.get(i),
         )
         for i, drop in enumerate(point.drops)
     ]
 
 
-def _asked(
+def _request_of(
     records: Sequence[Record],
     settings: Settings,
     options: AnalysisOptions,
     screening: Screening,
     point_warnings: Sequence[Notice] = (),
-) -> Asked:
+) -> AnalysisRequest:
     """Return the request for the drop of the first record; the others share its ground."""
-    said = [screening.status, *point_warnings, *screening.warnings]
-    return Asked(question_of(records, settings, said), options.label, software_name())
+    remarks = [screening.status, *point_warnings, *screening.warnings]
+    return AnalysisRequest(question_of(records, settings, remarks), options.label, software_name())
 
 
 def analyse_drop(
@@ -197,12 +197,12 @@ def analyse_drop(
     settings = settings_of(options, setup)
     (screening,) = leave_out_bad_sensors(TracePoint("", setup, (drop,)), (screening,))
     try:
-        record = record_of(whole_part(drop)[0], setup, options, screening.left_out)
+        record = record_of(unbroken_part(drop)[0], setup, options, screening.left_out)
         (result,) = invert_joint([record], settings, library)
     except InversionError as error:
         return DropAnalysis(drop, screening, None, str(error), setup)
-    asked = _asked([record], settings, options, screening)
-    return DropAnalysis(drop, screening, result, setup=setup, asked=asked)
+    request = _request_of([record], settings, options, screening)
+    return DropAnalysis(drop, screening, result, setup=setup, request=request)
 
 
 def load_surrogate(
@@ -220,17 +220,17 @@ def load_surrogate(
 
 
 def analyse_file(
-    path: str, options: AnalysisOptions, library: SurrogateLibrary, *, use_kept: bool = False
+    path: str, options: AnalysisOptions, library: SurrogateLibrary, *, use_stored: bool = False
 ) -> FileOutcome:
     """Results of one file or survey; a refused one comes back with the reason."""
     results: list[DropResult] = []
     numbers: list[int | None] = []
     try:
         for point in _read(path, options):
-            found = analyse_point(point, options, library, use_kept=use_kept)
-            results += [drop_result(path, it, point.warnings, point.setup.point) for it in found]
-            kept: Sequence[SurveyDrop | None] = point.kept or [None] * len(found)
-            numbers += [None if drop is None else drop.number for drop in kept]
+            analyses = analyse_point(point, options, library, use_stored=use_stored)
+            results += [drop_result(path, it, point.warnings, point.setup.point) for it in analyses]
+            stored_drops: Sequence[SurveyDrop | None] = point.kept or [None] * len(analyses)
+            numbers += [None if drop is None else drop.number for drop in stored_drops]
     except SurveyError as error:
         return FileOutcome(path, error=str(error))
     except InversionError as error:
@@ -264,7 +264,7 @@ def analyse_files(
     jobs: int = 1,
     progress: BuildProgress | None = None,
     *,
-    use_kept: bool = False,
+    use_stored: bool = False,
 ) -> Generator[FileOutcome, None, None]:
     """Outcomes of files in their order, on ``jobs`` processes.
 
@@ -273,31 +273,31 @@ def analyse_files(
     progress : callable, optional
         Told while a surrogate is built, which happens once for a plate, Poisson's ratio and
         sensor layout.
-    use_kept : bool
+    use_stored : bool
         Whether what a survey keeps of the same question is the answer; then there is no
         inversion with its histories.
     """
     library = SurrogateLibrary(progress=progress)
     if jobs <= 1 or len(paths) < 2:
         for path in paths:
-            yield analyse_file(path, options, library, use_kept=use_kept)
+            yield analyse_file(path, options, library, use_stored=use_stored)
         return
     # Built here once, so that the workers find them in the cache instead of each building them.
     for path in paths:
         _build_surrogate_of(path, options, library)
     with worker_pool(min(jobs, len(paths))) as pool:
-        work = partial(_analyse_in_worker, options=options, use_kept=use_kept)
+        work = partial(_analyse_in_worker, options=options, use_stored=use_stored)
         yield from pool.map(work, paths)
 
 
 _worker_library: SurrogateLibrary | None = None
 
 
-def _analyse_in_worker(path: str, options: AnalysisOptions, use_kept: bool) -> FileOutcome:
+def _analyse_in_worker(path: str, options: AnalysisOptions, use_stored: bool) -> FileOutcome:
     global _worker_library
     if _worker_library is None:
         _worker_library = SurrogateLibrary()
-    return analyse_file(path, options, _worker_library, use_kept=use_kept)
+    return analyse_file(path, options, _worker_library, use_stored=use_stored)
 
 
 def _read(path: str, options: AnalysisOptions) -> list[TracePoint]:

@@ -53,7 +53,7 @@ class InstrumentCalibration:
     def to_json(self) -> Mapping[str, Any]:
         """Return the keys of ``pfwd calibrate --json``."""
         value, deviation, interval = self.gain
-        said: dict[str, Any] = {
+        entry: dict[str, Any] = {
             "files": list(self.files),
             "device": self.device,
             "drops": self.found.drops,
@@ -67,15 +67,19 @@ class InstrumentCalibration:
             ("damping", "damping"),
             ("delay", "delay_s"),
         ):
-            one = self.found.of(name)
-            said[key] = {"value": one.value, "sd": one.deviation, "interval": list(one.interval)}
+            effect = self.found.of(name)
+            entry[key] = {
+                "value": effect.value,
+                "sd": effect.deviation,
+                "interval": list(effect.interval),
+            }
         rigs = zip(self.stiffness, self.found.masses, self.found.damping_ratios, strict=True)
-        said["rigs"] = [
+        entry["rigs"] = [
             {"stiffness_n_per_m": k, "mass_kg": mass, "damping_ratio": ratio}
             for k, mass, ratio in rigs
         ]
-        said["misfit_over_peak"] = self.found.misfit
-        return said | notices.to_json(self.warnings)
+        entry["misfit_over_peak"] = self.found.misfit
+        return entry | notices.to_json(self.warnings)
 
 
 def calibrate_files(
@@ -105,34 +109,38 @@ def calibrate_files(
         If a file is refused, a stiffness is not known, or there are too few drops.
     """
     points = [
-        (file, found)
+        (file, traces)
         for file in files
-        for found in read_points(file, header)
-        if point is None or str(found.setup.point or "").startswith(point)
+        for traces in read_points(file, header)
+        if point is None or str(traces.setup.point or "").startswith(point)
     ]
     if not points:
-        came = "none" if point is None else f"none whose name begins with {point}"
-        raise SurveyError(refusal(", ".join(files), "points on a rig", came))
-    known = [_stiffness(file, found, stiffness) for file, found in points]
-    rigs = sorted(set(known))
+        got = "none" if point is None else f"none whose name begins with {point}"
+        raise SurveyError(refusal(", ".join(files), "points on a rig", got))
+    per_point = [_stiffness(file, traces, stiffness) for file, traces in points]
+    rigs = sorted(set(per_point))
     drops, warnings = [], []
-    for (file, found), own in zip(points, known, strict=True):
-        for drop in found.drops:
-            name = f"{found.setup.point or os.path.basename(file)}, drop {drop.number}"
-            made = rig_drop(drop, own, rigs.index(own), name)
+    for (file, traces), value in zip(points, per_point, strict=True):
+        for drop in traces.drops:
+            name = f"{traces.setup.point or os.path.basename(file)}, drop {drop.number}"
+            made = rig_drop(drop, value, rigs.index(value), name)
             if made is None:
                 warnings.append(Notice("no-centre-trace", {"drop": name}))
             else:
                 drops.append(made)
-    devices = {str(found.setup.device) for _, found in points if found.setup.device is not None}
+    devices = {str(traces.setup.device) for _, traces in points if traces.setup.device is not None}
     if len(devices) > 1:
-        came = f"of {', '.join(sorted(devices))}"
-        raise SurveyError(refusal(", ".join(files), "files of one device", came))
+        got = f"of {', '.join(sorted(devices))}"
+        raise SurveyError(refusal(", ".join(files), "files of one device", got))
     try:
         result = calibrate(drops)
     except InversionError as err:
         raise SurveyError(f"{', '.join(files)}: {err}") from err
-    groups = [(own, found) for own, (_, found) in zip(known, points, strict=True) if found.drops]
+    groups = [
+        (value, traces)
+        for value, (_, traces) in zip(per_point, points, strict=True)
+        if traces.drops
+    ]
     return InstrumentCalibration(
         tuple(files),
         devices.pop() if devices else None,
@@ -155,8 +163,8 @@ def write_calibration(path: str | os.PathLike[str], found: InstrumentCalibration
         If the file cannot be written.
     """
     if found.reasons:
-        came = f"drops that do not repeat: {'; '.join(found.reasons)}"
-        raise SurveyError(refusal(os.fspath(path), "a calibration to keep", came))
+        got = f"drops that do not repeat: {'; '.join(found.reasons)}"
+        raise SurveyError(refusal(os.fspath(path), "a calibration to keep", got))
     value, deviation, _ = found.gain
     frequency, damping, delay = (
         found.found.of(name) for name in ("natural_frequency", "damping", "delay")
@@ -177,8 +185,8 @@ def write_calibration(path: str | os.PathLike[str], found: InstrumentCalibration
     write_effects(path, found.device, effects)
 
 
-def _stiffness(file: str, point: TracePoint, given: float | None) -> float:
-    value = point.setup.rig_stiffness if given is None else given
+def _stiffness(file: str, point: TracePoint, declared: float | None) -> float:
+    value = point.setup.rig_stiffness if declared is None else declared
     if value is None or not value > 0:
         where = f"{file}, point {point.setup.point}" if point.setup.point else file
         hint = "give --stiffness N/m, or declare stiffness_n_per_m"
@@ -188,10 +196,10 @@ def _stiffness(file: str, point: TracePoint, given: float | None) -> float:
 
 def _several_rigs(groups: Sequence[tuple[float, TracePoint]]) -> list[str]:
     """Return the sites where points of one stiffness show several at their peaks."""
-    found = []
+    messages = []
     ordered = sorted(groups, key=lambda one: (one[0], str(one[1].setup.site)))
-    for own, of_rig in groupby(ordered, key=lambda one: one[0]):
-        middle: dict[str, float] = {}
+    for stiffness_of_rig, of_rig in groupby(ordered, key=lambda one: one[0]):
+        median_by_site: dict[str, float] = {}
         for site, some in groupby(of_rig, key=lambda one: str(one[1].setup.site)):
             values = [
                 one.secant_n_per_m
@@ -200,11 +208,15 @@ def _several_rigs(groups: Sequence[tuple[float, TracePoint]]) -> list[str]:
                 if (one := stiffness_of(drop, point.setup)) is not None
             ]
             if values:
-                middle[site] = float(np.median(values))
-        if middle and max(middle.values()) > (1 + SEVERAL_RIGS) * min(middle.values()):
-            shown = ", ".join(f"{value / 1e6:.3g} MN/m on {site}" for site, value in middle.items())
-            found.append(
-                f"one stiffness of {own / 1e6:.3g} MN/m is declared, at the peaks there is {shown}:"
-                " several rigs, choose the points of one with --point"
+                median_by_site[site] = float(np.median(values))
+        if median_by_site and max(median_by_site.values()) > (1 + SEVERAL_RIGS) * min(
+            median_by_site.values()
+        ):
+            listed = ", ".join(
+                f"{value / 1e6:.3g} MN/m on {site}" for site, value in median_by_site.items()
             )
-    return found
+            messages.append(
+                f"one stiffness of {stiffness_of_rig / 1e6:.3g} MN/m is declared, at the peaks "
+                f"there is {listed}: several rigs, choose the points of one with --point"
+            )
+    return messages

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd.analysis.results import DropResult, MeasuredFacts, fit_fault
-from pfwd.analysis.screening.drops import CENTRE, Screening, pulse_peak, whole_part
+from pfwd.analysis.screening.drops import CENTRE, Screening, pulse_peak, unbroken_part
 from pfwd.files.header import IMPORTED, PEAK_DEVIATIONS, PointSetup
 from pfwd.procedures import Kind, PointDrop
 from pfwd_device import Channel, Drop
@@ -64,18 +64,18 @@ def point_drop(
     if screening.status == "rejected":
         return PointDrop(drop.number, Kind.REJECTED, reason=screening.reason)
     kind = Kind.DISCARDED if discarded is not None else Kind(screening.status)
-    whole = whole_part(drop)[0]
-    load = remove_offset(whole.time, whole.load)
+    unbroken = unbroken_part(drop)[0]
+    load = remove_offset(unbroken.time, unbroken.load)
     start, end = _pulse(load)
     peak = float(load.max())
-    area = float(np.trapezoid(load[start:end], whole.time[start:end]))
+    area = float(np.trapezoid(load[start:end], unbroken.time[start:end]))
     duration = math.pi * area / (2 * peak) if peak > 0 else None
     facts: dict[str, Any] = {"peak_load": peak, "pulse_duration": duration}
-    centre = [channel for channel in whole.channels if abs(channel.offset) < CENTRE]
+    centre = [channel for channel in unbroken.channels if abs(channel.offset) < CENTRE]
     if centre and duration:
-        facts |= _deflection(whole, centre[0], setup, start, duration)
-    found = PointDrop(drop.number, kind, reason=discarded or None, **facts)
-    return with_modulus(found, result, setup)
+        facts |= _deflection(unbroken, centre[0], setup, start, duration)
+    fact = PointDrop(drop.number, kind, reason=discarded or None, **facts)
+    return with_modulus(fact, result, setup)
 
 
 def _of_peaks(number: int, peaks: Peaks, setup: PointSetup, discarded: str | None) -> PointDrop:
@@ -93,7 +93,9 @@ def _of_peaks(number: int, peaks: Peaks, setup: PointSetup, discarded: str | Non
     )
 
 
-def own_facts(drop: Drop, setup: PointSetup, screening: Screening) -> tuple[PointDrop, float]:
+def uncompared_facts(
+    drop: Drop, setup: PointSetup, screening: Screening
+) -> tuple[PointDrop, float]:
     """Return the facts of a drop's own record, and its `pulse_peak`, N; 0: it is not compared.
 
     Parameters
@@ -119,7 +121,7 @@ def facts_to_store(facts: PointDrop, peak: float, setup: PointSetup) -> Measured
     ----------
     facts : PointDrop
     peak : float
-        As `own_facts` returns both, N.
+        As `uncompared_facts` returns both, N.
     setup : PointSetup
     """
     if setup.is_stiffness_test:
@@ -145,7 +147,9 @@ def facts_to_store(facts: PointDrop, peak: float, setup: PointSetup) -> Measured
     )
 
 
-def kept_facts(number: int, facts: MeasuredFacts | None, setup: PointSetup) -> PointDrop | None:
+def facts_from_stored(
+    number: int, facts: MeasuredFacts | None, setup: PointSetup
+) -> PointDrop | None:
     """Return a drop with its stored facts; None: they have to be computed from the traces.
 
     Parameters
@@ -184,12 +188,12 @@ def stored_facts(
 
     None: they have to be computed from the traces.
     """
-    said = metadata.get(FACTS_KEY)
-    recorded = MeasuredFacts.from_json(said) if isinstance(said, Mapping) else None
+    stored = metadata.get(FACTS_KEY)
+    recorded = MeasuredFacts.from_json(stored) if isinstance(stored, Mapping) else None
     for facts in (recorded, None if result is None else result.facts):
-        found = kept_facts(number, facts, setup)
-        if found is not None and facts is not None:
-            return found, facts.pulse_peak_n or 0.0
+        facts_in_force = facts_from_stored(number, facts, setup)
+        if facts_in_force is not None and facts is not None:
+            return facts_in_force, facts.pulse_peak_n or 0.0
     return None
 
 
@@ -200,7 +204,7 @@ def unbroken_peaks(drop: Drop) -> Peaks | None:
     """
     if drop.only_peaks is not None:
         return drop.only_peaks
-    unbroken, missing, _ = whole_part(drop)
+    unbroken, missing, _ = unbroken_part(drop)
     return trace_peaks(unbroken) if missing is None and unbroken.load.size else None
 
 
@@ -218,7 +222,7 @@ def corrected_deflection(drop: Drop, setup: PointSetup) -> float | None:
     """
     if drop.only_peaks is not None:
         return recorded_deflection(drop)
-    if setup.is_stiffness_test or whole_part(drop)[1] is not None:
+    if setup.is_stiffness_test or unbroken_part(drop)[1] is not None:
         return None
     try:
         return point_drop(drop, setup, Screening("measured")).peak_deflection

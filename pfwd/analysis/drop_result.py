@@ -13,11 +13,11 @@ from inversion.result import InversionResult
 from pfwd.analysis.drop_facts import (
     corrected_deflection,
     facts_to_store,
-    own_facts,
     recorded_deflection,
+    uncompared_facts,
 )
 from pfwd.analysis.results import DropAnalysis, DropResult
-from pfwd.analysis.screening.drops import whole_part
+from pfwd.analysis.screening.drops import unbroken_part
 from pfwd_device import Drop
 from pfwd_device.signals import remove_offset
 
@@ -55,8 +55,8 @@ def drop_result(
         fields = {name: getattr(analysis.result, name) for name in names}
         fields["explained"] = analysis.result.explained and not analysis.screening.clipped
         warnings += fields.pop("warnings") or ()
-    if analysis.asked is not None and analysis.fault is None:
-        fields |= dataclasses.asdict(analysis.asked)
+    if analysis.request is not None and analysis.fault is None:
+        fields |= dataclasses.asdict(analysis.request)
     return DropResult(
         file=os.fspath(path),
         point=point,
@@ -74,10 +74,10 @@ def _peak_load(drop: Drop) -> float | None:
     """Return the peak load without its offset, N; None if samples at the trigger are missing."""
     if drop.only_peaks is not None:
         return drop.only_peaks.load
-    whole, missing, _ = whole_part(drop)
-    if missing is not None or not whole.load.size:
+    unbroken, missing, _ = unbroken_part(drop)
+    if missing is not None or not unbroken.load.size:
         return None
-    peak = float(remove_offset(whole.time, whole.load).max())
+    peak = float(remove_offset(unbroken.time, unbroken.load).max())
     return peak if math.isfinite(peak) else None
 
 
@@ -87,7 +87,7 @@ def _deflections(analysis: DropAnalysis) -> dict[str, Any]:
     recorded = recorded_deflection(drop)
     facts = None
     if setup is not None and analysis.screening.status != "rejected":
-        facts = facts_to_store(*own_facts(drop, setup, analysis.screening), setup)
+        facts = facts_to_store(*uncompared_facts(drop, setup, analysis.screening), setup)
     if facts is not None:
         corrected = facts.deflection_m
     else:

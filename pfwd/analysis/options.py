@@ -134,15 +134,15 @@ class AnalysisOptions:
             raise OptionError(refusal("--layers", expected, str(layers)))
         if self.thickness is None or self.thickness == "unknown":
             return
-        said = ",".join(f"{value:g}" for value in self.thickness)
+        listed = ",".join(f"{value:g}" for value in self.thickness)
         if not all(0.0 < value <= DEEPEST_BEDROCK for value in self.thickness):
             expected = f"numbers > 0 up to {DEEPEST_BEDROCK:g}, in m, or unknown"
-            raise OptionError(refusal("--thickness", expected, said))
-        wanted = None if layers == "auto" else (layers or 1) - 1
-        if wanted is None or len(self.thickness) != wanted:
+            raise OptionError(refusal("--thickness", expected, listed))
+        n_thicknesses = None if layers == "auto" else (layers or 1) - 1
+        if n_thicknesses is None or len(self.thickness) != n_thicknesses:
             expected = "a value for each layer but the lowest, from the top, with --layers"
-            came = f"--thickness {said} and --layers {layers or 1}"
-            raise OptionError(refusal("--thickness", expected, came))
+            got = f"--thickness {listed} and --layers {layers or 1}"
+            raise OptionError(refusal("--thickness", expected, got))
         depth = self.bedrock_depth
         if isinstance(depth, float | int) and sum(self.thickness) >= depth:
             expected = f"layers that end above the rock at {depth:g} m"
@@ -209,15 +209,15 @@ class AnalysisOptions:
     def choices(self) -> Choices:
         """Return the declared choices, completed by the published ones or by the default."""
         base = PUBLISHED if self.published else DEFAULT
-        said = {name: getattr(self, name) for name in dataclasses.asdict(base)}
+        declared = {name: getattr(self, name) for name in dataclasses.asdict(base)}
         return dataclasses.replace(
-            base, **{name: value for name, value in said.items() if value is not None}
+            base, **{name: value for name, value in declared.items() if value is not None}
         )
 
     def overrides(self) -> dict[str, float]:
         """The header keys that are given as options, with their values."""
-        said = {key: getattr(self, name) for key, name in OPTION_OF_KEY.items()}
-        return {key: value for key, value in said.items() if value is not None}
+        declared = {key: getattr(self, name) for key, name in OPTION_OF_KEY.items()}
+        return {key: value for key, value in declared.items() if value is not None}
 
 
 def with_layers_of(options: AnalysisOptions, result: DropResult | None) -> AnalysisOptions:
@@ -236,11 +236,11 @@ def with_layers_of(options: AnalysisOptions, result: DropResult | None) -> Analy
     layers = () if result is None else result.layers or ()
     if not 1 < len(layers) <= MOST_LAYERS or options.published:
         return options
-    given = [layer.thickness_m for layer in layers[:-1] if layer.thickness_sd_m is None]
-    known = tuple(value for value in given if value is not None)
-    thickness = known if len(known) == len(layers) - 1 else None
+    thicknesses = [layer.thickness_m for layer in layers[:-1] if layer.thickness_sd_m is None]
+    declared = tuple(value for value in thicknesses if value is not None)
+    thickness = declared if len(declared) == len(layers) - 1 else None
     return dataclasses.replace(options, layers=len(layers), thickness=thickness)
 
 
-def _contradiction(option: str, other: str) -> OptionError:
-    return OptionError(refusal(f"{option} and {other}", "one of the two", "both"))
+def _contradiction(option: str, contradicted: str) -> OptionError:
+    return OptionError(refusal(f"{option} and {contradicted}", "one of the two", "both"))

@@ -19,10 +19,10 @@ from pfwd.matplotlib_start import start_matplotlib
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MOST_COLUMNS = 6
+MAX_COLUMNS = 6
 """Drops side by side in a picture; more are rows below each other."""
 
-MOST_IN_PICTURE = 24
+MAX_DROPS_IN_PICTURE = 24
 """Drops of a picture; more are further pictures, NAME-2.png and so on. One of 24 has 4000 by
 4200 points, which viewers still open."""
 
@@ -45,57 +45,57 @@ def plot_outcomes(outcomes: Sequence[FileOutcome], path: str | os.PathLike[str])
     OptionError
         If nothing was inverted, or a file cannot be written.
     """
-    shown = [
+    results = [
         result for outcome in outcomes for result in outcome.results if result.history is not None
     ]
     target = Path(path)
-    if not shown:
+    if not results:
         raise OptionError(refusal("--plot", "at least one inverted drop", "none"))
     require_writable(target, "--plot")
     try:
         if target.suffix.lower() == ".pdf":
-            _write_pages(shown, target)
+            _write_pages(results, target)
             return [target]
         written = []
-        for number, begin in enumerate(range(0, len(shown), MOST_IN_PICTURE), 1):
+        for number, begin in enumerate(range(0, len(results), MAX_DROPS_IN_PICTURE), 1):
             file = target if number == 1 else target.with_stem(f"{target.stem}-{number}")
             require_writable(file, "--plot")
-            _figure(shown[begin : begin + MOST_IN_PICTURE]).savefig(file, dpi=130)
+            _figure(results[begin : begin + MAX_DROPS_IN_PICTURE]).savefig(file, dpi=130)
             written.append(file)
     except OSError as error:
         raise OptionError(refusal(f"--plot {target}", "a file to write", str(error))) from error
     return written
 
 
-def _write_pages(shown: Sequence[DropResult], target: Path) -> None:
+def _write_pages(results: Sequence[DropResult], target: Path) -> None:
     start_matplotlib()
     from matplotlib.backends.backend_pdf import PdfPages
 
     with PdfPages(target) as pages:
-        for item in shown:
+        for item in results:
             pages.savefig(_figure([item]))
 
 
-def _figure(shown: Sequence[DropResult]) -> Figure:
+def _figure(results: Sequence[DropResult]) -> Figure:
     # Without pyplot: no window system is asked for, and figures go when they are dropped.
     start_matplotlib()
     from matplotlib.figure import Figure
 
-    columns = min(len(shown), MOST_COLUMNS)
-    rows = math.ceil(len(shown) / columns)
+    columns = min(len(results), MAX_COLUMNS)
+    rows = math.ceil(len(results) / columns)
     size = (_COLUMN_INCHES * columns, _HEIGHT_INCHES * rows)
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(
         3 * rows, columns, squeeze=False, sharex=False, height_ratios=(1.0, 1.5, 0.8) * rows
     )
-    for number, result in enumerate(shown):
+    for number, result in enumerate(results):
         row, column = divmod(number, columns)
         three = axes[3 * row : 3 * row + 3, column]
         for axis in three[:2]:
             axis.sharex(three[2])
             axis.tick_params(labelbottom=False)
         _draw(three, result)
-    for number in range(len(shown), rows * columns):
+    for number in range(len(results), rows * columns):
         row, column = divmod(number, columns)
         for axis in axes[3 * row : 3 * row + 3, column]:
             axis.set_axis_off()
@@ -147,8 +147,8 @@ def _draw(axes: Any, result: DropResult) -> None:
 
 def _title(result: DropResult) -> str:
     ends = result.modulus_interval_pa or (math.nan, math.nan)
-    known = 1e-6 * (result.modulus_pa or math.nan)
-    modulus, lowest, highest = with_ends(known, (1e-6 * ends[0], 1e-6 * ends[1]))
+    known_mpa = 1e-6 * (result.modulus_pa or math.nan)
+    modulus, lowest, highest = with_ends(known_mpa, (1e-6 * ends[0], 1e-6 * ends[1]))
     depth = result.bedrock_depth_m
     base = "half-space" if depth is None else f"bedrock {depth:.3g} m"
     point = "" if result.point is None else f", point {result.point}"

@@ -41,7 +41,7 @@ def software_name() -> str:
     return f"pfwd {importlib.metadata.version('pfwd')}"
 
 
-def question_of(records: Iterable[Record], settings: object, said: object = ()) -> str:
+def question_of(records: Iterable[Record], settings: object, remarks: object = ()) -> str:
     """Tells questions apart: 32 hexadecimal digits.
 
     Parameters
@@ -49,27 +49,27 @@ def question_of(records: Iterable[Record], settings: object, said: object = ()) 
     records : iterable of Record
         With the samples and everything that was declared.
     settings : dataclass or other value with one text for one meaning
-    said : value of JSON
+    remarks : value of JSON
         What was said of the drops and comes with the result, as warnings of the screening.
     """
-    told = hashlib.sha256()
+    digest = hashlib.sha256()
     for record in records:
-        told.update(repr(_declared(record)).encode())
+        digest.update(repr(_declared(record)).encode())
         for values in (record.time, record.load, *(sensor.values for sensor in record.sensors)):
-            told.update(np.ascontiguousarray(values, np.float64).tobytes())
-        told.update(repr([(s.offset, s.quantity) for s in record.sensors]).encode())
-    told.update(repr(settings).encode())
-    told.update(json.dumps(said, sort_keys=True, default=str).encode())
-    return told.hexdigest()[:_DIGITS]
+            digest.update(np.ascontiguousarray(values, np.float64).tobytes())
+        digest.update(repr([(s.offset, s.quantity) for s in record.sensors]).encode())
+    digest.update(repr(settings).encode())
+    digest.update(json.dumps(remarks, sort_keys=True, default=str).encode())
+    return digest.hexdigest()[:_DIGITS]
 
 
 def _declared(record: Record) -> dict[str, Any]:
-    left_out = ("time", "load", "sensors")
-    names = [field.name for field in dataclasses.fields(record) if field.name not in left_out]
+    measured = ("time", "load", "sensors")
+    names = [field.name for field in dataclasses.fields(record) if field.name not in measured]
     return {name: getattr(record, name) for name in names}
 
 
-def kept_answer(drop: SurveyDrop, question: str) -> DropResult | None:
+def stored_answer(drop: SurveyDrop, question: str) -> DropResult | None:
     """The result that the survey keeps of a question about a drop.
 
     Parameters
@@ -82,16 +82,16 @@ def kept_answer(drop: SurveyDrop, question: str) -> DropResult | None:
         stored = drop.read_results()
     except RecordingError:
         return None  # it can be asked anew
-    for said in reversed(stored):
-        if said.get("question") == question:
-            result = DropResult.from_json(said)
+    for values in reversed(stored):
+        if values.get("question") == question:
+            result = DropResult.from_json(values)
             if not result.unreadable:
                 return result
     return None
 
 
 @dataclass(frozen=True, slots=True)
-class Keepsake:
+class ResultToStore:
     """Result that is to be stored with a drop of a survey."""
 
     number: int
@@ -101,13 +101,15 @@ class Keepsake:
     """Result as JSON."""
 
 
-def keep(folder: str, found: Sequence[Keepsake], survey: Survey | None = None) -> str | None:
+def store_results(
+    folder: str, results: Sequence[ResultToStore], survey: Survey | None = None
+) -> str | None:
     """Keep results with a survey.
 
     Parameters
     ----------
     folder : path of the survey
-    found : sequence of Keepsake
+    results : sequence of ResultToStore
     survey : Survey, optional
         As it was read before; saves reading it again.
 
@@ -116,18 +118,18 @@ def keep(folder: str, found: Sequence[Keepsake], survey: Survey | None = None) -
     str or None
         Why they could not be kept, on one line: another program writes the survey, or nobody may.
     """
-    if not found:
+    if not results:
         return None
     try:
         with open_for_edits(folder, survey) as writer:
-            for item in found:
+            for item in results:
                 writer.save_result(item.number, item.result, item.kind)
     except (RecordingError, SurveyError, OSError) as err:
         return f"results are not kept: {err}"
     return None
 
 
-def keep_results(
+def store_drop_results(
     folder: str, results: Sequence[tuple[int, DropResult]], *, counting: bool = False
 ) -> str | None:
     """Keep new results of `pfwd invert` or of a report with the survey of their drops.
@@ -153,31 +155,31 @@ def keep_results(
         return None
     survey = read_survey(folder)
     by_number = {drop.number: drop for drop in survey.drops}
-    found = []
+    to_store = []
     for number, result in new:
         if number not in by_number:
             continue
         counts = counting or _counts(by_number[number], result)
         label = None if counts else result.settings or "other"
-        told = dataclasses.replace(result, refit=label, diagnosis=None)  # kept by itself
-        found.append(Keepsake(number, "drop" if counts else "trial", told.to_json()))
-    return keep(folder, found, survey)
+        plain = dataclasses.replace(result, refit=label, diagnosis=None)  # kept by itself
+        to_store.append(ResultToStore(number, "drop" if counts else "trial", plain.to_json()))
+    return store_results(folder, to_store, survey)
 
 
-def kept_text(folder: str, results: Sequence[DropResult]) -> str | None:
+def stored_results_text(folder: str, results: Sequence[DropResult]) -> str | None:
     """Return a sentence with the number of stored results among those of a survey; None: none.
 
     Examples
     --------
-    >>> kept_text("S", [DropResult(stored=True, software="pfwd 1.2"), DropResult()])
+    >>> stored_results_text("S", [DropResult(stored=True, software="pfwd 1.2"), DropResult()])
     'S: 1 of 2 results were kept from before (pfwd 1.2); --refit computes them anew'
     """
-    kept = [result for result in results if result.stored]
-    if not kept:
+    stored = [result for result in results if result.stored]
+    if not stored:
         return None
-    software = sorted({result.software for result in kept if result.software})
+    software = sorted({result.software for result in stored if result.software})
     return (
-        f"{folder}: {len(kept)} of {len(results)} results were kept from before "
+        f"{folder}: {len(stored)} of {len(results)} results were kept from before "
         f"({', '.join(software)}); --refit computes them anew"
     )
 
@@ -202,25 +204,14 @@ def result_that_counts(drop: SurveyDrop) -> DropResult | None:
     last = drop.read_last_result()
     if last is None:
         return None
-    found = DropResult.from_json(last)
-    if not found.is_trial:
-        return found
-    for said in reversed(drop.read_results()):  # of earlier versions, that named trials alike
-        found = DropResult.from_json(said)
-        if not found.is_trial:
-            return found
+    result = DropResult.from_json(last)
+    if not result.is_trial:
+        return result
+    for values in reversed(drop.read_results()):  # of earlier versions, that named trials alike
+        result = DropResult.from_json(values)
+        if not result.is_trial:
+            return result
     return None
-
-
-__all__ = [
-    "Keepsake",
-    "keep",
-    "keep_results",
-    "kept_answer",
-    "question_of",
-    "result_that_counts",
-    "software_name",
-]
 
 
 PLATES = frozenset({"rigid-rough", "rigid-smooth", "averaged", "published", "uniform"})
@@ -230,7 +221,7 @@ SAME = 1e-9
 """Relative; a result rests on the declared values when it agrees with them to rounding."""
 
 
-_NEEDED = (
+_REQUIRED = (
     "modulus_pa",
     "viscosity_pa_s",
     "density_kg_m3",
@@ -238,7 +229,7 @@ _NEEDED = (
     "plate_radius_m",
     "model",
 )
-_SHOWN = (
+_REPORTED = (
     "modulus_interval_pa",
     "warnings",
     "modulus_sd_pa",
@@ -261,18 +252,18 @@ def is_sound(result: DropResult) -> bool:
     return (
         all(
             getattr(result, key) is not None
-            for key in _NEEDED
+            for key in _REQUIRED
             # Layers may leave the lowest one's modulus open; then they say what is known.
             if key != "modulus_pa" or not result.layers
         )
-        and layers_are_whole(result)
-        and not result.unreadable.intersection(_SHOWN)
+        and layers_are_complete(result)
+        and not result.unreadable.intersection(_REPORTED)
         and (depth is None or depth > 0)
         and result.plate in PLATES
     )
 
 
-def layers_are_whole(result: DropResult) -> bool:
+def layers_are_complete(result: DropResult) -> bool:
     """Return whether all layers of a result can be computed with."""
     layers = result.layers or ()
     return all(
@@ -299,4 +290,6 @@ def rests_on(result: DropResult, setup: PointSetup) -> bool:
         pairs.append((result.poisson_ratio, setup.poisson_ratio))
     if setup.density is not None:
         pairs.append((result.density_kg_m3, setup.density))
-    return all(said is not None and math.isclose(said, now, rel_tol=SAME) for said, now in pairs)
+    return all(
+        stored is not None and math.isclose(stored, now, rel_tol=SAME) for stored, now in pairs
+    )

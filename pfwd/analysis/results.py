@@ -196,7 +196,7 @@ class DiagnosisResult(StoredRecord):
         reason = f"{_percent(explained_to)} of the peak is not explained, the interval covers it"
         return _UseAssessment("with-care", reason)
 
-    def _remedy(self, usual: str) -> str:
+    def _remedy(self, default: str) -> str:
         """Return the remedy of a warning, else of the strongest effect, else the usual one."""
         codes = {warning.code for warning in self.warnings or () if isinstance(warning, Notice)}
         for warned, remedy in _REMEDIES_OF_WARNINGS.items():
@@ -205,7 +205,7 @@ class DiagnosisResult(StoredRecord):
         strongest = next(iter(self.effects or ()), None)
         if strongest is not None and strongest.scope == "drop" and strongest.advice:
             return f"measure again: {strongest.advice}"
-        return usual
+        return default
 
 
 class _UseAssessment(NamedTuple):
@@ -251,7 +251,7 @@ class DropDiagnosis(StoredRecord):
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class AnalysisRequest:
     """Request that a stored result answers."""
 
     question: str
@@ -272,7 +272,7 @@ class DropAnalysis:
     fault: str | None = None
     setup: PointSetup | None = None
     """Declarations for the drop; None: then its deflection is not corrected."""
-    asked: Asked | None = None
+    request: AnalysisRequest | None = None
     stored: DropResult | None = None
     """Stored result of the same request; then there is no ``result``."""
 
@@ -378,7 +378,7 @@ class DropResult(InversionResult, StoredRecord):
         return pressure * math.pi * self.plate_radius_m**2
 
     @property
-    def known_peak_load_n(self) -> float | None:
+    def peak_load_or_half_sine_n(self) -> float | None:
         """Peak of the measured load, N; what its half-sine says where that was not kept."""
         return self.half_sine_load_n if self.peak_load_n is None else self.peak_load_n
 
@@ -415,7 +415,7 @@ class FileOutcome:
     def of_survey(self) -> list[tuple[int, DropResult]]:
         """Results of drops that a survey keeps, with the drops' numbers within it."""
         pairs = zip(self.numbers, self.results, strict=True) if self.numbers else ()
-        return [(number, found) for number, found in pairs if number is not None]
+        return [(number, result) for number, result in pairs if number is not None]
 
 
 def relative_spread(result: DropResult) -> float:

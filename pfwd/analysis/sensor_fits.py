@@ -46,17 +46,17 @@ def sensor_fits(curves: TimeHistories) -> tuple[SensorFit, ...]:
     tuple of SensorFit
     """
     step = float(curves.time[1] - curves.time[0])
-    begun = curves.time >= -_ROUNDING * step
-    near = curves.time <= curves.contact_end + _ROUNDING * step
+    after_trigger = curves.time >= -_ROUNDING * step
+    in_contact = curves.time <= curves.contact_end + _ROUNDING * step
     fitted = curves.time <= curves.window_end + _ROUNDING * step
-    left = (curves.predicted - curves.observed) / curves.peaks[:, None]
+    residual = (curves.predicted - curves.observed) / curves.peaks[:, None]
     return tuple(
         SensorFit(
             offset=float(offset),
             measured_peak=float(curves.observed[row][fitted].max()),
             modelled_peak=float(curves.predicted[row][fitted].max()),
-            contact=_rms(left[row][begun & near]),
-            whole=_rms(left[row][begun]),
+            contact=_rms(residual[row][after_trigger & in_contact]),
+            whole=_rms(residual[row][after_trigger]),
         )
         for row, offset in enumerate(curves.offsets)
     )
@@ -69,10 +69,10 @@ def over_drops(drops: Sequence[Sequence[SensorFit]]) -> tuple[SensorFit, ...]:
     """
     if not drops:
         return ()
-    found = []
+    fits = []
     for sensor in drops[0]:
         same = [fit for fits in drops for fit in fits if fit.offset == sensor.offset]
-        found.append(
+        fits.append(
             SensorFit(
                 offset=sensor.offset,
                 measured_peak=float(np.mean([fit.measured_peak for fit in same])),
@@ -81,7 +81,7 @@ def over_drops(drops: Sequence[Sequence[SensorFit]]) -> tuple[SensorFit, ...]:
                 whole=_rms([fit.whole for fit in same]),
             )
         )
-    return tuple(found)
+    return tuple(fits)
 
 
 def _rms(values: Sequence[float] | NDArray[np.float64]) -> float:

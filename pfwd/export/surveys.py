@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import count, groupby
 from typing import Any
 
-from pfwd.analysis.screening.drops import ONLY_PEAKS, whole_part
+from pfwd.analysis.screening.drops import ONLY_PEAKS, unbroken_part
 from pfwd.errors import SurveyError
 from pfwd.export.output import new_file, new_folder
 from pfwd.export.rows import Order
@@ -49,7 +49,7 @@ def write_csv(order: Order, path: str | os.PathLike[str]) -> list[str]:
                 raise SurveyError(f"{err}; pfwd edit --discard leaves it out") from err
             for point in points:
                 whole = [drop for drop in point.drops if _is_whole(drop, point, notes)]
-                parts = [whole_part(drop)[0] for drop in whole]
+                parts = [unbroken_part(drop)[0] for drop in whole]
                 # A file has one set of sensors.
                 for _, group in groupby(parts, key=_sensors):
                     name = f"{next(numbers):04d}-{safe_name(content.title)}{SUFFIX}"
@@ -83,7 +83,7 @@ def safe_name(text: str) -> str:
 
 
 def _is_whole(drop: Drop, point: TracePoint, notes: list[str]) -> bool:
-    _, reason, warning = whole_part(drop)
+    _, reason, warning = unbroken_part(drop)
     name = f"{point.setup.point}/{drop.number}"
     if reason is not None:
         notes.append(f"drop {name} is left out: {reason}")

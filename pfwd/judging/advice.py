@@ -14,39 +14,39 @@ from pfwd.judging.job import Job
 from pfwd.procedures import Kind, PointDrop, PointProgress
 from pfwd.procedures.preconditions import presumed_load
 
-LOAD_DIFFERS = 0.15
+MAX_LOAD_DIFFERENCE = 0.15
 """Part of the median load of the point's drops. Drops from one height repeat within a few percent;
 the next catch of a guide rod is a fifth and more away."""
 
-STILL_SETTLES = 0.10
+MIN_SETTLING = 0.10
 """Part by which the last averaged drop may move less than the first one before the plate counts as
 not seated: with three drops that repeat to 3 % it is chance in one of a hundred points."""
 
-SINKS_ON = 0.10
+MIN_SINKING = 0.10
 """The same for a last drop that moves more: the ground gives way under the plate."""
 
-UNEVEN_CONTACT = 0.03
+MIN_UNEVEN_RESIDUAL = 0.03
 """Residual over the peak during the contact, of a fit that is not explained by noise. Even plates
 on simulated ground stay below 2 % (docs/validation.md)."""
 
-UNEVEN_BESIDE_OTHERS = 2.5
+UNEVEN_RATIO = 2.5
 """Times the median of the other drops of the survey. Real instruments on real ground leave 3 to
 19 % drop after drop, by their own response and by layers: what stands out is the contact's."""
 
-FEWEST_OTHERS = 3
+MIN_COMPARED_DROPS = 3
 """Drops that have a usual residual."""
 
-UNEVEN_ALONE = 0.25
+MIN_UNEVEN_RESIDUAL_UNCOMPARED = 0.25
 """Residual without others to compare: more than any even drop of a real instrument left (0.19)."""
 
-LOOSE_SENSOR = 0.015
+MIN_LOOSE_RESIDUAL = 0.015
 """Residual of one sensor over its own peak during the contact; sensors that sit leave 0.3 % of the
 simulated instrument's drops, one that rings on its seat 2 to 5 %."""
 
-LOOSE_BESIDE_OTHERS = 2.0
+LOOSE_RATIO = 2.0
 """Times the residual of the worst of the other sensors."""
 
-OTHERS_FIT = 0.03
+MAX_RESIDUAL_OF_GOOD_SENSORS = 0.03
 """Residual of the other sensors up to which the model can tell that one of them is wrong: where all
 are fitted badly, the ground is another one."""
 
@@ -112,7 +112,7 @@ def advice_on_drop(
     number, facts = drop.facts.number, drop.facts
     if facts.kind is Kind.REJECTED:
         return []
-    found = [
+    advice = [
         Advice(
             Advised.SENSOR,
             f"re-seat sensor {sensor}: it does not move with the ground",
@@ -123,24 +123,24 @@ def advice_on_drop(
     loose = _loose_sensor(sensor_residuals or {})
     if loose is not None:
         text = f"re-seat sensor {loose}: it moves otherwise than the others and the ground"
-        found.append(Advice(Advised.SENSOR, text, number))
+        advice.append(Advice(Advised.SENSOR, text, number))
     if saturated:
-        found.append(Advice(Advised.RANGE, _OF_EFFECT["saturation"], number))
-    found += _load(job, drop, [other.facts for other in others])
+        advice.append(Advice(Advised.RANGE, _OF_EFFECT["saturation"], number))
+    advice += _load(job, drop, [neighbour.facts for neighbour in others])
     if contact_residual is not None and _is_uneven(contact_residual, usual_residuals):
         text = (
             f"drop {number} does not press evenly: lift the plate, clear stones, turn it a quarter "
             "and press it flat"
         )
-        found.append(Advice(Advised.CONTACT, text, number))
-    return found
+        advice.append(Advice(Advised.CONTACT, text, number))
+    return advice
 
 
-def _is_uneven(residual: float, usual: Sequence[float]) -> bool:
+def _is_uneven(residual: float, survey_residuals: Sequence[float]) -> bool:
     """Return whether a drop leaves so much more than the others that its contact is suspect."""
-    if len(usual) < FEWEST_OTHERS:
-        return residual > UNEVEN_ALONE
-    return residual > max(UNEVEN_CONTACT, UNEVEN_BESIDE_OTHERS * statistics.median(usual))
+    if len(survey_residuals) < MIN_COMPARED_DROPS:
+        return residual > MIN_UNEVEN_RESIDUAL_UNCOMPARED
+    return residual > max(MIN_UNEVEN_RESIDUAL, UNEVEN_RATIO * statistics.median(survey_residuals))
 
 
 def _loose_sensor(residuals: Mapping[int, float]) -> int | None:
@@ -148,28 +148,32 @@ def _loose_sensor(residuals: Mapping[int, float]) -> int | None:
     if len(residuals) < 2:
         return None
     worst = max(residuals, key=lambda sensor: residuals[sensor])
-    others = max(left for sensor, left in residuals.items() if sensor != worst)
-    least = max(LOOSE_SENSOR, LOOSE_BESIDE_OTHERS * others)
-    return worst if others <= OTHERS_FIT and residuals[worst] > least else None
+    largest_remaining = max(residual for sensor, residual in residuals.items() if sensor != worst)
+    limit = max(MIN_LOOSE_RESIDUAL, LOOSE_RATIO * largest_remaining)
+    return (
+        worst
+        if largest_remaining <= MAX_RESIDUAL_OF_GOOD_SENSORS and residuals[worst] > limit
+        else None
+    )
 
 
-def _load(job: Job, drop: DropView, others: Sequence[PointDrop]) -> list[Advice]:
+def _load(job: Job, drop: DropView, neighbours: Sequence[PointDrop]) -> list[Advice]:
     facts = drop.facts
     load = facts.peak_load
     if load is None:
         return []
     loads = [
-        other.peak_load
-        for other in others
-        if other.peak_load and other.kind not in (Kind.REJECTED, Kind.DISCARDED)
+        neighbour.peak_load
+        for neighbour in neighbours
+        if neighbour.peak_load and neighbour.kind not in (Kind.REJECTED, Kind.DISCARDED)
     ]
-    usual = statistics.median(loads) if len(loads) > 1 else None
+    median_load = statistics.median(loads) if len(loads) > 1 else None
     presumed = presumed_load(job.procedure_in_force, [facts], drop.setup.plate_radius)
-    if usual is not None and abs(load - usual) > LOAD_DIFFERS * usual:
-        side = "lower" if load < usual else "higher"
+    if median_load is not None and abs(load - median_load) > MAX_LOAD_DIFFERENCE * median_load:
+        side = "lower" if load < median_load else "higher"
         text = (
             f"drop {facts.number} fell from {side}: {load / 1e3:.1f} kN, the others "
-            f"{usual / 1e3:.1f} kN; lift to the catch and repeat it"
+            f"{median_load / 1e3:.1f} kN; lift to the catch and repeat it"
         )
         return [Advice(Advised.LOAD, text, facts.number)]
     if presumed is not None and not presumed.is_met_by(load):
@@ -197,17 +201,17 @@ def advice_on_point(
     if change is None or len(progress.used) < 2:
         return []
     first, last = progress.used[0], progress.used[-1]
-    known = loads or {}
-    before, after = known.get(first), known.get(last)
+    known_loads = loads or {}
+    before, after = known_loads.get(first), known_loads.get(last)
     if before and after:
         change = (1.0 + change) * before / after - 1.0
-    if change < -STILL_SETTLES:
+    if change < -MIN_SETTLING:
         text = (
             f"drop {last} moves {-100 * change:.0f} % less than drop {first}: the plate was not "
             "seated; more seating drops, or discard the first and measure another"
         )
         return [Advice(Advised.SEATING, text)]
-    if change > SINKS_ON:
+    if change > MIN_SINKING:
         text = (
             f"drop {last} moves {100 * change:.0f} % more than drop {first}: the ground gives way; "
             "measure beside this place"

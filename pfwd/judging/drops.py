@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Any
 
 from inversion.notices import Notice
-from pfwd.analysis.drop_facts import own_facts, with_modulus
+from pfwd.analysis.drop_facts import uncompared_facts, with_modulus
 from pfwd.analysis.results import DropResult, TimeHistories
 from pfwd.analysis.screening.drops import Screening, rebound_reason, screen
 from pfwd.files.header import PointSetup
@@ -82,8 +82,8 @@ class DropView:
     def warnings(self) -> tuple[Notice, ...]:
         """Warnings of the screening and of the result, each once."""
         screened = () if self.screening is None else self.screening.warnings
-        found = () if self.result is None else self.result.warnings or ()
-        return (*screened, *(warning for warning in found if warning not in screened))
+        warnings = () if self.result is None else self.result.warnings or ()
+        return (*screened, *(warning for warning in warnings if warning not in screened))
 
     @property
     def left_out(self) -> tuple[float, ...]:
@@ -122,7 +122,7 @@ def drop_from_traces(drop: Drop, setup: PointSetup, **more: Any) -> DropView:
         Further fields of the DropView.
     """
     screening = screen(drop, setup)
-    return DropView(*own_facts(drop, setup, screening), setup, screening=screening, **more)
+    return DropView(*uncompared_facts(drop, setup, screening), setup, screening=screening, **more)
 
 
 def classify_drops(drops: Sequence[DropView]) -> list[PointDrop]:

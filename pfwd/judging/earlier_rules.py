@@ -57,10 +57,10 @@ def earlier_verdict(point: PointView) -> Verdict:
     if progress.target is None or progress.verdict is Verdict.NONE:
         return Verdict.NONE
     used = [drop for drop in point.facts if drop.number in progress.used]
-    other_faults = (ReasonCode.VALUE_MISSING, ReasonCode.SCATTER)
+    missing_data = (ReasonCode.VALUE_MISSING, ReasonCode.SCATTER)
     if progress.value is None or not progress.complete:
         return Verdict.UNDECIDED
-    if progress.verdict_reason_code in other_faults or point.plate.faults:
+    if progress.verdict_reason_code in missing_data or point.plate.faults:
         return Verdict.UNDECIDED
     ends = _earlier_interval(used, progress.value, point.diagnosis_in_force)
     if ends is None:
@@ -89,10 +89,10 @@ def _earlier_interval(
         intervals = [drop.modulus_interval for drop in used if drop.modulus_interval is not None]
         model = mean([(high - low) / 2 for low, high in intervals]) if intervals else None
         parts = [part for part in (half_width_95(moduli), model) if part is not None]
-        middle, half = mean(moduli), math.hypot(*parts) if parts else None
+        average, half = mean(moduli), math.hypot(*parts) if parts else None
     else:
-        middle, half = value.value, half_width_95(_peak_values(used, value))
-    return None if half is None else (middle - half, middle + half)
+        average, half = value.value, half_width_95(_peak_values(used, value))
+    return None if half is None else (average - half, average + half)
 
 
 def _peak_values(used: list[PointDrop], value: PointValue) -> list[float]:

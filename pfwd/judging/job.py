@@ -27,7 +27,7 @@ from pfwd_device.recording.survey_content import SurveyContent
 
 PROCEDURE_EVENT, JOB_EVENT = "procedure", "job"
 
-MOST_STATIONS = 100_000
+MAX_STATIONS = 100_000
 """More than the stations of any one job; a longer list is another file."""
 
 UNITS = ("si", "us")
@@ -50,8 +50,8 @@ class Station:
 
     def as_kept(self) -> dict[str, Any]:
         """Return the station as stored: without unknown values."""
-        said = dataclasses.asdict(self)
-        return {key: value for key, value in said.items() if value is not None}
+        values = dataclasses.asdict(self)
+        return {key: value for key, value in values.items() if value is not None}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,8 +92,8 @@ class Job:
     )
 
     def __post_init__(self) -> None:
-        known = {station.name: station for station in self.stations}
-        object.__setattr__(self, "_stations_by_name", known)
+        by_name = {station.name: station for station in self.stations}
+        object.__setattr__(self, "_stations_by_name", by_name)
 
     @property
     def procedure_in_force(self) -> Procedure:
@@ -129,12 +129,12 @@ class Job:
 
     def with_request(self, request: "JobRequest", time_utc: str = "") -> "Job":
         """The job as it is once this is said."""
-        said = request.said()
+        declared = request.said()
         changes = [
             JobChange(time_utc=time_utc, key=key, value=_plain(value))
-            for key, value in said.items()
+            for key, value in declared.items()
         ]
-        return dataclasses.replace(self, **said, changes=(*self.changes, *changes))
+        return dataclasses.replace(self, **declared, changes=(*self.changes, *changes))
 
     def as_request(self) -> "JobRequest":
         """Everything that it says, to be said of another survey."""
@@ -182,15 +182,15 @@ class JobRequest:
         values = {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
         return {name: value for name, value in values.items() if value is not None}
 
-    def over(self, other: "JobRequest") -> "JobRequest":
+    def over(self, fallback: "JobRequest") -> "JobRequest":
         """Both together; what this one says wins."""
-        return JobRequest(**{**other.said(), **self.said()})
+        return JobRequest(**{**fallback.said(), **self.said()})
 
     def news(self, job: Job) -> "JobRequest":
         """Return the part of the request that the job does not have yet."""
-        said = self.said()
+        declared = self.said()
         return JobRequest(
-            **{key: value for key, value in said.items() if not _same(getattr(job, key), value)}
+            **{key: value for key, value in declared.items() if not _same(getattr(job, key), value)}
         )
 
     def differences(self, job: Job) -> list[str]:
@@ -203,7 +203,7 @@ class JobRequest:
             title = _TITLES.get(key)
             if title is None:  # nobody chose it: the instrument, the clock
                 continue
-            was, now = _shown(key, old), _shown(key, value)
+            was, now = _text_of(key, old), _text_of(key, value)
             lines.append(f"{title} of the survey was {was}, now it is {now}")
         if self.procedure is not None and "procedure" in self.news(job).said():
             lines += job.with_request(self).target_faults()
@@ -211,14 +211,14 @@ class JobRequest:
 
     def events(self) -> list[tuple[str, dict[str, Any]]]:
         """Return the events that the survey stores of it: names and details."""
-        said = self.said()
-        found: list[tuple[str, dict[str, Any]]] = []
-        procedure = said.pop("procedure", None)
+        declared = self.said()
+        events: list[tuple[str, dict[str, Any]]] = []
+        procedure = declared.pop("procedure", None)
         if procedure is not None:
-            found.append((PROCEDURE_EVENT, procedure.as_kept()))
-        if said:
-            found.append((JOB_EVENT, {key: _plain(value) for key, value in said.items()}))
-        return found
+            events.append((PROCEDURE_EVENT, procedure.as_kept()))
+        if declared:
+            events.append((JOB_EVENT, {key: _plain(value) for key, value in declared.items()}))
+        return events
 
 
 _TITLES = {
@@ -234,12 +234,15 @@ screen) are stored without a request."""
 
 def _same(old: Any, new: Any) -> bool:
     if isinstance(old, Procedure) and isinstance(new, Procedure):
-        kept = [(found.name, found.text, found.enforce_unverified) for found in (old, new)]
-        return kept[0] == kept[1]
+        identities = [
+            (procedure.name, procedure.text, procedure.enforce_unverified)
+            for procedure in (old, new)
+        ]
+        return identities[0] == identities[1]
     return bool(old == new)
 
 
-def _shown(key: str, value: Any) -> str:
+def _text_of(key: str, value: Any) -> str:
     match key:
         case "procedure":
             return str(value.name)
@@ -284,11 +287,11 @@ def target_si(shown: float, procedure: Procedure, where: str = "--target") -> fl
     return value
 
 
-LEAST_DEFLECTION_TARGET, MOST_DEFLECTION_TARGET = 1e-5, 1e-2
+MIN_DEFLECTION_TARGET, MAX_DEFLECTION_TARGET = 1e-5, 1e-2
 """m. A drop of 7.07 kN on a plate of 0.15 m radius deflects ground of 2 MPa by 11 mm and ground of
 2 GPa by 0.01 mm: every point would pass, or none."""
 
-LEAST_MODULUS_TARGET, MOST_MODULUS_TARGET = 2e6, 1e10
+MIN_MODULUS_TARGET, MAX_MODULUS_TARGET = 2e6, 1e10
 """Pa. Peat has 2 MPa, and every deflection that methods measure (up to 2 mm) lies below as a number
 in MPa; a bituminous base has 10 GPa, and every modulus in kPa from 10 MPa on lies above."""
 
@@ -311,24 +314,24 @@ def target_fault(target: float, procedure: Procedure, unit: tuple[str, float] | 
     """
     name, scale = unit or target_unit(procedure)[:2]
     if procedure.quantity is Quantity.DEFLECTION:
-        kind, other = "deflection", "a modulus"
-        least, most = LEAST_DEFLECTION_TARGET, MOST_DEFLECTION_TARGET
-        is_other = target > most
+        kind, wrong_quantity = "deflection", "a modulus"
+        smallest, largest = MIN_DEFLECTION_TARGET, MAX_DEFLECTION_TARGET
+        is_wrong_quantity = target > largest
     else:
-        kind, other = "modulus", "a deflection"
-        least, most = LEAST_MODULUS_TARGET, MOST_MODULUS_TARGET
-        is_other = target < least
-    if least <= target <= most:
+        kind, wrong_quantity = "modulus", "a deflection"
+        smallest, largest = MIN_MODULUS_TARGET, MAX_MODULUS_TARGET
+        is_wrong_quantity = target < smallest
+    if smallest <= target <= largest:
         return ""
-    expected = f"a {kind} of {least / scale:.5g} to {most / scale:.5g} {name}"
-    question = f"did you mean {other if is_other else 'another unit'}?"
+    expected = f"a {kind} of {smallest / scale:.5g} to {largest / scale:.5g} {name}"
+    question = f"did you mean {wrong_quantity if is_wrong_quantity else 'another unit'}?"
     rule = f"procedure {procedure.name} judges a {kind} in {name}"
     if procedure.name == NO_PROCEDURE.name:
         rule = f"without a procedure a {kind} is judged, in {name}"
     return f"expected {expected}, came {target / scale:.6g} {name}; {question} {rule}"
 
 
-def time_zone_of(said: str, where: str = "--time-zone") -> str:
+def time_zone_of(text: str, where: str = "--time-zone") -> str:
     """An offset of local time as a job keeps it: ``+02:00``.
 
     Raises
@@ -341,17 +344,17 @@ def time_zone_of(said: str, where: str = "--time-zone") -> str:
     >>> time_zone_of("+2:00"), time_zone_of("Z"), time_zone_of("-0330")
     ('+02:00', '+00:00', '-03:30')
     """
-    found = _OFFSET.fullmatch(said.strip())
-    if said.strip().upper() in ("Z", "UTC"):
+    match = _OFFSET.fullmatch(text.strip())
+    if text.strip().upper() in ("Z", "UTC"):
         return "+00:00"
-    if found is None or int(found[2]) > MOST_HOURS or int(found[3] or 0) > 59:
+    if match is None or int(match[2]) > MAX_OFFSET_HOURS or int(match[3] or 0) > 59:
         hint = "winter and summer differ where clocks are changed"
-        raise OptionError(refusal(where, "an offset such as +02:00, or UTC", quote(said), hint))
-    return f"{found[1]}{int(found[2]):02d}:{int(found[3] or 0):02d}"
+        raise OptionError(refusal(where, "an offset such as +02:00, or UTC", quote(text), hint))
+    return f"{match[1]}{int(match[2]):02d}:{int(match[3] or 0):02d}"
 
 
 _OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?", re.ASCII)
-MOST_HOURS = 14
+MAX_OFFSET_HOURS = 14
 """Largest offset of local time, h: that of the Line Islands."""
 
 
@@ -403,7 +406,7 @@ def job_from_events(
     SurveyError
         If the last procedure cannot be read.
     """
-    kept: Mapping[str, Any] | None = None
+    procedure_details: Mapping[str, Any] | None = None
     values: dict[str, Any] = {}
     changes: list[JobChange] = []
     for event in events:
@@ -415,39 +418,45 @@ def job_from_events(
         if name == PROCEDURE_EVENT:
             if not isinstance(details.get("text"), str):
                 continue
-            if kept is None or _kept(kept) != _kept(details):  # it used to be said at each start
+            if procedure_details is None or _stored_details(procedure_details) != _stored_details(
+                details
+            ):  # it used to be said at each start
                 changes.append(JobChange(time_utc=when, key="procedure", value=details.get("name")))
-            kept = details
+            procedure_details = details
             continue
         for key, value in details.items():
             read = _READERS.get(key)
             if read is None:
                 continue
-            found = read(value)
-            if found is None and value is not None:
+            readable = read(value)
+            if readable is None and value is not None:
                 continue
-            values[key] = found
+            values[key] = readable
             changes.append(JobChange(time_utc=when, key=key, value=value))
-    known: dict[str, Any] = {
+    settings: dict[str, Any] = {
         key: value if value is not None else _EMPTY.get(key) for key, value in values.items()
     }
-    procedure = before if kept is None or not kept["text"] else _procedure(kept, where)
-    return Job(procedure=procedure, changes=tuple(changes), **known)
+    procedure = (
+        before
+        if procedure_details is None or not procedure_details["text"]
+        else _procedure(procedure_details, where)
+    )
+    return Job(procedure=procedure, changes=tuple(changes), **settings)
 
 
-def _kept(details: Mapping[str, Any]) -> tuple[Any, ...]:
+def _stored_details(details: Mapping[str, Any]) -> tuple[Any, ...]:
     return tuple(details.get(key) for key in ("name", "text", "enforce_unverified"))
 
 
-def _procedure(kept: Mapping[str, Any], where: str) -> Procedure:
-    said = f"procedure {quote(kept.get('name'))} kept in {where}"
-    unverified = kept.get("enforce_unverified") is True
+def _procedure(details: Mapping[str, Any], where: str) -> Procedure:
+    source = f"procedure {quote(details.get('name'))} kept in {where}"
+    unverified = details.get("enforce_unverified") is True
     try:
-        found = parse_procedure(kept["text"], said, enforce_unverified=unverified)
+        procedure = parse_procedure(details["text"], source, enforce_unverified=unverified)
     except OptionError as err:  # of the survey, not of the command line
         raise SurveyError(f"{err}; choose another one with --procedure") from err
-    file = kept.get("file")
-    return dataclasses.replace(found, file=file if isinstance(file, str) else None)
+    file = details.get("file")
+    return dataclasses.replace(procedure, file=file if isinstance(file, str) else None)
 
 
 def _named_procedure(survey: SurveyContent) -> Procedure | None:
@@ -456,8 +465,8 @@ def _named_procedure(survey: SurveyContent) -> Procedure | None:
     A name in a survey opens no file.
     """
     names = {point.declared.get("procedure") for point in survey.points}
-    known = {name for name in names if isinstance(name, str) and name in shipped_names()}
-    return find_procedure(known.pop()) if len(known) == 1 else None
+    shipped = {name for name in names if isinstance(name, str) and name in shipped_names()}
+    return find_procedure(shipped.pop()) if len(shipped) == 1 else None
 
 
 def _finite(value: Any) -> float | None:
@@ -476,28 +485,28 @@ def _units(value: Any) -> str | None:
     return value if isinstance(value, str) and value in UNITS else None
 
 
-def _degrees(value: Any, most: float) -> float | None:
-    return float(value) if is_number(value) and abs(value) <= most else None
+def _degrees(value: Any, limit: float) -> float | None:
+    return float(value) if is_number(value) and abs(value) <= limit else None
 
 
 def _stations(value: Any) -> tuple[Station, ...] | None:
-    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) > MOST_STATIONS:
+    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) > MAX_STATIONS:
         return None
-    found = []
-    for said in value:
-        name = _text(said.get("name")) if isinstance(said, Mapping) else None
+    stations = []
+    for entry in value:
+        name = _text(entry.get("name")) if isinstance(entry, Mapping) else None
         if name is None:
             return None
-        found.append(
+        stations.append(
             Station(
                 name,
-                _finite(said.get("chainage_m")),
-                _degrees(said.get("latitude"), 90.0),
-                _degrees(said.get("longitude"), 180.0),
-                _positive(said.get("target")),
+                _finite(entry.get("chainage_m")),
+                _degrees(entry.get("latitude"), 90.0),
+                _degrees(entry.get("longitude"), 180.0),
+                _positive(entry.get("target")),
             )
         )
-    return tuple(found)
+    return tuple(stations)
 
 
 def _mappings(value: Any) -> tuple[Mapping[str, Any], ...] | None:

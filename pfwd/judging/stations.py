@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pfwd.errors import OptionError, quote, refusal
-from pfwd.judging.job import MOST_STATIONS, Station, target_si, target_unit
+from pfwd.judging.job import MAX_STATIONS, Station, target_si, target_unit
 from pfwd.judging.places import number as finite_number
 from pfwd.procedures import Procedure
 
@@ -77,17 +77,17 @@ def read_stations(
     if len(text) > LARGEST_FILE:
         raise OptionError(refusal(file, f"at most {LARGEST_FILE} characters", "more"))
     is_gpx = file.lower().endswith(".gpx")
-    found = _gpx(text, file) if is_gpx else _csv(text, file, procedure, on_remark)
-    if not found:
+    stations = _gpx(text, file) if is_gpx else _csv(text, file, procedure, on_remark)
+    if not stations:
         raise OptionError(refusal(file, "stations", "none"))
-    if len(found) > MOST_STATIONS:
-        raise OptionError(refusal(file, f"at most {MOST_STATIONS} stations", str(len(found))))
+    if len(stations) > MAX_STATIONS:
+        raise OptionError(refusal(file, f"at most {MAX_STATIONS} stations", str(len(stations))))
     names: set[str] = set()
-    for station in found:
+    for station in stations:
         if station.name in names:
             raise OptionError(refusal(file, "every station once", f"{quote(station.name)} twice"))
         names.add(station.name)
-    return tuple(found)
+    return tuple(stations)
 
 
 def chainage_of(name: str) -> float | None:
@@ -98,10 +98,10 @@ def chainage_of(name: str) -> float | None:
     >>> chainage_of("km 12+320"), chainage_of("12+320.5 left"), chainage_of("7")
     (12320.0, 12320.5, None)
     """
-    found = _CHAINAGE.search(name)
-    if found is None:
+    match = _CHAINAGE.search(name)
+    if match is None:
         return None
-    return 1e3 * int(found[1]) + float(found[2].replace(",", "."))
+    return 1e3 * int(match[1]) + float(match[2].replace(",", "."))
 
 
 def chainage_of_point(
@@ -137,16 +137,16 @@ def next_along(name: str, step_m: float) -> str | None:
     >>> next_along("12+320", 20), next_along("km 12+990 left", 20), next_along("7", 20)
     ('12+340', 'km 13+010 left', None)
     """
-    found, at = _CHAINAGE.search(name), chainage_of(name)
-    if found is None or at is None:
+    match, at = _CHAINAGE.search(name), chainage_of(name)
+    if match is None or at is None:
         return None
     further = round(at + step_m, 3)
     kilometres, metres = divmod(further, 1000)
-    shown = f"{metres:07.3f}".rstrip("0").rstrip(".") if metres % 1 else f"{metres:03.0f}"
-    return f"{name[: found.start()]}{kilometres:.0f}+{shown}{name[found.end() :]}"
+    metres_text = f"{metres:07.3f}".rstrip("0").rstrip(".") if metres % 1 else f"{metres:03.0f}"
+    return f"{name[: match.start()]}{kilometres:.0f}+{metres_text}{name[match.end() :]}"
 
 
-def next_name(name: str, known: Collection[str] = (), step_m: float | None = None) -> str:
+def next_name(name: str, taken_names: Collection[str] = (), step_m: float | None = None) -> str:
     """The name with its last number one higher, as often as it is known already.
 
     A name with a chainage goes on by the step between stations, where one is said.
@@ -160,18 +160,18 @@ def next_name(name: str, known: Collection[str] = (), step_m: float | None = Non
     """
     further = None if step_m is None else next_along(name, step_m)
     if further is not None:
-        return next_name(further, known, step_m) if further in known else further
-    found = re.search(r"(\d+)(\D*)$", name)
-    if found is None:
+        return next_name(further, taken_names, step_m) if further in taken_names else further
+    match = re.search(r"(\d+)(\D*)$", name)
+    if match is None:
         proposal = f"{name} 2".strip()
     else:
-        digits = found[1]
+        digits = match[1]
         number = str(int(digits) + 1).zfill(len(digits))
-        proposal = name[: found.start()] + number + found[2]
-    return next_name(proposal, known) if proposal in known else proposal
+        proposal = name[: match.start()] + number + match[2]
+    return next_name(proposal, taken_names) if proposal in taken_names else proposal
 
 
-def similar_name(name: str, known: Collection[str]) -> str | None:
+def similar_name(name: str, existing: Collection[str]) -> str | None:
     """Return a known name that a new one may have been meant for; None: there is none.
 
     One of the two begins with the other, as when a digit was missed. A name that counts on from a
@@ -182,7 +182,7 @@ def similar_name(name: str, known: Collection[str]) -> str | None:
     ----------
     name : str
         As it was typed.
-    known : collection of str
+    existing : collection of str
         Names of points and stations.
 
     Examples
@@ -193,15 +193,15 @@ def similar_name(name: str, known: Collection[str]) -> str | None:
     (None, None)
     """
     name = name.strip()
-    if not name or name in known:
+    if not name or name in existing:
         return None
-    longer = [each for each in known if each.startswith(name)]
+    longer = [each for each in existing if each.startswith(name)]
     shorter = [
         each
-        for each in known
+        for each in existing
         if each and name.startswith(each) and (name.isdecimal() or not each.isdecimal())
     ]
-    if shorter and not longer and any(next_name(each) == name for each in known):
+    if shorter and not longer and any(next_name(each) == name for each in existing):
         return None
     return min(
         (*longer, *shorter), key=lambda each: (abs(len(each) - len(name)), each), default=None
@@ -218,8 +218,8 @@ def _csv(
     heading = [cell.strip() for cell in next(rows, [])]
     places = _places(heading, file)
     _refuse_misnamed(heading, places, file, procedure)
-    unused = {at: _shown(name) for at, name in enumerate(heading) if name}
-    found = []
+    unused = {at: _quoted_heading(name) for at, name in enumerate(heading) if name}
+    stations = []
     for number, row in enumerate(rows, start=2):
         if not any(cell.strip() for cell in row):
             continue
@@ -227,13 +227,13 @@ def _csv(
         for at in range(len(row)):
             if at not in unused and row[at].strip():
                 unused[at] = f"number {at + 1} (no heading)"
-        said = {key: row[at].strip() for key, at in places.items() if at < len(row)}
-        found.append(_station(said, where, procedure, decimal_comma=delimiter != ","))
+        cells = {key: row[at].strip() for key, at in places.items() if at < len(row)}
+        stations.append(_station(cells, where, procedure, decimal_comma=delimiter != ","))
     names = [unused[at] for at in sorted(unused.keys() - set(places.values()))]
     if names:
-        known = ", ".join(COLUMNS)
-        on_remark(f"{file}: columns not used: {', '.join(names)}. Known columns are {known}")
-    return found
+        columns = ", ".join(COLUMNS)
+        on_remark(f"{file}: columns not used: {', '.join(names)}. Known columns are {columns}")
+    return stations
 
 
 def _refuse_misnamed(
@@ -241,27 +241,27 @@ def _refuse_misnamed(
 ) -> None:
     """Refuse a heading that looks like a known one that the file does not have otherwise."""
     for at, name in enumerate(heading):
-        key = None if at in places.values() else _likely_column(name)
+        key = None if at in places.values() else _column_of_heading(name)
         if key is None or key in places:
             continue
         units = {"target": target_unit(procedure)[0], "chainage_m": "m"}
         expected = f"a column {key}, in {units[key]}" if key in units else f"a column {key}"
         hint = f"rename it to {key} if it is that, else to something else or remove it"
-        raise OptionError(refusal(f"{file}, line 1", expected, _shown(name), hint))
+        raise OptionError(refusal(f"{file}, line 1", expected, _quoted_heading(name), hint))
 
 
-def _shown(heading: str) -> str:
+def _quoted_heading(heading: str) -> str:
     return f"'{heading}'" if heading.isprintable() and len(heading) <= 40 else quote(heading)
 
 
-def _likely_column(heading: str) -> str | None:
+def _column_of_heading(heading: str) -> str | None:
     """Return the known column that a heading probably means; None: no known one."""
     letters = re.sub(r"[\W_]", "", heading.lower())
     for key, parts in _PARTS_OF_HEADINGS.items():
         if any(part in letters for part in parts):
             return key
-    for key, known in COLUMNS.items():
-        if difflib.get_close_matches(heading.lower(), known, n=1, cutoff=_CLOSE_MATCH):
+    for key, headings in COLUMNS.items():
+        if difflib.get_close_matches(heading.lower(), headings, n=1, cutoff=_CLOSE_MATCH):
             return key
     return None
 
@@ -270,8 +270,8 @@ def _places(heading: Sequence[str], file: str) -> dict[str, int]:
     names = [cell.strip().lower() for cell in heading]
     places = {
         key: names.index(name)
-        for key, known in COLUMNS.items()
-        for name in reversed(known)
+        for key, headings in COLUMNS.items()
+        for name in reversed(headings)
         if name in names
     }
     if "name" not in places:
@@ -282,10 +282,10 @@ def _places(heading: Sequence[str], file: str) -> dict[str, int]:
 
 
 def _station(
-    said: Mapping[str, str], where: str, procedure: Procedure, *, decimal_comma: bool
+    cells: Mapping[str, str], where: str, procedure: Procedure, *, decimal_comma: bool
 ) -> Station:
-    def number(key: str, most: float = math.inf) -> float | None:
-        text = said.get(key, "")
+    def number(key: str, limit: float = math.inf) -> float | None:
+        text = cells.get(key, "")
         if not text:
             return None
         if decimal_comma:
@@ -294,12 +294,12 @@ def _station(
             value = float(text)
         except ValueError:
             value = math.nan
-        if not abs(value) <= most or math.isinf(value):
+        if not abs(value) <= limit or math.isinf(value):
             raise OptionError(refusal(f"{where}, {key}", "a number", quote(text)))
         return value
 
-    name = _name(said.get("name", ""), where)
-    chainage = said.get("chainage_m", "")
+    name = _name(cells.get("name", ""), where)
+    chainage = cells.get("chainage_m", "")
     along = chainage_of(chainage) if "+" in chainage else number("chainage_m")
     target = number("target")
     return Station(
@@ -325,7 +325,7 @@ def _gpx(text: str, file: str) -> list[Station]:
     except ElementTree.ParseError as err:
         raise OptionError(refusal(file, "GPX", f"no XML: {err}")) from err
     points: list[Any] = [item for item in root.iter() if _tag(item) in ("wpt", "rtept")]
-    found = []
+    stations = []
     for number, item in enumerate(points, start=1):
         where = f"{file}, waypoint {number}"
         named = [child.text for child in item if _tag(child) == "name"]
@@ -336,8 +336,8 @@ def _gpx(text: str, file: str) -> list[Station]:
             raise OptionError(refusal(where, "lat and lon, numbers", "others")) from err
         if not (abs(latitude) <= 90 and abs(longitude) <= 180):
             raise OptionError(refusal(where, "lat and lon in degrees", f"{latitude}, {longitude}"))
-        found.append(Station(name, chainage_of(name), latitude, longitude))
-    return found
+        stations.append(Station(name, chainage_of(name), latitude, longitude))
+    return stations
 
 
 def _tag(item: Any) -> str:

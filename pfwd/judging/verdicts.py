@@ -29,7 +29,7 @@ from pfwd.procedures.profile import OUR_TOLERANCES
 from pfwd.procedures.valuing import moduli_of, residual_fault, value_of
 from pfwd_device.recording.survey_content import SurveyPoint
 
-USUAL_RADIUS = 0.15
+DEFAULT_RADIUS = 0.15
 """m; stands in for the plate where no drop says it, and nothing is computed with it."""
 
 SAME_PLATE = 1e-9
@@ -91,8 +91,8 @@ class PointView:
     def facts(self) -> Sequence[PointDrop]:
         """Facts of the drops, each compared with the others."""
         if self.whole is not None:
-            known = {fact.number: fact for fact in self.whole.facts}
-            return tuple(known[drop.number] for drop in self.drops)
+            fact_by_number = {fact.number: fact for fact in self.whole.facts}
+            return tuple(fact_by_number[drop.number] for drop in self.drops)
         return tuple(classify_drops(self.drops))
 
     @cached_property
@@ -122,18 +122,18 @@ class PointView:
     def as_json(self) -> dict[str, Any]:
         """Return the line of a complete point, SI units."""
         progress = self.progress
-        said: Mapping[str, Any] = progress.as_dict()
+        values: Mapping[str, Any] = progress.as_dict()
         return {
             "point": self.shown_name,
             "complete": progress.complete,
-            "value": said["value"],
+            "value": values["value"],
             "target": progress.target,
             "verdict": progress.verdict.value,
             "verdict_reason": progress.verdict_reason,
-            "verdict_reason_code": said["verdict_reason_code"],
+            "verdict_reason_code": values["verdict_reason_code"],
             **in_force_as_dict(progress.modulus_in_force),
             "used": list(progress.used),
-            "compaction": said["compaction"],
+            "compaction": values["compaction"],
         }
 
 
@@ -224,12 +224,12 @@ def _target_of(point: PointView) -> tuple[float | None, str]:
         (job.target, "of the survey"),
         point.fallback_target or (None, ""),
     )
-    known = [(value, source) for value, source in candidates if value is not None]
-    if not known:
+    declared = [(value, source) for value, source in candidates if value is not None]
+    if not declared:
         return None, ""
-    fitting = [pair for pair in known if is_for(job.procedure_in_force, pair[0])]
+    fitting = [pair for pair in declared if is_for(job.procedure_in_force, pair[0])]
     # One of another quantity is handed on, so that the judgement can say that it does not count.
-    return (fitting or known)[0]
+    return (fitting or declared)[0]
 
 
 class PointPlate(NamedTuple):
@@ -251,9 +251,9 @@ def _plate_of(point: PointView) -> PointPlate:
     ]
     if not loaded:
         if not point.drops:
-            return PointPlate(USUAL_RADIUS, None, [])
+            return PointPlate(DEFAULT_RADIUS, None, [])
         setup = point.drops[-1].setup
-        return PointPlate(setup.plate_radius or USUAL_RADIUS, setup.poisson_ratio, [])
+        return PointPlate(setup.plate_radius or DEFAULT_RADIUS, setup.poisson_ratio, [])
     last = loaded[-1].setup
     radii = sorted({drop.setup.plate_radius for drop in loaded})
     faults = []

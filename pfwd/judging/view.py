@@ -183,7 +183,7 @@ def _drop_view(drop: SurveyDrop, later: Mapping[str, Any], before: DropView | No
         The drop before it. Nearly always both have one setup, which is then checked once.
     """
     discarded, moved = _discarding_of(drop)
-    known: dict[str, Any] = {
+    recorded: dict[str, Any] = {
         "discarded": discarded,
         "moved_to": moved,
         "record": drop.number,
@@ -193,38 +193,38 @@ def _drop_view(drop: SurveyDrop, later: Mapping[str, Any], before: DropView | No
     try:
         record = drop.read_facts()
     except RecordingError as err:
-        return _damaged(drop, err, known | {"fault": str(err)})
-    known |= recorded_fields(record, before)
+        return _damaged(drop, err, recorded | {"fault": str(err)})
+    recorded |= recorded_fields(record, before)
     try:
-        known["last_result"] = result_that_counts(drop)
+        recorded["last_result"] = result_that_counts(drop)
     except (RecordingError, SurveyError) as err:
-        known["fault"] = str(err)
-    last = known.get("last_result")
+        recorded["fault"] = str(err)
+    last = recorded.get("last_result")
     try:
         setup = None
-        if before is not None and before.declared is known["declared"]:
+        if before is not None and before.declared is recorded["declared"]:
             setup = before.setup
         if setup is None or setup is NO_SETUP:
             setup = setup_now(record.declared, later, drop.point)
         result = last
-        if "fault" in known or (last is not None and not is_sound(last)):
+        if "fault" in recorded or (last is not None and not is_sound(last)):
             result = _last_sound(drop)  # an earlier one may be whole
         if result is not None:
-            known["sound_result"] = result
-            known["result"] = result if rests_on(result, setup) else None
+            recorded["sound_result"] = result
+            recorded["result"] = result if rests_on(result, setup) else None
         stored = stored_facts(drop.drop, setup, record.metadata, result)
         if stored is not None:
-            return DropView(*stored, setup, **known)
+            return DropView(*stored, setup, **recorded)
         traces = record.drop if record.drop is not None else drop.read_traces().drop
-        return drop_from_traces(traces, setup, **known)
+        return drop_from_traces(traces, setup, **recorded)
     except (RecordingError, SurveyError) as err:
-        return _damaged(drop, err, known)
+        return _damaged(drop, err, recorded)
 
 
-def _damaged(drop: SurveyDrop, err: Exception, known: Mapping[str, Any]) -> DropView:
+def _damaged(drop: SurveyDrop, err: Exception, recorded: Mapping[str, Any]) -> DropView:
     facts = PointDrop(drop.drop, Kind.REJECTED, reason=f"{DAMAGED}: {err}")
     # The damage is reported, even of a drop that was discarded or moved.
-    return DropView(facts, 0.0, NO_SETUP, **{**known, "moved_to": None, "result": None})
+    return DropView(facts, 0.0, NO_SETUP, **{**recorded, "moved_to": None, "result": None})
 
 
 def recorded_fields(record: DropFacts, before: DropView | None) -> dict[str, Any]:
@@ -280,8 +280,10 @@ def setup_now(declared: Mapping[str, Any], later: Mapping[str, Any], where: str)
     SurveyError
         If a value is outside of its range.
     """
-    known = {**declared, **later}
-    return setup_from({key: Declaration(value, where) for key, value in known.items()}, where)
+    declarations = {**declared, **later}
+    return setup_from(
+        {key: Declaration(value, where) for key, value in declarations.items()}, where
+    )
 
 
 def _discarding_of(drop: SurveyDrop) -> tuple[str | None, str | None]:
@@ -319,6 +321,6 @@ def place_of_point(
     edits = [source.position for source in stored if source is not None]
     edited = [{**edit, "source": "edited"} for edit in edits if isinstance(edit, Mapping)]
     received = [drop.metadata.get("position") for drop in drops]
-    known = {key: declared.get(key) for key in ("latitude", "longitude")}
-    places = (*edited, *received, {**known, "source": "declared"})
+    declared_place = {key: declared.get(key) for key in ("latitude", "longitude")}
+    places = (*edited, *received, {**declared_place, "source": "declared"})
     return next((place for place in places if place_in(place) is not None), None)

@@ -31,7 +31,7 @@ from inversion.result import TimeHistories
 from pfwd.analysis.analyse import record_of
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult
-from pfwd.analysis.screening.drops import Screening, whole_part
+from pfwd.analysis.screening.drops import Screening, unbroken_part
 from pfwd.files.header import PointSetup
 from pfwd_device import Drop
 
@@ -72,7 +72,7 @@ def curves_of(
     try:
         published = result.plate == "published"
         options = AnalysisOptions(published=published)
-        record = record_of(whole_part(drop)[0], setup, options, screening.left_out)
+        record = record_of(unbroken_part(drop)[0], setup, options, screening.left_out)
         record = _in_order(record, centre_only=published)
         prepared = prepare(record)
         load = _model_load(prepared, result)

@@ -24,7 +24,7 @@ from pfwd.analysis.options import (
     Thickness,
     with_layers_of,
 )
-from pfwd.analysis.result_store import keep_results, rests_on
+from pfwd.analysis.result_store import rests_on, store_drop_results
 from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
 from pfwd.analysis.screening.drops import Screening, screen_point
@@ -163,7 +163,7 @@ def gather(
     found = _Gatherer(survey, options, job, new, tell)
     points = [gathered for some in _gathered(found, options.jobs) for gathered in some]
     if options.store:
-        failed = keep_results(str(folder), _new_results(points), counting=not options.anew)
+        failed = store_drop_results(str(folder), _new_results(points), counting=not options.anew)
         if failed is not None:
             tell(failed)
     return Report(
@@ -459,17 +459,17 @@ def _diagnosed(
 ) -> dict[tuple[str, int], DiagnosisResult]:
     """New diagnoses by point and drop; they are kept. Discarded points have none."""
     from pfwd.analysis.diagnosis.diagnose import diagnose_files
-    from pfwd.analysis.diagnosis.store import keep_diagnoses
+    from pfwd.analysis.diagnosis.store import store_diagnoses
 
     folder = str(survey.folder)
     tell("residuals are diagnosed")
-    found = list(diagnose_files([folder], jobs=options.jobs, use_kept=not options.refit))
+    found = list(diagnose_files([folder], jobs=options.jobs, use_stored=not options.refit))
     for diagnosed in found:
         if diagnosed.error is not None:
             tell(f"diagnosis: {diagnosed.error}")
     if options.store:
         new = [(it.number, it.result) for it in found if it.number is not None and it.result]
-        failed = keep_diagnoses(folder, new)
+        failed = store_diagnoses(folder, new)
         if failed is not None:
             tell(failed)
     results = [it.result for it in found if it.result is not None]

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
 
     device, spread = read_device(args.device) if args.device else (None, None)
     # A plot and a device file need more than what a survey keeps.
-    use_kept = not (args.refit or args.plot or args.write_device)
+    use_stored = not (args.refit or args.plot or args.write_device)
     with diagnosis_progress() as progress:
         done = diagnose_files(
             args.files,
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
             device,
             args.jobs,
             args.leave_out,
-            use_kept=use_kept,
+            use_stored=use_stored,
             progress=progress,
             spread=spread,
             allow=args.allow,
@@ -116,7 +116,7 @@ def _over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
 
 def keep_found(found: "Sequence[Diagnosed]", *, store: bool) -> None:
     """Keep new diagnoses with their surveys, and say which were kept before."""
-    from pfwd.analysis.diagnosis.store import keep_diagnoses
+    from pfwd.analysis.diagnosis.store import store_diagnoses
 
     by_file: dict[str, list[tuple[int, DiagnosisResult]]] = {}
     for diagnosed in found:
@@ -130,7 +130,7 @@ def keep_found(found: "Sequence[Diagnosed]", *, store: bool) -> None:
                 f"{file}: {len(kept)} of {len(results)} diagnoses were kept from before "
                 f"({software}); --refit computes them anew"
             )
-        failed = keep_diagnoses(file, results) if store and os.path.isdir(file) else None
+        failed = store_diagnoses(file, results) if store and os.path.isdir(file) else None
         if failed is not None:
             say(failed)
 

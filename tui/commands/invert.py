@@ -32,8 +32,8 @@ def run(args: argparse.Namespace) -> int:
     refused = False
     kept: list[FileOutcome] = []
     # A plot shows histories, which no survey keeps.
-    use_kept = not args.refit and not args.plot
-    found = analyse_files(args.files, options, args.jobs, use_kept=use_kept)
+    use_stored = not args.refit and not args.plot
+    found = analyse_files(args.files, options, args.jobs, use_stored=use_stored)
     # Closed at once when the printing stops, so that its workers end and do not linger.
     with contextlib.closing(found) as outcomes:
         for outcome in outcomes:
@@ -59,12 +59,12 @@ def run(args: argparse.Namespace) -> int:
 
 def _keep(outcome: FileOutcome, *, store: bool) -> None:
     """Keep new results with their survey, and say which were kept before."""
-    from pfwd.analysis.result_store import keep_results, kept_text
+    from pfwd.analysis.result_store import store_drop_results, stored_results_text
 
     if outcome.of_survey:
-        said = kept_text(outcome.file, [result for _, result in outcome.of_survey])
+        said = stored_results_text(outcome.file, [result for _, result in outcome.of_survey])
         if store and os.path.isdir(outcome.file):
-            said = keep_results(outcome.file, outcome.of_survey) or said
+            said = store_drop_results(outcome.file, outcome.of_survey) or said
         if said is not None:
             say(said)
 
@@ -81,7 +81,12 @@ def _diagnosed(
     with diagnosis_progress() as progress:
         return list(
             diagnose_files(
-                [outcome.file], options, None, args.jobs, use_kept=not args.refit, progress=progress
+                [outcome.file],
+                options,
+                None,
+                args.jobs,
+                use_stored=not args.refit,
+                progress=progress,
             )
         )
 

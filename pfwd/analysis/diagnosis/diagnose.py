@@ -32,8 +32,8 @@ from pfwd.analysis.diagnosis.record import diagnosis_result
 from pfwd.analysis.diagnosis.shared_device import (
     PREDICTED,
     Phases,
+    declared_device,
     diagnose_device,
-    given_device,
     with_device,
 )
 from pfwd.analysis.options import AnalysisOptions
@@ -60,7 +60,7 @@ def diagnose_files(
     jobs: int = 1,
     leave_out: LeaveOut | None = None,
     *,
-    use_kept: bool = False,
+    use_stored: bool = False,
     progress: Progress | None = None,
     spread: DeviceValues | None = None,
     allow: Allow | None = None,
@@ -82,7 +82,7 @@ def diagnose_files(
         without it, by the rest of its point and the other points of the instrument.
         "point": the device of the other points, the ground fitted to the
         point. None: the last drop of each point of several, by its other drops.
-    use_kept : bool
+    use_stored : bool
         Whether what a survey keeps of the same question is the answer.
     progress : callable, optional
         Told what is being tried, and how many of how many points are done.
@@ -105,7 +105,7 @@ def diagnose_files(
         device,
         jobs,
         leave_out,
-        use_kept=use_kept,
+        use_stored=use_stored,
         progress=progress,
         spread=spread,
         allow=allow,
@@ -118,7 +118,7 @@ def diagnose_entries(
     jobs: int = 1,
     leave_out: LeaveOut | None = None,
     *,
-    use_kept: bool = False,
+    use_stored: bool = False,
     progress: Progress | None = None,
     spread: DeviceValues | None = None,
     allow: Allow | None = None,
@@ -127,7 +127,7 @@ def diagnose_entries(
 
     Parameters
     ----------
-    entries, device, jobs, leave_out, use_kept, progress, spread, allow : as for
+    entries, device, jobs, leave_out, use_stored, progress, spread, allow : as for
         :func:`diagnose_files`
     """
     entries = with_unique_names(entries)
@@ -138,7 +138,7 @@ def diagnose_entries(
     ]
     texts = questions_of(points, device, leave_out, spread, allow)
     questions = {point.name: text for point, text in zip(points, texts, strict=True)}
-    stored = stored_answers(points, questions) if use_kept else {}
+    stored = stored_answers(points, questions) if use_stored else {}
     # Points of one device are one question: all of them are answered, or none.
     open_devices = {point.device for point in points if point.name not in stored} - {None}
     work = [p for p in points if p.name not in stored or p.device in open_devices]
@@ -146,10 +146,10 @@ def diagnose_entries(
     def diagnose(points: Sequence[DiagnosisPoint]) -> DiagnosisByPoint:
         points = _with_device_largest(points)
         if device:
-            known = InstrumentKnowledge.from_values(device, spread)
+            instrument = InstrumentKnowledge.from_values(device, spread)
             counter = ProgressCounter(progress, "each point with what is known", len(points))
             return diagnose_all(
-                points, [known] * len(points), workers, counter, predict_last=leave_out is None
+                points, [instrument] * len(points), workers, counter, predict_last=leave_out is None
             )
         phases = Phases.of(progress, len(points))
 
@@ -186,7 +186,7 @@ def diagnose_entries(
             yield Diagnosed(entry.file, error=f"{entry.file}: {outcome.reason}")
             continue
         if device and outcome is not None:
-            outcome = with_device(outcome, given_device(device, spread))
+            outcome = with_device(outcome, declared_device(device, spread))
         result = diagnosis_result(entry, outcome)
         if entry.name in questions:
             result = with_question(result, entry, questions[entry.name])
@@ -230,8 +230,8 @@ def _with_device_largest(entries: Sequence[DiagnosisPoint]) -> list[DiagnosisPoi
 def with_diagnoses(outcome: FileOutcome, diagnosed: Sequence[Diagnosed]) -> FileOutcome:
     """Return the outcome of a file with the diagnosis of its point in each drop that took part."""
     by_drop: dict[tuple[str | None, int], DropDiagnosis] = {}
-    for found in diagnosed:
-        result = found.result
+    for point_outcome in diagnosed:
+        result = point_outcome.result
         if result is None:
             continue
         diagnosis = DropDiagnosis(

@@ -13,7 +13,7 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.result_store import question_of, software_name
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
-from pfwd.analysis.screening.drops import duplicate_drops, screen_point, whole_part
+from pfwd.analysis.screening.drops import duplicate_drops, screen_point, unbroken_part
 from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint
 from pfwd_device.recording import SurveyDrop
@@ -84,28 +84,28 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
     screenings = leave_out_bad_sensors(point, screen_point(point))
     reasons = duplicate_drops(point.drops, screenings)
     chosen = [
-        (whole_part(drop)[0], found)
-        for index, (drop, found) in enumerate(zip(point.drops, screenings, strict=True))
-        if found.status == "measured" and index not in reasons
+        (unbroken_part(drop)[0], screening)
+        for index, (drop, screening) in enumerate(zip(point.drops, screenings, strict=True))
+        if screening.status == "measured" and index not in reasons
     ]
     reasons |= {
-        index: str(found.reason)
-        for index, found in enumerate(screenings)
-        if found.status == "rejected"
+        index: str(screening.reason)
+        for index, screening in enumerate(screenings)
+        if screening.status == "rejected"
     }
     rejected = tuple(
         Notice("drop-rejected", {"drop": point.drops[index].number, "reason": reason})
         for index, reason in sorted(reasons.items())
     )
     # A bad sensor is the same in every drop: said once.
-    every = [*point.warnings, *(w for _, found in chosen for w in found.warnings)]
+    every = [*point.warnings, *(w for _, screening in chosen for w in screening.warnings)]
     warnings = tuple(dict.fromkeys(every))
     name = _text(point.setup.device)
     called = _text(point.setup.point)
     if not chosen:
         return DiagnosisPoint(file, name, None, rejected, warnings, point=called)
-    left_out = {offset for _, found in chosen for offset in found.left_out}
-    records = tuple(record_of(drop, point.setup, options, left_out) for drop, _ in chosen)
+    excluded = {offset for _, screening in chosen for offset in screening.left_out}
+    records = tuple(record_of(drop, point.setup, options, excluded) for drop, _ in chosen)
     numbers = tuple(drop.number for drop, _ in chosen)
     # Only what was declared is held; the search for effects needs the rest free.
     made = PointRecords(
@@ -115,10 +115,10 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
         elastic=options.elastic,
         half_sine=options.load == "half-sine",
     )
-    kept = [
+    stored = [
         drop
-        for drop, found in zip(point.kept, screenings if point.kept else (), strict=True)
-        if found.status == "measured"
+        for drop, screening in zip(point.kept, screenings if point.kept else (), strict=True)
+        if screening.status == "measured"
     ]
     return DiagnosisPoint(
         file,
@@ -130,11 +130,11 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
         basis=basis_of(point.setup),
         left_out=tuple(
             drop.number
-            for index, (drop, found) in enumerate(zip(point.drops, screenings, strict=True))
-            if found.status != "measured" or index in reasons
+            for index, (drop, screening) in enumerate(zip(point.drops, screenings, strict=True))
+            if screening.status != "measured" or index in reasons
         ),
         question=question_of(records, (made.elastic, made.half_sine), [rejected, warnings]),
-        last=kept[-1] if kept else None,
+        last=stored[-1] if stored else None,
     )
 
 
@@ -182,14 +182,14 @@ def questions_of(
     groups: dict[object, list[str]] = {}
     for place, point in enumerate(work):
         groups.setdefault(_group(place, point, predicts), []).append(point.question)
-    asked = []
+    questions = []
     for place, point in enumerate(work):
         group = sorted(groups[_group(place, point, predicts)])
         parts: tuple[object, ...] = (point.question, group, device, leave_out, spread, allow)
         # Answers by the fits that the predictions had before are no longer given.
         text = repr((*parts, "inference") if predicts else parts)
-        asked.append(hashlib.sha256(text.encode()).hexdigest()[:32])
-    return asked
+        questions.append(hashlib.sha256(text.encode()).hexdigest()[:32])
+    return questions
 
 
 def _group(place: int, point: DiagnosisPoint, predicts: bool) -> object:

@@ -32,7 +32,7 @@ from pfwd.analysis.diagnosis.points import (
 )
 
 # Other points that say something of a point, on either side of it in the survey.
-_MAX_NEAR = 50
+_MAX_NEIGHBOURS = 50
 # What a point cannot be fitted for.
 _FAILURES = (InversionError, np.linalg.LinAlgError)
 _Answer = HeldOutPart | Notice
@@ -63,7 +63,7 @@ def with_predictions(
     progress : returns a counter of a kind of work on a number of points
     """
     counter = progress or _no_progress
-    found = dict(diagnoses)
+    predicted = dict(diagnoses)
     groups: dict[tuple[object, ...], list[DiagnosisPoint]] = {}
     for point in points:
         if point.name in successful(diagnoses):
@@ -78,7 +78,7 @@ def with_predictions(
         columns: list[Sequence[Any]] = [
             [records[place] for place, _ in tasks],
             [survey.structure_without(place) for place, _ in tasks],
-            [survey.other_points(place) for place, _ in tasks],
+            [survey.neighbour_summaries(place) for place, _ in tasks],
             [part for _, part in tasks],
         ]
         predict = partial(
@@ -92,10 +92,10 @@ def with_predictions(
         for (place, _), answer in zip(tasks, counted, strict=True):
             parts.setdefault(group[place].name, []).append(answer)
         for name, answers in parts.items():
-            diagnosis = found[name]
+            diagnosis = predicted[name]
             assert isinstance(diagnosis, PointDiagnosis)
-            found[name] = _with_parts(diagnosis, mode, answers)
-    return found
+            predicted[name] = _with_parts(diagnosis, mode, answers)
+    return predicted
 
 
 class _Survey:
@@ -127,7 +127,7 @@ class _Survey:
         evidence = [of for i, of in enumerate(self._evidence) if i != place and of]
         return choose_structure(evidence[:MAX_RANKED_POINTS]) if evidence else None
 
-    def other_points(self, place: int) -> list[PointSummary]:
+    def neighbour_summaries(self, place: int) -> list[PointSummary]:
         """Return the summaries of the other points."""
         structure = self.structure_without(place)
         if structure is None:
@@ -140,8 +140,10 @@ class _Survey:
             counted = self._counter("points by themselves", len(self._names))
             self._summaries[structure] = list(counted.counted(self._names, work))
         summaries = self._summaries[structure]
-        near = range(max(0, place - _MAX_NEAR), min(len(summaries), place + _MAX_NEAR + 1))
-        return [s for i in near if i != place and (s := summaries[i]) is not None]
+        neighbours = range(
+            max(0, place - _MAX_NEIGHBOURS), min(len(summaries), place + _MAX_NEIGHBOURS + 1)
+        )
+        return [s for i in neighbours if i != place and (s := summaries[i]) is not None]
 
 
 def _evidence(
@@ -167,7 +169,7 @@ def _summary(
 def _held_out_error(
     records: PointRecords,
     structure: Structure | None,
-    other_points: Sequence[PointSummary],
+    neighbours: Sequence[PointSummary],
     place: int,
     *,
     mode: LeaveOut,
@@ -179,7 +181,7 @@ def _held_out_error(
         return held_out_error(
             records,
             structure,
-            other_points,
+            neighbours,
             mode,
             place,
             declared_effects,
@@ -203,8 +205,8 @@ def _with_parts(
     )
 
 
-def _no_progress(what: str, total: int) -> ProgressCounter:
-    return ProgressCounter(None, what, total)
+def _no_progress(kind: str, total: int) -> ProgressCounter:
+    return ProgressCounter(None, kind, total)
 
 
 def _records(point: DiagnosisPoint) -> PointRecords:

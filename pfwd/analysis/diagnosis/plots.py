@@ -20,12 +20,12 @@ from pfwd.matplotlib_start import start_matplotlib
 _BEFORE, _AFTER, _DATA = "#c44e52", "#2a6f97", "#222222"
 
 
-def plot_diagnoses(found: Sequence[Diagnosed], path: str | os.PathLike[str]) -> Path:
+def plot_diagnoses(outcomes: Sequence[Diagnosed], path: str | os.PathLike[str]) -> Path:
     """Write a picture with one row a point.
 
     Parameters
     ----------
-    found : sequence of Diagnosed
+    outcomes : sequence of Diagnosed
         With diagnoses.
     path : path ending in .png, .svg or .pdf
 
@@ -42,7 +42,7 @@ def plot_diagnoses(found: Sequence[Diagnosed], path: str | os.PathLike[str]) -> 
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    rows = [diagnosed for diagnosed in found if diagnosed.diagnosis is not None]
+    rows = [diagnosed for diagnosed in outcomes if diagnosed.diagnosis is not None]
     if not rows:
         raise SurveyError(refusal("--plot", "at least one diagnosed point", "none"))
     figure = Figure(figsize=(15, 3.4 * len(rows)), layout="constrained")
@@ -95,9 +95,9 @@ def _draw_spectrum(axis: Any, diagnosed: Diagnosed) -> None:
         step = curves.time[1] - curves.time[0]
         taper = np.hanning(curves.time.size)
         for values, colour in ((curves.before, _BEFORE), (curves.after, _AFTER)):
-            left = (values[0] - curves.observed[0]) * taper
-            spectrum = np.abs(np.fft.rfft(left, 4 * left.size)) * step
-            frequency = np.fft.rfftfreq(4 * left.size, step)
+            residual = (values[0] - curves.observed[0]) * taper
+            spectrum = np.abs(np.fft.rfft(residual, 4 * residual.size)) * step
+            frequency = np.fft.rfftfreq(4 * residual.size, step)
             part = (frequency > 2) & (frequency < 600)
             axis.loglog(frequency[part], spectrum[part], color=colour, lw=0.8)
     axis.set_title("spectrum of the residual, first sensor", fontsize=9)
@@ -141,7 +141,7 @@ def _modulus(state: FittedState) -> str:
         return "no modulus"
     low, high = state.modulus_interval_pa
     if state.modulus_pa is None:
-        near, far = (rounded(end / 1e6, end / 1e6) for end in (low, high))
-        return f"E left open ({near} to {far}) MPa"
-    value, near, far = with_ends(state.modulus_pa / 1e6, (low / 1e6, high / 1e6))
-    return f"E {value} ({near} to {far}) MPa"
+        lower, upper = (rounded(end / 1e6, end / 1e6) for end in (low, high))
+        return f"E left open ({lower} to {upper}) MPa"
+    value, lower, upper = with_ends(state.modulus_pa / 1e6, (low / 1e6, high / 1e6))
+    return f"E {value} ({lower} to {upper}) MPa"

@@ -59,10 +59,10 @@ class ProgressCounter:
     total : int, number of points that are to be diagnosed, as far as is known
     """
 
-    def __init__(self, progress: Progress | None, what: str, total: int) -> None:
+    def __init__(self, progress: Progress | None, kind: str, total: int) -> None:
         self._progress = progress
-        self._what = what
-        self._done = 0
+        self._kind = kind
+        self._count = 0
         self._lock = Lock()
         self.total = total
 
@@ -84,7 +84,7 @@ class ProgressCounter:
             self._report(name)
             result = next(pending)
             with self._lock:
-                self._done += 1
+                self._count += 1
             yield result
         self._report("")
 
@@ -92,7 +92,7 @@ class ProgressCounter:
         """Report the point that is worked on."""
         with self._lock:
             if self._progress is not None:
-                self._progress(self._what, name, self._done, self.total)
+                self._progress(self._kind, name, self._count, self.total)
 
 
 class Workers:
@@ -137,7 +137,7 @@ class Workers:
 
 def diagnose_all(
     points: Sequence[DiagnosisPoint],
-    known: Sequence[InstrumentKnowledge],
+    instruments: Sequence[InstrumentKnowledge],
     workers: Workers,
     counter: ProgressCounter,
     *,
@@ -146,16 +146,18 @@ def diagnose_all(
     """Diagnose points that have records, in order, each with what is known of its instrument."""
     records = [point.records for point in points]
     names = [point.name for point in points]
-    outcomes = workers.map(partial(_diagnose, predict_last=predict_last), records, known)
+    outcomes = workers.map(partial(_diagnose, predict_last=predict_last), records, instruments)
     return dict(zip(names, counter.counted(names, outcomes), strict=True))
 
 
 def _diagnose(
-    records: PointRecords, known: InstrumentKnowledge, *, predict_last: bool
+    records: PointRecords, instrument: InstrumentKnowledge, *, predict_last: bool
 ) -> PointDiagnosis | DiagnosisFailure:
     start = time.perf_counter()
     try:
-        diagnosis = diagnose_point(records, library_of_process(), known, predict_last=predict_last)
+        diagnosis = diagnose_point(
+            records, library_of_process(), instrument, predict_last=predict_last
+        )
     except InversionError as err:
         return DiagnosisFailure(str(err))
     except np.linalg.LinAlgError as err:

@@ -19,7 +19,7 @@ from pfwd.analysis.results import (
     EffectResult,
     FittedState,
 )
-from pfwd.analysis.screening.drops import whole_part
+from pfwd.analysis.screening.drops import unbroken_part
 from pfwd.files.traces import TracePoint
 from pfwd.peaks.stiffness import stiffness_of
 from pfwd_device import Drop
@@ -29,7 +29,7 @@ from pfwd_device.signals import remove_offset
 _NO_DROP = ("false trigger", "no pulse")
 
 
-def diagnosis_result(entry: DiagnosisPoint, found: PointDiagnosis | None) -> DiagnosisResult:
+def diagnosis_result(entry: DiagnosisPoint, diagnosis: PointDiagnosis | None) -> DiagnosisResult:
     """Return the result of one point; the diagnosis is None where no drop of it was measured."""
     if entry.rig is not None:
         return rig_result(entry, entry.rig)
@@ -41,7 +41,7 @@ def diagnosis_result(entry: DiagnosisPoint, found: PointDiagnosis | None) -> Dia
             "plate_radius_m": first.instrument.plate_radius,
             "poisson_ratio": first.poisson_ratio,
         }
-    if found is None:
+    if diagnosis is None:
         return DiagnosisResult(
             file=entry.file,
             point=entry.point,
@@ -51,29 +51,29 @@ def diagnosis_result(entry: DiagnosisPoint, found: PointDiagnosis | None) -> Dia
             **conditions,
             verdict="unexplained",
             corrected=False,
-            effects=(_false_trigger(),) if _nothing_fell(entry.rejected) else (),
+            effects=(_false_trigger(),) if _is_false_trigger(entry.rejected) else (),
             warnings=(*entry.warnings, *entry.rejected, Notice("no-measured-drop")),
         )
     return DiagnosisResult(
         file=entry.file,
         point=entry.point,
         device=entry.device,
-        drops=tuple(found.numbers),
+        drops=tuple(diagnosis.numbers),
         rejected=tuple(map(str, entry.rejected)),
         **conditions,
-        verdict=found.verdict,
-        corrected=found.corrected,
-        noise_rms_m=found.noise_rms,
-        before=found.before,
-        effects=found.effects,
-        after=found.after,
-        held_out=found.held_out,
-        elapsed_s=found.elapsed if math.isfinite(found.elapsed) else None,
-        warnings=(*entry.warnings, *found.warnings, *_left_open(found.after)),
+        verdict=diagnosis.verdict,
+        corrected=diagnosis.corrected,
+        noise_rms_m=diagnosis.noise_rms,
+        before=diagnosis.before,
+        effects=diagnosis.effects,
+        after=diagnosis.after,
+        held_out=diagnosis.held_out,
+        elapsed_s=diagnosis.elapsed if math.isfinite(diagnosis.elapsed) else None,
+        warnings=(*entry.warnings, *diagnosis.warnings, *_open_modulus_warning(diagnosis.after)),
     )
 
 
-def _left_open(after: FittedState) -> list[Notice]:
+def _open_modulus_warning(after: FittedState) -> list[Notice]:
     """Return the warning that there is ground and no modulus."""
     if not after.left_open:
         return []
@@ -81,7 +81,7 @@ def _left_open(after: FittedState) -> list[Notice]:
     return [Notice("modulus-left-open", {"low_pa": low, "high_pa": high})]
 
 
-def _nothing_fell(rejected: Sequence[Notice]) -> bool:
+def _is_false_trigger(rejected: Sequence[Notice]) -> bool:
     """Return whether the screening rejected a record because nothing fell."""
     return any(str(drop.values["reason"]).startswith(_NO_DROP) for drop in rejected)
 
@@ -99,23 +99,23 @@ def rig_result(entry: DiagnosisPoint, point: TracePoint) -> DiagnosisResult:
     """The rig behind a point: its stiffness, moving mass and damping; there is no modulus."""
     drops, rejected = _drops(point)
     if not drops:
-        return _told(entry, (), rejected, None, "no trace of a sensor in the centre")
+        return _rig_result(entry, (), rejected, None, "no trace of a sensor in the centre")
     try:
         rig = describe(drops)
     except InversionError as err:
-        return _told(entry, (), rejected, None, str(err))
+        return _rig_result(entry, (), rejected, None, str(err))
     numbers = tuple(
         drop.number for drop in point.drops if f"drop {drop.number}" in {d.name for d in drops}
     )
-    return _told(entry, numbers, rejected, (rig, _residual(rig, drops)), None)
+    return _rig_result(entry, numbers, rejected, (rig, _residual(rig, drops)), None)
 
 
 def _drops(point: TracePoint) -> tuple[list[RigDrop], tuple[Notice, ...]]:
-    found, rejected = [], []
+    rig_drops, rejected = [], []
     for drop in point.drops:
         name = f"drop {drop.number}"
-        shown = stiffness_of(drop, point.setup)
-        made = None if shown is None else rig_drop(drop, shown.secant_n_per_m, 0, name)
+        stiffness = stiffness_of(drop, point.setup)
+        made = None if stiffness is None else rig_drop(drop, stiffness.secant_n_per_m, 0, name)
         if made is None:
             values: dict[str, Value] = {
                 "drop": drop.number,
@@ -123,37 +123,37 @@ def _drops(point: TracePoint) -> tuple[list[RigDrop], tuple[Notice, ...]]:
             }
             rejected.append(Notice("drop-rejected", values))
         else:
-            found.append(made)
+            rig_drops.append(made)
     # One rig has one stiffness, which is where the search begins.
-    first = float(np.median([drop.stiffness for drop in found])) if found else 0.0
-    same = [RigDrop(drop.time, drop.load, drop.velocity, first, 0, drop.name) for drop in found]
+    first = float(np.median([drop.stiffness for drop in rig_drops])) if rig_drops else 0.0
+    same = [RigDrop(drop.time, drop.load, drop.velocity, first, 0, drop.name) for drop in rig_drops]
     return same, tuple(rejected)
 
 
 def _residual(rig: Rig, drops: list[RigDrop]) -> float:
     """Root mean square over the drops, in displacement over its peak."""
     parts = []
-    for drop, left in zip(drops, rig.residuals, strict=True):
+    for drop, residual in zip(drops, rig.residuals, strict=True):
         step = float(drop.time[1] - drop.time[0])
-        moved, off = np.cumsum(drop.velocity) * step, np.cumsum(left) * step
+        moved, off = np.cumsum(drop.velocity) * step, np.cumsum(residual) * step
         parts.append(float(np.mean((off / np.abs(moved).max()) ** 2)))
     return float(np.sqrt(np.mean(parts)))
 
 
-def _told(
+def _rig_result(
     entry: DiagnosisPoint,
     numbers: tuple[int, ...],
     rejected: tuple[Notice, ...],
-    found: tuple[Rig, float] | None,
+    fit: tuple[Rig, float] | None,
     fault: str | None,
 ) -> DiagnosisResult:
     effects: tuple[EffectResult, ...] = ()
     after, verdict = None, "unexplained"
     warnings = list(entry.warnings)
-    if found is None:
+    if fit is None:
         warnings += [*rejected, Notice("no-measured-drop") if fault is None else other(fault)]
     else:
-        rig, residual = found
+        rig, residual = fit
         numbers_of = (
             ("stiffness", rig.stiffness, rig.deviation, "N/m"),
             ("moving_mass", rig.mass, None, "kg"),
@@ -205,13 +205,15 @@ def rig_drop(drop: Drop, stiffness: float, rig: int, name: str) -> RigDrop | Non
     name : str
         For messages.
     """
-    whole, reason, _ = whole_part(drop)
-    channel = next((one for one in whole.channels if abs(one.offset) < 1e-3), None)
+    unbroken, reason, _ = unbroken_part(drop)
+    channel = next(
+        (candidate for candidate in unbroken.channels if abs(candidate.offset) < 1e-3), None
+    )
     if reason is not None or channel is None:
         return None
-    values = remove_offset(whole.time, channel.values)
+    values = remove_offset(unbroken.time, channel.values)
     if channel.quantity == "displacement":
-        values = np.asarray(np.gradient(values, whole.time), np.float64)
+        values = np.asarray(np.gradient(values, unbroken.time), np.float64)
     # Some devices store a last sample of 0, which is no measurement.
-    load = remove_offset(whole.time, whole.load)[:-1]
-    return RigDrop(whole.time[:-1], load, values[:-1], stiffness, rig, name)
+    load = remove_offset(unbroken.time, unbroken.load)[:-1]
+    return RigDrop(unbroken.time[:-1], load, values[:-1], stiffness, rig, name)

@@ -35,10 +35,10 @@ from pfwd.analysis.diagnosis.points import (
 PREDICTED: tuple[LeaveOut, ...] = ("next", "drop", "sensor")
 """Modes in which the held-out part is predicted without anything fitted to it."""
 # Of so many points, so many are diagnosed by themselves first.
-_MANY_POINTS, _FIRST_POINTS = 8, 4
+_MIN_POINTS_FOR_SAMPLE, _SAMPLE_SIZE = 8, 4
 # Of the usual discrepancy, what makes a point odd; and of that with the others' device, what it has
 # to leave by itself to be told so.
-_FAR_MORE, _BY_ITSELF = 2.0, 2.0 / 3.0
+_ODD_RATIO, _IMPROVED_RATIO = 2.0, 2.0 / 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,57 +76,63 @@ def diagnose_device(
     leave_out : "point": each point with the values of its device from the others; None: the last
         drop of each point; others: the prediction is made elsewhere
     """
-    nothing = [InstrumentKnowledge()] * len(points)
+    no_knowledge = [InstrumentKnowledge()] * len(points)
     if points[0].device is None or len(points) < 2:
-        return diagnose_all(points, nothing, workers, phases.alone, predict_last=leave_out is None)
+        return diagnose_all(
+            points, no_knowledge, workers, phases.alone, predict_last=leave_out is None
+        )
     first = _first_points(points)
     phases.alone.total += len(first) - len(points)
-    alone = diagnose_all(first, nothing[: len(first)], workers, phases.alone, predict_last=False)
-    own = successful(alone)
-    gains = [diagnosis.gains for diagnosis in own.values()]
-    shared, absent = shared_effects(gains) if len(own) > 1 else (frozenset(), frozenset())
-    known_of = [
+    individual_outcomes = diagnose_all(
+        first, no_knowledge[: len(first)], workers, phases.alone, predict_last=False
+    )
+    individual = successful(individual_outcomes)
+    gains = [diagnosis.gains for diagnosis in individual.values()]
+    shared, absent = shared_effects(gains) if len(individual) > 1 else (frozenset(), frozenset())
+    knowledge = [
         InstrumentKnowledge(
             effects=shared,
             absent=absent,
             other_points=tuple(
                 diagnosis.summary
-                for name, diagnosis in own.items()
+                for name, diagnosis in individual.items()
                 if name != point.name and diagnosis.summary is not None
             ),
-            nearby=_nearby(point.name, own),
+            nearby=_nearby(point.name, individual),
         )
         for point in points
     ]
     phases.together.expect(len(points))
     predict = leave_out is None
-    again = diagnose_all(points, known_of, workers, phases.together, predict_last=predict)
-    odd = [point for point in points if point.name in _odd_points(again) - set(own)]
+    outcomes = diagnose_all(points, knowledge, workers, phases.together, predict_last=predict)
+    odd = [point for point in points if point.name in _odd_points(outcomes) - set(individual)]
     if odd:
         phases.together.expect(len(odd))
-        found = diagnose_all(
-            odd, nothing[: len(odd)], workers, phases.together, predict_last=predict
+        reconsidered = diagnose_all(
+            odd, no_knowledge[: len(odd)], workers, phases.together, predict_last=predict
         )
-        for name, diagnosis in successful(found).items():
-            own[name] = diagnosis
-            if _left(diagnosis) < _BY_ITSELF * _left(successful(again)[name]):
-                again[name] = diagnosis
-    together = successful(again)
+        for name, diagnosis in successful(reconsidered).items():
+            individual[name] = diagnosis
+            if _discrepancy(diagnosis) < _IMPROVED_RATIO * _discrepancy(successful(outcomes)[name]):
+                outcomes[name] = diagnosis
+    together = successful(outcomes)
     findings = device_findings(list(together.values()), shared)
     if not findings.values:
-        return again
+        return outcomes
     errors: dict[str, HeldOutPart] = {}
     if leave_out == "point":
         errors = _held_out_points(points, together, workers, phases)
-    alternatives = alternatives_of(list(own.values()))
+    alternatives = alternatives_of(list(individual.values()))
     for name, diagnosis in together.items():
-        told = with_device(diagnosis, findings, alternatives)
-        if name in own:
-            told = replace(told, warnings=(*told.warnings, *contradictions(own[name], findings)))
+        complete = with_device(diagnosis, findings, alternatives)
+        if name in individual:
+            complete = replace(
+                complete, warnings=(*complete.warnings, *contradictions(individual[name], findings))
+            )
         if name in errors:
-            told = replace(told, held_out=HeldOut.of("point", [errors[name]]))
-        again[name] = told
-    return again
+            complete = replace(complete, held_out=HeldOut.of("point", [errors[name]]))
+        outcomes[name] = complete
+    return outcomes
 
 
 def _first_points(points: Sequence[DiagnosisPoint]) -> list[DiagnosisPoint]:
@@ -134,32 +140,34 @@ def _first_points(points: Sequence[DiagnosisPoint]) -> list[DiagnosisPoint]:
 
     Which ones does not depend on the order of the files.
     """
-    if len(points) < _MANY_POINTS:
+    if len(points) < _MIN_POINTS_FOR_SAMPLE:
         return list(points)
     ordered = sorted(points, key=lambda point: point.name)
-    return [ordered[(2 * k + 1) * len(points) // (2 * _FIRST_POINTS)] for k in range(_FIRST_POINTS)]
+    return [ordered[(2 * k + 1) * len(points) // (2 * _SAMPLE_SIZE)] for k in range(_SAMPLE_SIZE)]
 
 
-def _left(diagnosis: PointDiagnosis) -> float:
+def _discrepancy(diagnosis: PointDiagnosis) -> float:
     """Return what no effect tells of a point, over the peak; NaN: it was not fitted."""
-    left = diagnosis.after.discrepancy_over_peak
-    return math.nan if left is None else left
+    discrepancy = diagnosis.after.discrepancy_over_peak
+    return math.nan if discrepancy is None else discrepancy
 
 
 def _odd_points(outcomes: DiagnosisByPoint) -> set[str]:
     """Return the names of points of which the device of the others leaves far more than usual."""
-    left = {name: _left(diagnosis) for name, diagnosis in successful(outcomes).items()}
-    fitted = [value for value in left.values() if math.isfinite(value)]
-    usual = max(median(fitted), EXPLAINED_TO) if fitted else math.inf
-    return {name for name, value in left.items() if value > _FAR_MORE * usual}
+    discrepancies = {
+        name: _discrepancy(diagnosis) for name, diagnosis in successful(outcomes).items()
+    }
+    fitted = [value for value in discrepancies.values() if math.isfinite(value)]
+    typical = max(median(fitted), EXPLAINED_TO) if fitted else math.inf
+    return {name for name, value in discrepancies.items() if value > _ODD_RATIO * typical}
 
 
-def _nearby(name: str, own: Mapping[str, PointDiagnosis]) -> tuple[frozenset[str], ...]:
+def _nearby(name: str, individual: Mapping[str, PointDiagnosis]) -> tuple[frozenset[str], ...]:
     """Return the structure of a point by itself, or of others, and what most points have."""
-    counts = Counter(effect for diagnosis in own.values() for effect in diagnosis.structure)
-    common = frozenset(effect for effect, count in counts.items() if 2 * count > len(own))
-    others = [own[name]] if name in own else own.values()
-    return tuple(dict.fromkeys([common, *(other.structure for other in others)]))
+    counts = Counter(effect for diagnosis in individual.values() for effect in diagnosis.structure)
+    common = frozenset(effect for effect, count in counts.items() if 2 * count > len(individual))
+    sources = [individual[name]] if name in individual else individual.values()
+    return tuple(dict.fromkeys([common, *(source.structure for source in sources)]))
 
 
 def _held_out_points(
@@ -170,15 +178,17 @@ def _held_out_points(
 ) -> dict[str, HeldOutPart]:
     """Return the error of each point with the device's values held as the other points say."""
     held_out = [point for point in points if point.name in diagnoses]
-    known = []
+    knowledge = []
     for point in held_out:
-        others = [d for name, d in diagnoses.items() if name != point.name]
-        shared = frozenset(e.key for d in others for e in d.effects if e.scope == "device")
-        values: DeviceValues = device_findings(others, shared).values
-        known.append(InstrumentKnowledge(declared_effects=values))
+        remaining = [d for name, d in diagnoses.items() if name != point.name]
+        shared = frozenset(e.key for d in remaining for e in d.effects if e.scope == "device")
+        values: DeviceValues = device_findings(remaining, shared).values
+        knowledge.append(InstrumentKnowledge(declared_effects=values))
     phases.together.expect(len(held_out))
-    again = successful(diagnose_all(held_out, known, workers, phases.together, predict_last=False))
-    return {name: _as_part(name, diagnosis) for name, diagnosis in again.items()}
+    transferred = successful(
+        diagnose_all(held_out, knowledge, workers, phases.together, predict_last=False)
+    )
+    return {name: _as_part(name, diagnosis) for name, diagnosis in transferred.items()}
 
 
 def _as_part(name: str, diagnosis: PointDiagnosis) -> HeldOutPart:
@@ -215,9 +225,14 @@ def _fitted_numbers(diagnosis: PointDiagnosis) -> tuple[str, ...]:
 
 # Points from which on their spread is told; of a normal distribution its middle distance from the
 # middle, as a deviation; and what contradicts the others: so many deviations, and this part.
-_FEWEST_FOR_SPREAD, _OF_NORMAL, _CONTRADICTS, _SAME_DEVICE = 3, 1.4826, 4.0, 0.05
+_MIN_POINTS_FOR_SPREAD, _DEVIATION_OF_MEDIAN, _CONTRADICTION_DEVIATIONS, _CONTRADICTION_PART = (
+    3,
+    1.4826,
+    4.0,
+    0.05,
+)
 # Of an effect that points of a device share.
-_MOST_ALTERNATIVES = 2
+_MAX_ALTERNATIVES = 2
 
 
 def device_findings(diagnoses: Sequence[PointDiagnosis], shared: Collection[str]) -> DeviceFindings:
@@ -234,18 +249,20 @@ def device_findings(diagnoses: Sequence[PointDiagnosis], shared: Collection[str]
     deviations: DeviceValues = {}
     spread: DeviceValues = {}
     for name in shared:
-        shown = [e for d in diagnoses for e in d.effects if e.key == name]
+        shared_results = [e for d in diagnoses for e in d.effects if e.key == name]
         for parameter in BY_NAME[name].parameters:
-            numbers = [p for e in shown for p in e.numbers if p.name == parameter.name]
+            numbers = [p for e in shared_results for p in e.numbers if p.name == parameter.name]
             if not numbers:
                 continue
             sample = [known(p.value) for p in numbers]
-            middle = median(sample)
-            own = [p.sd for p in numbers if p.sd is not None and math.isfinite(p.sd)]
-            typical = median(own) if own else math.nan
-            values.setdefault(name, {})[parameter.name] = middle
-            if len(sample) >= _FEWEST_FOR_SPREAD:
-                wide = _OF_NORMAL * median([abs(value - middle) for value in sample])
+            central = median(sample)
+            deviations_of_points = [
+                p.sd for p in numbers if p.sd is not None and math.isfinite(p.sd)
+            ]
+            typical = median(deviations_of_points) if deviations_of_points else math.nan
+            values.setdefault(name, {})[parameter.name] = central
+            if len(sample) >= _MIN_POINTS_FOR_SPREAD:
+                wide = _DEVIATION_OF_MEDIAN * median([abs(value - central) for value in sample])
                 spread.setdefault(name, {})[parameter.name] = wide
                 typical = math.hypot(wide, 0.0 if math.isnan(typical) else typical)
             deviations.setdefault(name, {})[parameter.name] = typical / math.sqrt(len(sample))
@@ -262,10 +279,12 @@ def contradictions(diagnosis: PointDiagnosis, findings: DeviceFindings) -> list[
             wide = findings.spread.get(effect.key, {}).get(name)
             if effect.scope != "device" or wide is None:
                 continue
-            own = p.sd if p.sd is not None and math.isfinite(p.sd) else 0.0
+            deviation = p.sd if p.sd is not None and math.isfinite(p.sd) else 0.0
             shared = findings.values[effect.key][name]
             away = abs(value - shared)
-            if away > _CONTRADICTS * math.hypot(wide, own) and away > _SAME_DEVICE * abs(shared):
+            if away > _CONTRADICTION_DEVIATIONS * math.hypot(
+                wide, deviation
+            ) and away > _CONTRADICTION_PART * abs(shared):
                 values: dict[str, Value] = {
                     "effect": effect.key,
                     "parameter": name,
@@ -288,12 +307,12 @@ def alternatives_of(alone: Sequence[PointDiagnosis]) -> dict[str, tuple[str, ...
             if effect.scope == "device":
                 counts.setdefault(effect.key, Counter()).update(effect.alternatives or ())
     return {
-        name: tuple(other for other, _ in found.most_common(_MOST_ALTERNATIVES))
-        for name, found in counts.items()
+        name: tuple(alternative for alternative, _ in counter.most_common(_MAX_ALTERNATIVES))
+        for name, counter in counts.items()
     }
 
 
-def given_device(device: DeviceValues, spread: DeviceValues | None) -> DeviceFindings:
+def declared_device(device: DeviceValues, spread: DeviceValues | None) -> DeviceFindings:
     """Return the device effects that are held; those with deviations belong to each point."""
     held = {name: values for name, values in device.items() if not (spread or {}).get(name)}
     unknown = {name: dict.fromkeys(values, math.nan) for name, values in held.items()}
@@ -303,15 +322,17 @@ def given_device(device: DeviceValues, spread: DeviceValues | None) -> DeviceFin
 def with_device(
     diagnosis: PointDiagnosis,
     findings: DeviceFindings,
-    others: Mapping[str, Sequence[str]] | None = None,
+    alternatives: Mapping[str, Sequence[str]] | None = None,
 ) -> PointDiagnosis:
     """The diagnosis with the effects of the survey's device among its effects.
 
     Parameters
     ----------
-    others : of effects what they cannot be told from
+    alternatives : of effects what they cannot be told from
     """
-    told = {name: tuple(others.get(name, ())) if others else () for name in findings.values}
+    ambiguous = {
+        name: tuple(alternatives.get(name, ())) if alternatives else () for name in findings.values
+    }
     shared = tuple(
         effect_result(
             name,
@@ -328,19 +349,21 @@ def with_device(
                 for p in BY_NAME[name].parameters
                 if p.name in values
             ],
-            alternatives=told[name],
+            alternatives=ambiguous[name],
             probability=math.nan,
         )
         for name, values in findings.values.items()
     )
-    said = [
+    warnings = [
         Notice("effect-ambiguous", {"effect": name, "others": names})
-        for name, names in told.items()
+        for name, names in ambiguous.items()
         if names
     ]
-    own = tuple(effect for effect in diagnosis.effects if effect.key not in findings.values)
+    point_effects = tuple(
+        effect for effect in diagnosis.effects if effect.key not in findings.values
+    )
     return replace(
         diagnosis,
-        effects=(*shared, *own),
-        warnings=(*diagnosis.warnings, *said),
+        effects=(*shared, *point_effects),
+        warnings=(*diagnosis.warnings, *warnings),
     )

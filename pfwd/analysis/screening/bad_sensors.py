@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from inversion.notices import Notice
-from pfwd.analysis.screening.drops import Screening, whole_part
+from pfwd.analysis.screening.drops import Screening, unbroken_part
 from pfwd.files.traces import TracePoint
 from pfwd.notice_texts import TERMS
 from pfwd_device.drop import Quantity, nearest_first
@@ -15,7 +15,7 @@ from pfwd_device.drop import Quantity, nearest_first
 if TYPE_CHECKING:
     from inversion.measured.bad_sensors import Fault
 
-FEWEST_SENSORS = 3
+MIN_SENSORS = 3
 """Least number of sensors: where two contradict each other, either may be wrong."""
 
 
@@ -34,48 +34,48 @@ def leave_out_bad_sensors(
     screenings : sequence of Screening
         One a drop.
     """
-    found: dict[tuple[float, Quantity], set[Fault]] = {}
+    faults_by_sensor: dict[tuple[float, Quantity], set[Fault]] = {}
     for drop, screening in zip(point.drops, screenings, strict=True):
         channels = [c for c in drop.channels if c.offset not in screening.left_out]
-        if screening.status == "rejected" or len(channels) < FEWEST_SENSORS:
+        if screening.status == "rejected" or len(channels) < MIN_SENSORS:
             continue
         # Loaded here: a device with one or two sensors never needs it.
         from inversion import Instrument, InversionError, Record, Sensor
         from inversion.measured.bad_sensors import bad_sensors
 
-        whole = whole_part(drop)[0]
+        unbroken = unbroken_part(drop)[0]
         sensors = tuple(
             Sensor(c.offset, c.quantity, c.values)
-            for c in whole.channels
+            for c in unbroken.channels
             if c.offset not in screening.left_out
         )
         radius = point.setup.plate_radius
         try:
-            bad = bad_sensors(Record(whole.time, whole.load, sensors, Instrument(radius)))
+            bad = bad_sensors(Record(unbroken.time, unbroken.load, sensors, Instrument(radius)))
         except InversionError:
             continue  # the inversion meets the same fault, and tells it
         for sensor in bad:
-            found.setdefault((sensor.offset, sensor.quantity), set()).add(sensor.fault)
-    if not found:
+            faults_by_sensor.setdefault((sensor.offset, sensor.quantity), set()).add(sensor.fault)
+    if not faults_by_sensor:
         return tuple(screenings)
-    offsets = tuple(sorted({offset for offset, _ in found}, key=nearest_first))
-    said = tuple(
-        _warning(offset, quantity, found[offset, quantity])
-        for offset, quantity in sorted(found, key=lambda key: nearest_first(key[0]))
+    offsets = tuple(sorted({offset for offset, _ in faults_by_sensor}, key=nearest_first))
+    warnings = tuple(
+        _warning(offset, quantity, faults_by_sensor[offset, quantity])
+        for offset, quantity in sorted(faults_by_sensor, key=lambda key: nearest_first(key[0]))
     )
     return tuple(
-        one
-        if one.status == "rejected"
+        screening
+        if screening.status == "rejected"
         else replace(
-            one,
-            left_out=(*one.left_out, *(o for o in offsets if o not in one.left_out)),
-            warnings=(*one.warnings, *said),
+            screening,
+            left_out=(*screening.left_out, *(o for o in offsets if o not in screening.left_out)),
+            warnings=(*screening.warnings, *warnings),
         )
-        for one in screenings
+        for screening in screenings
     )
 
 
 def _warning(offset: float, quantity: Quantity, faults: set[Fault]) -> Notice:
     # Without the numbers of the drops, so that it is said once for a point, and for many points.
-    said = tuple(fault for fault in TERMS if fault in faults)
-    return Notice("sensor-bad", {"quantity": quantity, "offset_m": offset, "faults": said})
+    ordered = tuple(fault for fault in TERMS if fault in faults)
+    return Notice("sensor-bad", {"quantity": quantity, "offset_m": offset, "faults": ordered})

@@ -124,9 +124,11 @@ def centre_sensor_fault(
         largest = f"{moved.max() * 1e6:.4g} um"
         return f"it stops at {largest} under the load: end of its stroke or of the range"
     if len(neighbours) >= 2:
-        others = [float((values[contact] - values[first]).max()) for values in neighbours[:2]]
-        if min(others) > NEIGHBOURS_BEYOND * moved.max() + unsure:
-            part = min(others) / moved.max()
+        neighbour_peaks = [
+            float((values[contact] - values[first]).max()) for values in neighbours[:2]
+        ]
+        if min(neighbour_peaks) > NEIGHBOURS_BEYOND * moved.max() + unsure:
+            part = min(neighbour_peaks) / moved.max()
             return f"both sensors next to it go down farther under the load, {part:.0%} of it"
     if response is not None:
         moved = correct_response(moved, 1.0 / step, response.natural_frequency, response.damping)
@@ -145,13 +147,13 @@ def _timing_fault(force: Vector, moved: Vector, step: float, unsure: float) -> s
     turned = int(np.argmax(delayed))
     after = np.arange(force.size) > turned
     under_load = after & (force >= HALF_LOAD * force.max())
-    left = float(delayed[under_load].min()) / peak if under_load.any() else 1.0
-    if left < RETURNED - unsure:
-        return f"it is back at {left:.0%} of its peak while half of the load acts"
+    remaining = float(delayed[under_load].min()) / peak if under_load.any() else 1.0
+    if remaining < RETURNED - unsure:
+        return f"it is back at {remaining:.0%} of its peak while half of the load acts"
     work = np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(delayed))
-    least = float(work.min()) / (float(force.max()) * peak)
-    if least < -NO_WORK - unsure:
-        return f"the load does negative work on it, {least:.0%} of peak load times displacement"
+    smallest = float(work.min()) / (float(force.max()) * peak)
+    if smallest < -NO_WORK - unsure:
+        return f"the load does negative work on it, {smallest:.0%} of peak load times displacement"
     return None
 
 

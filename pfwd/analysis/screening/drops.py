@@ -36,7 +36,7 @@ ONLY_PEAKS = "peaks only: the file had no time history, which the dynamic invers
 """Why a drop without traces is not inverted."""
 
 
-def whole_part(drop: Drop) -> tuple[Drop, str | None, Notice | None]:
+def unbroken_part(drop: Drop) -> tuple[Drop, str | None, Notice | None]:
     """The unbroken part of a drop around its trigger.
 
     Parameters
@@ -56,16 +56,16 @@ def whole_part(drop: Drop) -> tuple[Drop, str | None, Notice | None]:
     if drop.only_peaks is not None:
         return drop, ONLY_PEAKS, None
     values = np.array([drop.load, *(channel.values for channel in drop.channels)])
-    gone: NDArray[np.bool_] = np.isnan(values).max(axis=0)
-    if not gone.any():
+    missing: NDArray[np.bool_] = np.isnan(values).max(axis=0)
+    if not missing.any():
         return drop, None, None
-    count = int(gone.sum())
-    first_missing = float(drop.time[int(np.argmax(gone))])
-    middle = int(np.argmin(np.abs(drop.time)))
-    before = np.flatnonzero(gone[: middle + 1])
-    after = np.flatnonzero(gone[middle:])
+    count = int(missing.sum())
+    first_missing = float(drop.time[int(np.argmax(missing))])
+    trigger = int(np.argmin(np.abs(drop.time)))
+    before = np.flatnonzero(missing[: trigger + 1])
+    after = np.flatnonzero(missing[trigger:])
     start = int(before[-1]) + 1 if before.size else 0
-    end = middle + int(after[0]) if after.size else gone.size
+    end = trigger + int(after[0]) if after.size else missing.size
     step = 1.0 / drop.sampling_rate
     # A record that is shorter by its settings is not damaged for that.
     first = max(-NEEDED_BEFORE, drop.time[0]) + step / 2
@@ -74,20 +74,20 @@ def whole_part(drop: Drop) -> tuple[Drop, str | None, Notice | None]:
         return (
             drop,
             (
-                f"damaged record: {count} of {gone.size} samples are missing, the first at "
+                f"damaged record: {count} of {missing.size} samples are missing, the first at "
                 f"{first_missing * 1e3:.1f} ms; repeat the drop"
             ),
             None,
         )
     part = slice(start, end)
-    whole = Drop(
+    part_drop = Drop(
         drop.number,
         drop.time[part],
         drop.load[part],
         tuple(dataclasses.replace(c, values=c.values[part]) for c in drop.channels),
     )
-    numbers = {"missing": count, "samples": gone.size, "first_missing_s": first_missing}
-    return whole, None, Notice("drop-incomplete", numbers)
+    numbers = {"missing": count, "samples": missing.size, "first_missing_s": first_missing}
+    return part_drop, None, Notice("drop-incomplete", numbers)
 
 
 SHORTEST_FLAT = 3
@@ -122,8 +122,8 @@ def clipped_samples(values: NDArray[np.float64]) -> int:
     length = end - start
     if length < SHORTEST_FLAT:
         return 0
-    beside = min(length // 2, start, values.size - end)
-    foot = max(values[start - beside : start].min(), values[end : end + beside].min())
+    reach = min(length // 2, start, values.size - end)
+    foot = max(values[start - reach : start].min(), values[end : end + reach].min())
     fall = values[start] - foot
     step = _quantisation(values[max(0, start - 2 * length) : end + 2 * length])
     return length if fall > STEEP_FLANK * step else 0
@@ -268,7 +268,7 @@ def screen(drop: Drop, setup: PointSetup) -> Screening:
     """
     if setup.is_stiffness_test:
         return Screening("rejected", STIFFNESS_TEST)
-    drop, reason, incomplete = whole_part(drop)
+    drop, reason, incomplete = unbroken_part(drop)
     if reason:
         return Screening("rejected", reason)
     pulse = _find_pulse(drop)
@@ -283,8 +283,8 @@ def screen(drop: Drop, setup: PointSetup) -> Screening:
     dead = tuple(channel.offset for channel in drop.channels if _dead_extra(channel, pulse, drop))
     warnings = [incomplete] if incomplete else []
     clipped = _clipped(drop, dead)
-    said = (*warnings, *clipped, *_warnings(pulse, drop, setup))
-    return Screening(status, None, said, dead, clipped=bool(clipped))
+    all_warnings = (*warnings, *clipped, *_warnings(pulse, drop, setup))
+    return Screening(status, None, all_warnings, dead, clipped=bool(clipped))
 
 
 def screen_point(point: TracePoint) -> tuple[Screening, ...]:
@@ -302,15 +302,15 @@ def screen_point(point: TracePoint) -> tuple[Screening, ...]:
     tuple of Screening
         In the order of the drops.
     """
-    found = [screen(drop, point.setup) for drop in point.drops]
-    found = _without_refuted_clipping(point.drops, found)
+    screenings = [screen(drop, point.setup) for drop in point.drops]
+    screenings = _without_refuted_clipping(point.drops, screenings)
     peaks = [
         0.0 if screening.status == "rejected" else pulse_peak(drop)
-        for drop, screening in zip(point.drops, found, strict=True)
+        for drop, screening in zip(point.drops, screenings, strict=True)
     ]
     largest = max(peaks, default=0.0)
     compared = [
-        compare(screening, peak, largest) for screening, peak in zip(found, peaks, strict=True)
+        compare(screening, peak, largest) for screening, peak in zip(screenings, peaks, strict=True)
     ]
     marked, rejected = [], 0
     for drop, screening in zip(point.drops, compared, strict=True):
@@ -342,7 +342,7 @@ def counted(screening: Screening, number: int, rejected: int, setup: PointSetup)
 
 def pulse_peak(drop: Drop) -> float:
     """Peak load by which the drops of a point are compared, single spikes left out, N."""
-    return _find_pulse(whole_part(drop)[0]).peak
+    return _find_pulse(unbroken_part(drop)[0]).peak
 
 
 def rebound_reason(peak: float, largest: float) -> str | None:
@@ -413,8 +413,8 @@ def _load_fault(pulse: _Pulse, drop: Drop) -> str | None:
     upward = float(-pulse.load.min())
     excursion = max(pulse.peak, upward)
     if excursion < FALSE_TRIGGER_LOAD:
-        least = _kilonewton(FALSE_TRIGGER_LOAD)
-        return f"false trigger: peak load {_kilonewton(excursion)}, less than {least}"
+        smallest = _kilonewton(FALSE_TRIGGER_LOAD)
+        return f"false trigger: peak load {_kilonewton(excursion)}, less than {smallest}"
     late = _late_start(pulse, drop, excursion)
     if late:  # before the polarity: seen from within the pulse, the rest after it lies upward
         return late
@@ -427,8 +427,8 @@ def _load_fault(pulse: _Pulse, drop: Drop) -> str | None:
             "weight hit twice? catch it after the first blow"
         )
     if pulse.end == pulse.load.size:
-        left = float(pulse.load[-1]) / pulse.peak
-        return f"pulse cut off by the window: the load ends at {left:.0%} of its peak"
+        remaining = float(pulse.load[-1]) / pulse.peak
+        return f"pulse cut off by the window: the load ends at {remaining:.0%} of its peak"
     return _too_short(pulse, drop)
 
 
@@ -526,36 +526,42 @@ def _clipped(drop: Drop, dead: Sequence[float]) -> list[Notice]:
 
 def _clipped_channels(drop: Drop, dead: Sequence[float]) -> list[tuple[Notice, str, float]]:
     """Warning, name of the channel, and signed level of each channel with a flat top."""
-    found = []
+    clipped = []
     load = drop.load[:-1]
     count = clipped_samples(load)
     if count:
         warning = Notice("load-clipped", {"samples": count})
-        found.append((warning, "load", float(load.max())))
+        clipped.append((warning, "load", float(load.max())))
     for channel in drop.channels:
         values = channel.values[:-1]
         above, below = clipped_samples(values), clipped_samples(-values)
         if above + below and channel.offset not in dead:
             name = f"{channel.quantity} at {channel.offset:g} m"
             warning = Notice("sensor-clipped", {**_channel(channel), "samples": above + below})
-            found.append((warning, name, float(values.max() if above else values.min())))
-    return found
+            clipped.append((warning, name, float(values.max() if above else values.min())))
+    return clipped
 
 
-def _without_refuted_clipping(drops: Sequence[Drop], found: Sequence[Screening]) -> list[Screening]:
+def _without_refuted_clipping(
+    drops: Sequence[Drop], screenings: Sequence[Screening]
+) -> list[Screening]:
     """Screenings without flat tops at a level that another drop of the point exceeds.
 
     The level at which a channel is clipped is a property of the device.
     """
     recorded = [drop for drop in drops if drop.only_peaks is None]
     result = []
-    for drop, screening in zip(drops, found, strict=True):
+    for drop, screening in zip(drops, screenings, strict=True):
         if screening.clipped:
-            channels = _clipped_channels(whole_part(drop)[0], screening.left_out)
+            channels = _clipped_channels(unbroken_part(drop)[0], screening.left_out)
             refuted = {
                 warning
                 for warning, name, level in channels
-                if any(_exceeds(other, name, level) for other in recorded if other is not drop)
+                if any(
+                    _exceeds(neighbour, name, level)
+                    for neighbour in recorded
+                    if neighbour is not drop
+                )
             }
             screening = dataclasses.replace(
                 screening,
@@ -577,33 +583,33 @@ def _exceeds(drop: Drop, name: str, level: float) -> bool:
 
 
 def _warnings(pulse: _Pulse, drop: Drop, setup: PointSetup) -> list[Notice]:
-    found = []
+    warnings = []
     impulse = float(pulse.load[pulse.start : pulse.end].sum()) / drop.sampling_rate
     duration = np.pi / 2 * impulse / pulse.peak
     if duration < SHORT_PULSE and setup.plate_radius >= SMALL_PLATE:
         values = {"pulse_duration_s": float(duration), "plate_radius_m": setup.plate_radius}
-        found.append(Notice("time-axis-suspect", values))
+        warnings.append(Notice("time-axis-suspect", values))
     if pulse.peak > SUSPECT_LOAD:
-        found.append(Notice("load-suspect", {"peak_load_n": pulse.peak}))
+        warnings.append(Notice("load-suspect", {"peak_load_n": pulse.peak}))
     for channel in drop.channels:
-        found += _channel_warnings(channel, pulse, drop)
-    return found
+        warnings += _channel_warnings(channel, pulse, drop)
+    return warnings
 
 
 def _channel_warnings(channel: Channel, pulse: _Pulse, drop: Drop) -> list[Notice]:
     fault = _dead_extra(channel, pulse, drop)
     if fault:
         return [Notice("sensor-dead", {**_channel(channel), "fault": fault})]
-    found = []
+    warnings = []
     moved = displacement_of(channel, drop.time)[: pulse.end]
     deflection = float(np.abs(moved).max())
     if deflection > SUSPECT_DEFLECTION:
         unit = "m" if channel.quantity == "displacement" else "m/s"
         values = {**_channel(channel), "deflection_m": deflection, "unit": unit}
-        found.append(Notice("deflection-suspect", values))
+        warnings.append(Notice("deflection-suspect", values))
     if _is_centre(channel) and moved[pulse.start :].mean() < 0:
-        found.append(Notice("polarity-suspect", _channel(channel)))
-    return found
+        warnings.append(Notice("polarity-suspect", _channel(channel)))
+    return warnings
 
 
 def _channel(channel: Channel) -> dict[str, Value]:

@@ -78,8 +78,8 @@ def main() -> None:
 def _work(source: IO[bytes], target: IO[bytes]) -> None:
     from inversion import SurrogateLibrary
 
-    def progress(what: str, fraction: float) -> None:
-        send(target, Building(what, fraction))
+    def progress(table: str, fraction: float) -> None:
+        send(target, Building(table, fraction))
 
     library = SurrogateLibrary(progress=progress)
     while True:
@@ -96,8 +96,8 @@ def outcome_of(task: Task | DiagnosisTask, library: "SurrogateLibrary") -> TaskO
         if task.urgency is Urgency.PREPARE:
             rehearse(task.drop, task.setup, task.options, library)
             return TaskOutcome()
-        found = analyse_drop(task.drop, task.setup, task.screening, task.options, library)
-        result = drop_result(task.file, found, setup_warnings(task.setup, [task.drop]))
+        analysis = analyse_drop(task.drop, task.setup, task.screening, task.options, library)
+        result = drop_result(task.file, analysis, setup_warnings(task.setup, [task.drop]))
         # Results of all drops of a survey are held; their histories are not.
         return TaskOutcome(dataclasses.replace(result, history=None), result.history)
     except Exception as err:  # the user has to hear of every unexpected error
@@ -108,14 +108,14 @@ def outcome_of(task: Task | DiagnosisTask, library: "SurrogateLibrary") -> TaskO
 def _diagnose(task: DiagnosisTask) -> TaskOutcome:
     from pfwd.analysis.diagnosis.diagnose import diagnose_entries, diagnose_files
     from pfwd.analysis.diagnosis.entries import entry_of
-    from pfwd.analysis.diagnosis.store import keep_diagnoses
+    from pfwd.analysis.diagnosis.store import store_diagnoses
 
     not_stored = None
     if isinstance(task.source, str):
-        points = list(diagnose_files([task.source], task.options, use_kept=True))
+        points = list(diagnose_files([task.source], task.options, use_stored=True))
         if os.path.isdir(task.source):
             new = [(p.number, p.result) for p in points if p.number is not None and p.result]
-            not_stored = keep_diagnoses(task.source, new)
+            not_stored = store_diagnoses(task.source, new)
     else:
         device = {name: dict(values) for name, values in task.device.items()}
         entry = entry_of(task.source.file, task.source, task.options)

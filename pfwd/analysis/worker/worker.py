@@ -28,7 +28,7 @@ from pfwd.files.traces import TracePoint
 from pfwd_device import Drop
 from pfwd_device.child_python import start_child
 
-MOST_ATTEMPTS = 2
+MAX_ATTEMPTS = 2
 """A task that has ended its process this often is given up."""
 
 CLOSING_TIME = 5.0
@@ -167,7 +167,7 @@ class InversionWorker:
     def _answer_to(self, task: Task | DiagnosisTask) -> Answer | None:
         """The answer; None when nobody waits for it any more."""
         reason = ""
-        for _ in range(MOST_ATTEMPTS):
+        for _ in range(MAX_ATTEMPTS):
             try:
                 process = self._process_or_start()
                 if process is None:

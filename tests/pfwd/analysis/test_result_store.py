@@ -15,10 +15,10 @@ from inversion.measured.record import Sensor
 from pfwd.analysis.analyse import analyse_file
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.result_store import (
-    keep_results,
-    kept_text,
     question_of,
     result_that_counts,
+    store_drop_results,
+    stored_results_text,
 )
 from pfwd.analysis.results import FileOutcome
 from pfwd.files.editing import Edit, edit_survey
@@ -48,12 +48,12 @@ def survey(made: Path, tmp_path: Path) -> Path:
 
 
 def asked(folder: Path, options: AnalysisOptions = QUICK) -> FileOutcome:
-    return analyse_file(str(folder), options, LIBRARY, use_kept=True)
+    return analyse_file(str(folder), options, LIBRARY, use_stored=True)
 
 
 def ask_and_keep(folder: Path, options: AnalysisOptions = QUICK) -> FileOutcome:
     found = asked(folder, options)
-    assert keep_results(str(folder), found.of_survey) is None
+    assert store_drop_results(str(folder), found.of_survey) is None
     return found
 
 
@@ -148,7 +148,7 @@ def test_results_say_what_made_them(survey: Path) -> None:
 def test_a_survey_that_is_written_elsewhere_is_left_alone(survey: Path) -> None:
     found = asked(survey)
     with SurveyWriter.open(survey, publish=False):
-        said = keep_results(str(survey), found.of_survey)
+        said = store_drop_results(str(survey), found.of_survey)
     assert said is not None
     assert "results are not kept" in said
     assert [drop.result_count for drop in read_survey(survey).drops] == [0, 0]
@@ -156,10 +156,12 @@ def test_a_survey_that_is_written_elsewhere_is_left_alone(survey: Path) -> None:
 
 def test_what_was_kept_is_said(survey: Path) -> None:
     ask_and_keep(survey)
-    said = kept_text("S", asked(survey).results)
+    said = stored_results_text("S", asked(survey).results)
     assert said is not None
     assert said.startswith("S: 2 of 2 results were kept from before (pfwd ")
-    assert kept_text("S", asked(survey, dataclasses.replace(QUICK, seed=1)).results) is None
+    assert (
+        stored_results_text("S", asked(survey, dataclasses.replace(QUICK, seed=1)).results) is None
+    )
 
 
 def test_the_diagnosis_of_a_drop_is_none_of_its_results(survey: Path) -> None:

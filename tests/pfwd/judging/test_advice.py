@@ -9,16 +9,16 @@ from pfwd.files.header import PointSetup
 from pfwd.judging import DropView, Job, PointView
 from pfwd.judging.advice import (
     _OF_EFFECT,
-    FEWEST_OTHERS,
-    LOAD_DIFFERS,
-    LOOSE_BESIDE_OTHERS,
-    LOOSE_SENSOR,
-    OTHERS_FIT,
-    SINKS_ON,
-    STILL_SETTLES,
-    UNEVEN_ALONE,
-    UNEVEN_BESIDE_OTHERS,
-    UNEVEN_CONTACT,
+    LOOSE_RATIO,
+    MAX_LOAD_DIFFERENCE,
+    MAX_RESIDUAL_OF_GOOD_SENSORS,
+    MIN_COMPARED_DROPS,
+    MIN_LOOSE_RESIDUAL,
+    MIN_SETTLING,
+    MIN_SINKING,
+    MIN_UNEVEN_RESIDUAL,
+    MIN_UNEVEN_RESIDUAL_UNCOMPARED,
+    UNEVEN_RATIO,
     Advised,
     advice_on_drop,
     advice_on_point,
@@ -43,9 +43,9 @@ def about(*found: Advised) -> list[Advised]:
 @pytest.mark.parametrize(
     ("load", "expected"),
     [
-        (7000.0 * (1 - LOAD_DIFFERS) + 1, []),
-        (7000.0 * (1 - LOAD_DIFFERS) - 1, [Advised.LOAD]),
-        (7000.0 * (1 + LOAD_DIFFERS) + 1, [Advised.LOAD]),
+        (7000.0 * (1 - MAX_LOAD_DIFFERENCE) + 1, []),
+        (7000.0 * (1 - MAX_LOAD_DIFFERENCE) - 1, [Advised.LOAD]),
+        (7000.0 * (1 + MAX_LOAD_DIFFERENCE) + 1, [Advised.LOAD]),
     ],
 )
 def test_a_drop_from_another_height(load: float, expected: list[Advised]) -> None:
@@ -66,14 +66,14 @@ def test_a_loose_sensor_and_an_uneven_plate() -> None:
         PLAIN,
         measured(3),
         OTHERS,
-        contact_residual=UNEVEN_CONTACT * 1.01,
+        contact_residual=MIN_UNEVEN_RESIDUAL * 1.01,
         usual_residuals=usual,
         sensors_left_out=(2,),
     )
     assert [advice.about for advice in found] == [Advised.SENSOR, Advised.CONTACT]
     assert found[0].text.startswith("re-seat sensor 2")
     even = advice_on_drop(
-        PLAIN, measured(3), OTHERS, contact_residual=UNEVEN_CONTACT, usual_residuals=usual
+        PLAIN, measured(3), OTHERS, contact_residual=MIN_UNEVEN_RESIDUAL, usual_residuals=usual
     )
     assert even == []
 
@@ -88,12 +88,14 @@ def test_what_an_instrument_leaves_of_every_drop_is_not_the_contact() -> None:
         )
         return [advice.about for advice in found]
 
-    limit = UNEVEN_BESIDE_OTHERS * 0.042
+    limit = UNEVEN_RATIO * 0.042
     assert about_residual(limit - 1e-4, usual) == []
     assert about_residual(limit + 1e-4, usual) == [Advised.CONTACT]
-    few = usual[: FEWEST_OTHERS - 1]
-    assert about_residual(UNEVEN_ALONE, few) == [], "too few to know what is usual"
-    assert about_residual(UNEVEN_ALONE + 1e-4, few) == [Advised.CONTACT]
+    few = usual[: MIN_COMPARED_DROPS - 1]
+    assert about_residual(MIN_UNEVEN_RESIDUAL_UNCOMPARED, few) == [], (
+        "too few to know what is usual"
+    )
+    assert about_residual(MIN_UNEVEN_RESIDUAL_UNCOMPARED + 1e-4, few) == [Advised.CONTACT]
 
 
 @pytest.mark.parametrize(
@@ -102,11 +104,11 @@ def test_what_an_instrument_leaves_of_every_drop_is_not_the_contact() -> None:
         ({1: 0.0087, 2: 0.0334, 3: 0.0040}, 2),  # rings at 180 Hz on its seat
         ({1: 0.0454, 2: 0.0117, 3: 0.0085}, 1),
         ({1: 0.0004, 2: 0.0010, 3: 0.0022}, None),  # all sit
-        ({1: LOOSE_SENSOR, 2: 0.001}, None),
-        ({1: LOOSE_SENSOR + 1e-4, 2: 0.001}, 1),
-        ({1: 0.02 * LOOSE_BESIDE_OTHERS, 2: 0.02}, None),
+        ({1: MIN_LOOSE_RESIDUAL, 2: 0.001}, None),
+        ({1: MIN_LOOSE_RESIDUAL + 1e-4, 2: 0.001}, 1),
+        ({1: 0.02 * LOOSE_RATIO, 2: 0.02}, None),
         ({1: 0.158, 2: 0.197, 3: 0.142}, None),  # a crust: another ground, no sensor
-        ({1: 0.544, 2: 0.20, 3: OTHERS_FIT + 1e-4}, None),
+        ({1: 0.544, 2: 0.20, 3: MAX_RESIDUAL_OF_GOOD_SENSORS + 1e-4}, None),
         ({1: 0.05}, None),  # alone
     ],
 )
@@ -141,10 +143,10 @@ def test_a_rejected_drop_has_its_reason_and_no_advice() -> None:
 @pytest.mark.parametrize(
     ("last", "expected"),
     [
-        (1 - STILL_SETTLES + 1e-3, []),
-        (1 - STILL_SETTLES - 1e-3, [Advised.SEATING]),
-        (1 + SINKS_ON - 1e-3, []),
-        (1 + SINKS_ON + 1e-3, [Advised.SINKING]),
+        (1 - MIN_SETTLING + 1e-3, []),
+        (1 - MIN_SETTLING - 1e-3, [Advised.SEATING]),
+        (1 + MIN_SINKING - 1e-3, []),
+        (1 + MIN_SINKING + 1e-3, [Advised.SINKING]),
     ],
 )
 def test_first_and_last_drop_differ(last: float, expected: list[Advised]) -> None:

@@ -68,7 +68,7 @@ class DropState:
         known = (
             None if self.view is None else self.view.own.peak_load,
             None if peaks is None else peaks.load,
-            None if self.result is None else self.result.known_peak_load_n,
+            None if self.result is None else self.result.peak_load_or_half_sine_n,
         )
         return next((peak for peak in known if peak is not None), math.nan)
 

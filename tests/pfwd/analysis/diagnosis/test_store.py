@@ -8,7 +8,7 @@ import pytest
 from inversion import InversionError, SurrogateLibrary
 from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_files
 from pfwd.analysis.diagnosis.entries import entry_of, questions_of
-from pfwd.analysis.diagnosis.store import keep_diagnoses, last_diagnosis
+from pfwd.analysis.diagnosis.store import last_diagnosis, store_diagnoses
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.analysis.worker.process import outcome_of
@@ -53,11 +53,11 @@ def test_the_same_question_is_answered_from_the_survey(
     survey: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pfwd.analysis.diagnosis.points.diagnose_point", None)
-    found = list(diagnose_files([str(survey)], use_kept=True))
+    found = list(diagnose_files([str(survey)], use_stored=True))
     assert [it.result.stored for it in found if it.result] == [True, True]
     assert [it.result.verdict for it in found if it.result] == ["explained", "explained"]
     assert [it.result.file for it in found if it.result] == [str(survey)] * 2
-    assert keep_diagnoses(str(survey), told(found)) is None
+    assert store_diagnoses(str(survey), told(found)) is None
     assert len(list((survey / "results").glob("diagnosis-*"))) == 2
 
 
@@ -66,7 +66,7 @@ def test_another_process_answers_from_the_survey_with_the_same_records(survey: P
     task = DiagnosisTask(1, str(survey), AnalysisOptions())
     outcome = request(process, task, lambda _building: None)
     end_process(process)
-    here = [it.result for it in diagnose_files([str(survey)], use_kept=True) if it.result]
+    here = [it.result for it in diagnose_files([str(survey)], use_stored=True) if it.result]
     assert [json_text(it.to_json()) for it in outcome.diagnoses] == [
         json_text(it.to_json()) for it in here
     ]

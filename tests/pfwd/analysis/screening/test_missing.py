@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pfwd.analysis.screening.drops import screen, whole_part
+from pfwd.analysis.screening.drops import screen, unbroken_part
 from pfwd.files.header import PointSetup
 from pfwd_device import Drop
 
@@ -31,7 +31,7 @@ def drop(make_drop: Callable[..., Drop]) -> Drop:
 
 
 def test_a_whole_drop_stays_as_it_is(drop: Drop) -> None:
-    assert whole_part(drop) == (drop, None, None)
+    assert unbroken_part(drop) == (drop, None, None)
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ def test_a_whole_drop_stays_as_it_is(drop: Drop) -> None:
 def test_gaps_outside_of_the_needed_part(
     drop: Drop, start: float, end: float, left: tuple[float, float]
 ) -> None:
-    whole, reason, warning = whole_part(without(drop, start, end))
+    whole, reason, warning = unbroken_part(without(drop, start, end))
     assert reason is None
     assert warning is not None
     assert f"the first at {start * 1e3:.1f} ms" in warning
@@ -64,7 +64,7 @@ def test_gaps_outside_of_the_needed_part(
 )
 def test_gaps_in_the_needed_part(drop: Drop, start: float, end: float) -> None:
     damaged = without(drop, start, end)
-    whole, reason, warning = whole_part(damaged)
+    whole, reason, warning = unbroken_part(damaged)
     assert whole is damaged
     assert reason is not None
     assert reason.startswith("damaged record")
@@ -76,7 +76,7 @@ def test_a_record_that_is_short_by_its_settings_is_not_damaged_for_that(
     make_drop: Callable[..., Drop],
 ) -> None:
     short = make_drop(pre_trigger=0.02, window=0.04)
-    whole, reason, _ = whole_part(without(short, -0.02, -0.015))
+    whole, reason, _ = unbroken_part(without(short, -0.02, -0.015))
     assert reason is None
     assert whole.time[-1] == short.time[-1]
 
