@@ -19,7 +19,7 @@ from pfwd.session.events import (
     DropSaved,
     InstrumentLost,
     InstrumentReady,
-    JobKnown,
+    JobReported,
     Notice,
     PointDiagnosed,
     Ready,
@@ -93,7 +93,7 @@ class SessionLines:
 
     def _event(self, event: SessionEvent) -> None:
         match event:
-            case JobKnown(job, differences):
+            case JobReported(job, differences):
                 self._job(job, differences)
             case InstrumentReady():
                 self._ready(event)

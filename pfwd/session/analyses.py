@@ -20,7 +20,7 @@ from pfwd_device.identity import Identity
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Asked:
+class _PendingAnalysis:
     """An analysis under way."""
 
     saved: SavedDrop
@@ -29,7 +29,7 @@ class _Asked:
     """No other answer follows."""
 
 
-MOST_WAITING = 60
+MAX_PENDING_FOR_FULL_SEARCH = 60
 """Analyses under way from which on no full search is asked for any more: a computer that is too
 slow for them would hold ever more drops in memory. The first modulus is worth nearly as much."""
 
@@ -58,15 +58,15 @@ class Analyses:
         self._keep_result = keep_result
         self._answers: queue.SimpleQueue[Answer | Building] = queue.SimpleQueue()
         self._worker = InversionWorker(self._answers.put)
-        self._asked: dict[int, _Asked] = {}
+        self._pending: dict[int, _PendingAnalysis] = {}
         self._behind = False
         # The published method is one search as a whole: no quick answer goes before it.
-        self._one_answer = options.published or options.method == "least-squares"
+        self._has_single_answer = options.published or options.method == "least-squares"
 
     @property
     def unanswered(self) -> int:
         """Number of analyses under way."""
-        return len(self._asked)
+        return len(self._pending)
 
     def prepare(self, identity: Identity, setup: PointSetup) -> None:
         """Have the model's table ready for drops of this instrument."""
@@ -77,11 +77,11 @@ class Analyses:
         """Have a drop inverted."""
         if saved.screening.status == "rejected":
             return
-        if self._one_answer:
+        if self._has_single_answer:
             self._ask(saved, Urgency.QUICK, self._options)
             return
         quick = replace(self._options, method="least-squares")
-        if len(self._asked) < MOST_WAITING:
+        if len(self._pending) < MAX_PENDING_FOR_FULL_SEARCH:
             self._behind = False
             self._ask(saved, Urgency.QUICK, quick, final=False)
             self._ask(saved, Urgency.FULL, self._options)
@@ -97,7 +97,7 @@ class Analyses:
         number = self._worker.analyse(
             urgency, saved.drop, saved.setup, saved.screening, options, saved.file
         )
-        self._asked[number] = _Asked(saved, urgency, final)
+        self._pending[number] = _PendingAnalysis(saved, urgency, final)
 
     def take_answers(self) -> None:
         """Tell what has been answered."""
@@ -107,18 +107,18 @@ class Analyses:
     def last_answers(self, timeout: float) -> None:
         """Wait for what is under way, at most so many seconds; what is left then is said."""
         until = time.monotonic() + timeout
-        while self._asked and (left := until - time.monotonic()) > 0:
+        while self._pending and (remaining := until - time.monotonic()) > 0:
             with contextlib.suppress(queue.Empty):
-                self._take(self._answers.get(timeout=left))
-        if not self._asked:
+                self._take(self._answers.get(timeout=remaining))
+        if not self._pending:
             return
         fault = "the analysis did not end in time; the drop is safe, invert it again later"
-        self._tell(Notice(f"{len(self._asked)} analyses did not end in time", serious=True))
-        left_over, self._asked = list(self._asked.values()), {}
-        for asked in left_over:
-            if asked.urgency is Urgency.QUICK:  # a drop without any answer
-                result = _failed(asked.saved, fault)
-                self._tell(DropAnalysed(asked.saved, None, result, None, False, True))
+        self._tell(Notice(f"{len(self._pending)} analyses did not end in time", serious=True))
+        unfinished, self._pending = list(self._pending.values()), {}
+        for pending in unfinished:
+            if pending.urgency is Urgency.QUICK:  # a drop without any answer
+                result = _failed(pending.saved, fault)
+                self._tell(DropAnalysed(pending.saved, None, result, None, False, True))
 
     def close(self) -> None:
         """End the worker; what is not answered stays so."""
@@ -130,17 +130,17 @@ class Analyses:
             return
         if answer.fault is not None:
             self._tell(Notice(answer.fault, serious=True, details=answer.details))
-        asked = self._asked.pop(answer.task.number, None)
-        if asked is None:
+        pending = self._pending.pop(answer.task.number, None)
+        if pending is None:
             return
-        saved, full = asked.saved, asked.urgency is Urgency.FULL
+        saved, full = pending.saved, pending.urgency is Urgency.FULL
         result = answer.result
         if result is None:
             result = _failed(saved, str(answer.fault))
         elif saved.record is not None:
             self._keep_result(saved.record, result)
         delay = None if saved.received is None else time.monotonic() - saved.received
-        self._tell(DropAnalysed(saved, delay, result, answer.curves, full, asked.final))
+        self._tell(DropAnalysed(saved, delay, result, answer.curves, full, pending.final))
 
 
 def _failed(saved: SavedDrop, fault: str) -> DropResult:

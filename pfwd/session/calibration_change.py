@@ -43,14 +43,14 @@ def _channel_changes(before: ChannelIdentity, now: ChannelIdentity) -> Iterator[
     if before.role != now.role:
         yield f"role of {name} is {now.role}, was {before.role}"
     sensitivity = f"V per {UNIT_OF_ROLE[now.role]}"
-    for what, unit, value, other in (
+    for quantity, unit, value, earlier in (
         ("sensitivity", sensitivity, now.sensitivity, before.sensitivity),
         ("zero", "V", now.zero, before.zero),
         ("natural frequency", "Hz", now.natural_frequency, before.natural_frequency),
         ("damping ratio", "", now.damping, before.damping),
     ):
-        if value != other:
-            yield f"{what} of {name} is {_text(value, unit)}, was {_text(other, unit)}"
+        if value != earlier:
+            yield f"{quantity} of {name} is {_text(value, unit)}, was {_text(earlier, unit)}"
 
 
 def _text(value: float | None, unit: str) -> str:

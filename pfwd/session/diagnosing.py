@@ -18,7 +18,7 @@ from pfwd.files.traces import TracePoint
 from pfwd.procedures import Kind
 from pfwd.session.events import Notice, PointDiagnosed, SavedDrop
 
-FEWEST_POINTS = 2
+MIN_POINTS_WITH_EFFECT = 2
 """Points with an effect of the device from which on the next point is presumed to have it."""
 
 DeviceEffects = dict[str, dict[str, float]]
@@ -79,13 +79,13 @@ class PointDiagnoses:
         self._answers: queue.SimpleQueue[Answer | Building] = queue.SimpleQueue()
         self._worker = InversionWorker(self._answers.put)
         self._points: dict[str, _Point] = {}
-        self._asked: dict[int, tuple[str, int | None]] = {}
-        self._shown: dict[str, DeviceEffects] = {}
+        self._pending: dict[int, tuple[str, int | None]] = {}
+        self._device_effects: dict[str, DeviceEffects] = {}
 
     @property
     def unanswered(self) -> int:
         """Number of diagnoses under way."""
-        return len(self._asked)
+        return len(self._pending)
 
     def ask(self, saved: SavedDrop) -> None:
         """Diagnose the point of a drop that is safe, unless it seats the plate or is rejected."""
@@ -104,30 +104,30 @@ class PointDiagnoses:
     def discard(self, record: int) -> None:
         """Diagnose the point of a drop without it."""
         for name, point in self._points.items():
-            gone = [number for number, drop in point.drops.items() if drop.record == record]
-            for number in gone:
+            discarded = [number for number, drop in point.drops.items() if drop.record == record]
+            for number in discarded:
                 del point.drops[number]
-            if gone and point.has_measured_drop:
+            if discarded and point.has_measured_drop:
                 self._ask(name, point)
 
     def _ask(self, name: str, point: _Point) -> None:
         if point.task is not None and self._worker.forget(point.task):
-            self._asked.pop(point.task, None)
+            self._pending.pop(point.task, None)
         drops = [point.drops[number] for number in sorted(point.drops)]
         traces = TracePoint(name, point.setup, tuple(drop.drop for drop in drops))
         point.task = self._worker.diagnose(traces, self._options, self._device(name))
-        self._asked[point.task] = name, drops[-1].record
+        self._pending[point.task] = name, drops[-1].record
 
     def _device(self, name: str) -> DeviceEffects:
         """Return the medians of the device effects that most of the other points show."""
-        others = [shown for point, shown in self._shown.items() if point != name]
+        of_points = [effects for point, effects in self._device_effects.items() if point != name]
         device: DeviceEffects = {}
-        for effect in {effect for shown in others for effect in shown}:
-            having = [shown[effect] for shown in others if effect in shown]
-            if len(having) >= max(FEWEST_POINTS, len(others) / 2):
+        for effect in {effect for effects in of_points for effect in effects}:
+            having = [effects[effect] for effects in of_points if effect in effects]
+            if len(having) >= max(MIN_POINTS_WITH_EFFECT, len(of_points) / 2):
                 keys = set.intersection(*map(set, having))
                 device[effect] = {
-                    key: statistics.median(shown[key] for shown in having) for key in keys
+                    key: statistics.median(effects[key] for effects in having) for key in keys
                 }
         return device
 
@@ -143,7 +143,7 @@ class PointDiagnoses:
         self._worker.close()
 
     def _take(self, answer: Answer) -> None:
-        name, record = self._asked.pop(answer.task.number, (None, None))
+        name, record = self._pending.pop(answer.task.number, (None, None))
         if name is None:
             return
         point = self._points.get(name)
@@ -158,15 +158,15 @@ class PointDiagnoses:
                 self._keep(record, result)
             self._tell(PointDiagnosed(name, result))
 
-    def _note_device(self, name: str, found: DiagnosisResult) -> None:
+    def _note_device(self, name: str, result: DiagnosisResult) -> None:
         """Effects of the device that the point itself showed: not those that it was given."""
-        own: DeviceEffects = {}
-        for effect in found.effects or ():
+        measured: DeviceEffects = {}
+        for effect in result.effects or ():
             if effect.scope == "device" and effect.evidence is not None:
                 values = {
                     str(p.name): p.value for p in effect.parameters or () if p.value is not None
                 }
-                own[str(effect.name)] = values
-        given = [e for e in found.effects or () if e.scope == "device" and e.evidence is None]
-        if not given:
-            self._shown[name] = own
+                measured[str(effect.name)] = values
+        declared = [e for e in result.effects or () if e.scope == "device" and e.evidence is None]
+        if not declared:
+            self._device_effects[name] = measured

@@ -73,31 +73,31 @@ def state_of(
     check: Mapping[str, Any] | None, status: Status | None, counters: Mapping[str, float | None]
 ) -> dict[str, Any]:
     """Return the instrument's recorded state: last check and status, counters of the link."""
-    said = status and {
+    answers = status and {
         "battery_v": status.battery_v,
         "temperature_c": status.temperature_c,
         "overruns": status.overruns,
     }
-    return {"check": check, "status": said, "link": dict(counters)}
+    return {"check": check, "status": answers, "link": dict(counters)}
 
 
 def marks_of(raw: RawDrop, identity: Identity) -> tuple[str, ...]:
     """Return the irregularities of a record, one phrase each."""
-    found = []
+    marks = []
     if raw.cut_off:
-        found.append(f"cut off: {raw.cut_off}")
+        marks.append(f"cut off: {raw.cut_off}")
     if raw.missing:
         count = sum(length for _, length in raw.missing)
         start = (raw.missing[0][0] - raw.trigger) / identity.sampling_rate
-        found.append(
+        marks.append(
             f"{count} of {len(raw.counts)} samples missing, the first at {start * 1e3:.1f} ms"
         )
     for channel, count in raw.saturated:
         name = identity.channels[channel].name
-        found.append(f"{SATURATED}: {count} samples of {name} at the end of the converter's range")
+        marks.append(f"{SATURATED}: {count} samples of {name} at the end of the converter's range")
     if raw.by_operator:
-        found.append("triggered by the operator")
-    return tuple(found)
+        marks.append("triggered by the operator")
+    return tuple(marks)
 
 
 def load_of(counts: float, identity: Identity) -> float:

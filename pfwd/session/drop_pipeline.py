@@ -110,11 +110,11 @@ class DropPipeline:
         rejected = sum(fact.kind is Kind.REJECTED for fact in point.facts)
         self._rejected.setdefault(point.name, rejected)
 
-    def number_for(self, point: str, wanted: int | None = None) -> int:
+    def number_for(self, point: str, requested: int | None = None) -> int:
         """The number that a drop gets: as recorded if that is free, else the next one."""
         if self.recorder is not None:
-            return max(wanted or 0, self.recorder.next_number(point))
-        return wanted or self.acknowledged + 1
+            return max(requested or 0, self.recorder.next_number(point))
+        return requested or self.acknowledged + 1
 
     def take(
         self,
@@ -127,11 +127,11 @@ class DropPipeline:
 
         `release` is called then: whoever else keeps the drop need not any more.
         """
-        if self.recorder is not None and (known := self.recorder.find(record)) is not None:
+        if self.recorder is not None and (duplicate := self.recorder.find(record)) is not None:
             self._last = None
             if release is not None and self.recorder.is_safe(record):
                 release()
-            text = f"drop {known} of the survey came again; nothing is recorded twice"
+            text = f"drop {duplicate} of the survey came again; nothing is recorded twice"
             self._tell(Notice(text, kind="drops that came again"))
             return
         key = record.point, record.drop.number
@@ -156,12 +156,12 @@ class DropPipeline:
         own: `release` has the instrument erase it.
         """
         if self.recorder is not None:
-            named, others = self.recorder.with_own_key(record)
-            if others and self.recorder.find(named) is None:
+            named, remarks = self.recorder.with_unique_key(record)
+            if remarks and self.recorder.find(named) is None:
                 text = (
                     f"drop {record.point}/{record.drop.number}: the instrument used its name "
                     f"{record.metadata['key']} (serial number, run, sample of the trigger) before, "
-                    f"for drop {others[-1]}, which has other samples; both are recorded"
+                    f"for drop {remarks[-1]}, which has other samples; both are recorded"
                 )
                 self._tell(Notice(text, serious=True, kind="names used twice"))
             record = named
@@ -227,8 +227,8 @@ class DropPipeline:
         drop, setup = record.drop, NO_SETUP
         try:
             setup = setup_of(record.declared, f"drop {record.point}")
-            known = recorded_fields(facts_of(record), self._before)
-            view = self._before = drop_from_traces(drop, setup, **known)
+            recorded = recorded_fields(facts_of(record), self._before)
+            view = self._before = drop_from_traces(drop, setup, **recorded)
             return view, facts_to_store(view.own, view.own_pulse_peak, setup)
         except Exception as err:  # it has to be saved, whatever its traces are
             fault = f"could not be judged: {type(err).__name__}"
@@ -253,20 +253,20 @@ class DropPipeline:
 
         Their traces are read from the survey: those of all its drops would fill the memory.
         """
-        known = self._view().points.get(point)
-        if self.recorder is None or known is None:
+        stored = self._view().points.get(point)
+        if self.recorder is None or stored is None:
             return []
         read = self.recorder.writer.contents().read_drop
         return [
             SavedDrop(point, drop, read(drop.record).drop)
-            for drop in known.drops
+            for drop in stored.drops
             if drop.number < number and drop.discarded is None
             if drop.record is not None and drop.setup is not NO_SETUP
         ]
 
-    def _keep_diagnosis(self, record: int, found: DiagnosisResult) -> None:
+    def _keep_diagnosis(self, record: int, result: DiagnosisResult) -> None:
         if self.recorder is not None:
-            self.recorder.keep_diagnosis(record, found)
+            self.recorder.keep_diagnosis(record, result)
 
     def _keep_result(self, record: int, result: DropResult) -> None:
         if self.recorder is not None:

@@ -228,7 +228,7 @@ class PointBegan:
 
 
 @dataclass(frozen=True, slots=True)
-class JobKnown:
+class JobReported:
     """Job of the survey, at the start and after each change."""
 
     job: Job
@@ -237,12 +237,12 @@ class JobKnown:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class PointKnown:
+class PointReported:
     """A point that the survey holds already."""
 
     point: PointView
     """Its job is that of the listener."""
-    comes_again: bool = False
+    is_replayed: bool = False
     """Its drops come again, one by one, in a replay."""
 
 
@@ -289,7 +289,7 @@ class BatteryLow(Notice):
 class StorageLow(Notice):
     """The disk is filling, or has room again."""
 
-    drops_left: int | None = 0
+    drops_remaining: int | None = 0
     """About how many more it takes; None: there is room again."""
 
 
@@ -309,15 +309,15 @@ SessionEvent = (
     | PointDiagnosed
     | Rebounded
     | PointBegan
-    | JobKnown
-    | PointKnown
+    | JobReported
+    | PointReported
     | Edited
     | TableBuilding
     | Notice
 )
 
 
-FIRST_TOLD = 5
+N_REPORTED_FIRST = 5
 """Number of notices of a kind that are reported one by one, because each may be news."""
 
 INTERVAL = 60.0
@@ -336,26 +336,26 @@ class Repeats:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._told: dict[str, int] = {}
+        self._reported: dict[str, int] = {}
         self._last: dict[str, float] = {}
-        self._untold: dict[str, int] = {}
+        self._unreported: dict[str, int] = {}
 
     def due(self, kind: str) -> int | None:
         """Return the number of unreported notices of the kind; None: this one is not reported
         either."""
         now = self._clock()
-        told = self._told.get(kind, 0)
-        if told >= FIRST_TOLD and now - self._last[kind] < INTERVAL:
-            self._untold[kind] = self._untold.get(kind, 0) + 1
+        reported = self._reported.get(kind, 0)
+        if reported >= N_REPORTED_FIRST and now - self._last[kind] < INTERVAL:
+            self._unreported[kind] = self._unreported.get(kind, 0) + 1
             return None
-        self._told[kind], self._last[kind] = told + 1, now
+        self._reported[kind], self._last[kind] = reported + 1, now
         return self.take(kind)
 
     def take(self, kind: str) -> int:
         """Return the number of unreported notices of a kind, and forget them."""
-        return self._untold.pop(kind, 0)
+        return self._unreported.pop(kind, 0)
 
     def rest(self) -> dict[str, int]:
         """Return the number of unreported notices of each kind, and forget them."""
-        found, self._untold = self._untold, {}
-        return found
+        unreported, self._unreported = self._unreported, {}
+        return unreported

@@ -93,7 +93,7 @@ def settings_of(item: KeptDrop, settings: DetectionSettings) -> DetectionSetting
     )
 
 
-def marks_of_kept(item: KeptDrop) -> list[str]:
+def marks_of_buffered(item: KeptDrop) -> list[str]:
     """Return irregularities beyond those of any record."""
     marks = []
     if item.offer.shunt:

@@ -1,7 +1,7 @@
 """The view of a survey while it is measured: events of the session update it.
 
 Screen and headless log apply the same events. A survey that goes on reports its points as
-`PointKnown`; in a replay a stored drop counts from when it comes again.
+`PointReported`; in a replay a stored drop counts from when it comes again.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -17,9 +17,9 @@ from pfwd.session.events import (
     DropAnalysed,
     DropSaved,
     Edited,
-    JobKnown,
+    JobReported,
     PointDiagnosed,
-    PointKnown,
+    PointReported,
     SavedDrop,
     SessionEvent,
 )
@@ -28,10 +28,10 @@ from pfwd.session.events import (
 def apply_event(view: SurveyView, event: SessionEvent) -> tuple[SurveyView, str | None]:
     """Return the survey after an event, and the name of the point that the event is about."""
     match event:
-        case JobKnown(job):
+        case JobReported(job):
             return view.with_job(job), None
-        case PointKnown(stored):
-            return with_stored(view, [stored], comes_again=event.comes_again), stored.name
+        case PointReported(stored):
+            return with_stored(view, [stored], is_replayed=event.is_replayed), stored.name
         case DropSaved(saved):
             point = _with_drop(_point_of(view, saved.point), saved)
         case DropAnalysed():
@@ -51,7 +51,7 @@ def apply_event(view: SurveyView, event: SessionEvent) -> tuple[SurveyView, str 
 
 
 def with_stored(
-    view: SurveyView, points: Iterable[PointView], *, comes_again: bool = False
+    view: SurveyView, points: Iterable[PointView], *, is_replayed: bool = False
 ) -> SurveyView:
     """Return the survey with points as they are stored; drops that have come since are newer.
 
@@ -59,17 +59,17 @@ def with_stored(
     ----------
     view : SurveyView
     points : iterable of PointView
-    comes_again : bool
+    is_replayed : bool
         Whether the stored drops come again, one by one, in a replay.
     """
 
     def merged(stored: PointView) -> PointView:
-        known = view.points.get(stored.name)
-        newer = () if known is None else known.drops
+        present = view.points.get(stored.name)
+        newer = () if present is None else present.drops
         drops = {drop.number: drop for drop in stored.drops}
-        if comes_again:
-            again = tuple(drops.get(drop.number, drop) for drop in newer)
-            return replace(stored, drops=again, replayed=stored.drops)
+        if is_replayed:
+            repeated = tuple(drops.get(drop.number, drop) for drop in newer)
+            return replace(stored, drops=repeated, replayed=stored.drops)
         for drop in newer:
             drops[drop.number] = _with_edits(drop, drops.get(drop.number))
         return replace(stored, drops=_sorted(drops))
@@ -196,10 +196,10 @@ class CompletePoints:
             waiting = self._waiting.setdefault(event.saved.point, set())
             if event.saved.screening.status != "rejected":
                 waiting.add(event.saved.number)
-        if isinstance(event, JobKnown):
+        if isinstance(event, JobReported):
             for reported in self._reported:
                 self._report_if_changed(reported)
-        elif name is not None and not isinstance(event, PointKnown):
+        elif name is not None and not isinstance(event, PointReported):
             self._report_if_changed(name)
 
     def rest(self) -> None:

@@ -181,7 +181,7 @@ def replay(
         survey = read_survey(path)
         feed, reader = _survey_feed(survey, speed, listener), None
         plan = replace(plan, job=_job_of(survey, listener).as_request())
-        listener = _with_known_points(survey, listener)
+        listener = _with_stored_points(survey, listener)
     elif path.is_file():
         feed, used, reader = capture_feed(path, speed, setup)
         plan = replace(plan, setup=used)
@@ -206,18 +206,18 @@ def _job_of(survey: Survey, listener: Listener) -> Job:
         return replace(job_of(survey, NO_PROCEDURE), procedure=None)
 
 
-def _with_known_points(survey: Survey, listener: Listener) -> Listener:
+def _with_stored_points(survey: Survey, listener: Listener) -> Listener:
     """Tells before the first drop of a point what the survey holds of it."""
     waiting = {point.name: point for point in survey.points}
 
-    def told(event: SessionEvent) -> None:
+    def with_points(event: SessionEvent) -> None:
         if isinstance(event, DropSaved):
             point = waiting.pop(event.saved.point, None)
             if point is not None:
-                listener(point_known(point, comes_again=True))
+                listener(point_known(point, is_replayed=True))
         listener(event)
 
-    return told
+    return with_points
 
 
 def _survey_feed(survey: Survey, speed: float | Pace, listener: Listener) -> RecordedFeed:

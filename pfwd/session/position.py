@@ -26,7 +26,7 @@ STALE = 10.0
 LONGEST_SENTENCE = 1024
 """Bytes; NMEA allows 82. What is longer is another protocol or noise."""
 
-TRY_AGAIN = 2.0
+RETRY_INTERVAL = 2.0
 """s between attempts to open a receiver that is gone."""
 
 READ_WAIT = 0.2
@@ -100,8 +100,8 @@ class NmeaParser:
         if len(self._rest) > LONGEST_SENTENCE:
             self._rest = b""
             self.refused += 1
-        found = [self._fix(line) for line in lines]
-        return [fix for fix in found if fix is not None]
+        fixes = [self._fix(line) for line in lines]
+        return [fix for fix in fixes if fix is not None]
 
     def _fix(self, line: bytes) -> Fix | None:
         # Garbage before a sentence costs what is before it, not the sentence.
@@ -262,6 +262,6 @@ class PositionReceiver:
                 if port is not None:
                     port.close()
                 port = None
-                self._end.wait(TRY_AGAIN)
+                self._end.wait(RETRY_INTERVAL)
         if port is not None:
             port.close()

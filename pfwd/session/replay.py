@@ -134,7 +134,7 @@ class RecordedFeed:
         self._items = _generator(items)
         self._pace = speed if isinstance(speed, Pace) else Pace(speed)
         self._sleep = sleep
-        self._left = 0.0  # of a pause, s of the recording
+        self._pause_remaining = 0.0  # of a pause, s of the recording
         self._held: FeedItem | None = None
 
     def next(self, timeout: float) -> FeedItem | None:
@@ -144,17 +144,17 @@ class RecordedFeed:
                 self._sleep(timeout)
                 return None
             speed = self._pace.speed
-            if self._left > 0 and speed > 0:
-                nap = min(self._left / speed, timeout)
+            if self._pause_remaining > 0 and speed > 0:
+                nap = min(self._pause_remaining / speed, timeout)
                 self._sleep(nap)
-                self._left -= nap * speed
-                if self._left > 1e-9:
+                self._pause_remaining -= nap * speed
+                if self._pause_remaining > 1e-9:
                     return None
-            self._left = 0.0
+            self._pause_remaining = 0.0
             item = self._held or next(self._items, Ended())
             self._held = None
             if isinstance(item, Pause):
-                self._left = item.seconds
+                self._pause_remaining = item.seconds
                 continue
             if isinstance(item, RecordedDrop | ImportedDrop) and not self._pace.may_begin():
                 self._held = item
@@ -246,9 +246,9 @@ def _samples(item: RecordedDrop) -> Iterator[Samples | Gap | Pause]:
             yield Gap(item.stream, position, first - position)
         position = first
         while position < first + len(counts):
-            gone = next((gap for gap in missing if gap[0] <= position < sum(gap)), None)
-            if gone is not None:
-                length = sum(gone) - position
+            gap_here = next((gap for gap in missing if gap[0] <= position < sum(gap)), None)
+            if gap_here is not None:
+                length = sum(gap_here) - position
                 yield Gap(item.stream, position, length)
                 position += length
                 continue

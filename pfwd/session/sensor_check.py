@@ -37,7 +37,7 @@ REPEAT_AFTER = 0.25
 SPAN_TOLERANCE = 0.02
 """Relative tolerance of the shunt's reading: the accuracy of a calibration."""
 
-CHECK_AGAIN = 600.0
+CHECK_INTERVAL = 600.0
 """s without a drop, by the samples, after which the sensors are checked again."""
 
 Finding = tuple[dict[str, Any], tuple[str, ...]]
@@ -76,11 +76,11 @@ class SensorChecker:
         self._rest: list[NDArray[np.int32]] = []
         self._shunted: list[NDArray[np.int32]] = []
         self._idle = 0
-        self._wanted = self._is_on = False
+        self._shunt_requested = self._is_on = False
         self._unanswered = self._unrepeated = 0
 
     def _want(self, on: bool) -> None:
-        self._wanted = on
+        self._shunt_requested = on
         self._unanswered = self._unrepeated = 0
         self._shunt(on)
 
@@ -88,13 +88,13 @@ class SensorChecker:
         """Say again what the instrument has not done: a command may be lost like anything else, or
         a program that ended in the middle of its check has left the shunt on."""
         self._is_on = samples.shunt
-        if samples.shunt == self._wanted:
+        if samples.shunt == self._shunt_requested:
             return
         self._unanswered += len(samples.counts)
         self._unrepeated += len(samples.counts)
         if self._unrepeated > REPEAT_AFTER * self._rate:
             self._unrepeated = 0
-            self._shunt(self._wanted)
+            self._shunt(self._shunt_requested)
 
     def feed(self, samples: Samples, *, at_rest: bool) -> Finding | None:
         """Return the result of a check that these samples complete.
@@ -119,10 +119,10 @@ class SensorChecker:
             return None
         self._idle += len(samples.counts)
         if not self._due:
-            if self._idle > CHECK_AGAIN * self._rate:
+            if self._idle > CHECK_INTERVAL * self._rate:
                 self._begin()
             return None
-        if not self._wanted:
+        if not self._shunt_requested:
             return self._feed_rest(samples)
         return self._feed_shunted(samples)
 
@@ -149,7 +149,7 @@ class SensorChecker:
     def _interrupt(self) -> None:
         """A drop goes before a check, which begins anew after it."""
         if self._due:
-            if self._wanted:
+            if self._shunt_requested:
                 self._want(False)
             self._begin()
 

@@ -37,7 +37,7 @@ from pfwd.session.events import (
     InstrumentLost,
     InstrumentReady,
     InstrumentStatus,
-    JobKnown,
+    JobReported,
     LiveSamples,
     Notice,
     PointBegan,
@@ -47,7 +47,7 @@ from pfwd.session.events import (
     SessionEvent,
 )
 from pfwd.session.feeds import Ended, Feed, FeedItem, ImportedDrop, RecordedDrop
-from pfwd.session.kept_drops import marks_of_kept, raw_drop_of, settings_of
+from pfwd.session.kept_drops import marks_of_buffered, raw_drop_of, settings_of
 from pfwd.session.live_view import apply_event
 from pfwd.session.plan import Ending, SessionPlan
 from pfwd.session.sensor_check import SensorChecker
@@ -87,7 +87,7 @@ FIRST_POINT = "1"
 FEED_WAIT = 0.02
 """s; how long an answer of the worker may wait for the session's attention."""
 
-MOST_UNANSWERED = 4
+MAX_UNANSWERED = 4
 """Analyses that a replay leaves waiting before it goes on."""
 
 LAST_ANSWERS = 120.0
@@ -137,24 +137,24 @@ class Session:
         self._feed = feed
         self._listener = listener
         self._repeats = Repeats()
-        self._kept_events = Repeats()
+        self._stored_events = Repeats()
         plan = plan or SessionPlan()
         agreed = agreed_job(plan, None if writer is None else writer.contents())
         self._plan = replace(plan, setup=agreed.setup)
         self._job, self._job_request = agreed.kept, agreed.request
         self._differences = agreed.differences
-        self._rules_kept = False
+        self._rules_stored = False
         """Whether the survey has the event with the rules of this version."""
         self._changed_verdicts: tuple[str, ...] = ()
         if writer is not None and writer.points:
             survey = writer.contents()
             stored = point_views(survey, self.job)
             self._changed_verdicts = tuple(changed_verdicts(survey, stored))
-        self._known_points: set[str] = set()
-        known = writer.points if writer is not None else ()
+        self._reported_points: set[str] = set()
+        stored_points = writer.points if writer is not None else ()
         stations = self.job.stations
         first = stations[0].name if stations else FIRST_POINT
-        self._point = self._plan.named_point or (known[-1] if known else first)
+        self._point = self._plan.named_point or (stored_points[-1] if stored_points else first)
         self._view = SurveyView(self.job)
         self._pipeline = DropPipeline(
             self._tell, self._plan.options, writer, lambda: self._view, live=feed.live
@@ -170,7 +170,7 @@ class Session:
         self._detector: Detector | None = None
         self._stream: int | None = None
         self._was_ready = False
-        self._connection_kept = True
+        self._connection_stored = True
         self._sampled = self._next_trigger = 0
         self._checker: SensorChecker | None = None
         self._last_check: dict[str, Any] | None = None
@@ -186,7 +186,7 @@ class Session:
         self._armed: Trigger | None = None
         """How the instrument finds drops itself; None: they are found here."""
         self._recorded: RecordedDrop | None = None
-        self._found_again = True
+        self._redetected = True
         self._fell: tuple[datetime.datetime, float, tuple[str, int]] | None = None
         """When the last drop fell, its peak load (N), its point and number."""
         self._interrupted = False
@@ -217,7 +217,7 @@ class Session:
         for kind, details in news.events():
             self._recorder.writer.note_event(kind, details)
         self._job = self._job.with_request(news)
-        self._tell(JobKnown(self.job))
+        self._tell(JobReported(self.job))
 
     def counters(self) -> dict[str, float | None]:
         """Everything that was discarded so far, by name; from any thread."""
@@ -232,7 +232,7 @@ class Session:
             If no point can have this name.
         """
         self._point = point_name(name)
-        self._tell_known(self._point)
+        self._report_stored_point(self._point)
         if self._recorder is not None and self._declared:
             self._recorder.keep_point(self._point, self._declared)
         self._tell(PointBegan(self._point))
@@ -271,7 +271,7 @@ class Session:
         within = move_with(writer, drop, to)
         value = {MOVED_TO: {"point": to, "drop": within}}
         self._tell(Edited("discard", value, None, number))
-        self._tell_anew(writer, to)
+        self._report_changed_point(writer, to)
 
     def _restore_drop(self, writer: SurveyWriter, number: int) -> None:
         drop = _drop_of(writer, number, "restore")
@@ -281,15 +281,15 @@ class Session:
             self._tell(Edited("discard", value, None, copy.number))
         self._tell(Edited("restore", None, None, number))
 
-    def _tell_anew(self, writer: SurveyWriter, name: str) -> None:
+    def _report_changed_point(self, writer: SurveyWriter, name: str) -> None:
         """Report a point that has got a drop from another one.
 
         The moved drop is a new record of the survey, and its view is made of that record.
         """
-        known = known_point(writer, name)
-        if known is not None:
-            self._known_points.add(name)
-            self._tell(known)
+        stored = known_point(writer, name)
+        if stored is not None:
+            self._reported_points.add(name)
+            self._tell(stored)
 
     def keep_result(self, number: int, result: DropResult) -> None:
         """Save another result of a drop, by its number within the survey; the others stay."""
@@ -358,17 +358,17 @@ class Session:
         self._pipeline.end_of_rebounds()
         self._feed.settle()
 
-    def _tell_known(self, name: str) -> None:
+    def _report_stored_point(self, name: str) -> None:
         """Report the drops of a point from before this session; once."""
-        if self._recorder is None or name in self._known_points:
+        if self._recorder is None or name in self._reported_points:
             return
-        self._known_points.add(name)
+        self._reported_points.add(name)
         if name not in self._recorder.writer.points:
             return
-        known = known_point(self._recorder.writer, name)
-        if known is not None:
-            self._pipeline.know(known.point)
-            self._tell(known)
+        stored = known_point(self._recorder.writer, name)
+        if stored is not None:
+            self._pipeline.know(stored.point)
+            self._tell(stored)
 
     def _tell_similar_point(self) -> None:
         """Report a named point that is new and whose name a known one begins with, or the reverse.
@@ -379,18 +379,18 @@ class Session:
         if name is None or self._recorder is None:
             return
         points = [point for point in self._recorder.writer.contents().points if point.drops]
-        known = {each for point in points for each in (point.name, point.title)}
-        similar = similar_name(name, known | {station.name for station in self.job.stations})
+        names = {each for point in points for each in (point.name, point.title)}
+        similar = similar_name(name, names | {station.name for station in self.job.stations})
         if similar is not None:
             text = f"point {name} is new, but {similar} exists. Was {similar} meant? "
             self._tell(Notice(text + "pfwd edit --move moves drops", serious=True))
 
     def _run(self) -> Ending:
-        self._tell(JobKnown(self.job, self._differences))
+        self._tell(JobReported(self.job, self._differences))
         for text in self._changed_verdicts:
             self._tell(Notice(text, serious=True))
         self._tell_similar_point()
-        self._tell_known(self._point)
+        self._report_stored_point(self._point)
         while not self._finished():
             if self._may_go_on():
                 item = self._feed.next(FEED_WAIT)
@@ -405,7 +405,7 @@ class Session:
             if self._recorder is not None:
                 if self._stop:
                     self._recorder.writer.expect_end()
-                self._recorder.try_again()
+                self._recorder.retry()
             self._answer_requests()
             if self._operator:
                 self._operator = False
@@ -424,7 +424,7 @@ class Session:
     def _may_go_on(self) -> bool:
         """Return whether the feed may go on now: an instrument cannot wait, a recording can."""
         waiting = self._analyses.unanswered if self._analyses is not None else 0
-        return self._feed.live or waiting < MOST_UNANSWERED
+        return self._feed.live or waiting < MAX_UNANSWERED
 
     def _finished(self) -> bool:
         if self._ended:
@@ -478,13 +478,13 @@ class Session:
                 self._on_samples(item)
             case Gap():
                 if self._detector is not None and item.stream == self._stream:
-                    self._found(self._detector.feed(item))
+                    self._on_detected(self._detector.feed(item))
             case Connected():
                 self._on_connected(item)
             case Disconnected():
                 self._on_disconnected(item)
             case KeptDrop():
-                self._on_kept(item)
+                self._on_buffered_drop(item)
             case UnusableDrop():
                 self._on_unusable(item)
             case Armed():
@@ -522,8 +522,8 @@ class Session:
         self._detector = detector
         self._identity, self._declared = identity, declared
         self._was_ready, self._armed = False, None
-        self._connected, self._connection_kept = item, False
-        untold = self._kept_events.due("connected")
+        self._connected, self._connection_stored = item, False
+        untold = self._stored_events.due("connected")
         if untold is not None:
             self._keep_connection(untold)
         self._tell(
@@ -573,7 +573,7 @@ class Session:
                 return False
             if choice == "accept":
                 self._tell(event)
-            if (untold := self._kept_events.due("calibration")) is not None:
+            if (untold := self._stored_events.due("calibration")) is not None:
                 details = {"serial_number": serial, "changes": list(changes)}
                 self._recorder.keep_event("calibration changed", details | _count(untold))
         self._calibrated[serial] = identity
@@ -592,26 +592,26 @@ class Session:
     def _keep_connection(self, unkept: int) -> None:
         """Keep that the instrument is there, with how many times before were not kept."""
         item, identity = self._connected, self._identity
-        self._connection_kept = True
+        self._connection_stored = True
         if self._recorder is None or item is None or identity is None:
             return
         self._recorder.keep_point(self._point, self._declared)
         details = {"url": item.url, "serial_number": identity.serial_number, "again": item.again}
         self._recorder.keep_event("connected", details | _count(unkept))
-        if not self._rules_kept:
+        if not self._rules_stored:
             self._recorder.keep_event(RULES_EVENT, {"version": RULES_VERSION})
-            self._rules_kept = True
+            self._rules_stored = True
         request = self._job_request.over(instrument_request(identity)).news(self._job)
-        for kind, said in request.events():
-            self._recorder.keep_event(kind, said)
+        for kind, details in request.events():
+            self._recorder.keep_event(kind, details)
         self._job, self._job_request = self._job.with_request(request), JobRequest()
-        self._tell(JobKnown(self._job))
+        self._tell(JobReported(self._job))
 
     def _on_disconnected(self, item: Disconnected) -> None:
         self._finish_drop("the link was lost")
         self._unanswered = None
         self._checker = None
-        unkept = self._kept_events.due("lost")
+        unkept = self._stored_events.due("lost")
         if self._recorder is not None and unkept is not None:
             self._recorder.keep_event("lost", {"reason": item.reason} | _count(unkept))
         self._tell(InstrumentLost.of(item))
@@ -658,7 +658,7 @@ class Session:
             self._stream = item.stream
         self._last_samples = item
         self._sampled += len(item.counts)  # whatever number of its run the instrument gives
-        self._found(self._detector.feed(item))
+        self._on_detected(self._detector.feed(item))
         self._tell(LiveSamples(item, self._identity, self._detector.drop_load))
         self._check_sensors(item)
         checking = self._checker is not None and self._checker.due
@@ -670,10 +670,10 @@ class Session:
         if self._checker is None or self._detector is None:
             return
         at_rest = not self._detector.busy and self._pipeline.settled
-        found = self._checker.feed(item, at_rest=at_rest)
-        if found is None:
+        check = self._checker.feed(item, at_rest=at_rest)
+        if check is None:
             return
-        details, faults = found
+        details, faults = check
         self._last_check = details | {"faults": list(faults)}
         if self._recorder is not None:
             self._recorder.keep_check(self._last_check)
@@ -686,7 +686,7 @@ class Session:
             self._was_ready = True
             self._tell(Ready())
 
-    def _on_kept(self, item: KeptDrop) -> None:
+    def _on_buffered_drop(self, item: KeptDrop) -> None:
         """A drop that the instrument found; it keeps it until it is safe here."""
         if self._detector is None or self._identity is None:
             return
@@ -717,7 +717,7 @@ class Session:
         Detector(identity, settings)  # refuses what a replay would refuse
         time_utc = item.time_utc or datetime.datetime.now(datetime.UTC)
         metadata = metadata_of(raw, identity, settings, time_utc, self._state(), by_instrument=True)
-        metadata["marks"] += marks_of_kept(item)
+        metadata["marks"] += marks_of_buffered(item)
         return self._record_of(raw, identity, metadata, self._pipeline.number_for(self._point))
 
     def _on_unusable(self, item: UnusableDrop) -> None:
@@ -730,11 +730,11 @@ class Session:
     def _on_recorded(self, item: RecordedDrop) -> None:
         self._finish_drop("the next recorded drop follows")
         self._end_recorded()
-        self._identity, self._recorded, self._found_again = item.identity, item, False
+        self._identity, self._recorded, self._redetected = item.identity, item, False
         self._declared = dict(item.record.declared)
         setup_of(self._declared, f"drop {item.record.point}")
         self._point = item.record.point
-        self._tell_known(self._point)
+        self._report_stored_point(self._point)
         self._detector = Detector(item.identity, item.settings)
         self._detector.begin(item.stream, item.first, item.at_rest)
         self._stream = item.stream
@@ -742,11 +742,11 @@ class Session:
             self._detector.trigger_by_operator(item.operator_trigger)
 
     def _end_recorded(self) -> None:
-        if not self._found_again and self._recorded is not None:
+        if not self._redetected and self._recorded is not None:
             record = self._recorded.record
             text = f"drop {record.point}/{record.drop.number} was recorded and is not found again"
             self._tell(Notice(text, serious=True))
-        self._recorded, self._found_again = None, True
+        self._recorded, self._redetected = None, True
 
     def _on_imported(self, item: ImportedDrop) -> None:
         self._finish_drop("the next recorded drop follows")
@@ -754,34 +754,32 @@ class Session:
         record = item.record
         setup_of(record.declared, f"drop {record.point}")
         self._point, self._declared = record.point, dict(record.declared)
-        self._tell_known(record.point)
+        self._report_stored_point(record.point)
         number = self._pipeline.number_for(record.point, record.drop.number)
         self._pipeline.take(renumbered(record, number), source=item)
         self._pipeline.end_of_rebounds()
 
     def _finish_drop(self, reason: str) -> None:
         if self._detector is not None and self._stream is not None:
-            self._found(self._detector.finish(reason))
+            self._on_detected(self._detector.finish(reason))
         self._stream = None
         self._interrupted = True
 
-    def _found(self, found: list[Found]) -> None:
-        for detected in found:
-            if self._armed is not None and not (
-                isinstance(detected, RawDrop) and detected.by_operator
-            ):
+    def _on_detected(self, detected: list[Found]) -> None:
+        for item in detected:
+            if self._armed is not None and not (isinstance(item, RawDrop) and item.by_operator):
                 continue  # it comes from the instrument itself
-            match detected:
+            match item:
                 case RawDrop():
-                    self._on_drop(detected)
+                    self._on_drop(item)
                 case RawRebound():
                     assert self._identity is not None
-                    rebound = rebound_of(detected, self._identity)
+                    rebound = rebound_of(item, self._identity)
                     self._pipeline.take_rebound(rebound, recorded=self._recorded is not None)
                 case ReboundsOver():
                     self._pipeline.end_of_rebounds()
                 case PulseReport():
-                    self._report_pulse(detected)
+                    self._report_pulse(item)
 
     def _report_pulse(self, pulse: PulseReport) -> None:
         """Report a pulse whose kind is uncertain, on the screen, in the log and in the survey."""
@@ -789,7 +787,7 @@ class Session:
             return  # reported when the drop was measured; a replay has gaps of its own
         peak = load_of(pulse.peak, self._identity)
         seconds = pulse.trigger / self._identity.sampling_rate
-        unkept = self._kept_events.due("pulse")
+        unkept = self._stored_events.due("pulse")
         if self._recorder is not None and unkept is not None:
             details = {
                 "point": self._point,
@@ -809,18 +807,18 @@ class Session:
         assert self._identity is not None
         assert self._detector is not None
         self._pipeline.end_of_rebounds()
-        if not self._connection_kept:
-            self._keep_connection(self._kept_events.take("connected"))
+        if not self._connection_stored:
+            self._keep_connection(self._stored_events.take("connected"))
         identity, source = self._identity, self._recorded
         if source is None:
             number = self._pipeline.number_for(self._point)
             settings = self._detector.settings
             metadata = metadata_of(raw, identity, settings, self._time_of(raw), self._state())
         else:
-            if self._found_again:
+            if self._redetected:
                 self._tell(Notice("another drop was found in one that was recorded", serious=True))
                 return
-            self._found_again = True
+            self._redetected = True
             number = self._pipeline.number_for(self._point, source.record.drop.number)
             metadata = dict(source.record.metadata)
         rebounds = source.record.rebounds if source is not None else ()

@@ -28,7 +28,7 @@ def _read_result(path: Path) -> DropResult | None:
 def stored_results(folder: str | os.PathLike[str], record: int) -> list[DropResult]:
     """All results of a drop, by its number within the survey: trials, then those that count."""
     drop = _find(read_survey(folder), record)
-    return [found for path in drop.results if (found := _read_result(path)) is not None]
+    return [result for path in drop.results if (result := _read_result(path)) is not None]
 
 
 def add_result(folder: str | os.PathLike[str], record: int, result: DropResult) -> None:
@@ -55,16 +55,16 @@ def recorded_drop(folder: str | os.PathLike[str], record: int) -> SavedDrop:
         If it is not there, or not whole.
     """
     survey = read_survey(folder)
-    wanted = _find(survey, record)
-    point = next(candidate for candidate in survey.points if candidate.name == wanted.point)
-    traces = wanted.read().drop
+    stored = _find(survey, record)
+    point = next(candidate for candidate in survey.points if candidate.name == stored.point)
+    traces = stored.read().drop
     drops = point_view(point, Job()).drops
     view = next(drop for drop in drops if drop.record == record)
     if view.setup is NO_SETUP:
         raise SurveyError(f"drop {view.number} of point {point.name}: {view.own.reason}")
     largest = max(drop.own_pulse_peak for drop in drops if (drop.record or 0) <= record)
     screening = compare(screen(traces, view.setup), view.own_pulse_peak, largest)
-    file = str(wanted.file or survey.folder)
+    file = str(stored.file or survey.folder)
     return SavedDrop(point.name, replace(view, screening=screening), traces, file)
 
 

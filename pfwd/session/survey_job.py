@@ -8,7 +8,7 @@ from typing import Any
 from pfwd.errors import SurveyError
 from pfwd.judging import Job, JobRequest, job_of, point_view
 from pfwd.procedures import NO_PROCEDURE
-from pfwd.session.events import PointKnown
+from pfwd.session.events import PointReported
 from pfwd.session.plan import SessionPlan
 from pfwd.session.setup_file import MeasuringSetup, with_procedure
 from pfwd_device.identity import Identity
@@ -105,7 +105,7 @@ def instrument_request(identity: Identity) -> JobRequest:
     )
 
 
-def known_point(writer: SurveyWriter, name: str) -> PointKnown | None:
+def known_point(writer: SurveyWriter, name: str) -> PointReported | None:
     """What a survey that is written holds of a point; None: no drop."""
     for point in writer.contents().points:
         if point.name == name and point.drops:
@@ -113,6 +113,6 @@ def known_point(writer: SurveyWriter, name: str) -> PointKnown | None:
     return None
 
 
-def point_known(point: SurveyPoint, *, comes_again: bool = False) -> PointKnown:
+def point_known(point: SurveyPoint, *, is_replayed: bool = False) -> PointReported:
     """Return the event for a point that a survey holds."""
-    return PointKnown(point_view(point, Job()), comes_again)
+    return PointReported(point_view(point, Job()), is_replayed)

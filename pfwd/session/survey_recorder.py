@@ -31,7 +31,7 @@ from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_device.wire.fields import pack_int24
 
-TRY_AGAIN = 2.0
+RETRY_INTERVAL = 2.0
 """s between attempts to save what the disk did not take."""
 
 LAST_ATTEMPTS = 30.0
@@ -40,7 +40,7 @@ LAST_ATTEMPTS = 30.0
 PAUSE = 0.05
 """s between two looks whether it was."""
 
-LOOK_AFTER = 1.0
+WATCH_INTERVAL = 1.0
 """s between two looks whether the survey's files are still in place."""
 
 Saved = Callable[[DropRecord, int, Path | None], None]
@@ -70,11 +70,11 @@ def _same_samples(recorded: DropRecord, record: DropRecord) -> bool:
     """Return whether two drops with the same key have the same samples."""
     if recorded.counts is None:
         return False
-    first, other = recorded.metadata, record.metadata
+    first, second = recorded.metadata, record.metadata
     return (
         np.array_equal(recorded.counts, _counts_of(record))
-        and first["detection"]["first_sample"] == other["detection"]["first_sample"]
-        and first["identity"]["sampling_rate"] == other["identity"]["sampling_rate"]
+        and first["detection"]["first_sample"] == second["detection"]["first_sample"]
+        and first["identity"]["sampling_rate"] == second["identity"]["sampling_rate"]
     )
 
 
@@ -96,9 +96,9 @@ class SurveyRecorder:
         self._saved = saved
         self._tell = tell
         self._held: list[DropRecord] = []
-        self._told = 0
-        self._next_try = self._next_look = 0.0
-        self._left_told: int | None = None
+        self._n_reported = 0
+        self._next_try = self._next_watch = 0.0
+        self._reported_room: int | None = None
 
     @property
     def held(self) -> int:
@@ -115,13 +115,13 @@ class SurveyRecorder:
         key = record.metadata.get("key")
         if not isinstance(key, str):
             return None
-        known = self.writer.find_key(key)
-        if known is not None:
-            return str(known)
+        stored = self.writer.find_key(key)
+        if stored is not None:
+            return str(stored)
         held = self._held_with(key)
         return None if held is None else f"{held.point}/{held.drop.number}"
 
-    def with_own_key(self, record: DropRecord) -> tuple[DropRecord, list[str]]:
+    def with_unique_key(self, record: DropRecord) -> tuple[DropRecord, list[str]]:
         """A buffered drop under a key that no drop with other samples has.
 
         Its own key is the first. Where other samples are recorded under that, the checksum of its
@@ -131,20 +131,20 @@ class SurveyRecorder:
         -------
         record : DropRecord
             Under a key that is free, or that of the same samples.
-        others : list of str
+        remarks : list of str
             The drops with other samples that have the keys before.
         """
-        others: list[str] = []
+        remarks: list[str] = []
         checksum = zlib.crc32(pack_int24(_counts_of(record)))
-        while (known := self.find(record)) is not None:
+        while (taken_by := self.find(record)) is not None:
             key = record.metadata["key"]
             recorded = self._held_with(key) or self._read(key)
             if recorded is not None and _same_samples(recorded, record):
                 break
-            others.append(known)
+            remarks.append(taken_by)
             metadata = {**record.metadata, "key": f"{key}/{checksum:08x}"}
             record = dataclasses.replace(record, metadata=metadata)
-        return record, others
+        return record, remarks
 
     def _held_with(self, key: str) -> DropRecord | None:
         """The drop with this key that the disk has not taken yet."""
@@ -169,15 +169,15 @@ class SurveyRecorder:
         self._held.append(record)
         self._save()
 
-    def try_again(self) -> None:
+    def retry(self) -> None:
         """Save the drops that wait from time to time, and keep the survey locked for others."""
         now = time.monotonic()
         if self._held and now >= self._next_try:
             self._save()
-        if now >= self._next_look:
-            self._next_look = now + LOOK_AFTER
+        if now >= self._next_watch:
+            self._next_watch = now + WATCH_INTERVAL
             self.writer.look_after()
-            if self._left_told is not None:
+            if self._reported_room is not None:
                 self._announce_filling()
         self._tell_reports()
 
@@ -189,7 +189,7 @@ class SurveyRecorder:
         until = time.monotonic() + patience
         while self._held and not stopped() and time.monotonic() < until:
             time.sleep(PAUSE)
-            self.try_again()
+            self.retry()
         if self._held:
             names = ", ".join(f"{record.point}/{record.drop.number}" for record in self._held)
             self._tell(Notice(f"LOST, the disk did not take it: drop {names}", serious=True))
@@ -212,13 +212,13 @@ class SurveyRecorder:
                 spare = self.writer.kept_in_spare(number)
             except RecordingError as err:
                 self._tell_reports()
-                self._next_try = time.monotonic() + TRY_AGAIN
-                new, self._told = self._held[self._told :], len(self._held)
+                self._next_try = time.monotonic() + RETRY_INTERVAL
+                new, self._n_reported = self._held[self._n_reported :], len(self._held)
                 for result in new:
                     self._tell(DropNotSaved(result.point, result.drop.number, str(err)))
                 return
             del self._held[0]
-            self._told = max(0, self._told - 1)
+            self._n_reported = max(0, self._n_reported - 1)
             self._tell_reports()  # before: what was NOT SAFE is said before the next drop is
             self._saved(record, number, spare)
         self._announce_filling()
@@ -227,17 +227,17 @@ class SurveyRecorder:
         tell_reports(self.writer, self._tell)
 
     def _announce_filling(self) -> None:
-        left, told = self.writer.scarce_drops(), self._left_told
-        if left is None:
-            if told is not None:
+        room, reported = self.writer.scarce_drops(), self._reported_room
+        if room is None:
+            if reported is not None:
                 text = f"The disk has room again in {self.writer.folder}."
-                self._tell(StorageLow(text, drops_left=None))
-        elif told is None or (left < told and left <= told // 2):  # half of it has gone
-            text = f"The disk is filling: room for about {left} more drops in {self.writer.folder}."
-            self._tell(StorageLow(text, serious=True, drops_left=left))
+                self._tell(StorageLow(text, drops_remaining=None))
+        elif reported is None or (room < reported and room <= reported // 2):  # half of it has gone
+            text = f"The disk is filling: room for about {room} more drops in {self.writer.folder}."
+            self._tell(StorageLow(text, serious=True, drops_remaining=room))
         else:
             return
-        self._left_told = left
+        self._reported_room = room
 
     def keep_rebound(self, point: str, drop: int, number: int | None, rebound: Rebound) -> None:
         """Save a rebound; that of a drop which is held is held with it.
@@ -281,20 +281,20 @@ class SurveyRecorder:
         )
         return path
 
-    def keep_diagnosis(self, number: int, found: DiagnosisResult) -> None:
+    def keep_diagnosis(self, number: int, result: DiagnosisResult) -> None:
         """Save a diagnosis with the last measured drop of its point."""
         self._attempt(
-            lambda: self.writer.save_result(number, found.to_json(), "diagnosis"), "a diagnosis"
+            lambda: self.writer.save_result(number, result.to_json(), "diagnosis"), "a diagnosis"
         )
 
     def publish(self, number: int) -> None:
         """Make the file of a drop."""
         self._attempt(lambda: self.writer.publish(number), "the file of a drop")
 
-    def _attempt(self, save: Callable[[], Any], what: str) -> Any:
+    def _attempt(self, save: Callable[[], Any], subject: str) -> Any:
         try:
             return save()
         except RecordingError as err:
             full = isinstance(err, StorageFull)
-            self._tell(Notice(f"{what} could not be saved: {err}", serious=not full))
+            self._tell(Notice(f"{subject} could not be saved: {err}", serious=not full))
             return None

@@ -8,7 +8,7 @@ from pfwd.files.editing import Edit
 from pfwd.files.header import declared_values
 from pfwd.judging import JobRequest, Station, SurveyView, point_views
 from pfwd.procedures import Kind, plain_procedure
-from pfwd.session.events import DropSaved, PointKnown
+from pfwd.session.events import DropSaved, PointReported
 from pfwd.session.live_view import apply_event
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
@@ -80,7 +80,7 @@ def test_while_it_is_measured(survey: str) -> None:
         session.ask(lambda it: it.move_drop(99, "2"))
         session.run()
         assert writer.next_number("2") == 2
-    known = log.of(PointKnown)[-1]
+    known = log.of(PointReported)[-1]
     assert (known.point.name, [drop.number for drop in known.point.drops]) == ("2", [1])
     assert "expected a drop of the survey, came number 99" in log.texts
     assert log.of(DropSaved) == []

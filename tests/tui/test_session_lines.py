@@ -20,7 +20,7 @@ from pfwd.session.events import (
     DropNotSaved,
     DropSaved,
     Edited,
-    JobKnown,
+    JobReported,
     Notice,
     SavedDrop,
     SensorCheck,
@@ -100,7 +100,7 @@ def test_a_line_that_says_complete_is_of_a_complete_point(
 ) -> None:
     for as_json in (True, False):
         lines = SessionLines(as_json=as_json, analysed=True)
-        lines.tell(JobKnown(Job(procedure=plain_procedure(0, 1), target=30e6), ()))
+        lines.tell(JobReported(Job(procedure=plain_procedure(0, 1), target=30e6), ()))
         lines.tell(DropSaved(one()))
         lines.tell(analysed(one(), 40e6, full=True))
         lines.tell(Edited("discard", None, None, 5))

@@ -28,7 +28,7 @@ from pfwd.session.events import (
     DropNotSaved,
     DropSaved,
     Edited,
-    JobKnown,
+    JobReported,
     Notice,
     PointDiagnosed,
     SurveyFilesChanged,
@@ -526,6 +526,6 @@ class PfwdApp(App[int]):
         if url:
             self.source.url = url
         said = JobRequest(procedure=plan.setup.procedure).over(plan.job)
-        self.state.take(JobKnown(self.state.job.with_request(said.news(self.state.job))))
+        self.state.take(JobReported(self.state.job.with_request(said.news(self.state.job))))
         self.runner.start()
         self.redraw()

@@ -26,7 +26,7 @@ from pfwd.session.events import (
     DropAnalysed,
     DropSaved,
     Edited,
-    JobKnown,
+    JobReported,
     PointDiagnosed,
     SavedDrop,
 )
@@ -140,7 +140,7 @@ class Told:
     def play(self, story: Iterable[Any]) -> None:
         """A session, from its start to its end."""
         with writing(self.folder) as writer:
-            self.tell(JobKnown(job_of(writer.contents())))
+            self.tell(JobReported(job_of(writer.contents())))
             for what, *about in story:
                 match what:
                     case "drop":
@@ -149,7 +149,7 @@ class Told:
                         news = about[1].news(job_of(writer.contents()))
                         for event in news.events():
                             writer.note_event(*event)
-                        self.tell(JobKnown(job_of(writer.contents())))
+                        self.tell(JobReported(job_of(writer.contents())))
                     case "move":
                         self._move(writer, *about)
                     case "diagnosis":

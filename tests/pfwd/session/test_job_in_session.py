@@ -8,7 +8,7 @@ import pytest
 from pfwd.errors import OptionError
 from pfwd.judging import JobRequest, Station, job_of, point_views
 from pfwd.procedures import find_procedure, plain_procedure
-from pfwd.session.events import DropSaved, JobKnown, SessionEvent
+from pfwd.session.events import DropSaved, JobReported, SessionEvent
 from pfwd.session.live_view import CompletePoints
 from pfwd.session.measure import replay
 from pfwd.session.plan import SessionPlan
@@ -51,7 +51,7 @@ def test_a_survey_that_is_continued_keeps_procedure_and_target(tmp_path: Path) -
     assert statuses == ["measured"] * 3, "three seated the plate before"
     (point,) = point_views(read_survey(folder))
     assert point.progress.verdict == "pass"
-    assert log.of(JobKnown)[0].differences == ()
+    assert log.of(JobReported)[0].differences == ()
     events = [event for event in read_survey(folder).events if event["event"] == "procedure"]
     assert len(events) == 1, "what is kept already is not said again"
 
@@ -69,7 +69,7 @@ def test_another_procedure_is_said_and_dated(tmp_path: Path) -> None:
     session(folder, (8000.0,), 1, setup=MNDOT, job=JobRequest(target=6e-4))
     other = with_procedure(MeasuringSetup(), find_procedure("mchw-885"))
     log = session(folder, (8000.0,), 2, setup=other, job=JobRequest(target=4e7))
-    assert log.of(JobKnown)[0].differences == (
+    assert log.of(JobReported)[0].differences == (
         "the procedure of the survey was mndot, now it is mchw-885",
         "the target of the survey was 0.6 mm, now it is 40 MPa",
     )
@@ -98,7 +98,7 @@ def test_what_a_session_says_of_its_job_is_kept(tmp_path: Path) -> None:
         measuring = Session(feed, log, SessionPlan(options=None), writer)
         measuring.ask(lambda it: it.change_job(JobRequest(target=4e7)))
         measuring.run()
-    assert log.of(JobKnown)[-1].job.target == 4e7
+    assert log.of(JobReported)[-1].job.target == 4e7
     assert job_of(read_survey(tmp_path / "s")).target == 4e7
 
 

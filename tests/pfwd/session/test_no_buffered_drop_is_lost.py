@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pfwd.session.events import FIRST_TOLD
+from pfwd.session.events import N_REPORTED_FIRST
 from pfwd.session.kept_drops import trigger_for
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
@@ -278,7 +278,7 @@ def test_what_the_instrument_erases_is_in_the_survey_once(
                 assert _facts(kept) in recorded
                 assert kept.offer.first_sample in refused
         assert all(is_usable(kept.offer) for kept in instrument.erased)
-        if sum(not is_usable(kept.offer) for kept in everything) > FIRST_TOLD:
+        if sum(not is_usable(kept.offer) for kept in everything) > N_REPORTED_FIRST:
             return  # the rest is counted
         for offer in unusable:
             assert (

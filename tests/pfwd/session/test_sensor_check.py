@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pfwd.session.sensor_check import CHECK_AGAIN, SensorChecker
+from pfwd.session.sensor_check import CHECK_INTERVAL, SensorChecker
 from pfwd_device.acquisition.items import Samples
 from pfwd_device.identity import Identity
 from tests.pfwd.scripted_feed import GEOPHONE, IDENTITY, LOAD, NOW, RATE, stream
@@ -173,7 +173,7 @@ def test_it_is_checked_again_after_a_pause_and_not_before() -> None:
     slow = dataclasses.replace(IDENTITY, sampling_rate=200.0)
     bench = Bench(slow)
     counts = stream(1.0)
-    for _ in range(round(CHECK_AGAIN * 200 / len(counts)) + 1):
+    for _ in range(round(CHECK_INTERVAL * 200 / len(counts)) + 1):
         bench.run(counts)
     assert len(bench.found) == 2
     bench.run(counts[:100], at_rest=False)

@@ -8,7 +8,14 @@ from typing import Any
 import pytest
 
 from pfwd.session import events
-from pfwd.session.events import FIRST_TOLD, INTERVAL, DropSaved, InstrumentReady, Notice, Repeats
+from pfwd.session.events import (
+    INTERVAL,
+    N_REPORTED_FIRST,
+    DropSaved,
+    InstrumentReady,
+    Notice,
+    Repeats,
+)
 from pfwd.session.plan import Ending, SessionPlan
 from pfwd.session.session import STOPPED_DROP, TRIGGER_PAUSE, Session
 from pfwd_device.recording import SurveyWriter, read_survey
@@ -43,7 +50,7 @@ def writer(tmp_path: Path, log: Log) -> Iterator[Any]:
 def test_of_a_kind_the_first_are_told_and_then_one_a_while_with_a_count() -> None:
     now = [0.0]
     counted = Repeats(lambda: now[0])
-    assert [counted.due("a") for _ in range(FIRST_TOLD)] == [0] * FIRST_TOLD
+    assert [counted.due("a") for _ in range(N_REPORTED_FIRST)] == [0] * N_REPORTED_FIRST
     assert [counted.due("a") for _ in range(1000)] == [None] * 1000
     assert counted.due("b") == 0  # another kind is not hidden by it
     now[0] = INTERVAL - 0.1
@@ -56,7 +63,7 @@ def test_of_a_kind_the_first_are_told_and_then_one_a_while_with_a_count() -> Non
 
 
 def test_the_limits_are_what_a_day_of_them_can_be_read_at() -> None:
-    assert FIRST_TOLD + 24 * 3600 / INTERVAL < 1500
+    assert N_REPORTED_FIRST + 24 * 3600 / INTERVAL < 1500
 
 
 def test_a_flood_of_events_hides_no_other_event(log: Log) -> None:
@@ -67,9 +74,9 @@ def test_a_flood_of_events_hides_no_other_event(log: Log) -> None:
     run(feed, log)
     texts = [notice.text for notice in log.of(Notice)]
     assert "battery of the instrument is low 3.1 V" in texts
-    assert sum("started anew" in text for text in texts) == FIRST_TOLD
-    assert sum("refuses" in text for text in texts) == FIRST_TOLD
-    assert f"{5000 - FIRST_TOLD} more messages of the instrument: starts" in texts
+    assert sum("started anew" in text for text in texts) == N_REPORTED_FIRST
+    assert sum("refuses" in text for text in texts) == N_REPORTED_FIRST
+    assert f"{5000 - N_REPORTED_FIRST} more messages of the instrument: starts" in texts
     assert len(texts) < 30
 
 
@@ -82,7 +89,10 @@ def test_what_came_meanwhile_is_counted_in_the_next_that_is_told(
         monkeypatch.setattr(events, "INTERVAL", 0.0)
 
     run(ScriptedFeed(connected(), boots, wait, boots[:1]), log)
-    assert f"the instrument started anew ({100 - FIRST_TOLD} more of these meanwhile)" in log.texts
+    assert (
+        f"the instrument started anew ({100 - N_REPORTED_FIRST} more of these meanwhile)"
+        in log.texts
+    )
 
 
 def test_an_instrument_cannot_trigger_more_often_than_a_person(log: Log) -> None:
@@ -147,6 +157,6 @@ def test_a_flood_of_connections_does_not_fill_the_survey(log: Log, writer: Any) 
     assert len(log.of(InstrumentReady)) == 3001
     events = [one for one in read_survey(writer.folder).events if one["event"] == "connected"]
     # The last one is kept with the drop that it measured.
-    assert len(events) == FIRST_TOLD + 1
-    assert events[-1]["details"]["more_before"] == 3001 - FIRST_TOLD
+    assert len(events) == N_REPORTED_FIRST + 1
+    assert events[-1]["details"]["more_before"] == 3001 - N_REPORTED_FIRST
     assert len(log.of(DropSaved)) == 1

@@ -62,7 +62,7 @@ def recorded(writer: Any) -> list[Any]:
 def test_what_the_disk_does_not_take_is_kept_and_saved_later_in_order(
     log: Log, writer: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pfwd.session.survey_recorder.TRY_AGAIN", 0.0)
+    monkeypatch.setattr("pfwd.session.survey_recorder.RETRY_INTERVAL", 0.0)
     counts = stream(10.0, [(1.0, 8000.0), (1.5, 2000.0), (4.0, 7900.0), (7.0, 7800.0)])
     items = pieces(counts)
 
@@ -124,7 +124,7 @@ def test_what_could_not_be_saved_is_tried_once_more_when_it_is_told_to_end(
 def test_a_drop_that_fails_again_is_not_told_again(
     log: Log, writer: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pfwd.session.survey_recorder.TRY_AGAIN", 0.0)
+    monkeypatch.setattr("pfwd.session.survey_recorder.RETRY_INTERVAL", 0.0)
     save = writer.save_drop
     outcomes = [False, False, False, True, False, False]
 

@@ -108,14 +108,14 @@ def test_files_that_are_taken_away_are_noticed_within_a_second(
 ) -> None:
     recorder = SurveyRecorder(writer, told.saved, told.tell)
     recorder.keep(make_record(1, np.random.default_rng(1)))
-    recorder.try_again()
+    recorder.retry()
     shutil.rmtree(survey)
-    recorder.try_again()
+    recorder.retry()
     assert told.kinds() == ["tuple"]  # not at every turn
-    recorder._next_look -= survey_recorder.LOOK_AFTER
-    recorder.try_again()
+    recorder._next_watch -= survey_recorder.WATCH_INTERVAL
+    recorder.retry()
     assert told.kinds() == ["tuple", "SurveyFilesChanged", "SurveyFilesChanged"]
-    assert survey_recorder.LOOK_AFTER <= 1.0
+    assert survey_recorder.WATCH_INTERVAL <= 1.0
 
 
 def test_a_disk_that_fills_is_said_and_that_it_has_room_again(
@@ -126,15 +126,15 @@ def test_a_disk_that_fills_is_said_and_that_it_has_room_again(
     for number, left in enumerate(lefts, start=1):
         monkeypatch.setattr(writer, "scarce_drops", lambda left=left: left)
         recorder.keep(make_record(number, np.random.default_rng(number)))
-    said = [event.drops_left for event in told.events if isinstance(event, StorageLow)]
+    said = [event.drops_remaining for event in told.events if isinstance(event, StorageLow)]
     assert said == [47, 23, 0]  # not at every drop
     monkeypatch.setattr(writer, "scarce_drops", lambda: None)
-    recorder._next_look -= survey_recorder.LOOK_AFTER
-    recorder.try_again()  # no drop has to come for it
-    recorder._next_look -= survey_recorder.LOOK_AFTER
-    recorder.try_again()
+    recorder._next_watch -= survey_recorder.WATCH_INTERVAL
+    recorder.retry()  # no drop has to come for it
+    recorder._next_watch -= survey_recorder.WATCH_INTERVAL
+    recorder.retry()
     again = [event for event in told.events if isinstance(event, StorageLow)][3:]
-    assert [event.drops_left for event in again] == [None]
+    assert [event.drops_remaining for event in again] == [None]
     assert not again[0].serious
 
 
@@ -162,8 +162,8 @@ def test_a_drop_in_the_spare_folder_is_acknowledged_as_such(
             f"1 drops are NOT in {survey} but in {part}; pfwd recover {survey} brings them home"
         )
         disk.full = False
-        recorder._next_look = 0.0
-        recorder.try_again()
+        recorder._next_watch = 0.0
+        recorder.retry()
         last = told.events[-1]
         assert isinstance(last, SurveyFilesChanged)
         assert last.safe
@@ -197,7 +197,7 @@ def test_a_file_that_cannot_be_made_is_said(survey: Path, told: Told) -> None:
         recorder.keep(make_record(1, np.random.default_rng(1)))
         writer.publish(1)
         while not told.events[1:]:
-            recorder.try_again()
+            recorder.retry()
         (said,) = [one for one in told.events if isinstance(one, DropNotPublished)]
         assert (said.point, said.number) == ("P 1", 1)
         assert "it is safe in the journal" in said.text

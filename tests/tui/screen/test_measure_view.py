@@ -9,7 +9,7 @@ import pytest
 
 from pfwd.judging import Job, Station
 from pfwd.procedures import plain_procedure
-from pfwd.session.events import JobKnown
+from pfwd.session.events import JobReported
 from pfwd.session.live_trace import Envelope
 from tests.tui.screen.scripted import Session, analysed, ready, saved, status, whole_point
 from tui.screen.drawing.glyphs import ASCII, BRAILLE, Glyphs
@@ -162,7 +162,7 @@ def test_the_receiver_and_the_lot_are_seen_on_small_terminals_too(size: tuple[in
     stations = tuple(Station(f"12+3{n}0", 12_300.0 + 10 * n) for n in range(4))
     job = Job(procedure=plain_procedure(), target=45e6, stations=stations)
     where = Whereabouts("GPS RTK fixed 11 sat", "48.13740, 11.57550", good=True)
-    shown = text(view(JobKnown(job), ready(), status(), position=where), size)
+    shown = text(view(JobReported(job), ready(), status(), position=where), size)
     assert "GPS RTK fixed 11 sat" in shown
     assert "0 of 4 stations" in shown, "the point that is measured is not done yet"
     assert "lost 0" in shown

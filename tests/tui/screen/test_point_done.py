@@ -10,7 +10,7 @@ from textual import events
 from pfwd.judging import Job, Station
 from pfwd.judging.stations import next_name
 from pfwd.procedures import Verdict, find_procedure
-from pfwd.session.events import DropNotSaved, JobKnown
+from pfwd.session.events import DropNotSaved, JobReported
 from pfwd.session.plan import Ending
 from tests.tui.screen.scripted import (
     App,
@@ -51,7 +51,7 @@ def quiet() -> App:
 
 def test_the_quantity_that_is_judged_is_the_large_one() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, JobKnown(Job(procedure=E_LWD)), *whole_point()[:4])
+        await told(app, pilot, JobReported(Job(procedure=E_LWD)), *whole_point()[:4])
         assert "E_LWD, drop 1" in app.text
         assert "modulus of the fit 47.1 ±0.6 MPa" in app.text
 
@@ -66,7 +66,7 @@ def test_how_the_point_stands_fills_the_screen(
     size: tuple[int, int], target: float, word: str
 ) -> None:
     async def script(app: App, pilot: Any) -> None:
-        job = JobKnown(Job(procedure=app.state.procedure, target=target))
+        job = JobReported(Job(procedure=app.state.procedure, target=target))
         await told(app, pilot, job, *whole_point())
         app.state.last.came = time.monotonic() - 60  # type: ignore[union-attr]
         app.redraw()
@@ -85,7 +85,7 @@ def test_each_verdict_has_a_sound_of_its_own() -> None:
     assert len(set(SOUNDS.values())) == len(Verdict) == len(SOUNDS)
 
     async def script(app: App, pilot: Any) -> None:
-        job = JobKnown(Job(procedure=app.state.procedure, target=40e6))
+        job = JobReported(Job(procedure=app.state.procedure, target=40e6))
         *before, last = whole_point()
         await told(app, pilot, job, *before)
         bells = app.bells
@@ -177,14 +177,14 @@ def test_the_next_station_by_the_list_and_by_the_receiver() -> None:
 
 def test_a_point_that_is_done_says_where_the_next_one_is() -> None:
     state = SessionState(clock=lambda: 1.0)
-    for event in (JobKnown(LOT), *whole_point(point="12+300")):
+    for event in (JobReported(LOT), *whole_point(point="12+300")):
         state.take(event)
     assert status_of(state, 100.0).action == "next: 12+320, 20 m ahead; there press n"
     near = status_of(state, 100.0, here=(48.1, 11.50058))
     assert near.action == "next: 12+340, 1 m ahead; there press n"
-    state.take(JobKnown(Job(procedure=E_LWD, step_m=20.0)))
+    state.take(JobReported(Job(procedure=E_LWD, step_m=20.0)))
     assert status_of(state, 100.0).action == "next: 12+320, 20 m ahead; there press n"
-    state.take(JobKnown(Job(procedure=E_LWD)))
+    state.take(JobReported(Job(procedure=E_LWD)))
     assert status_of(state, 100.0).action == "walk to the next point and press n"
 
 
@@ -197,7 +197,7 @@ def test_the_step_between_stations() -> None:
 @pytest.mark.parametrize("drops", [6, 5])
 def test_the_verdict_stays_when_the_instrument_has_ended(drops: int) -> None:
     async def script(app: App, pilot: Any) -> None:
-        job = JobKnown(Job(procedure=app.state.procedure, target=40e6))
+        job = JobReported(Job(procedure=app.state.procedure, target=40e6))
         *events, last = whole_point()
         await told(app, pilot, job, *(events if drops == 6 else events[:-1]))
         if drops == 6:

@@ -14,7 +14,7 @@ from pfwd.session.events import (
     DropNotSaved,
     Edited,
     InstrumentLost,
-    JobKnown,
+    JobReported,
     Notice,
     PointBegan,
     PointDiagnosed,
@@ -100,7 +100,7 @@ def test_a_drop_without_any_modulus_is_one_to_repeat_where_moduli_are_judged() -
     drop = state.drops["7"][1]
     assert (drop.status, drop.fault) == ("seating", "no table")
     assert word(state) == "REPEAT"
-    state = state_after(*events, JobKnown(Job(procedure=find_procedure("mndot"))))
+    state = state_after(*events, JobReported(Job(procedure=find_procedure("mndot"))))
     assert word(state) != "REPEAT", "its deflection is as good as any"
 
 
@@ -244,12 +244,12 @@ def test_a_whole_point_is_done_and_a_discarded_drop_opens_it_again() -> None:
 
 
 def test_a_full_disk_is_told_before_it_is_full() -> None:
-    state = state_after(ready(), Ready(), StorageLow("filling", serious=True, drops_left=500))
+    state = state_after(ready(), Ready(), StorageLow("filling", serious=True, drops_remaining=500))
     assert word(state) == "READY"
-    state.take(StorageLow("filling", serious=True, drops_left=40))
+    state.take(StorageLow("filling", serious=True, drops_remaining=40))
     assert word(state) == "DISK LOW"
     assert "room for about 40 more drops" in status_of(state, 110.0).action
-    state.take(StorageLow("room again", drops_left=None))
+    state.take(StorageLow("room again", drops_remaining=None))
     assert word(state) == "READY"
 
 

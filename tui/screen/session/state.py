@@ -22,12 +22,12 @@ from pfwd.session.events import (
     InstrumentLost,
     InstrumentReady,
     InstrumentStatus,
-    JobKnown,
+    JobReported,
     LiveSamples,
     Notice,
     PointBegan,
     PointDiagnosed,
-    PointKnown,
+    PointReported,
     Ready,
     Rebounded,
     SensorCheck,
@@ -65,7 +65,7 @@ MOST_NOTICES = 200
 MOST_CURVES = 40
 """Drops whose traces stay in memory; older ones are read from the survey when they are opened."""
 
-_JUDGED = (JobKnown, PointKnown, DropSaved, DropAnalysed, PointDiagnosed, Edited)
+_JUDGED = (JobReported, PointReported, DropSaved, DropAnalysed, PointDiagnosed, Edited)
 """Events that change how a point stands."""
 
 
@@ -106,7 +106,7 @@ class SessionState:
         self.session: Any = None
         """The session that runs; None: none does."""
         self.ended: SessionEnded | None = None
-        self.drops_left: int | None = None
+        self.drops_remaining: int | None = None
         """How many more drops the disk takes, once that is few."""
         self.files_trouble = ""
         """Why the survey's own folder does not hold everything; empty: it does."""
@@ -244,7 +244,7 @@ class SessionState:
         if isinstance(event, _JUDGED):
             self.view, changed = apply_event(self.view, event)
         self._take(event)
-        if isinstance(event, JobKnown):
+        if isinstance(event, JobReported):
             for point in self.points.values():
                 self._classify_drops(point)
         elif changed is not None:
@@ -270,7 +270,7 @@ class SessionState:
 
     def _take(self, event: ScreenEvent) -> None:
         match event:
-            case JobKnown(_, differences):
+            case JobReported(_, differences):
                 for text in differences:
                     self._on_notice(Notice(text, serious=True))
             case InstrumentReady():
@@ -313,8 +313,8 @@ class SessionState:
             case BatteryLow():
                 self.device.battery_low = True
                 self._on_notice(event)
-            case StorageLow(drops_left=left):
-                self.drops_left = left
+            case StorageLow(drops_remaining=left):
+                self.drops_remaining = left
                 self._on_notice(event)
             case Notice():
                 self._on_notice(event)
@@ -428,7 +428,7 @@ class SessionState:
             edit_drop(drop, event)
 
     def _on_contents(self, event: ContentsRead) -> None:
-        self.view = with_stored(self.view, event.points, comes_again=not event.drops)
+        self.view = with_stored(self.view, event.points, is_replayed=not event.drops)
         for stored in event.points:
             for drop in stored.drops:
                 shown = self.drops.get(stored.name, {}).get(drop.number)

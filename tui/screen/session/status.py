@@ -147,8 +147,8 @@ def _waiting(state: SessionState, here: tuple[float, float] | None) -> StatusWor
         return StatusWord("WAITING", "nothing comes yet", "busy")
     if device.check_faults:
         return StatusWord("CHECK", f"{device.check_faults[0]}", "alarm")
-    if state.drops_left is not None and state.drops_left < FEW_DROPS:
-        text = f"room for about {state.drops_left} more drops; lift the weight"
+    if state.drops_remaining is not None and state.drops_remaining < FEW_DROPS:
+        text = f"room for about {state.drops_remaining} more drops; lift the weight"
         return StatusWord("DISK LOW", text, "alarm")
     return StatusWord("READY", f"lift the weight: {_next(state)}", "ready")
 

@@ -9,7 +9,7 @@ from pfwd.files.editing import Edit, edit_survey
 from pfwd.files.jobs import keep_events
 from pfwd.judging import JobRequest
 from pfwd.judging.view import job_of_folder
-from pfwd.session.events import Edited, JobKnown, Notice
+from pfwd.session.events import Edited, JobReported, Notice
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.sources import SessionSource
@@ -124,7 +124,7 @@ class SurveyEdits:
         except (SurveyError, DeviceError, OSError) as err:
             self._runner.put(Notice(str(err), serious=True))
             return
-        self._runner.put(JobKnown(job))
+        self._runner.put(JobReported(job))
 
     def _edit_folder(
         self, folder: Path, edit: Edit, drop: DropState | None, point: str | None

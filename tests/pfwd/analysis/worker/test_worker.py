@@ -267,7 +267,7 @@ def test_what_is_not_answered_in_time_is_said_and_has_its_keys(drop: Drop) -> No
 def test_a_computer_that_is_too_slow_holds_only_so_much(
     drop: Drop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pfwd.session.analyses.MOST_WAITING", 4)
+    monkeypatch.setattr("pfwd.session.analyses.MAX_PENDING_FOR_FULL_SEARCH", 4)
     told: list[Any] = []
     analyses = Analyses(OPTIONS, told.append, lambda *_: None)
     try:
