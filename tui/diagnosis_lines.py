@@ -391,13 +391,10 @@ def diagnosis_warnings(results: Sequence[DiagnosisResult]) -> list[str]:
 def diagnosis_line(point: str, result: DiagnosisResult) -> str:
     """Return the diagnosis of a point that is being measured, in one line."""
     after = result.after or FittedState()
-    residual = _percent(after.residual_rms_over_peak)
+    misfit = _percent(result.explained_to)
     effects = ", ".join(clean(effect.name).replace("_", " ") for effect in result.effects or ())
-    modulus = _modulus(after) or "no modulus"
-    word = (result.verdict or "").upper()
-    if result.corrected and result.verdict == "unexplained":
-        word = "CORRECTED"
-    return f"point {clean(point)} diagnosed: {modulus}, {word}, {residual} of the peak left" + (
+    text = f"{_modulus(after)}, {_USES[result.use]}" if _modulus(after) else "no modulus"
+    return f"point {clean(point)} diagnosed: {text}, {misfit} of the peak unexplained" + (
         f": {effects}" if effects else ""
     )
 

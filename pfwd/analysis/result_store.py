@@ -1,9 +1,9 @@
-"""Results that a survey keeps: a question that was asked before is answered from there.
+"""Results and diagnoses stored with a survey, and whether they answer a request or still hold.
 
-A question is the drops as they enter the analysis, with all that was declared, and the settings.
-Every result is kept with the software and the settings that made it; nothing is written over.  The
-result that counts for a drop is the last that was made as is usual: what somebody tried with
-other settings is kept as well, and does not count.
+A request consists of the drops as they enter the analysis, the declarations and the settings. Its
+identifier is the key ``question`` of a stored result. Every result is stored with the software and
+the settings that made it; none is written over. The result that counts for a drop is the last one
+with the default settings; trials with other settings are stored too, and do not count.
 """
 
 from __future__ import annotations
@@ -13,20 +13,22 @@ import hashlib
 import importlib.metadata
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pfwd.analysis.options import AS_DECLARED
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.errors import SurveyError
-from pfwd.files.header import PointSetup
+from pfwd.files.header import PointSetup, declared_values
 from pfwd.files.spare import open_for_edits
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import Survey, SurveyDrop, read_survey
+from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint, read_survey
 from pfwd_device.recording.layout import ResultKind
+from pfwd_device.recording.survey_content import read_result
 
 if TYPE_CHECKING:
     # Only for annotations: who shows results does not load the inversion.
@@ -37,12 +39,12 @@ _DIGITS = 32
 
 
 def software_name() -> str:
-    """Name and version of what makes results here."""
+    """Return name and version of this software, as results store them."""
     return f"pfwd {importlib.metadata.version('pfwd')}"
 
 
 def question_of(records: Iterable[Record], settings: object, remarks: object = ()) -> str:
-    """Tells questions apart: 32 hexadecimal digits.
+    """Return the identifier of a request: 32 hexadecimal digits.
 
     Parameters
     ----------
@@ -50,7 +52,7 @@ def question_of(records: Iterable[Record], settings: object, remarks: object = (
         With the samples and everything that was declared.
     settings : dataclass or other value with one text for one meaning
     remarks : value of JSON
-        What was said of the drops and comes with the result, as warnings of the screening.
+        Remarks about the drops that the result holds, as warnings of the screening.
     """
     digest = hashlib.sha256()
     for record in records:
@@ -193,6 +195,23 @@ def _counts(drop: SurveyDrop, result: DropResult) -> bool:
     return result.settings == (AS_DECLARED if settings is None else settings)
 
 
+def readable_results(drop: SurveyDrop) -> Iterator[DropResult]:
+    """Yield the stored results of a drop that can be read, the last one first."""
+    paths = drop.results
+    if not paths:  # within an exported survey
+        try:
+            stored = drop.read_results()
+        except RecordingError:
+            return
+        for values in reversed(stored):
+            with suppress(SurveyError):
+                yield DropResult.from_json(values)
+        return
+    for path in reversed(paths):
+        with suppress(RecordingError, SurveyError):
+            yield DropResult.from_json(read_result(path), str(path))
+
+
 def result_that_counts(drop: SurveyDrop) -> DropResult | None:
     """The last result of a drop that is no trial; None: there is none.
 
@@ -293,3 +312,76 @@ def rests_on(result: DropResult, setup: PointSetup) -> bool:
     return all(
         stored is not None and math.isclose(stored, now, rel_tol=SAME) for stored, now in pairs
     )
+
+
+NO_BASIS = frozenset(
+    {"operator", "procedure", "seating_drops", "site", "time_utc", "latitude", "longitude"}
+    | {"source", "photos", "material", "moisture_percent", "temperature_c", "device", "point"}
+)
+"""Keys of a header on which no result rests."""
+
+
+def basis_values(setup: PointSetup) -> dict[str, Any]:
+    """Return the declared values on which a result rests; drops of a point may differ in the
+    others."""
+    declared = declared_values(setup)
+    return {key: value for key, value in declared.items() if key not in NO_BASIS}
+
+
+def basis_of(setup: PointSetup) -> str:
+    """Tells declarations apart on which a result rests: 16 hexadecimal digits."""
+    text = repr(sorted(basis_values(setup).items(), key=lambda item: item[0]))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def holds(diagnosis: DiagnosisResult, setup: PointSetup, drops: Collection[int]) -> bool:
+    """Return whether a diagnosis is of the drops and the declarations as they are now.
+
+    Parameters
+    ----------
+    diagnosis : DiagnosisResult
+    setup : PointSetup, of the point's last drop
+    drops : collection of int, numbers of those that are neither discarded nor rejected
+    """
+    used, considered = (
+        set(diagnosis.drops or ()),
+        {*(diagnosis.drops or ()), *(diagnosis.left_out or ())},
+    )
+    present = set(drops)
+    return bool(used) and used <= present <= considered and diagnosis.basis == basis_of(setup)
+
+
+def last_diagnosis(point: SurveyPoint) -> DiagnosisResult | None:
+    """The last diagnosis that is kept of a point, whatever was declared or discarded since."""
+    diagnoses = (read_diagnosis(drop) for drop in reversed(point.drops))
+    return next((diagnosis for diagnosis in diagnoses if diagnosis is not None), None)
+
+
+def read_diagnosis(drop: SurveyDrop) -> DiagnosisResult | None:
+    """The last one that is kept with a drop; None: none, or it is damaged and can be asked anew."""
+    try:
+        stored = drop.read_diagnosis()
+        return None if stored is None else DiagnosisResult.from_json(stored)
+    except (RecordingError, SurveyError):
+        return None
+
+
+def store_diagnoses(folder: str, diagnoses: Sequence[tuple[int, DiagnosisResult]]) -> str | None:
+    """Keep new diagnoses with the survey of their points.
+
+    Parameters
+    ----------
+    folder : path of the survey
+    diagnoses : sequence of (number within the survey of the point's last drop, DiagnosisResult)
+
+    Returns
+    -------
+    str or None
+        Why they could not be kept.
+    """
+    new: list[ResultToStore] = []
+    for number, result in diagnoses:
+        if not result.stored:
+            plain: dict[str, Any] = result.to_json()
+            new.append(ResultToStore(number, "diagnosis", plain))
+    return store_results(folder, new)

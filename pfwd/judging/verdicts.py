@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from inversion.notices import Notice
-from pfwd.analysis.diagnosis.store import holds
+from pfwd.analysis.result_store import holds
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.files.header import PointSetup
 from pfwd.judging.drops import DropView, classify_drops

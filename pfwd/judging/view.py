@@ -7,14 +7,18 @@ folder or an exported file by the functions here, or from the events of a sessio
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from pfwd.analysis.diagnosis.store import last_diagnosis
 from pfwd.analysis.drop_facts import stored_facts, unbroken_peaks
-from pfwd.analysis.result_store import is_sound, rests_on, result_that_counts
-from pfwd.analysis.results import DiagnosisResult, DropResult
+from pfwd.analysis.result_store import (
+    is_sound,
+    last_diagnosis,
+    readable_results,
+    rests_on,
+    result_that_counts,
+)
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.errors import SurveyError
 from pfwd.files.folders import is_survey, refuse_no_survey
 from pfwd.files.header import Declaration, PointSetup, setup_from
@@ -31,7 +35,6 @@ from pfwd_device.recording.survey_content import (
     SurveyContent,
     SurveyDrop,
     SurveyPoint,
-    read_result,
 )
 
 DAMAGED = "damaged record"
@@ -208,7 +211,9 @@ def _drop_view(drop: SurveyDrop, later: Mapping[str, Any], before: DropView | No
             setup = setup_now(record.declared, later, drop.point)
         result = last
         if "fault" in recorded or (last is not None and not is_sound(last)):
-            result = _last_sound(drop)  # an earlier one may be whole
+            # An earlier one may be complete, whatever it rests on.
+            counting = (stored for stored in readable_results(drop) if not stored.is_trial)
+            result = next(filter(is_sound, counting), None)
         if result is not None:
             recorded["sound_result"] = result
             recorded["result"] = result if rests_on(result, setup) else None
@@ -247,29 +252,6 @@ def recorded_fields(record: DropFacts, before: DropView | None) -> dict[str, Any
         "peaks": record.peaks if traces is None else unbroken_peaks(traces),
         "has_traces": traces is None or traces.only_peaks is None,
     }
-
-
-def _last_sound(drop: SurveyDrop) -> DropResult | None:
-    """Return the last sound result of a drop that is no trial, whatever it rests on."""
-    counting = (result for result in _stored_results(drop) if not result.is_trial)
-    return next(filter(is_sound, counting), None)
-
-
-def _stored_results(drop: SurveyDrop) -> Iterator[DropResult]:
-    """Yield the results of a drop that can be read, the last one first."""
-    paths = drop.results
-    if not paths:  # within an exported survey
-        try:
-            stored = drop.read_results()
-        except RecordingError:
-            return
-        for values in reversed(stored):
-            with suppress(SurveyError):
-                yield DropResult.from_json(values)
-        return
-    for path in reversed(paths):
-        with suppress(RecordingError, SurveyError):
-            yield DropResult.from_json(read_result(path), str(path))
 
 
 def setup_now(declared: Mapping[str, Any], later: Mapping[str, Any], where: str) -> PointSetup:

@@ -16,7 +16,6 @@ from typing import Any
 from inversion import SurrogateLibrary
 from inversion.notices import Notice
 from pfwd.analysis.analyse import ASSUMED_POISSON_RATIO, analyse_drop
-from pfwd.analysis.diagnosis.store import basis_of
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import (
     AnalysisOptions,
@@ -24,7 +23,7 @@ from pfwd.analysis.options import (
     Thickness,
     with_layers_of,
 )
-from pfwd.analysis.result_store import rests_on, store_drop_results
+from pfwd.analysis.result_store import basis_of, rests_on, store_drop_results
 from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
 from pfwd.analysis.screening.drops import Screening, screen_point
@@ -459,7 +458,7 @@ def _diagnosed(
 ) -> dict[tuple[str, int], DiagnosisResult]:
     """New diagnoses by point and drop; they are kept. Discarded points have none."""
     from pfwd.analysis.diagnosis.diagnose import diagnose_files
-    from pfwd.analysis.diagnosis.store import store_diagnoses
+    from pfwd.analysis.result_store import store_diagnoses
 
     folder = str(survey.folder)
     tell("residuals are diagnosed")

@@ -5,8 +5,8 @@ import datetime
 import secrets
 from typing import Any, Literal
 
+from pfwd.session.buffered_drops import trigger_for
 from pfwd.session.feeds import FeedItem
-from pfwd.session.kept_drops import trigger_for
 from pfwd.session.setup_file import MeasuringSetup
 from pfwd_device.acquisition.driver import Driver
 from pfwd_device.errors import DeviceRefused

@@ -26,7 +26,7 @@ from pfwd.judging import Job, job_of
 from pfwd.procedures import NO_PROCEDURE
 from pfwd.session.events import DropSaved, Notice, SessionEvent
 from pfwd.session.live import LiveFeed, random_stream
-from pfwd.session.replay import Pace, RecordedFeed, capture_feed, survey_feed
+from pfwd.session.replay import Pace, capture_feed, survey_feed
 from pfwd.session.session import Ending, Listener, Session, SessionPlan
 from pfwd.session.setup_file import MeasuringSetup
 from pfwd.session.survey_job import agreed_job, point_known
@@ -179,7 +179,9 @@ def replay(
         if setup is not None:
             raise SurveyError(refusal("--setup", "a capture to use it with", "a survey"))
         survey = read_survey(path)
-        feed, reader = _survey_feed(survey, speed, listener), None
+        for text in survey.damage:
+            listener(Notice(text, serious=True))
+        feed, reader = survey_feed(survey, speed), None
         plan = replace(plan, job=_job_of(survey, listener).as_request())
         listener = _with_stored_points(survey, listener)
     elif path.is_file():
@@ -218,12 +220,6 @@ def _with_stored_points(survey: Survey, listener: Listener) -> Listener:
         listener(event)
 
     return with_points
-
-
-def _survey_feed(survey: Survey, speed: float | Pace, listener: Listener) -> RecordedFeed:
-    for text in survey.damage:
-        listener(Notice(text, serious=True))
-    return survey_feed(survey, speed)
 
 
 @contextmanager

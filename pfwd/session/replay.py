@@ -252,7 +252,8 @@ def _samples(item: RecordedDrop) -> Iterator[Samples | Gap | Pause]:
                 yield Gap(item.stream, position, length)
                 position += length
                 continue
-            stop = min([first + len(counts), position + chunk, *_starts(missing, position)])
+            gap_starts = [start for start, _ in missing if start > position]
+            stop = min([first + len(counts), position + chunk, *gap_starts])
             part = counts[position - first : stop - first]
             yield Pause(len(part) / rate)
             utc = datetime.datetime.now(datetime.UTC)
@@ -260,10 +261,6 @@ def _samples(item: RecordedDrop) -> Iterator[Samples | Gap | Pause]:
             position = stop
     # Whatever is not complete yet is complete when nothing more can come.
     yield Gap(item.stream, position, round(20 * rate))
-
-
-def _starts(missing: list[tuple[int, int]], position: int) -> list[int]:
-    return [start for start, _ in missing if start > position]
 
 
 def capture_feed(

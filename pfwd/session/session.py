@@ -24,6 +24,7 @@ from pfwd.judging import Job, JobRequest, SurveyView, point_views
 from pfwd.judging.earlier_rules import changed_verdicts
 from pfwd.judging.stations import similar_name
 from pfwd.procedures.judging import RULES_EVENT, RULES_VERSION
+from pfwd.session.buffered_drops import marks_of_buffered, raw_drop_of, settings_of
 from pfwd.session.calibration_change import (
     calibration_changes,
     last_recorded_identity,
@@ -47,7 +48,6 @@ from pfwd.session.events import (
     SessionEvent,
 )
 from pfwd.session.feeds import Ended, Feed, FeedItem, ImportedDrop, RecordedDrop
-from pfwd.session.kept_drops import marks_of_buffered, raw_drop_of, settings_of
 from pfwd.session.live_view import apply_event
 from pfwd.session.plan import Ending, SessionPlan
 from pfwd.session.sensor_check import SensorChecker

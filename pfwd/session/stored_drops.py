@@ -2,8 +2,8 @@
 
 import os
 from dataclasses import replace
-from pathlib import Path
 
+from pfwd.analysis.result_store import readable_results
 from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import compare, screen
 from pfwd.errors import SurveyError
@@ -12,23 +12,13 @@ from pfwd.files.spare import open_for_edits
 from pfwd.judging import Job, point_view
 from pfwd.judging.view import NO_SETUP
 from pfwd.session.events import SavedDrop
-from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Survey, SurveyDrop, read_survey
-from pfwd_device.recording.survey_content import read_result
-
-
-def _read_result(path: Path) -> DropResult | None:
-    """A result as it was saved; None where it is damaged: the drop can be inverted again."""
-    try:
-        return DropResult.from_json(read_result(path), str(path))
-    except (RecordingError, SurveyError):
-        return None
 
 
 def stored_results(folder: str | os.PathLike[str], record: int) -> list[DropResult]:
     """All results of a drop, by its number within the survey: trials, then those that count."""
     drop = _find(read_survey(folder), record)
-    return [result for path in drop.results if (result := _read_result(path)) is not None]
+    return [*readable_results(drop)][::-1]
 
 
 def add_result(folder: str | os.PathLike[str], record: int, result: DropResult) -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pfwd.session.buffered_drops import trigger_for
 from pfwd.session.events import DropSaved, SessionEvent
-from pfwd.session.kept_drops import trigger_for
 from pfwd.session.measure import measure, replay
 from pfwd.session.session import Ending, SessionPlan
 from pfwd_device.acquisition.detection import DetectionSettings

@@ -116,7 +116,7 @@ def _over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
 
 def keep_found(found: "Sequence[Diagnosed]", *, store: bool) -> None:
     """Keep new diagnoses with their surveys, and say which were kept before."""
-    from pfwd.analysis.diagnosis.store import store_diagnoses
+    from pfwd.analysis.result_store import store_diagnoses
 
     by_file: dict[str, list[tuple[int, DiagnosisResult]]] = {}
     for diagnosed in found:

@@ -8,9 +8,8 @@ from typing import TypeVar
 from inversion.diagnosis import PointRecords
 from inversion.notices import Notice
 from pfwd.analysis.analyse import record_of
-from pfwd.analysis.diagnosis.store import basis_of, read_diagnosis
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.result_store import question_of, software_name
+from pfwd.analysis.result_store import basis_of, question_of, read_diagnosis, software_name
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
 from pfwd.analysis.screening.drops import duplicate_drops, screen_point, unbroken_part

@@ -62,7 +62,7 @@ def with_predictions(
     allow : what may be fitted to a held-out drop
     progress : returns a counter of a kind of work on a number of points
     """
-    counter = progress or _no_progress
+    counter = progress or partial(ProgressCounter, None)
     predicted = dict(diagnoses)
     groups: dict[tuple[object, ...], list[DiagnosisPoint]] = {}
     for point in points:
@@ -203,10 +203,6 @@ def _with_parts(
         held_out=HeldOut.of(mode, parts),
         warnings=(*diagnosis.warnings, *warnings),
     )
-
-
-def _no_progress(kind: str, total: int) -> ProgressCounter:
-    return ProgressCounter(None, kind, total)
 
 
 def _records(point: DiagnosisPoint) -> PointRecords:

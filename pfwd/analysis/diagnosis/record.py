@@ -1,7 +1,6 @@
 """Results of diagnoses, with the keys of ``pfwd diagnose --json``: on the ground and on a rig."""
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,7 @@ from pfwd.peaks.stiffness import stiffness_of
 from pfwd_device import Drop
 from pfwd_device.signals import remove_offset
 
-# How the screening says that nothing fell.
+# Beginnings of the reasons of the screening where nothing fell.
 _NO_DROP = ("false trigger", "no pulse")
 
 
@@ -42,6 +41,10 @@ def diagnosis_result(entry: DiagnosisPoint, diagnosis: PointDiagnosis | None) ->
             "poisson_ratio": first.poisson_ratio,
         }
     if diagnosis is None:
+        false_trigger = EffectResult(name="false_trigger", unit="-", parameters=(), alternatives=())
+        is_false_trigger = any(
+            str(drop.values["reason"]).startswith(_NO_DROP) for drop in entry.rejected
+        )
         return DiagnosisResult(
             file=entry.file,
             point=entry.point,
@@ -51,7 +54,7 @@ def diagnosis_result(entry: DiagnosisPoint, diagnosis: PointDiagnosis | None) ->
             **conditions,
             verdict="unexplained",
             corrected=False,
-            effects=(_false_trigger(),) if _is_false_trigger(entry.rejected) else (),
+            effects=(false_trigger,) if is_false_trigger else (),
             warnings=(*entry.warnings, *entry.rejected, Notice("no-measured-drop")),
         )
     return DiagnosisResult(
@@ -79,15 +82,6 @@ def _open_modulus_warning(after: FittedState) -> list[Notice]:
         return []
     low, high = known(after.modulus_interval_pa)
     return [Notice("modulus-left-open", {"low_pa": low, "high_pa": high})]
-
-
-def _is_false_trigger(rejected: Sequence[Notice]) -> bool:
-    """Return whether the screening rejected a record because nothing fell."""
-    return any(str(drop.values["reason"]).startswith(_NO_DROP) for drop in rejected)
-
-
-def _false_trigger() -> EffectResult:
-    return EffectResult(name="false_trigger", unit="-", parameters=(), alternatives=())
 
 
 ENOUGH = 0.02

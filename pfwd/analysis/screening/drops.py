@@ -125,7 +125,8 @@ def clipped_samples(values: NDArray[np.float64]) -> int:
     reach = min(length // 2, start, values.size - end)
     foot = max(values[start - reach : start].min(), values[end : end + reach].min())
     fall = values[start] - foot
-    step = _quantisation(values[max(0, start - 2 * length) : end + 2 * length])
+    levels = np.unique(values[max(0, start - 2 * length) : end + 2 * length])
+    step = float(np.diff(levels).min())
     return length if fall > STEEP_FLANK * step else 0
 
 
@@ -140,11 +141,6 @@ def _longest_flat_top(values: NDArray[np.float64]) -> tuple[int, int]:
     starts, ends = starts[inside], ends[inside]
     longest = int(np.argmax(ends - starts))
     return int(starts[longest]), int(ends[longest])
-
-
-def _quantisation(values: NDArray[np.float64]) -> float:
-    """Smallest step between different values."""
-    return float(np.diff(np.unique(values)).min())
 
 
 DropStatus = Literal["measured", "seating", "rejected"]
@@ -282,7 +278,7 @@ def screen(drop: Drop, setup: PointSetup) -> Screening:
     status: DropStatus = "seating" if drop.number <= setup.seating_drops else "measured"
     dead = tuple(channel.offset for channel in drop.channels if _dead_extra(channel, pulse, drop))
     warnings = [incomplete] if incomplete else []
-    clipped = _clipped(drop, dead)
+    clipped = [warning for warning, _, _ in _clipped_channels(drop, dead)]
     all_warnings = (*warnings, *clipped, *_warnings(pulse, drop, setup))
     return Screening(status, None, all_warnings, dead, clipped=bool(clipped))
 
@@ -518,10 +514,6 @@ def _silent(channel: Channel, drop: Drop, start: int, end: int) -> str | None:
     if np.sqrt(np.mean(signal[start:end] ** 2)) < DEAD_OVER_NOISE * noise:
         return "nothing above its own noise"
     return None
-
-
-def _clipped(drop: Drop, dead: Sequence[float]) -> list[Notice]:
-    return [warning for warning, _, _ in _clipped_channels(drop, dead)]
 
 
 def _clipped_channels(drop: Drop, dead: Sequence[float]) -> list[tuple[Notice, str, float]]:

@@ -108,7 +108,7 @@ def outcome_of(task: Task | DiagnosisTask, library: "SurrogateLibrary") -> TaskO
 def _diagnose(task: DiagnosisTask) -> TaskOutcome:
     from pfwd.analysis.diagnosis.diagnose import diagnose_entries, diagnose_files
     from pfwd.analysis.diagnosis.entries import entry_of
-    from pfwd.analysis.diagnosis.store import store_diagnoses
+    from pfwd.analysis.result_store import store_diagnoses
 
     not_stored = None
     if isinstance(task.source, str):

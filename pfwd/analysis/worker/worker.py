@@ -11,6 +11,7 @@ import subprocess
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from operator import attrgetter
 
 from inversion.result import TimeHistories
 from pfwd.analysis.options import AnalysisOptions
@@ -153,7 +154,7 @@ class InversionWorker:
                 self._changed.wait_for(lambda: self._waiting or self._closing)
                 if self._closing:
                     return
-                task = min(self._waiting.values(), key=_order)
+                task = min(self._waiting.values(), key=attrgetter("urgency", "number"))
                 self._under_way = task.number
             answer = self._answer_to(task)
             if answer is None:
@@ -207,10 +208,6 @@ class InversionWorker:
             return None
         end_process(process)
         return process.returncode
-
-
-def _order(task: Task | DiagnosisTask) -> tuple[int, int]:
-    return task.urgency, task.number
 
 
 def request(

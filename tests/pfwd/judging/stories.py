@@ -7,7 +7,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from pfwd.analysis.diagnosis.store import basis_of
+from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
 from pfwd.analysis.screening.drops import compare
 from pfwd.files.header import declared_values

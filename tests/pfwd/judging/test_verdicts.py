@@ -6,8 +6,7 @@ from typing import Any
 import pytest
 
 from inversion.forward.layered import LAYERED_PLATE_MODELS
-from pfwd.analysis.diagnosis.store import basis_of
-from pfwd.analysis.result_store import PLATES
+from pfwd.analysis.result_store import PLATES, basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
 from pfwd.files.header import PointSetup
 from pfwd.judging import DropView, Job, PointView, Station, drop_from_traces

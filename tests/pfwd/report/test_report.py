@@ -19,10 +19,9 @@ from matplotlib.figure import Figure
 
 from inversion import SurrogateLibrary
 from pfwd.analysis.analyse import analyse_drop
-from pfwd.analysis.diagnosis.store import basis_of
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.result_store import is_sound
+from pfwd.analysis.result_store import basis_of, is_sound
 from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.analysis.screening.drops import screen
 from pfwd.errors import OptionError, SurveyError

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pfwd.session.buffered_drops import trigger_for
 from pfwd.session.events import DropSaved, Notice
-from pfwd.session.kept_drops import trigger_for
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
 from pfwd_device.acquisition.detection import DetectionSettings

@@ -18,8 +18,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from pfwd.session.buffered_drops import trigger_for
 from pfwd.session.events import N_REPORTED_FIRST
-from pfwd.session.kept_drops import trigger_for
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
 from pfwd_device.acquisition.counters import Counters

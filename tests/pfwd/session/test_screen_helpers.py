@@ -19,12 +19,8 @@ from pfwd.session.measure import replay
 from pfwd.session.plan import SessionPlan
 from pfwd.session.replay import Pace
 from pfwd.session.session import Session
-from pfwd.session.stored_drops import (
-    RecordingError,
-    add_result,
-    recorded_drop,
-    stored_results,
-)
+from pfwd.session.stored_drops import add_result, recorded_drop, stored_results
+from pfwd_device.errors import RecordingError
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.report.surveys import result_of
 from tests.pfwd.scripted_feed import (

@@ -16,7 +16,7 @@ from textual.geometry import Region
 from textual.widgets import DataTable, Input, TabbedContent
 from textual.widgets._tabs import Underline
 
-from pfwd.analysis.diagnosis.store import basis_of
+from pfwd.analysis.result_store import basis_of
 from pfwd.errors import OptionError, SurveyError
 from pfwd.files.header import declared_values
 from pfwd.judging import JobRequest, point_views

@@ -8,8 +8,8 @@ import pytest
 from inversion import InversionError, SurrogateLibrary
 from pfwd.analysis.diagnosis.diagnose import Diagnosed, diagnose_files
 from pfwd.analysis.diagnosis.entries import entry_of, questions_of
-from pfwd.analysis.diagnosis.store import last_diagnosis, store_diagnoses
 from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.result_store import last_diagnosis, store_diagnoses
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.analysis.worker.process import outcome_of
 from pfwd.analysis.worker.tasks import DiagnosisTask
