@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 WIDTH = 120
 """Characters of a line of the table of a survey."""
 
-N_EFFECTS_SHOWN = 2
+MAX_EFFECTS_IN_TABLE = 2
 """Number of effects of a point in the table of a survey, the strongest ones."""
 
 MIN_COLUMN = 10
@@ -53,14 +53,14 @@ _ACTIONS = {"design": "use it", "with-care": "use both ends", "do-not-use": "mea
 _MIN_MODULUS_DIFFERENCE = 0.02
 """Relative difference to the modulus at 100 kPa from which on both are shown."""
 
-_WHOLE_PERCENT_FROM = 0.1
+_MIN_ROUNDED_SHARE = 0.1
 """Share from which on a percentage has no digits after the point."""
 
 _MAX_RATIO_FOR_WIDTH = 3.0
 """Ratio of the ends of an interval up to which its width decides the digits; beyond it, the nearer
 end does, because the width would leave none."""
 
-_MAX_RATIO_SHOWN = 1e4
+_MAX_PRINTED_RATIO = 1e4
 """Ratio of the ends of an interval up to which they are shown where they leave the modulus open."""
 
 
@@ -141,10 +141,13 @@ def use_sentence(
     text = f"{word} {value} MPa ({' to '.join(ends)})"
     if _is_finite(after.stress_pa):
         text += f", secant modulus at {after.stress_pa / 1e3:.0f} kPa"
-        other = after.modulus_100kpa_pa
-        if _is_finite(other) and abs(other / after.modulus_pa - 1.0) > _MIN_MODULUS_DIFFERENCE:
+        at_100_kpa = after.modulus_100kpa_pa
+        if (
+            _is_finite(at_100_kpa)
+            and abs(at_100_kpa / after.modulus_pa - 1.0) > _MIN_MODULUS_DIFFERENCE
+        ):
             low, high = after.modulus_interval_pa
-            text += f" ({rounded(other / 1e6, (high - low) / 1e6)} MPa at 100 kPa)"
+            text += f" ({rounded(at_100_kpa / 1e6, (high - low) / 1e6)} MPa at 100 kPa)"
     reason = f": {result.use_reason}" if result.use == "with-care" else ""
     return f"{text}{reason}."
 
@@ -175,11 +178,11 @@ def survey_lines(
         mode = modes.pop() if len(modes) == 1 else None
         columns = [*_COLUMNS, _PREDICTED.get(mode or "", "held out"), "found", "what to do"]
         # A column without any value is left out.
-        shown = [place for place in range(len(columns)) if any(row[place] for row in rows)]
-        table = [[row[place] for place in shown] for row in (columns, *rows)]
+        filled = [place for place in range(len(columns)) if any(row[place] for row in rows)]
+        table = [[row[place] for place in filled] for row in (columns, *rows)]
         lines += [*table_lines(table, width), ""]
     notes = [
-        *nothing_lines(results),
+        *undiagnosed_lines(results),
         *_unusable_lines(diagnosed, names),
         *_advice_of_points(results),
         *device_lines(results),
@@ -217,8 +220,8 @@ def _row(name: str, result: DiagnosisResult, modulus: "PointModulus | None") -> 
     elif after.model == "rig":
         use, action = "no ground", ""
     effects = [_short_effect(e) for e in result.effects or () if not _is_shared(e)]
-    more = ["..."] if len(effects) > N_EFFECTS_SHOWN else []
-    found = ", ".join([*effects[:N_EFFECTS_SHOWN], *more]) or "no effect"
+    more = ["..."] if len(effects) > MAX_EFFECTS_IN_TABLE else []
+    listed = ", ".join([*effects[:MAX_EFFECTS_IN_TABLE], *more]) or "no effect"
     held = result.held_out
     return [
         name,
@@ -227,7 +230,7 @@ def _row(name: str, result: DiagnosisResult, modulus: "PointModulus | None") -> 
         use,
         _percent(result.explained_to),
         "" if held is None else f"{_percent(held.after)} off",
-        found,
+        listed,
         action,
     ]
 
@@ -349,7 +352,7 @@ def _where(chosen: Sequence[str], names: Sequence[str]) -> str:
     return "all points" if len(set(chosen)) == len(order) else as_ranges(chosen, order)
 
 
-def nothing_lines(results: Sequence[DiagnosisResult]) -> list[str]:
+def undiagnosed_lines(results: Sequence[DiagnosisResult]) -> list[str]:
     """Return a line with the points of which no drop can be used; the warnings say why."""
     names = _names(results)
     empty = [name for name, result in zip(names, results, strict=True) if result.drops == ()]
@@ -406,10 +409,12 @@ def _held_out(held: HeldOut | None) -> list[str]:
     """Return the prediction errors of held-out parts, and every number fitted to them."""
     if held is None:
         return []
-    what = f"{_PREDICTED.get(held.mode or '', 'held-out part')} predicted"
+    subject = f"{_PREDICTED.get(held.mode or '', 'held-out part')} predicted"
     if not held.is_prediction and held.mode != "next":
-        what = "device of the other points" if held.mode == "point" else "ground of the other drops"
-        what += ", the rest fitted"
+        subject = (
+            "device of the other points" if held.mode == "point" else "ground of the other drops"
+        )
+        subject += ", the rest fitted"
     scaled = "no preceding record to scale"
     if held.scaled_record is not None:
         scaled = (
@@ -417,7 +422,7 @@ def _held_out(held: HeldOut | None) -> list[str]:
             f"({_percent(held.contact_scaled_record)})"
         )
     lines = [
-        f"  {what}: off by {_percent(held.after)} of the peak (contact "
+        f"  {subject}: off by {_percent(held.after)} of the peak (contact "
         f"{_percent(held.contact_after)}), base model {_percent(held.before)} "
         f"({_percent(held.contact_before)}), {scaled}"
     ]
@@ -435,16 +440,16 @@ def _modulus(state: FittedState) -> str:
     modulus, interval = state.modulus_pa, state.modulus_interval_pa
     if interval is not None and state.left_open:
         low, high = interval
-        if not 0.0 < high < _MAX_RATIO_SHOWN * low:
+        if not 0.0 < high < _MAX_PRINTED_RATIO * low:
             return "E left open"
-        shown = " to ".join(rounded(end / 1e6, end / 1e6) for end in interval)
-        return f"E left open ({shown} MPa)"
+        text = " to ".join(rounded(end / 1e6, end / 1e6) for end in interval)
+        return f"E left open ({text} MPa)"
     if not _is_finite(modulus):
         return ""
     if interval is None or not all(map(math.isfinite, interval)):
         return f"E {modulus / 1e6:.3g} MPa"
-    middle, *ends = _digits(modulus, interval)
-    return f"E {middle} MPa ({' to '.join(ends)})"
+    value, *ends = _digits(modulus, interval)
+    return f"E {value} MPa ({' to '.join(ends)})"
 
 
 def _digits(modulus: float, interval: tuple[float, float]) -> tuple[str, str, str]:
@@ -452,12 +457,14 @@ def _digits(modulus: float, interval: tuple[float, float]) -> tuple[str, str, st
 
     The modulus has two digits at least: with one, 88 beside 92 would read 90 beside 90.
     """
-    middle, low, high = (value / 1e6 for value in (modulus, *interval))
+    value_mpa, low, high = (value / 1e6 for value in (modulus, *interval))
     if high <= _MAX_RATIO_FOR_WIDTH * low:
-        return with_width(middle, (low, high))
-    value, shown_low, shown_high = with_ends(middle, (low, high))
-    two_digits = at_place(middle, math.floor(math.log10(middle)) - 1) if middle > 0 else value
-    value = min(value, two_digits, key=lambda text: abs(float(text) - middle))
+        return with_width(value_mpa, (low, high))
+    value, shown_low, shown_high = with_ends(value_mpa, (low, high))
+    two_digits = (
+        at_place(value_mpa, math.floor(math.log10(value_mpa)) - 1) if value_mpa > 0 else value
+    )
+    value = min(value, two_digits, key=lambda text: abs(float(text) - value_mpa))
     return value, shown_low, shown_high
 
 
@@ -522,7 +529,7 @@ def _parameter(parameter: EffectParameter, effect: EffectResult) -> str:
 def _percent(value: float | None) -> str:
     if not _is_finite(value):
         return "-"
-    return f"{100 * value:.0f} %" if value >= _WHOLE_PERCENT_FROM else f"{100 * value:.2g} %"
+    return f"{100 * value:.0f} %" if value >= _MIN_ROUNDED_SHARE else f"{100 * value:.2g} %"
 
 
 def _short(value: float | None) -> str:

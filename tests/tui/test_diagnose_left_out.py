@@ -7,7 +7,7 @@ import pytest
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
 from pfwd.analysis.results import DiagnosisResult, HeldOut
 from tui.cli import main
-from tui.commands.diagnose import _tell_what_stayed
+from tui.commands.diagnose import _report_not_held_out
 from tui.diagnosis_lines import diagnosis_lines
 
 
@@ -34,13 +34,13 @@ def test_points_that_have_nothing_to_leave_out_are_named(
     asked: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     found = [point("A", "drop"), point("B", "sensor"), point("C", None)]
-    _tell_what_stayed([*found, Diagnosed("other", error="no load")], asked)
+    _report_not_held_out([*found, Diagnosed("other", error="no load")], asked)
     assert said in capsys.readouterr().err
 
 
 def test_where_all_could_be_left_out_nothing_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     nothing = Diagnosed("s", DiagnosisResult(file="s", point="N", drops=()))
-    _tell_what_stayed([point("A", "drop"), nothing], "drop")
+    _report_not_held_out([point("A", "drop"), nothing], "drop")
     assert capsys.readouterr().err == ""
 
 

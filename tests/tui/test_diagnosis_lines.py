@@ -19,8 +19,8 @@ from tui.diagnosis_lines import (
     diagnosis_line,
     diagnosis_lines,
     diagnosis_warnings,
-    nothing_lines,
     survey_lines,
+    undiagnosed_lines,
     use_sentence,
 )
 
@@ -134,11 +134,11 @@ def test_numbers_are_told_in_the_units_that_people_read(
 def test_points_without_a_drop_stand_in_one_line() -> None:
     empty = [DiagnosisResult(file="a.F25", point=f"km {n}", drops=()) for n in range(1, 5)]
     whole = DiagnosisResult(file="a.F25", point="km 5", drops=(1,))
-    (line,) = nothing_lines([*empty, whole])
+    (line,) = undiagnosed_lines([*empty, whole])
     assert line.startswith("NOTHING TO DIAGNOSE at km 1 to km 4 (4): none of their drops")
-    (line,) = nothing_lines(empty)
+    (line,) = undiagnosed_lines(empty)
     assert "at all points (4)" in line
-    assert nothing_lines([whole]) == []
+    assert undiagnosed_lines([whole]) == []
 
 
 @pytest.mark.parametrize(("high", "said"), [(52e6, False), (90e6, True)])

@@ -53,53 +53,54 @@ def run(args: argparse.Namespace) -> int:
     # A plot and a device file need more than what a survey keeps.
     use_stored = not (args.refit or args.plot or args.write_device)
     with diagnosis_progress() as progress:
-        done = diagnose_files(
-            args.files,
-            options,
-            device,
-            args.jobs,
-            args.leave_out,
-            use_stored=use_stored,
-            progress=progress,
-            spread=spread,
-            allow=args.allow,
+        points = list(
+            diagnose_files(
+                args.files,
+                options,
+                device,
+                args.jobs,
+                args.leave_out,
+                use_stored=use_stored,
+                progress=progress,
+                spread=spread,
+                allow=args.allow,
+            )
         )
-        found = list(done)
-    name = device_of(found) if args.write_device else None
-    show_all(found, as_json=args.json, details=args.details)
+    name = device_of(points) if args.write_device else None
+    show_all(points, as_json=args.json, details=args.details)
     if args.leave_out is not None:
-        _tell_what_stayed(found, args.leave_out)
-    keep_found(found, store=not args.no_store)
+        _report_not_held_out(points, args.leave_out)
+    store_all(points, store=not args.no_store)
     if args.write_device:
-        write_device_file(args.write_device, found, name)
+        write_device_file(args.write_device, points, name)
         say(f"device effects written to {args.write_device}")
     if args.plot:
         from pfwd.analysis.diagnosis.plots import plot_diagnoses
 
-        plot_diagnoses(
-            [diagnosed for diagnosed in found if diagnosed.diagnosis is not None], args.plot
-        )
+        plot_diagnoses([point for point in points if point.diagnosis is not None], args.plot)
         say(f"plot {args.plot}")
-    return 1 if any(diagnosed.error for diagnosed in found) else 0
+    return 1 if any(point.error for point in points) else 0
 
 
-def _tell_what_stayed(found: "Sequence[Diagnosed]", asked: str) -> None:
-    """Where what was to be left out could not be: a point has one of it, or shares nothing."""
-    results = [one.result for one in found if one.result is not None and one.result.drops]
-    names = list(dict.fromkeys(clean(one.point or one.file) for one in results))
-    other = [
-        clean(one.point or one.file)
-        for one in results
-        if one.held_out is None or one.held_out.mode != asked
+def _report_not_held_out(diagnosed: "Sequence[Diagnosed]", mode: str) -> None:
+    """Report the points of which nothing could be held out: they have one part, or share none."""
+    results = [
+        point.result for point in diagnosed if point.result is not None and point.result.drops
     ]
-    if other:
+    names = list(dict.fromkeys(clean(point.point or point.file) for point in results))
+    without = [
+        clean(point.point or point.file)
+        for point in results
+        if point.held_out is None or point.held_out.mode != mode
+    ]
+    if without:
         expected = {
             "next": "two drops or more",
             "drop": "two drops or more",
             "sensor": "two sensors or more",
             "point": "two points or more of one device that share something",
-        }[asked]
-        say(f"--leave-out {asked}: expected {expected}, came fewer at {as_ranges(other, names)}")
+        }[mode]
+        say(f"--leave-out {mode}: expected {expected}, came fewer at {as_ranges(without, names)}")
 
 
 def _over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
@@ -114,20 +115,20 @@ def _over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
     return run_over_archive(args, replace(options, diagnose=True))
 
 
-def keep_found(found: "Sequence[Diagnosed]", *, store: bool) -> None:
-    """Keep new diagnoses with their surveys, and say which were kept before."""
+def store_all(points: "Sequence[Diagnosed]", *, store: bool) -> None:
+    """Store new diagnoses with their surveys, and report those that were stored before."""
     from pfwd.analysis.result_store import store_diagnoses
 
     by_file: dict[str, list[tuple[int, DiagnosisResult]]] = {}
-    for diagnosed in found:
+    for diagnosed in points:
         if diagnosed.number is not None and diagnosed.result is not None:
             by_file.setdefault(diagnosed.file, []).append((diagnosed.number, diagnosed.result))
     for file, results in by_file.items():
-        kept = [result for _, result in results if result.stored]
-        if kept:
-            software = ", ".join(sorted({str(result.software) for result in kept}))
+        stored = [result for _, result in results if result.stored]
+        if stored:
+            software = ", ".join(sorted({str(result.software) for result in stored}))
             say(
-                f"{file}: {len(kept)} of {len(results)} diagnoses were kept from before "
+                f"{file}: {len(stored)} of {len(results)} diagnoses were kept from before "
                 f"({software}); --refit computes them anew"
             )
         failed = store_diagnoses(file, results) if store and os.path.isdir(file) else None
@@ -135,15 +136,15 @@ def keep_found(found: "Sequence[Diagnosed]", *, store: bool) -> None:
             say(failed)
 
 
-def show_all(found: "Sequence[Diagnosed]", *, as_json: bool, details: bool = False) -> None:
+def show_all(points: "Sequence[Diagnosed]", *, as_json: bool, details: bool = False) -> None:
     """Print diagnoses: several points as a table, a single one or with `details` a block each.
 
     Blocks are followed by what concerns several points: device effects, and the warnings.
     """
-    for diagnosed in found:
+    for diagnosed in points:
         if diagnosed.error is not None:
             say(diagnosed.error)
-    results = [diagnosed.result for diagnosed in found if diagnosed.result is not None]
+    results = [diagnosed.result for diagnosed in points if diagnosed.result is not None]
     several = len(results) > 1
     moduli = _moduli_in_force(results)
     if as_json:

@@ -93,7 +93,7 @@ def _diagnosed(
 
 def _tell(diagnosed: "list[Diagnosed]", *, as_json: bool, store: bool) -> None:
     """Keep diagnoses, and print them where their lines do not hold them already."""
-    from tui.commands.diagnose import keep_found, show_all
+    from tui.commands.diagnose import show_all, store_all
 
     if as_json:
         for found in diagnosed:
@@ -101,7 +101,7 @@ def _tell(diagnosed: "list[Diagnosed]", *, as_json: bool, store: bool) -> None:
                 say(found.error)
     else:
         show_all(diagnosed, as_json=False)
-    keep_found(diagnosed, store=store)
+    store_all(diagnosed, store=store)
 
 
 def options_from(args: argparse.Namespace) -> AnalysisOptions:
