@@ -12,7 +12,7 @@ from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropAnalysis, DropResult
 from pfwd.analysis.worker.tasks import Building, Urgency
-from pfwd.analysis.worker.worker import Answer, InversionWorker
+from pfwd.analysis.worker.worker import InversionWorker, TaskResponse
 from pfwd.files.header import PointSetup
 from pfwd.session.events import DropAnalysed, Notice, SavedDrop, TableBuilding
 from pfwd_device.calibration import calibrate
@@ -41,7 +41,7 @@ class Analyses:
     ----------
     options : AnalysisOptions
         Of the full search; the quick answer has the same with least squares.
-    tell : callable
+    report : callable
         Told what comes of it, in the thread that calls the methods.
     keep_result : callable
         Given the number within the survey and a result to be saved.
@@ -50,21 +50,21 @@ class Analyses:
     def __init__(
         self,
         options: AnalysisOptions,
-        tell: Callable[[DropAnalysed | Notice | TableBuilding], None],
+        report: Callable[[DropAnalysed | Notice | TableBuilding], None],
         keep_result: Callable[[int, DropResult], object],
     ) -> None:
         self._options = options
-        self._tell = tell
+        self._report = report
         self._keep_result = keep_result
-        self._answers: queue.SimpleQueue[Answer | Building] = queue.SimpleQueue()
-        self._worker = InversionWorker(self._answers.put)
+        self._responses: queue.SimpleQueue[TaskResponse | Building] = queue.SimpleQueue()
+        self._worker = InversionWorker(self._responses.put)
         self._pending: dict[int, _PendingAnalysis] = {}
         self._behind = False
         # The published method is one search as a whole: no quick answer goes before it.
         self._has_single_answer = options.published or options.method == "least-squares"
 
     @property
-    def unanswered(self) -> int:
+    def n_pending(self) -> int:
         """Number of analyses under way."""
         return len(self._pending)
 
@@ -73,25 +73,25 @@ class Analyses:
         counts = np.zeros((64, len(identity.channels)), np.int32)
         self._worker.prepare(calibrate(1, counts, (), 32, identity), setup, self._options)
 
-    def ask(self, saved: SavedDrop) -> None:
+    def request(self, saved: SavedDrop) -> None:
         """Have a drop inverted."""
         if saved.screening.status == "rejected":
             return
         if self._has_single_answer:
-            self._ask(saved, Urgency.QUICK, self._options)
+            self._request(saved, Urgency.QUICK, self._options)
             return
         quick = replace(self._options, method="least-squares")
         if len(self._pending) < MAX_PENDING_FOR_FULL_SEARCH:
             self._behind = False
-            self._ask(saved, Urgency.QUICK, quick, final=False)
-            self._ask(saved, Urgency.FULL, self._options)
+            self._request(saved, Urgency.QUICK, quick, final=False)
+            self._request(saved, Urgency.FULL, self._options)
             return
-        self._ask(saved, Urgency.QUICK, quick)
+        self._request(saved, Urgency.QUICK, quick)
         if not self._behind:
             self._behind = True
-            self._tell(Notice("the full searches do not keep up; drops are left without them"))
+            self._report(Notice("the full searches do not keep up; drops are left without them"))
 
-    def _ask(
+    def _request(
         self, saved: SavedDrop, urgency: Urgency, options: AnalysisOptions, *, final: bool = True
     ) -> None:
         number = self._worker.analyse(
@@ -99,48 +99,48 @@ class Analyses:
         )
         self._pending[number] = _PendingAnalysis(saved, urgency, final)
 
-    def take_answers(self) -> None:
+    def take_responses(self) -> None:
         """Tell what has been answered."""
-        while not self._answers.empty():
-            self._take(self._answers.get())
+        while not self._responses.empty():
+            self._take(self._responses.get())
 
-    def last_answers(self, timeout: float) -> None:
+    def wait_for_responses(self, timeout: float) -> None:
         """Wait for what is under way, at most so many seconds; what is left then is said."""
         until = time.monotonic() + timeout
         while self._pending and (remaining := until - time.monotonic()) > 0:
             with contextlib.suppress(queue.Empty):
-                self._take(self._answers.get(timeout=remaining))
+                self._take(self._responses.get(timeout=remaining))
         if not self._pending:
             return
         fault = "the analysis did not end in time; the drop is safe, invert it again later"
-        self._tell(Notice(f"{len(self._pending)} analyses did not end in time", serious=True))
+        self._report(Notice(f"{len(self._pending)} analyses did not end in time", serious=True))
         unfinished, self._pending = list(self._pending.values()), {}
         for pending in unfinished:
             if pending.urgency is Urgency.QUICK:  # a drop without any answer
                 result = _failed(pending.saved, fault)
-                self._tell(DropAnalysed(pending.saved, None, result, None, False, True))
+                self._report(DropAnalysed(pending.saved, None, result, None, False, True))
 
     def close(self) -> None:
         """End the worker; what is not answered stays so."""
         self._worker.close()
 
-    def _take(self, answer: Answer | Building) -> None:
-        if isinstance(answer, Building):
-            self._tell(TableBuilding(answer.what, answer.fraction))
+    def _take(self, response: TaskResponse | Building) -> None:
+        if isinstance(response, Building):
+            self._report(TableBuilding(response.what, response.fraction))
             return
-        if answer.fault is not None:
-            self._tell(Notice(answer.fault, serious=True, details=answer.details))
-        pending = self._pending.pop(answer.task.number, None)
+        if response.fault is not None:
+            self._report(Notice(response.fault, serious=True, details=response.details))
+        pending = self._pending.pop(response.task.number, None)
         if pending is None:
             return
         saved, full = pending.saved, pending.urgency is Urgency.FULL
-        result = answer.result
+        result = response.result
         if result is None:
-            result = _failed(saved, str(answer.fault))
+            result = _failed(saved, str(response.fault))
         elif saved.record is not None:
             self._keep_result(saved.record, result)
         delay = None if saved.received is None else time.monotonic() - saved.received
-        self._tell(DropAnalysed(saved, delay, result, answer.curves, full, pending.final))
+        self._report(DropAnalysed(saved, delay, result, response.curves, full, pending.final))
 
 
 def _failed(saved: SavedDrop, fault: str) -> DropResult:

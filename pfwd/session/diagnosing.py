@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.analysis.worker.tasks import Building
-from pfwd.analysis.worker.worker import Answer, InversionWorker
+from pfwd.analysis.worker.worker import InversionWorker, TaskResponse
 from pfwd.files.header import PointSetup
 from pfwd.files.traces import TracePoint
 from pfwd.procedures import Kind
@@ -59,7 +59,7 @@ class PointDiagnoses:
     Parameters
     ----------
     options : AnalysisOptions
-    tell : callable
+    report : callable
         Receives diagnoses and notices, in the thread that calls the methods.
     keep : callable
         Stores a diagnosis; receives the number within the survey of the point's last drop, too.
@@ -70,24 +70,24 @@ class PointDiagnoses:
     def __init__(
         self,
         options: AnalysisOptions,
-        tell: Callable[[PointDiagnosed | Notice], None],
+        report: Callable[[PointDiagnosed | Notice], None],
         keep: KeepDiagnosis,
         earlier: EarlierDrops,
     ) -> None:
         self._options = options
-        self._tell, self._keep, self._earlier = tell, keep, earlier
-        self._answers: queue.SimpleQueue[Answer | Building] = queue.SimpleQueue()
-        self._worker = InversionWorker(self._answers.put)
+        self._report, self._keep, self._earlier = report, keep, earlier
+        self._responses: queue.SimpleQueue[TaskResponse | Building] = queue.SimpleQueue()
+        self._worker = InversionWorker(self._responses.put)
         self._points: dict[str, _Point] = {}
         self._pending: dict[int, tuple[str, int | None]] = {}
         self._device_effects: dict[str, DeviceEffects] = {}
 
     @property
-    def unanswered(self) -> int:
+    def n_pending(self) -> int:
         """Number of diagnoses under way."""
         return len(self._pending)
 
-    def ask(self, saved: SavedDrop) -> None:
+    def request(self, saved: SavedDrop) -> None:
         """Diagnose the point of a drop that is safe, unless it seats the plate or is rejected."""
         point = self._points.pop(saved.point, None)
         if point is None:
@@ -99,7 +99,7 @@ class PointDiagnoses:
         point.setup = saved.setup
         point.drops[saved.number] = saved
         if saved.screening.status == "measured":
-            self._ask(saved.point, point)
+            self._request(saved.point, point)
 
     def discard(self, record: int) -> None:
         """Diagnose the point of a drop without it."""
@@ -108,9 +108,9 @@ class PointDiagnoses:
             for number in discarded:
                 del point.drops[number]
             if discarded and point.has_measured_drop:
-                self._ask(name, point)
+                self._request(name, point)
 
-    def _ask(self, name: str, point: _Point) -> None:
+    def _request(self, name: str, point: _Point) -> None:
         if point.task is not None and self._worker.forget(point.task):
             self._pending.pop(point.task, None)
         drops = [point.drops[number] for number in sorted(point.drops)]
@@ -131,32 +131,32 @@ class PointDiagnoses:
                 }
         return device
 
-    def take_answers(self) -> None:
+    def take_responses(self) -> None:
         """Tell what has been answered."""
-        while not self._answers.empty():
-            answer = self._answers.get()
-            if not isinstance(answer, Building):
-                self._take(answer)
+        while not self._responses.empty():
+            response = self._responses.get()
+            if not isinstance(response, Building):
+                self._take(response)
 
     def close(self) -> None:
         """End the process; what is not answered stays so."""
         self._worker.close()
 
-    def _take(self, answer: Answer) -> None:
-        name, record = self._pending.pop(answer.task.number, (None, None))
+    def _take(self, response: TaskResponse) -> None:
+        name, record = self._pending.pop(response.task.number, (None, None))
         if name is None:
             return
         point = self._points.get(name)
-        if point is not None and point.task == answer.task.number:
+        if point is not None and point.task == response.task.number:
             point.task = None
-        if answer.fault is not None:
-            self._tell(Notice(f"point {name}: {answer.fault}", details=answer.details))
-        for diagnosis in answer.diagnoses:
+        if response.fault is not None:
+            self._report(Notice(f"point {name}: {response.fault}", details=response.details))
+        for diagnosis in response.diagnoses:
             result = replace(diagnosis, point=name)
             self._note_device(name, result)
             if record is not None:
                 self._keep(record, result)
-            self._tell(PointDiagnosed(name, result))
+            self._report(PointDiagnosed(name, result))
 
     def _note_device(self, name: str, result: DiagnosisResult) -> None:
         """Effects of the device that the point itself showed: not those that it was given."""

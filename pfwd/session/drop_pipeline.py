@@ -65,7 +65,7 @@ class DropPipeline:
         *,
         live: bool,
     ) -> None:
-        self._tell = listener
+        self._report = listener
         self._view = view
         self._live = live
         self.recorder = SurveyRecorder(writer, self._on_saved, listener) if writer else None
@@ -132,7 +132,7 @@ class DropPipeline:
             if release is not None and self.recorder.is_safe(record):
                 release()
             text = f"drop {duplicate} of the survey came again; nothing is recorded twice"
-            self._tell(Notice(text, kind="drops that came again"))
+            self._report(Notice(text, kind="drops that came again"))
             return
         key = record.point, record.drop.number
         view, facts = self._screen(record)
@@ -163,7 +163,7 @@ class DropPipeline:
                     f"{record.metadata['key']} (serial number, run, sample of the trigger) before, "
                     f"for drop {remarks[-1]}, which has other samples; both are recorded"
                 )
-                self._tell(Notice(text, serious=True, kind="names used twice"))
+                self._report(Notice(text, serious=True, kind="names used twice"))
             record = named
         self.take(record, received, release=release)
 
@@ -174,14 +174,14 @@ class DropPipeline:
         self._rebounds_until = time.monotonic() + LAST_REBOUNDS
         if self.recorder is not None and not recorded:
             self.recorder.keep_rebound(*self._last, self._last_record, rebound)
-        self._tell(Rebounded(*self._last, rebound.delay, rebound.peak_load))
+        self._report(Rebounded(*self._last, rebound.delay, rebound.peak_load))
 
     def take_late_rebound(self, point: str, number: int, rebound: Rebound) -> None:
         """Keep a rebound of a drop whose rebounds seemed to be over."""
         if self.recorder is not None:
             record = self._records.get((point, number))
             self.recorder.keep_rebound(point, number, record, rebound)
-        self._tell(Rebounded(point, number, rebound.delay, rebound.peak_load))
+        self._report(Rebounded(point, number, rebound.delay, rebound.peak_load))
 
     def end_of_rebounds(self) -> None:
         """No more will come: the drop's file can be made."""
@@ -216,11 +216,11 @@ class DropPipeline:
         identical = None
         if coming.source is not None:
             identical = record.drop.has_samples_of(coming.source.record.drop)
-        self._tell(DropSaved(saved, identical))
+        self._report(DropSaved(saved, identical))
         if self.analyses is not None:
-            self.analyses.ask(saved)
+            self.analyses.request(saved)
         if self.diagnoses is not None:
-            self.diagnoses.ask(saved)
+            self.diagnoses.request(saved)
 
     def _screen(self, record: DropRecord) -> tuple[DropView, MeasuredFacts | None]:
         """Screen a drop by its own record; return it, and the facts to be stored with it."""
@@ -233,7 +233,7 @@ class DropPipeline:
         except Exception as err:  # it has to be saved, whatever its traces are
             fault = f"could not be judged: {type(err).__name__}"
             text = f"drop {record.point}/{drop.number} {fault}: {err}"
-            self._tell(Notice(text, serious=True, details=traceback.format_exc()))
+            self._report(Notice(text, serious=True, details=traceback.format_exc()))
             facts = PointDrop(drop.number, Kind.REJECTED, reason=fault)
             screening = Screening("rejected", fault)
             return DropView(facts, 0.0, setup, screening=screening, metadata=record.metadata), None

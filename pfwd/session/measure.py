@@ -30,7 +30,7 @@ from pfwd.session.replay import Pace, capture_feed, survey_feed
 from pfwd.session.session import Ending, Listener, Session, SessionPlan
 from pfwd.session.setup_file import MeasuringSetup
 from pfwd.session.survey_job import agreed_job, point_known
-from pfwd.session.survey_recorder import tell_reports
+from pfwd.session.survey_recorder import report_file_changes
 from pfwd_device.recording import CaptureWriter, Survey, SurveyWriter, read_survey
 
 Control = Callable[[Session], AbstractContextManager[object]]
@@ -78,7 +78,7 @@ def measure(
         if not is_survey(survey):
             feed.open_port()  # a port that cannot be opened leaves no survey behind
         with _open_survey(survey, spare, listener) as writer:
-            _tell_recovery(writer, listener)
+            _report_recovery(writer, listener)
             writer.check_room()
             if capture:
                 setup = agreed_job(plan, writer.contents()).setup
@@ -106,12 +106,12 @@ def _open_survey(
         if not is_survey(folder):
             refuse_inside_survey(folder, "--output")
         writer = SurveyWriter.open(folder, spare=spare_folder(spare))
-        ends.callback(tell_reports, writer, listener)
+        ends.callback(report_file_changes, writer, listener)
         ends.enter_context(writer)
         yield writer
 
 
-def _tell_recovery(writer: SurveyWriter, listener: Listener) -> None:
+def _report_recovery(writer: SurveyWriter, listener: Listener) -> None:
     for text in writer.recovery.actions:
         listener(Notice(f"recovery of {writer.folder}: {text}"))
     for text in writer.recovery.damaged:

@@ -157,7 +157,7 @@ class Session:
         self._point = self._plan.named_point or (stored_points[-1] if stored_points else first)
         self._view = SurveyView(self.job)
         self._pipeline = DropPipeline(
-            self._tell, self._plan.options, writer, lambda: self._view, live=feed.live
+            self._report, self._plan.options, writer, lambda: self._view, live=feed.live
         )
         self._recorder, self._analyses = self._pipeline.recorder, self._pipeline.analyses
         self._stop = False
@@ -217,7 +217,7 @@ class Session:
         for kind, details in news.events():
             self._recorder.writer.note_event(kind, details)
         self._job = self._job.with_request(news)
-        self._tell(JobReported(self.job))
+        self._report(JobReported(self.job))
 
     def counters(self) -> dict[str, float | None]:
         """Everything that was discarded so far, by name; from any thread."""
@@ -235,7 +235,7 @@ class Session:
         self._report_stored_point(self._point)
         if self._recorder is not None and self._declared:
             self._recorder.keep_point(self._point, self._declared)
-        self._tell(PointBegan(self._point))
+        self._report(PointBegan(self._point))
 
     def edit(self, edit: Edit, *, point: str | None = None, number: int | None = None) -> None:
         """Say something of a point or, by its number within the survey, of a drop.
@@ -253,7 +253,7 @@ class Session:
         self._recorder.writer.edit(edit.what, edit.value, point=point, number=number)
         if edit.what == "discard" and number is not None and self._pipeline.diagnoses is not None:
             self._pipeline.diagnoses.discard(number)
-        self._tell(Edited(edit.what, edit.value, point, number))
+        self._report(Edited(edit.what, edit.value, point, number))
 
     def move_drop(self, number: int, to: str) -> None:
         """Move a drop, by its number within the survey, to the point where it belongs.
@@ -270,7 +270,7 @@ class Session:
         to = point_called(writer.contents(), to)
         within = move_with(writer, drop, to)
         value = {MOVED_TO: {"point": to, "drop": within}}
-        self._tell(Edited("discard", value, None, number))
+        self._report(Edited("discard", value, None, number))
         self._report_changed_point(writer, to)
 
     def _restore_drop(self, writer: SurveyWriter, number: int) -> None:
@@ -278,8 +278,8 @@ class Session:
         copy = restore_with(writer, drop)
         if copy is not None:
             value = {MOVED_TO: {"point": drop.point, "drop": drop.drop}}
-            self._tell(Edited("discard", value, None, copy.number))
-        self._tell(Edited("restore", None, None, number))
+            self._report(Edited("discard", value, None, copy.number))
+        self._report(Edited("restore", None, None, number))
 
     def _report_changed_point(self, writer: SurveyWriter, name: str) -> None:
         """Report a point that has got a drop from another one.
@@ -289,7 +289,7 @@ class Session:
         stored = known_point(writer, name)
         if stored is not None:
             self._reported_points.add(name)
-            self._tell(stored)
+            self._report(stored)
 
     def keep_result(self, number: int, result: DropResult) -> None:
         """Save another result of a drop, by its number within the survey; the others stay."""
@@ -328,10 +328,10 @@ class Session:
                 raise
             self._save_the_rest(lambda: self._stop)
             if self._analyses is not None:
-                self._analyses.last_answers(STOPPED_ANSWERS if self._stop else LAST_ANSWERS)
+                self._analyses.wait_for_responses(STOPPED_ANSWERS if self._stop else LAST_ANSWERS)
             self._last_diagnoses()
             self._answer_requests()
-            self._tell_rest()
+            self._report_rest()
         finally:
             self._feed.close()
             if self._analyses is not None:
@@ -346,10 +346,10 @@ class Session:
         if diagnoses is None:
             return
         until = time.monotonic() + LAST_ANSWERS
-        while diagnoses.unanswered and not self._stop and time.monotonic() < until:
+        while diagnoses.n_pending and not self._stop and time.monotonic() < until:
             time.sleep(FEED_WAIT)
-            diagnoses.take_answers()
-        diagnoses.take_answers()
+            diagnoses.take_responses()
+        diagnoses.take_responses()
 
     def _save_the_rest(self, hurry: Callable[[], bool]) -> None:
         self._finish_drop("the session was ended")
@@ -368,9 +368,9 @@ class Session:
         stored = known_point(self._recorder.writer, name)
         if stored is not None:
             self._pipeline.know(stored.point)
-            self._tell(stored)
+            self._report(stored)
 
-    def _tell_similar_point(self) -> None:
+    def _report_similar_point(self) -> None:
         """Report a named point that is new and whose name a known one begins with, or the reverse.
 
         On the screen the operator is asked; here nobody may be there to answer.
@@ -383,13 +383,13 @@ class Session:
         similar = similar_name(name, names | {station.name for station in self.job.stations})
         if similar is not None:
             text = f"point {name} is new, but {similar} exists. Was {similar} meant? "
-            self._tell(Notice(text + "pfwd edit --move moves drops", serious=True))
+            self._report(Notice(text + "pfwd edit --move moves drops", serious=True))
 
     def _run(self) -> Ending:
-        self._tell(JobReported(self.job, self._differences))
+        self._report(JobReported(self.job, self._differences))
         for text in self._changed_verdicts:
-            self._tell(Notice(text, serious=True))
-        self._tell_similar_point()
+            self._report(Notice(text, serious=True))
+        self._report_similar_point()
         self._report_stored_point(self._point)
         while not self._finished():
             if self._may_go_on():
@@ -399,9 +399,9 @@ class Session:
             else:
                 time.sleep(FEED_WAIT)
             if self._analyses is not None:
-                self._analyses.take_answers()
+                self._analyses.take_responses()
             if self._pipeline.diagnoses is not None:
-                self._pipeline.diagnoses.take_answers()
+                self._pipeline.diagnoses.take_responses()
             if self._recorder is not None:
                 if self._stop:
                     self._recorder.writer.expect_end()
@@ -419,11 +419,11 @@ class Session:
             try:
                 self._requests.get()(self)
             except (RecordingError, OptionError) as err:
-                self._tell(Notice(str(err), serious=True))
+                self._report(Notice(str(err), serious=True))
 
     def _may_go_on(self) -> bool:
         """Return whether the feed may go on now: an instrument cannot wait, a recording can."""
-        waiting = self._analyses.unanswered if self._analyses is not None else 0
+        waiting = self._analyses.n_pending if self._analyses is not None else 0
         return self._feed.live or waiting < MAX_UNANSWERED
 
     def _finished(self) -> bool:
@@ -452,7 +452,7 @@ class Session:
 
     def _trigger(self) -> None:
         if self._detector is None or self._stream is None:
-            self._tell(Notice("no samples come that could be recorded", kind="no samples"))
+            self._report(Notice("no samples come that could be recorded", kind="no samples"))
         else:
             self._detector.trigger_by_operator()
 
@@ -462,7 +462,7 @@ class Session:
             return
         if self._sampled < self._next_trigger:
             text = "the instrument triggers again within a second: no drop is recorded"
-            self._tell(Notice(text, kind="triggers"))
+            self._report(Notice(text, kind="triggers"))
             return
         if self._identity is not None and self._stream is not None:
             pause = round(TRIGGER_PAUSE * self._identity.sampling_rate)
@@ -493,12 +493,12 @@ class Session:
                 self._finish_drop("the instrument began to sample anew")
             case Status():
                 self._status = item
-                self._tell(InstrumentStatus(item, self._feed.counters()))
+                self._report(InstrumentStatus(item, self._feed.counters()))
             case Event():
                 self._on_event(item)
             case Refusal():
                 text = f"the instrument refuses (code {item.code}): {item.text}"
-                self._tell(Notice(text, serious=True, kind="refusals"))
+                self._report(Notice(text, serious=True, kind="refusals"))
             case RecordedDrop():
                 self._on_recorded(item)
             case ImportedDrop():
@@ -526,7 +526,7 @@ class Session:
         untold = self._stored_events.due("connected")
         if untold is not None:
             self._keep_connection(untold)
-        self._tell(
+        self._report(
             InstrumentReady(
                 item.url,
                 identity,
@@ -569,10 +569,10 @@ class Session:
                 )
             if choice == "ask" and event not in self._accepted_changes:
                 self._unanswered = item, event
-                self._tell(event)
+                self._report(event)
                 return False
             if choice == "accept":
-                self._tell(event)
+                self._report(event)
             if (untold := self._stored_events.due("calibration")) is not None:
                 details = {"serial_number": serial, "changes": list(changes)}
                 self._recorder.keep_event("calibration changed", details | _count(untold))
@@ -605,7 +605,7 @@ class Session:
         for kind, details in request.events():
             self._recorder.keep_event(kind, details)
         self._job, self._job_request = self._job.with_request(request), JobRequest()
-        self._tell(JobReported(self._job))
+        self._report(JobReported(self._job))
 
     def _on_disconnected(self, item: Disconnected) -> None:
         self._finish_drop("the link was lost")
@@ -614,7 +614,7 @@ class Session:
         unkept = self._stored_events.due("lost")
         if self._recorder is not None and unkept is not None:
             self._recorder.keep_event("lost", {"reason": item.reason} | _count(unkept))
-        self._tell(InstrumentLost.of(item))
+        self._report(InstrumentLost.of(item))
 
     def _on_event(self, item: Event) -> None:
         if item.kind == EventKind.TRIGGER:
@@ -625,12 +625,12 @@ class Session:
             self._ended = True
         elif item.kind == EventKind.LOW_BATTERY:
             text = f"battery of the instrument is low {item.text}".rstrip()
-            self._tell(BatteryLow(text, serious=True, kind="battery"))
+            self._report(BatteryLow(text, serious=True, kind="battery"))
         elif item.kind == EventKind.BOOT:
             text = f"the instrument started anew {item.text}".rstrip()
-            self._tell(Notice(text, kind="starts"))
+            self._report(Notice(text, kind="starts"))
 
-    def _tell(self, event: SessionEvent) -> None:
+    def _report(self, event: SessionEvent) -> None:
         """Tell the listener, but not every one of what an instrument may say without end.
 
         A recording has an end.
@@ -644,7 +644,7 @@ class Session:
         self._view, _ = apply_event(self._view, event)
         self._listener(event)
 
-    def _tell_rest(self) -> None:
+    def _report_rest(self) -> None:
         """Report the number of notices that were not reported one by one."""
         for kind, count in self._repeats.rest().items():
             self._listener(Notice(f"{count} more messages of the instrument: {kind}"))
@@ -659,12 +659,12 @@ class Session:
         self._last_samples = item
         self._sampled += len(item.counts)  # whatever number of its run the instrument gives
         self._on_detected(self._detector.feed(item))
-        self._tell(LiveSamples(item, self._identity, self._detector.drop_load))
+        self._report(LiveSamples(item, self._identity, self._detector.drop_load))
         self._check_sensors(item)
         checking = self._checker is not None and self._checker.due
         if self._feed.live and self._detector.ready and not checking and not self._was_ready:
             self._was_ready = True
-            self._tell(Ready())
+            self._report(Ready())
 
     def _check_sensors(self, item: Samples) -> None:
         if self._checker is None or self._detector is None:
@@ -677,14 +677,14 @@ class Session:
         self._last_check = details | {"faults": list(faults)}
         if self._recorder is not None:
             self._recorder.keep_check(self._last_check)
-        self._tell(SensorCheck(details, faults))
+        self._report(SensorCheck(details, faults))
 
     def _on_armed(self, item: Armed) -> None:
         self._armed = item.trigger if item.trigger.on else None
         streams = self._identity is not None and self._identity.streams
         if self._armed is not None and not streams and not self._was_ready:
             self._was_ready = True
-            self._tell(Ready())
+            self._report(Ready())
 
     def _on_buffered_drop(self, item: KeptDrop) -> None:
         """A drop that the instrument found; it keeps it until it is safe here."""
@@ -725,7 +725,7 @@ class Session:
             f"buffered drop (run and sample {item.offer.stream}/{item.offer.first_sample}) is not "
             f"recorded and stays in the instrument: {item.reason}"
         )
-        self._tell(Notice(text, serious=True, kind="unusable drops"))
+        self._report(Notice(text, serious=True, kind="unusable drops"))
 
     def _on_recorded(self, item: RecordedDrop) -> None:
         self._finish_drop("the next recorded drop follows")
@@ -745,7 +745,7 @@ class Session:
         if not self._redetected and self._recorded is not None:
             record = self._recorded.record
             text = f"drop {record.point}/{record.drop.number} was recorded and is not found again"
-            self._tell(Notice(text, serious=True))
+            self._report(Notice(text, serious=True))
         self._recorded, self._redetected = None, True
 
     def _on_imported(self, item: ImportedDrop) -> None:
@@ -801,7 +801,7 @@ class Session:
             f"point {self._point}: pulse of {peak / 1e3:.2f} kN at {seconds:.2f} s of run "
             f"{pulse.stream}: {pulse.doubt}. Look at the last drops and repeat what is missing"
         )
-        self._tell(Notice(text, serious=True, kind="pulses"))
+        self._report(Notice(text, serious=True, kind="pulses"))
 
     def _on_drop(self, raw: RawDrop) -> None:
         assert self._identity is not None
@@ -816,7 +816,9 @@ class Session:
             metadata = metadata_of(raw, identity, settings, self._time_of(raw), self._state())
         else:
             if self._redetected:
-                self._tell(Notice("another drop was found in one that was recorded", serious=True))
+                self._report(
+                    Notice("another drop was found in one that was recorded", serious=True)
+                )
                 return
             self._redetected = True
             number = self._pipeline.number_for(self._point, source.record.drop.number)
@@ -864,7 +866,7 @@ class Session:
                 bounce = Rebound(max(delay, 0.0), peak, raw.first, raw.counts)
                 self._pipeline.take_late_rebound(point, number, bounce)
                 text = f"a bounce of drop {point}/{number} after the link was back: kept with it"
-                self._tell(Notice(text))
+                self._report(Notice(text))
                 return True
         self._fell = now, peak, (self._point, drop.number)
         return False

@@ -44,21 +44,21 @@ WATCH_INTERVAL = 1.0
 """s between two looks whether the survey's files are still in place."""
 
 Saved = Callable[[DropRecord, int, Path | None], None]
-Tell = Callable[[DropNotSaved | DropNotPublished | SurveyFilesChanged | Notice], None]
+Report = Callable[[DropNotSaved | DropNotPublished | SurveyFilesChanged | Notice], None]
 
 
-def tell_reports(writer: SurveyWriter, tell: Tell) -> None:
-    """Tell what happened to the files of a survey since the last call."""
-    for report in writer.take_reports():
-        match report:
+def report_file_changes(writer: SurveyWriter, report: Report) -> None:
+    """Report what happened to the files of a survey since the last call."""
+    for change in writer.take_reports():
+        match change:
             case PublishingFailed(_, point, drop, reason):
-                tell(DropNotPublished(point, drop, reason))
+                report(DropNotPublished(point, drop, reason))
             case FilesTaken() | SpareUsed() | SurveyMovedAway():
-                tell(SurveyFilesChanged(report.text, safe=False))
+                report(SurveyFilesChanged(change.text, safe=False))
             case FilesWrittenAgain(lost=lost):
-                tell(SurveyFilesChanged(report.text, safe=not lost))
+                report(SurveyFilesChanged(change.text, safe=not lost))
             case BroughtHome():
-                tell(SurveyFilesChanged(report.text, safe=True))
+                report(SurveyFilesChanged(change.text, safe=True))
 
 
 def _counts_of(record: DropRecord) -> NDArray[np.int32]:
@@ -87,14 +87,14 @@ class SurveyRecorder:
     saved : callable
         Told every drop once it is safe, with its number within the survey and the spare folder that
         keeps it; None: the survey's own does.
-    tell : callable
+    report : callable
         Told what goes wrong.
     """
 
-    def __init__(self, writer: SurveyWriter, saved: Saved, tell: Tell) -> None:
+    def __init__(self, writer: SurveyWriter, saved: Saved, report: Report) -> None:
         self.writer = writer
         self._saved = saved
-        self._tell = tell
+        self._report = report
         self._held: list[DropRecord] = []
         self._n_reported = 0
         self._next_try = self._next_watch = 0.0
@@ -179,7 +179,7 @@ class SurveyRecorder:
             self.writer.look_after()
             if self._reported_room is not None:
                 self._announce_filling()
-        self._tell_reports()
+        self._report_file_changes()
 
     def finish(self, stopped: Callable[[], bool], patience: float = LAST_ATTEMPTS) -> None:
         """The last attempts to save what is held; one, when the session was told to end."""
@@ -192,9 +192,9 @@ class SurveyRecorder:
             self.retry()
         if self._held:
             names = ", ".join(f"{record.point}/{record.drop.number}" for record in self._held)
-            self._tell(Notice(f"LOST, the disk did not take it: drop {names}", serious=True))
+            self._report(Notice(f"LOST, the disk did not take it: drop {names}", serious=True))
         self.writer.look_after()
-        self._tell_reports()
+        self._report_file_changes()
         away = self.writer.drops_in_spare()
         if away:
             folder = next(iter(away.values()))
@@ -202,7 +202,7 @@ class SurveyRecorder:
                 f"{len(away)} drops are NOT in {self.writer.folder} but in {folder}; "
                 f"pfwd recover {self.writer.folder} brings them home"
             )
-            self._tell(SurveyFilesChanged(text, safe=False))
+            self._report(SurveyFilesChanged(text, safe=False))
 
     def _save(self) -> None:
         while self._held:
@@ -211,30 +211,30 @@ class SurveyRecorder:
                 number = self.writer.save_drop(record)
                 spare = self.writer.kept_in_spare(number)
             except RecordingError as err:
-                self._tell_reports()
+                self._report_file_changes()
                 self._next_try = time.monotonic() + RETRY_INTERVAL
                 new, self._n_reported = self._held[self._n_reported :], len(self._held)
                 for result in new:
-                    self._tell(DropNotSaved(result.point, result.drop.number, str(err)))
+                    self._report(DropNotSaved(result.point, result.drop.number, str(err)))
                 return
             del self._held[0]
             self._n_reported = max(0, self._n_reported - 1)
-            self._tell_reports()  # before: what was NOT SAFE is said before the next drop is
+            self._report_file_changes()  # before: what was NOT SAFE is said before the next drop is
             self._saved(record, number, spare)
         self._announce_filling()
 
-    def _tell_reports(self) -> None:
-        tell_reports(self.writer, self._tell)
+    def _report_file_changes(self) -> None:
+        report_file_changes(self.writer, self._report)
 
     def _announce_filling(self) -> None:
         room, reported = self.writer.scarce_drops(), self._reported_room
         if room is None:
             if reported is not None:
                 text = f"The disk has room again in {self.writer.folder}."
-                self._tell(StorageLow(text, drops_remaining=None))
+                self._report(StorageLow(text, drops_remaining=None))
         elif reported is None or (room < reported and room <= reported // 2):  # half of it has gone
             text = f"The disk is filling: room for about {room} more drops in {self.writer.folder}."
-            self._tell(StorageLow(text, serious=True, drops_remaining=room))
+            self._report(StorageLow(text, serious=True, drops_remaining=room))
         else:
             return
         self._reported_room = room
@@ -296,5 +296,5 @@ class SurveyRecorder:
             return save()
         except RecordingError as err:
             full = isinstance(err, StorageFull)
-            self._tell(Notice(f"{subject} could not be saved: {err}", serious=not full))
+            self._report(Notice(f"{subject} could not be saved: {err}", serious=not full))
             return None

@@ -35,7 +35,7 @@ from pfwd.analysis.diagnosis.points import (
 _MAX_NEIGHBOURS = 50
 # What a point cannot be fitted for.
 _FAILURES = (InversionError, np.linalg.LinAlgError)
-_Answer = HeldOutPart | Notice
+_PartOutcome = HeldOutPart | Notice
 
 
 def with_predictions(
@@ -88,7 +88,7 @@ def with_predictions(
         counted = counter("held-out parts", len(tasks)).counted(
             names, workers.map(predict, *columns)
         )
-        parts: dict[str, list[_Answer]] = {}
+        parts: dict[str, list[_PartOutcome]] = {}
         for (place, _), answer in zip(tasks, counted, strict=True):
             parts.setdefault(group[place].name, []).append(answer)
         for name, answers in parts.items():
@@ -175,7 +175,7 @@ def _held_out_error(
     mode: LeaveOut,
     declared_effects: Mapping[str, Values] | None,
     allow: Allow | None,
-) -> _Answer:
+) -> _PartOutcome:
     """Return the errors of a held-out part, or why it cannot be predicted."""
     try:
         return held_out_error(
@@ -194,7 +194,7 @@ def _held_out_error(
 
 
 def _with_parts(
-    diagnosis: PointDiagnosis, mode: LeaveOut, answers: Sequence[_Answer]
+    diagnosis: PointDiagnosis, mode: LeaveOut, answers: Sequence[_PartOutcome]
 ) -> PointDiagnosis:
     parts = [answer for answer in answers if isinstance(answer, HeldOutPart)]
     warnings = [answer for answer in answers if isinstance(answer, Notice)]

@@ -37,7 +37,7 @@ CLOSING_TIME = 5.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Answer:
+class TaskResponse:
     """Response to a task."""
 
     task: Task | DiagnosisTask
@@ -49,7 +49,7 @@ class Answer:
     diagnoses: tuple[DiagnosisResult, ...] = ()
 
 
-Listener = Callable[[Answer | Building], None]
+Listener = Callable[[TaskResponse | Building], None]
 
 
 class InversionWorker:
@@ -58,7 +58,7 @@ class InversionWorker:
     Parameters
     ----------
     listener : callable
-        Told every answer, in a thread of the worker's own.
+        Told every response, in a thread of the worker's own.
     """
 
     def __init__(self, listener: Listener) -> None:
@@ -156,16 +156,16 @@ class InversionWorker:
                     return
                 task = min(self._waiting.values(), key=attrgetter("urgency", "number"))
                 self._under_way = task.number
-            answer = self._answer_to(task)
-            if answer is None:
+            response = self._respond_to(task)
+            if response is None:
                 return
-            self._listener(answer)
+            self._listener(response)
             with self._changed:
                 del self._waiting[task.number]
                 self._under_way = None
                 self._changed.notify_all()
 
-    def _answer_to(self, task: Task | DiagnosisTask) -> Answer | None:
+    def _respond_to(self, task: Task | DiagnosisTask) -> TaskResponse | None:
         """The answer; None when nobody waits for it any more."""
         reason = ""
         for _ in range(MAX_ATTEMPTS):
@@ -179,7 +179,7 @@ class InversionWorker:
                 if self._closing:
                     return None
             else:
-                return Answer(
+                return TaskResponse(
                     task,
                     outcome.result,
                     outcome.curves,
@@ -188,7 +188,7 @@ class InversionWorker:
                     outcome.diagnoses,
                 )
         fault = "the analysis ended by itself twice; the drop is safe, invert it again later"
-        return Answer(task, fault=fault, details=reason)
+        return TaskResponse(task, fault=fault, details=reason)
 
     def _process_or_start(self) -> "subprocess.Popen[bytes] | None":
         """The process, another one where it has died; None when nobody needs one any more."""

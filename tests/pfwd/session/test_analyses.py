@@ -41,7 +41,7 @@ def test_full_searches_that_do_not_keep_up_are_left_out_and_said_once(
     setup = PointSetup(plate_radius=0.15)
     for number in range(1, 201):
         stored = SavedDrop("1", drop_from_traces(drop, setup, record=number), drop, "f")
-        analyses.ask(stored)
+        analyses.request(stored)
     asked = analyses._worker.asked  # type: ignore[attr-defined]
     # Every drop has its first modulus; sixty tasks, that is thirty drops, are waited for in full.
     assert asked.count(Urgency.QUICK) == 200

@@ -15,7 +15,7 @@ from pfwd.analysis.results import (
 from pfwd.analysis.screening.drops import Screening
 from pfwd.analysis.worker.process import outcome_of
 from pfwd.analysis.worker.tasks import DiagnosisTask
-from pfwd.analysis.worker.worker import Answer
+from pfwd.analysis.worker.worker import TaskResponse
 from pfwd.files.traces import TracePoint
 from pfwd.judging import drop_from_traces
 from pfwd.session import diagnosing
@@ -46,7 +46,7 @@ class Worker:
         return self.tasks.pop(number, None) is not None
 
     def answer(self, number: int, **said: Any) -> None:
-        self.listener(Answer(self.tasks.pop(number), **said))
+        self.listener(TaskResponse(self.tasks.pop(number), **said))
 
     def close(self) -> None:
         pass
@@ -77,7 +77,7 @@ class Session:
         screening = Screening(status)  # type: ignore[arg-type]
         drop = half_sine_drop(number, 8000.0)
         view = drop_from_traces(drop, SETUP, record=record)
-        self.diagnoses.ask(SavedDrop(point, replace(view, screening=screening), drop))
+        self.diagnoses.request(SavedDrop(point, replace(view, screening=screening), drop))
 
     def drops_of(self, task: int) -> list[int]:
         return [drop.number for drop in self.worker.tasks[task].source.drops]
@@ -105,12 +105,12 @@ def test_a_point_is_diagnosed_with_all_of_its_drops(session: Session) -> None:
     session.drop("A", 2, 12)
     assert session.drops_of(2) == [1, 2]
     session.worker.answer(2, diagnoses=(found(),))
-    session.diagnoses.take_answers()
+    session.diagnoses.take_responses()
     assert [number for number, _ in session.kept] == [11, 12]
     points = [event.point for event in session.told if isinstance(event, PointDiagnosed)]
     assert points == ["A", "A"]
     assert session.kept[1][1].point == "A"
-    assert session.diagnoses.unanswered == 0
+    assert session.diagnoses.n_pending == 0
 
 
 def test_an_older_question_that_waits_is_dropped(session: Session) -> None:
@@ -118,7 +118,7 @@ def test_an_older_question_that_waits_is_dropped(session: Session) -> None:
     session.drop("A", 2, 12)
     session.drop("B", 1, 13)
     assert sorted(session.worker.tasks) == [2, 3]
-    assert session.diagnoses.unanswered == 2
+    assert session.diagnoses.n_pending == 2
 
 
 def test_a_rejected_drop_asks_nothing(session: Session) -> None:
@@ -168,12 +168,12 @@ def test_the_device_learnt_so_far_is_given_to_the_next_point(session: Session) -
     for name, delay in (("A", 4e-4), ("B", 6e-4)):
         session.drop(name, 1, 11)
         session.worker.answer(session.worker.count, diagnoses=(found(lag(delay)),))
-        session.diagnoses.take_answers()
+        session.diagnoses.take_responses()
     session.drop("C", 1, 13)
     assert session.worker.tasks[3].device == {"sensor_lag": {"delay": pytest.approx(5e-4)}}
     # What was given is no finding of the point.
     session.worker.answer(3, diagnoses=(found(lag(5e-4, None)),))
-    session.diagnoses.take_answers()
+    session.diagnoses.take_responses()
     session.drop("D", 1, 14)
     assert session.worker.tasks[4].device == {"sensor_lag": {"delay": pytest.approx(5e-4)}}
 
@@ -181,7 +181,7 @@ def test_the_device_learnt_so_far_is_given_to_the_next_point(session: Session) -
 def test_one_point_says_nothing_of_the_device(session: Session) -> None:
     session.drop("A", 1, 11)
     session.worker.answer(1, diagnoses=(found(lag(4e-4)),))
-    session.diagnoses.take_answers()
+    session.diagnoses.take_responses()
     session.drop("B", 1, 12)
     assert session.worker.tasks[2].device == {}
 
@@ -189,7 +189,7 @@ def test_one_point_says_nothing_of_the_device(session: Session) -> None:
 def test_a_fault_is_told(session: Session) -> None:
     session.drop("A", 1, 11)
     session.worker.answer(1, fault="the analysis failed")
-    session.diagnoses.take_answers()
+    session.diagnoses.take_responses()
     (notice,) = session.told
     assert isinstance(notice, Notice)
     assert "point A" in notice.text

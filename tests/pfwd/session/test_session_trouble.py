@@ -94,8 +94,8 @@ def test_what_is_unsaved_to_the_end_is_said(log: Log, writer: Any) -> None:
         if isinstance(event, DropNotSaved):
             session.stop()
 
-    session._tell = listener
-    session._pipeline._tell = session._pipeline.recorder._tell = listener  # type: ignore[union-attr]
+    session._report = listener
+    session._pipeline._report = session._pipeline.recorder._report = listener  # type: ignore[union-attr]
     assert session.run() is Ending.UNSAVED
     assert not log.of(DropSaved)
     assert "LOST, the disk did not take it: drop 1/1" in log.texts

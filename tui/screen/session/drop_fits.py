@@ -12,7 +12,7 @@ from pathlib import Path
 from pfwd.analysis.options import AnalysisOptions, with_layers_of
 from pfwd.analysis.results import DropResult
 from pfwd.analysis.worker.tasks import Building, Urgency
-from pfwd.analysis.worker.worker import Answer, InversionWorker
+from pfwd.analysis.worker.worker import InversionWorker, TaskResponse
 from pfwd.errors import DeviceError, SurveyError
 from pfwd.session.events import Notice, SavedDrop, TableBuilding
 from pfwd.session.stored_drops import add_result, recorded_drop, stored_results
@@ -73,7 +73,7 @@ class Refits:
         if self._worker is not None:
             self._worker.close()
 
-    def _take(self, answer: Answer | Building) -> None:
+    def _take(self, answer: TaskResponse | Building) -> None:
         if isinstance(answer, Building):
             self._tell(TableBuilding(answer.what, answer.fraction))
             return

@@ -16,7 +16,7 @@ import pytest
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.screening.drops import Screening
 from pfwd.analysis.worker.tasks import Urgency
-from pfwd.analysis.worker.worker import Answer, InversionWorker
+from pfwd.analysis.worker.worker import InversionWorker, TaskResponse
 from pfwd.files.header import PointSetup
 from pfwd.judging import drop_from_traces
 from pfwd.session.analyses import Analyses
@@ -48,10 +48,10 @@ def worker(answers: "queue.SimpleQueue[Any]") -> Iterator[InversionWorker]:
     one.close()
 
 
-def next_answer(answers: "queue.SimpleQueue[Any]") -> Answer:
+def next_answer(answers: "queue.SimpleQueue[Any]") -> TaskResponse:
     while True:
         message = answers.get(timeout=PATIENCE)
-        if isinstance(message, Answer):
+        if isinstance(message, TaskResponse):
             return message
 
 
@@ -251,10 +251,10 @@ def test_what_is_not_answered_in_time_is_said_and_has_its_keys(drop: Drop) -> No
     analyses = Analyses(OPTIONS, told.append, lambda *_: None)
     try:
         analyses.prepare(IDENTITY, SETUP)
-        analyses.ask(saved_drop(drop))
-        assert analyses.unanswered == 2
-        analyses.last_answers(0.0)
-        assert analyses.unanswered == 0
+        analyses.request(saved_drop(drop))
+        assert analyses.n_pending == 2
+        analyses.wait_for_responses(0.0)
+        assert analyses.n_pending == 0
     finally:
         analyses.close()
     (one,) = [event for event in told if isinstance(event, DropAnalysed)]
@@ -272,9 +272,9 @@ def test_a_computer_that_is_too_slow_holds_only_so_much(
     analyses = Analyses(OPTIONS, told.append, lambda *_: None)
     try:
         for _ in range(4):
-            analyses.ask(saved_drop(drop))
-        assert analyses.unanswered == 2 + 2 + 1 + 1
-        analyses.last_answers(PATIENCE)
+            analyses.request(saved_drop(drop))
+        assert analyses.n_pending == 2 + 2 + 1 + 1
+        analyses.wait_for_responses(PATIENCE)
     finally:
         analyses.close()
     answers = [event for event in told if isinstance(event, DropAnalysed)]
@@ -287,7 +287,7 @@ def test_a_rejected_drop_is_not_analysed(drop: Drop) -> None:
     flat = Drop(1, drop.time, np.zeros_like(drop.load), drop.channels)
     analyses = Analyses(OPTIONS, lambda _: None, lambda *_: None)
     try:
-        analyses.ask(saved_drop(flat))
-        assert analyses.unanswered == 0
+        analyses.request(saved_drop(flat))
+        assert analyses.n_pending == 0
     finally:
         analyses.close()
