@@ -18,14 +18,14 @@ def start_matplotlib() -> None:
     settings that the user keeps for himself, and those that he names by MATPLOTLIBRC, count as
     ever.
     """
-    # Which fonts there are is looked up by who draws, and what cannot be drawn is said by him: that
-    # a family has no bold letters helps nobody who waits for a report.
+    # The drawing code looks for fonts and reports what cannot be drawn; that a family has no bold
+    # letters is of no use to the reader of a report.
     logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
     if "matplotlib" in sys.modules or not os.path.exists(SETTINGS):
         return
     spec = find_spec("matplotlib")
     if spec is None or spec.origin is None:
-        return  # who imports it says so
+        return  # the import reports it
     # It has no option for this. The folder is left only where there are such settings, because it
     # is left for every thread.
     with contextlib.chdir(Path(spec.origin).parent):

@@ -1,4 +1,4 @@
-"""Messages that say the same of several things, each once, with the numbers as ranges."""
+"""Groups of equal messages about several things, with their numbers as ranges."""
 
 import re
 from collections.abc import Hashable, Iterable, Mapping, Sequence

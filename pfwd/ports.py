@@ -101,7 +101,7 @@ def conform(
     drop_wait : float, s
         How long to wait for a drop.
     announce : callable
-        Told what the operator should do.
+        Receives what the operator should do.
     only : collection of str
         Numbers of those to try; empty: all.
 

@@ -49,7 +49,7 @@ def spawn_context() -> SpawnContext:
 
 
 def worker_pool(count: int) -> ProcessPoolExecutor:
-    """A pool of so many processes; Ctrl+C is for the process that started them.
+    """Return a pool of processes; Ctrl+C is for the process that started them.
 
     Its processes are spawned on every platform alike, see `spawn_context`, and end with this one
     though it is killed: each holds both ends of the pipe that its work comes through, so that it

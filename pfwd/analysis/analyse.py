@@ -271,7 +271,7 @@ def analyse_files(
     Parameters
     ----------
     progress : callable, optional
-        Told while a surrogate is built, which happens once for a plate, Poisson's ratio and
+        Called while a surrogate is built, which happens once for a plate, Poisson's ratio and
         sensor layout.
     use_stored : bool
         Whether what a survey keeps of the same question is the answer; then there is no

@@ -19,7 +19,7 @@ from pfwd_device.response import correct_response
 from pfwd_device.signals import displacement_of, quiet_samples, remove_offset
 
 FACTS_VERSION = 1
-"""To be raised when :func:`point_drop` finds others; those that were kept are then found anew."""
+"""Version of the facts: raise it when :func:`point_drop` changes; stored facts are then ignored."""
 
 FACTS_KEY = "facts"
 """Key of the facts in a drop's metadata; surveys of earlier versions have none."""
@@ -53,7 +53,7 @@ def point_drop(
     screening : Screening
     result : DropResult, optional
     discarded : str, optional
-        Why a person discarded it; "" without a reason, None: nobody did.
+        Reason of the person who discarded it, which may be empty; None: it is not discarded.
 
     Returns
     -------

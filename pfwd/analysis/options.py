@@ -22,10 +22,10 @@ Layers = int | Literal["auto"]
 Thickness = tuple[float, ...] | Literal["unknown"]
 
 MOST_LAYERS = 4
-"""Media that can be asked for."""
+"""Largest number of media."""
 
 AS_DECLARED = "as declared"
-"""The label of an analysis for which nothing was asked."""
+"""Label of an analysis with the default settings."""
 
 OPTION_OF_KEY = {
     "plate_radius_m": "plate_radius",
@@ -68,11 +68,11 @@ class AnalysisOptions:
     """
 
     model: Model | None = None
-    """Layer on a rigid base or half-space; not said: the layer, unless the depth says otherwise."""
+    """Layer on a rigid base or half-space; not declared: by the declared depth."""
     bedrock_depth: Depth | None = None
     """Depth of the rigid base, m, or that it is unknown or that there is none."""
     layers: Layers | None = None
-    """Media with a modulus, the lowest included, or as many as the record can tell; not said: 1."""
+    """Number of media with a modulus, or as many as the record supports; not declared: 1."""
     thickness: Thickness | None = None
     """Thickness of all media but the lowest, from the top, m; fitted if not declared."""
     elastic: bool = False

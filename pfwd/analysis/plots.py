@@ -77,7 +77,7 @@ def _write_pages(results: Sequence[DropResult], target: Path) -> None:
 
 
 def _figure(results: Sequence[DropResult]) -> Figure:
-    # Without pyplot: no window system is asked for, and figures go when they are dropped.
+    # Without pyplot: it needs no window system, and figures are freed with their last reference.
     start_matplotlib()
     from matplotlib.figure import Figure
 

@@ -31,7 +31,7 @@ from pfwd_device.recording.layout import ResultKind
 from pfwd_device.recording.survey_content import read_result
 
 if TYPE_CHECKING:
-    # Only for annotations: who shows results does not load the inversion.
+    # Only for annotations: readers of results do not load the inversion.
     from inversion import Record
 
 
@@ -72,18 +72,18 @@ def _declared(record: Record) -> dict[str, Any]:
 
 
 def stored_answer(drop: SurveyDrop, question: str) -> DropResult | None:
-    """The result that the survey keeps of a question about a drop.
+    """Return the stored result of a drop that answers a request; None: there is none.
 
     Parameters
     ----------
     drop : SurveyDrop
     question : str
-        As `question_of` tells it.
+        Identifier by `question_of`.
     """
     try:
         stored = drop.read_results()
     except RecordingError:
-        return None  # it can be asked anew
+        return None  # it can be computed again
     for values in reversed(stored):
         if values.get("question") == question:
             result = DropResult.from_json(values)
@@ -106,7 +106,7 @@ class ResultToStore:
 def store_results(
     folder: str, results: Sequence[ResultToStore], survey: Survey | None = None
 ) -> str | None:
-    """Keep results with a survey.
+    """Store results with a survey.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def store_results(
     Returns
     -------
     str or None
-        Why they could not be kept, on one line: another program writes the survey, or nobody may.
+        Why they could not be stored, on one line: another program writes it, or rights lack.
     """
     if not results:
         return None
@@ -134,7 +134,7 @@ def store_results(
 def store_drop_results(
     folder: str, results: Sequence[tuple[int, DropResult]], *, counting: bool = False
 ) -> str | None:
-    """Keep new results of `pfwd invert` or of a report with the survey of their drops.
+    """Store new results of `pfwd invert` or of a report with the survey of their drops.
 
     A result with the usual settings counts for its drop from now on, and one with the settings of
     the one that counts; others are kept as trials. One that was chosen with other settings while
@@ -150,7 +150,7 @@ def store_drop_results(
     Returns
     -------
     str or None
-        Why they could not be kept.
+        Why they could not be stored.
     """
     new = [(number, result) for number, result in results if not result.stored]
     if not new:
@@ -234,7 +234,7 @@ def result_that_counts(drop: SurveyDrop) -> DropResult | None:
 
 
 PLATES = frozenset({"rigid-rough", "rigid-smooth", "averaged", "published", "uniform"})
-"""Contacts of plate and ground that the inversion knows, which is not loaded for it."""
+"""Contacts of plate and ground of the inversion, listed here to avoid loading it."""
 
 SAME = 1e-9
 """Relative; a result rests on the declared values when it agrees with them to rounding."""
@@ -329,7 +329,7 @@ def basis_values(setup: PointSetup) -> dict[str, Any]:
 
 
 def basis_of(setup: PointSetup) -> str:
-    """Tells declarations apart on which a result rests: 16 hexadecimal digits."""
+    """Return the identifier of the declarations on which a result rests: 16 hexadecimal digits."""
     text = repr(sorted(basis_values(setup).items(), key=lambda item: item[0]))
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -352,13 +352,13 @@ def holds(diagnosis: DiagnosisResult, setup: PointSetup, drops: Collection[int])
 
 
 def last_diagnosis(point: SurveyPoint) -> DiagnosisResult | None:
-    """The last diagnosis that is kept of a point, whatever was declared or discarded since."""
+    """Return the last stored diagnosis of a point, whatever was declared or discarded since."""
     diagnoses = (read_diagnosis(drop) for drop in reversed(point.drops))
     return next((diagnosis for diagnosis in diagnoses if diagnosis is not None), None)
 
 
 def read_diagnosis(drop: SurveyDrop) -> DiagnosisResult | None:
-    """The last one that is kept with a drop; None: none, or it is damaged and can be asked anew."""
+    """Return the last stored diagnosis of a drop; None: there is none that can be read."""
     try:
         stored = drop.read_diagnosis()
         return None if stored is None else DiagnosisResult.from_json(stored)
@@ -367,7 +367,7 @@ def read_diagnosis(drop: SurveyDrop) -> DiagnosisResult | None:
 
 
 def store_diagnoses(folder: str, diagnoses: Sequence[tuple[int, DiagnosisResult]]) -> str | None:
-    """Keep new diagnoses with the survey of their points.
+    """Store new diagnoses with the survey of their points.
 
     Parameters
     ----------
@@ -377,7 +377,7 @@ def store_diagnoses(folder: str, diagnoses: Sequence[tuple[int, DiagnosisResult]
     Returns
     -------
     str or None
-        Why they could not be kept.
+        Why they could not be stored.
     """
     new: list[ResultToStore] = []
     for number, result in diagnoses:

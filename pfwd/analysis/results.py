@@ -112,9 +112,9 @@ class DiagnosisResult(StoredRecord):
     software: str | None = None
     """Name and version of the software that made it."""
     question: str | None = None
-    """Tells what was asked: the points of the device, what was declared, given, and left out."""
+    """Identifier of the request: points, declarations, device values and held-out parts."""
     basis: str | None = None
-    """Tells what was declared of the point apart."""
+    """Identifier of the declarations of the point."""
     left_out: tuple[int, ...] | None = None
     """Numbers of drops that were there and took no part."""
     stored: bool | None = None
@@ -300,7 +300,7 @@ class MeasuredFacts(StoredRecord):
     rejected: str | None = None
     """Reason why the record is no drop, which then has no other facts; None: it is one.
 
-    Programs of before this key ignore facts that have it, and read the traces.
+    Earlier programs ignore facts with this key, and read the traces.
     """
 
 
@@ -341,13 +341,13 @@ class DropResult(InversionResult, StoredRecord):
     facts: MeasuredFacts | None = None
     """Facts for the judgement of its point, so that its traces need not be read again."""
     refit: str | None = None
-    """Settings of a trial that somebody made; the result before it counts. None: no trial."""
+    """Settings of a trial, beside which the earlier result counts. None: no trial."""
     software: str | None = None
     """Name and version of the software that made it."""
     settings: str | None = None
     """Settings that differ from the usual ones, in words."""
     question: str | None = None
-    """Tells what was asked: samples, what was declared, and settings."""
+    """Identifier of the request: samples, declarations and settings."""
     stored: bool | None = None
     """Result comes from the survey; None: it was computed now."""
     diagnosis: DropDiagnosis | None = None
@@ -379,7 +379,7 @@ class DropResult(InversionResult, StoredRecord):
 
     @property
     def peak_load_or_half_sine_n(self) -> float | None:
-        """Peak of the measured load, N; what its half-sine says where that was not kept."""
+        """Peak of the measured load, N; that of its half-sine where it was not stored."""
         return self.half_sine_load_n if self.peak_load_n is None else self.peak_load_n
 
 

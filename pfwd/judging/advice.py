@@ -1,7 +1,7 @@
 """Advice about a drop or a point, in words that a technician acts on.
 
 From what is known within a second of the drop: its own record, the drops before it, and the first
-fit. What an effect that the diagnosis found asks for is said by `of_effect`.
+fit. The advice for an effect of the diagnosis is that of `of_effect`.
 """
 
 import statistics
@@ -47,7 +47,7 @@ LOOSE_RATIO = 2.0
 """Times the residual of the worst of the other sensors."""
 
 MAX_RESIDUAL_OF_GOOD_SENSORS = 0.03
-"""Residual of the other sensors up to which the model can tell that one of them is wrong: where all
+"""Residual of the other sensors up to which the model can show that one of them is wrong: where all
 are fitted badly, the ground is another one."""
 
 
@@ -105,7 +105,7 @@ def advice_on_drop(
     sensor_residuals : mapping, optional
         The same of every sensor, over its own peak, by its number from 1.
     sensors_left_out : sequence of int
-        Numbers of the sensors, from 1, that could not be believed.
+        Numbers of the faulty sensors, from 1.
     saturated : bool
         Whether the converter was at the end of its range.
     """

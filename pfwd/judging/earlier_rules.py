@@ -1,6 +1,6 @@
 """Verdicts that the rules of this version decide otherwise than those of version 0.1.
 
-Surveys do not store verdicts. So that nobody is surprised by one that changed, a survey that was
+Surveys do not store verdicts. To announce verdicts that changed, a survey that was
 last recorded under the earlier rules is judged by both, and the differences are reported. A session
 or an import that begins a survey writes an event with its rules; then nothing is compared.
 """

@@ -1,8 +1,8 @@
-"""The job of a survey: what it is measured by, kept in it as events with their dates.
+"""Job of a survey: procedure, targets and stations, stored in the survey as dated events.
 
-A procedure is an event ``procedure`` with the whole text of its profile; everything else is an
-event ``job`` with the keys that were said, null where one was taken back. What was said last
-counts. Programs that do not know the event leave it alone.
+A procedure is an event ``procedure`` with the complete text of its profile. Everything else is an
+event ``job`` with the changed keys, null where a value was withdrawn. The last value counts.
+Programs that do not know the event ignore it.
 Targets of single points are edits of these points.
 """
 
@@ -56,7 +56,7 @@ class Station:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobChange:
-    """One thing that was said of a job."""
+    """Change of one setting of a job."""
 
     time_utc: str
     """Time, ISO 8601; empty: not known."""
@@ -86,7 +86,7 @@ class Job:
     time_zone: str | None = None
     """Offset of local time at the site: +02:00."""
     changes: tuple[JobChange, ...] = ()
-    """Everything that was said, in order."""
+    """All changes, in order."""
     _stations_by_name: Mapping[str, Station] = field(
         default_factory=dict, repr=False, compare=False
     )
@@ -128,7 +128,7 @@ class Job:
         return [f"{line}: {rule}. Enter it again with --target or --stations" for line in lines]
 
     def with_request(self, request: "JobRequest", time_utc: str = "") -> "Job":
-        """The job as it is once this is said."""
+        """Return the job after the changes of a request."""
         declared = request.said()
         changes = [
             JobChange(time_utc=time_utc, key=key, value=_plain(value))
@@ -137,7 +137,7 @@ class Job:
         return dataclasses.replace(self, **declared, changes=(*self.changes, *changes))
 
     def as_request(self) -> "JobRequest":
-        """Everything that it says, to be said of another survey."""
+        """Return the request that gives another survey this job."""
         names = [item.name for item in dataclasses.fields(JobRequest)]
         return JobRequest(**{name: getattr(self, name) or None for name in names})
 
@@ -178,12 +178,12 @@ class JobRequest:
         return bool(self.said())
 
     def said(self) -> dict[str, Any]:
-        """The fields that are said, with their values."""
+        """Return the declared fields with their values."""
         values = {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
         return {name: value for name, value in values.items() if value is not None}
 
     def over(self, fallback: "JobRequest") -> "JobRequest":
-        """Both together; what this one says wins."""
+        """Return both requests together; this one overrides the other."""
         return JobRequest(**{**fallback.said(), **self.said()})
 
     def news(self, job: Job) -> "JobRequest":
@@ -201,7 +201,7 @@ class JobRequest:
             if old is None or old == ():
                 continue
             title = _TITLES.get(key)
-            if title is None:  # nobody chose it: the instrument, the clock
+            if title is None:  # no person chose it: the instrument, the clock
                 continue
             was, now = _text_of(key, old), _text_of(key, value)
             lines.append(f"{title} of the survey was {was}, now it is {now}")
@@ -264,7 +264,7 @@ def _plain(value: Any) -> Any:
 
 
 def target_unit(procedure: Procedure) -> tuple[str, float, str]:
-    """Unit of a procedure's targets as people say it, SI units in one of it, and the SI unit."""
+    """Return the shown unit of a procedure's targets, its size in SI, and the SI unit."""
     return ("mm", 1e-3, "m") if procedure.quantity is Quantity.DEFLECTION else ("MPa", 1e6, "Pa")
 
 
@@ -359,7 +359,7 @@ MAX_OFFSET_HOURS = 14
 
 
 def target_text(target: float) -> str:
-    """A target with its unit; which quantity it can be one of is told by its size."""
+    """A target with its unit; its size decides which quantity it belongs to."""
     from pfwd.procedures.judging import LARGEST_DEFLECTION
 
     if target < LARGEST_DEFLECTION:
@@ -399,7 +399,7 @@ def job_from_events(
     where : str
         For messages.
     before : Procedure, optional
-        That holds where no event says one.
+        Value where no event has one.
 
     Raises
     ------
@@ -420,7 +420,7 @@ def job_from_events(
                 continue
             if procedure_details is None or _stored_details(procedure_details) != _stored_details(
                 details
-            ):  # it used to be said at each start
+            ):  # earlier versions stored it at each start
                 changes.append(JobChange(time_utc=when, key="procedure", value=details.get("name")))
             procedure_details = details
             continue

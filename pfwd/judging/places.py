@@ -19,7 +19,7 @@ class Place:
     longitude: float
     """Degrees, east positive."""
     altitude: float | None = None
-    """m; None: not said."""
+    """m; None: not declared."""
 
 
 def place_of(point: SurveyPoint, drop: DropView) -> Place | None:

@@ -149,7 +149,7 @@ def next_along(name: str, step_m: float) -> str | None:
 def next_name(name: str, taken_names: Collection[str] = (), step_m: float | None = None) -> str:
     """The name with its last number one higher, as often as it is known already.
 
-    A name with a chainage goes on by the step between stations, where one is said.
+    A name with a chainage continues by the step between stations, where one is declared.
 
     Examples
     --------

@@ -30,7 +30,7 @@ from pfwd.procedures.valuing import moduli_of, residual_fault, value_of
 from pfwd_device.recording.survey_content import SurveyPoint
 
 DEFAULT_RADIUS = 0.15
-"""m; stands in for the plate where no drop says it, and nothing is computed with it."""
+"""m; placeholder where no drop declares the plate; nothing is computed with it."""
 
 SAME_PLATE = 1e-9
 """Relative difference up to which two declared radii are one."""
@@ -228,7 +228,7 @@ def _target_of(point: PointView) -> tuple[float | None, str]:
     if not declared:
         return None, ""
     fitting = [pair for pair in declared if is_for(job.procedure_in_force, pair[0])]
-    # One of another quantity is handed on, so that the judgement can say that it does not count.
+    # A target of another quantity is passed on: the judgement reports that it does not count.
     return (fitting or declared)[0]
 
 

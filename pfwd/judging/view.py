@@ -66,7 +66,7 @@ class SurveyView:
 
 
 def read_points(folder: str | os.PathLike[str]) -> tuple[PointView, ...]:
-    """Return the points of the survey in a folder, for a reader who has its job already.
+    """Return the points of the survey in a folder, for a reader that has its job already.
 
     Another program may be writing it.
 
@@ -99,7 +99,7 @@ def point_views(survey: SurveyContent, job: Job | None = None) -> Iterator[Point
 
 
 def point_view(point: SurveyPoint, job: Job) -> PointView:
-    """Return a stored point with its drops; a damaged drop is rejected and says so."""
+    """Return a stored point with its drops; a damaged drop is rejected with that reason."""
     drops: list[DropView] = []
     later = later_declarations(point)
     for drop in point.drops:
@@ -125,7 +125,7 @@ def job_of_folder(folder: str | os.PathLike[str], instead: Procedure | None = No
     ----------
     folder : path of a survey
     instead : Procedure, optional
-        Procedure of the caller, who then does not need that of the survey to be readable.
+        Procedure of the caller; that of the survey need not be readable then.
 
     Raises
     ------

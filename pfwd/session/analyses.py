@@ -30,7 +30,7 @@ class _PendingAnalysis:
 
 
 MAX_PENDING_FOR_FULL_SEARCH = 60
-"""Analyses under way from which on no full search is asked for any more: a computer that is too
+"""Analyses under way from which on no full search is requested any more: a computer that is too
 slow for them would hold ever more drops in memory. The first modulus is worth nearly as much."""
 
 
@@ -42,7 +42,7 @@ class Analyses:
     options : AnalysisOptions
         Of the full search; the quick answer has the same with least squares.
     report : callable
-        Told what comes of it, in the thread that calls the methods.
+        Receives the outcomes, in the thread that calls the methods.
     keep_result : callable
         Given the number within the survey and a result to be saved.
     """
@@ -100,12 +100,12 @@ class Analyses:
         self._pending[number] = _PendingAnalysis(saved, urgency, final)
 
     def take_responses(self) -> None:
-        """Tell what has been answered."""
+        """Report the outcomes of the responses."""
         while not self._responses.empty():
             self._take(self._responses.get())
 
     def wait_for_responses(self, timeout: float) -> None:
-        """Wait for what is under way, at most so many seconds; what is left then is said."""
+        """Wait a number of seconds for the pending analyses, and report those that did not end."""
         until = time.monotonic() + timeout
         while self._pending and (remaining := until - time.monotonic()) > 0:
             with contextlib.suppress(queue.Empty):

@@ -1,4 +1,4 @@
-"""Drops that the instrument finds itself: how it is told to, and what becomes of them here."""
+"""Drops that the instrument detects and buffers itself: its trigger, and their conversion."""
 
 import math
 from dataclasses import replace
@@ -14,7 +14,7 @@ from pfwd_device.wire.messages import Trigger
 _FEWEST_AT_REST = 8
 """Samples before the trigger from which the load at rest is known."""
 _SHORTEST = 1e-9
-"""s; stands for no time before the trigger, which settings cannot say."""
+"""s; shortest time before the trigger, as settings have no zero."""
 
 
 def trigger_for(identity: Identity, settings: DetectionSettings) -> Trigger:
@@ -23,7 +23,7 @@ def trigger_for(identity: Identity, settings: DetectionSettings) -> Trigger:
     Parameters
     ----------
     identity : Identity
-        With what the setup file says.
+        With the values of the setup file.
     settings : DetectionSettings
 
     Raises

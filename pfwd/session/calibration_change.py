@@ -14,7 +14,7 @@ def calibration_changes(before: Identity, now: Identity) -> tuple[str, ...]:
     Parameters
     ----------
     before, now : Identity
-        Of the same instrument, with what the setup file says.
+        Of the same instrument, with the values of the setup file.
 
     Returns
     -------

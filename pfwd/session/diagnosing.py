@@ -132,7 +132,7 @@ class PointDiagnoses:
         return device
 
     def take_responses(self) -> None:
-        """Tell what has been answered."""
+        """Report the outcomes of the responses."""
         while not self._responses.empty():
             response = self._responses.get()
             if not isinstance(response, Building):

@@ -101,7 +101,7 @@ def marks_of(raw: RawDrop, identity: Identity) -> tuple[str, ...]:
 
 
 def load_of(counts: float, identity: Identity) -> float:
-    """Load of so many counts above rest, N."""
+    """Return the load of a number of counts above rest, N."""
     load = identity.channels[load_channel(identity)]
     return counts / abs(counts_per_unit(load, identity))
 

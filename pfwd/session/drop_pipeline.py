@@ -45,7 +45,7 @@ class DropPipeline:
     Parameters
     ----------
     listener : callable
-        Told what happens to them.
+        Receives the events.
     options : AnalysisOptions, optional
         None: no drop is inverted.
     writer : SurveyWriter, optional
@@ -125,7 +125,7 @@ class DropPipeline:
     ) -> None:
         """Have a drop saved; it is acknowledged when it is safe.
 
-        `release` is called then: whoever else keeps the drop need not any more.
+        `release` is called then: no other copy of the drop is needed any more.
         """
         if self.recorder is not None and (duplicate := self.recorder.find(record)) is not None:
             self._last = None

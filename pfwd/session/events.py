@@ -1,4 +1,4 @@
-"""Events of a measuring session for those who show it. All are immutable."""
+"""Events of a measuring session for its displays. All are immutable."""
 
 import datetime
 import time
@@ -159,7 +159,7 @@ class DropNotSaved:
 
 @dataclass(frozen=True, slots=True)
 class SurveyFilesChanged:
-    """Somebody took files of the survey away, its folder refuses, or all is well again."""
+    """Files of the survey were removed, its folder cannot be written, or all is well again."""
 
     text: str
     """Sentence for people."""
@@ -222,7 +222,7 @@ class Rebounded:
 
 @dataclass(frozen=True, slots=True)
 class PointBegan:
-    """The drops to come belong to this test point; somebody asked for it."""
+    """Further drops belong to this test point, on request."""
 
     point: str
 
@@ -248,7 +248,7 @@ class PointReported:
 
 @dataclass(frozen=True, slots=True)
 class Edited:
-    """Something was said of a point or of a drop, and is safe; nothing recorded has changed."""
+    """An edit of a point or of a drop is safe; nothing recorded has changed."""
 
     what: str
     """Kind of the edit, as in `pfwd.files.editing.Edit`."""
@@ -269,7 +269,7 @@ class TableBuilding:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """Something that people should know."""
+    """Message for people."""
 
     text: str
     serious: bool = False
@@ -282,7 +282,7 @@ class Notice:
 
 @dataclass(frozen=True, slots=True)
 class BatteryLow(Notice):
-    """The instrument says that its battery is low."""
+    """The instrument reports a low battery."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """Feeds of a session: an instrument, a recorded survey, or a recorded link.
 
-A session does not know which. A recorded drop is announced by `RecordedDrop`, so that the detection
-begins with what it knew when the drop was measured.
+A session does not depend on which. A recorded drop is announced by `RecordedDrop`, so that the
+detection begins in the state that it had when the drop was measured.
 """
 
 from dataclasses import dataclass

@@ -81,7 +81,7 @@ class LiveFeed:
         try:
             self._driver.shunt(on)
         except DeviceRefused:
-            return  # it only talks: then it has no shunt that could be asked for
+            return  # it only sends, and has no shunt that could be switched
 
     def acknowledge(self, offer: DropOffer) -> None:
         """The buffered drop of this Offer is safe here."""

@@ -66,7 +66,7 @@ class LiveTrace:
             self._clear()
 
     def feed(self, event: LiveSamples) -> None:
-        """Take samples that follow the last ones, or begin anew."""
+        """Take samples that follow the last ones, or start a new trace."""
         samples, identity = event.samples, event.identity
         if samples.shunt or not len(samples.counts):  # the shunt is no load
             return

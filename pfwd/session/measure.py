@@ -54,7 +54,7 @@ def measure(
         Port of the instrument: /dev/ttyUSB0, COM3, socket://127.0.0.1:4000, ...
     survey : path of a folder
     listener : callable
-        Told what happens, see `pfwd.session.events`.
+        Receives the events, see `pfwd.session.events`.
     plan : SessionPlan, optional
     capture : bool
         Keep every byte of the link beside the drops.
@@ -101,7 +101,7 @@ def measure(
 def _open_survey(
     folder: str | os.PathLike[str], spare: str | os.PathLike[str] | None, listener: Listener
 ) -> Iterator[SurveyWriter]:
-    """A survey that is written; what its end finds of its files is told too."""
+    """Open a survey for writing; changes of its files found at the end are reported too."""
     with contextlib.ExitStack() as ends:
         if not is_survey(folder):
             refuse_inside_survey(folder, "--output")
@@ -149,7 +149,7 @@ def replay(
     ----------
     recording : path of a survey or of a capture
     listener : callable
-        Told what happens.
+        Receives the events.
     speed : float or Pace
         Times real time; 0: as fast as possible. A `Pace` can be paused, stepped and changed.
     options : AnalysisOptions, optional
@@ -159,7 +159,7 @@ def replay(
     output : path, optional
         Survey to record into.
     drops : int, optional
-        End after so many.
+        End after this number of drops.
     control : callable, optional
         As for `measure`.
     spare : path, optional
@@ -209,7 +209,7 @@ def _job_of(survey: Survey, listener: Listener) -> Job:
 
 
 def _with_stored_points(survey: Survey, listener: Listener) -> Listener:
-    """Tells before the first drop of a point what the survey holds of it."""
+    """Return a listener that receives the stored point before its first drop."""
     waiting = {point.name: point for point in survey.points}
 
     def with_points(event: SessionEvent) -> None:

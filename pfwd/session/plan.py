@@ -40,7 +40,7 @@ class SessionPlan:
     setup: MeasuringSetup = field(default_factory=MeasuringSetup)
     """Declarations and detection."""
     drops: int | None = None
-    """End after so many; None: go on."""
+    """Number of drops after which the session ends; None: it goes on."""
     options: AnalysisOptions | None = field(default_factory=AnalysisOptions)
     """Options of the analysis; None: no drop is inverted."""
     give_up: float | None = None
@@ -53,7 +53,7 @@ class SessionPlan:
     """Response to an instrument whose calibration differs from that of the survey's drops: end with
     an error, wait for `Session.accept_calibration`, or record."""
     position: PositionSource | None = None
-    """Says where the instrument stands, asked at every drop; None: no receiver."""
+    """Source of the position at every drop; None: no receiver."""
 
     def __post_init__(self) -> None:
         if self.point is None:

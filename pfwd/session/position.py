@@ -33,7 +33,7 @@ READ_WAIT = 0.2
 """s; how soon the thread notices that it is to end."""
 
 POOR_HDOP = 5.0
-"""Horizontal dilution of precision from which a position is told to be poor; receivers call more
+"""Horizontal dilution of precision from which a position is reported as poor; receivers call more
 than 5 moderate at best."""
 
 FIX_NAMES = {
@@ -50,7 +50,7 @@ FIX_NAMES = {
 
 
 class PositionSource(Protocol):
-    """Says where the instrument stands."""
+    """Position of the instrument."""
 
     def record(self) -> dict[str, Any]:
         """Return the position as JSON, as recorded with a drop."""
@@ -92,7 +92,7 @@ class NmeaParser:
         self.refused = 0
         """Sentences with a wrong checksum or no sense."""
         self.without_fix = 0
-        """Sentences that say there is no position."""
+        """Number of sentences without a position."""
 
     def feed(self, data: bytes) -> list[Fix]:
         """The positions that are complete with these bytes."""
@@ -111,7 +111,7 @@ class NmeaParser:
             return None
         text = line[start:].decode("ascii", "replace").strip()
         if text[3:6] != "GGA":
-            return None  # other sentences say nothing that is needed here
+            return None  # other sentences have no position
         try:
             # A checksum has to be there: a flipped digit is a position elsewhere.
             return self._of(parse(text, check=True))
@@ -232,7 +232,7 @@ class PositionReceiver:
         }
         place = {"latitude": fix.latitude, "longitude": fix.longitude}
         if age > self._stale:
-            # Kept as what it is, under another name: nobody takes it for where the drop fell.
+            # Stored under another name, so that no reader takes it for the place of the drop.
             reason = f"stale: {age:.0f} s old"
             return {"source": "nmea", "fault": reason, "last_known": place, **details, **counts}
         return {"source": "nmea", **place, **details, **counts}

@@ -119,7 +119,7 @@ class RecordedFeed:
     speed : float or Pace
         Times real time; 0: as fast as possible. A `Pace` can be changed on the way.
     sleep : callable
-        Waits for so many seconds.
+        Waits for a number of seconds.
     """
 
     live = False
@@ -165,7 +165,7 @@ class RecordedFeed:
         """There is nothing to switch."""
 
     def acknowledge(self, offer: DropOffer) -> None:
-        """There is no instrument to be told."""
+        """Do nothing: there is no instrument."""
 
     def settle(self) -> None:
         """There is nothing to wait for."""
@@ -194,7 +194,7 @@ def survey_feed(
     speed : float or Pace
         Times real time; 0: as fast as possible.
     sleep : callable
-        Waits for so many seconds.
+        Waits for a number of seconds.
     """
     return RecordedFeed(_drops(survey), speed, sleep)
 
@@ -279,7 +279,7 @@ def capture_feed(
     setup : MeasuringSetup, optional
         In place of the recorded one.
     sleep : callable
-        Waits for so many seconds.
+        Waits for a number of seconds.
 
     Returns
     -------
@@ -287,7 +287,7 @@ def capture_feed(
     setup : MeasuringSetup
         That the bytes are read with.
     reader : CaptureReader
-        Tells in the end what was damaged.
+        Receives the damage at the end.
 
     Raises
     ------

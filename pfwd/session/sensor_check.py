@@ -26,13 +26,13 @@ LARGEST_ZERO_FLOOR = 150.0
 """N; the weight that rests on its springs counts as zero too."""
 
 SHUNT_ANSWER = 2.0
-"""s of samples within which the shunt has to be on after it was asked for."""
+"""s of samples within which the shunt has to be on after the request."""
 
 HIT = 400.0
 """N; a load that changes by more while the shunt is on is no noise."""
 
 REPEAT_AFTER = 0.25
-"""s of samples after which a command that is not obeyed is said again."""
+"""s of samples after which a command without effect is repeated."""
 
 SPAN_TOLERANCE = 0.02
 """Relative tolerance of the shunt's reading: the accuracy of a calibration."""
@@ -147,7 +147,7 @@ class SensorChecker:
         return self._conclude()
 
     def _interrupt(self) -> None:
-        """A drop goes before a check, which begins anew after it."""
+        """Interrupt a check for a drop; it starts again afterwards."""
         if self._due:
             if self._shunt_requested:
                 self._want(False)

@@ -1,4 +1,4 @@
-"""A measuring session: samples in, drops safe, moduli out. It does not know what it is fed from.
+"""Measuring session: samples in, drops safe, moduli out. It does not depend on the kind of feed.
 
 Everything here happens in the thread that calls `run`, except that an instrument's driver reads in
 a thread of its own and that drops are inverted in a process of their own. Whoever shows the session
@@ -82,7 +82,7 @@ from pfwd_device.wire.messages import Armed, Event, EventKind, Refusal, Status, 
 __all__ = ["Ending", "Listener", "Session", "SessionPlan"]
 
 FIRST_POINT = "1"
-"""Name of a point that nobody named."""
+"""Name of a point without a declared name."""
 
 FEED_WAIT = 0.02
 """s; how long an answer of the worker may wait for the session's attention."""
@@ -121,7 +121,7 @@ class Session:
     ----------
     feed : Feed
     listener : callable
-        Told what happens, in the thread of `run`; it may be quick or slow, but the session waits.
+        Receives the events, in the thread of `run`; the session waits for it.
     plan : SessionPlan
     writer : SurveyWriter, optional
         None: nothing is saved, as in a replay.
@@ -182,7 +182,7 @@ class Session:
         """A connection whose calibration the operator has not accepted yet."""
         self._accepted_changes: set[CalibrationChanged] = set()
         self._postponed: list[KeptDrop | Armed] = []
-        """What came of the instrument while the operator was asked."""
+        """Items of the instrument while the operator decides."""
         self._armed: Trigger | None = None
         """How the instrument finds drops itself; None: they are found here."""
         self._recorded: RecordedDrop | None = None
@@ -204,7 +204,7 @@ class Session:
         return self._job.with_request(self._job_request)
 
     def change_job(self, request: JobRequest) -> None:
-        """Say something of the survey's job from now on; a procedure begins with the next session.
+        """Change the survey's job from now on; a procedure begins with the next session.
 
         Raises
         ------
@@ -238,7 +238,7 @@ class Session:
         self._report(PointBegan(self._point))
 
     def edit(self, edit: Edit, *, point: str | None = None, number: int | None = None) -> None:
-        """Say something of a point or, by its number within the survey, of a drop.
+        """Edit a point or, by its number within the survey, a drop.
 
         Raises
         ------
@@ -299,7 +299,7 @@ class Session:
     def ask(self, request: Callable[["Session"], None]) -> None:
         """Have something done with this session in its own thread, soon; from any thread.
 
-        What cannot be done is told as a `Notice`.
+        A failure is reported as a `Notice`.
         """
         self._requests.put(request)
 
@@ -323,7 +323,7 @@ class Session:
             try:
                 ending = self._run()
             except Exception:
-                with contextlib.suppress(Exception):  # the first one is what has to be told
+                with contextlib.suppress(Exception):  # the first one is the one to report
                     self._save_the_rest(lambda: True)
                 raise
             self._save_the_rest(lambda: self._stop)
@@ -341,7 +341,7 @@ class Session:
         return Ending.UNSAVED if self._pipeline.held else ending
 
     def _last_diagnoses(self) -> None:
-        """Those under way, unless the session was told to end: they can be asked for later."""
+        """Wait for the pending diagnoses, unless the session was stopped."""
         diagnoses = self._pipeline.diagnoses
         if diagnoses is None:
             return
@@ -373,7 +373,7 @@ class Session:
     def _report_similar_point(self) -> None:
         """Report a named point that is new and whose name a known one begins with, or the reverse.
 
-        On the screen the operator is asked; here nobody may be there to answer.
+        On the screen the operator decides; here there may be no operator.
         """
         name = self._plan.named_point
         if name is None or self._recorder is None:
@@ -545,7 +545,7 @@ class Session:
             self._analyses.prepare(identity, checked)
 
     def _is_calibration_accepted(self, item: Connected, identity: Identity) -> bool:
-        """Compare the calibration with that of the drops before; False: the operator is asked.
+        """Compare the calibration with that of the drops before; False: the operator has to decide.
 
         Raises
         ------
@@ -580,10 +580,10 @@ class Session:
         return True
 
     def accept_calibration(self, event: CalibrationChanged) -> None:
-        """Record with the calibration that was asked about; in the session's thread, by `ask`."""
+        """Record with the changed calibration; in the session's thread, by `ask`."""
         self._accepted_changes.add(event)
         if self._unanswered is None or self._unanswered[1] != event:
-            return  # the instrument was lost meanwhile; it is not asked again for the same
+            return  # the instrument was lost meanwhile; the same question is not repeated
         self._on_connected(self._unanswered[0])
         postponed, self._postponed = self._postponed, []
         for item in postponed:
@@ -631,7 +631,7 @@ class Session:
             self._report(Notice(text, kind="starts"))
 
     def _report(self, event: SessionEvent) -> None:
-        """Tell the listener, but not every one of what an instrument may say without end.
+        """Report an event to the listener, but only some of those that an instrument may repeat.
 
         A recording has an end.
         """

@@ -22,7 +22,7 @@ def stored_results(folder: str | os.PathLike[str], record: int) -> list[DropResu
 
 
 def add_result(folder: str | os.PathLike[str], record: int, result: DropResult) -> None:
-    """Keep another result of a drop of a survey that nobody writes now; the others stay.
+    """Store another result of a drop of a survey that no session writes; the others stay.
 
     Raises
     ------

@@ -35,7 +35,7 @@ RETRY_INTERVAL = 2.0
 """s between attempts to save what the disk did not take."""
 
 LAST_ATTEMPTS = 30.0
-"""s; how long the end of a session goes on trying, unless it was told to end."""
+"""s; duration of the last attempts at the end of a session, unless it was stopped."""
 
 PAUSE = 0.05
 """s between two looks whether it was."""
@@ -79,16 +79,16 @@ def _same_samples(recorded: DropRecord, record: DropRecord) -> bool:
 
 
 class SurveyRecorder:
-    """Saves drops in their order; what cannot be saved stays in memory and is said to be unsafe.
+    """Saves drops in their order; unsaved ones stay in memory and are reported as unsafe.
 
     Parameters
     ----------
     writer : SurveyWriter
     saved : callable
-        Told every drop once it is safe, with its number within the survey and the spare folder that
-        keeps it; None: the survey's own does.
+        Receives every drop once it is safe, with its number within the survey and the spare folder
+        that holds it; None: the survey's own folder does.
     report : callable
-        Told what goes wrong.
+        Receives what goes wrong.
     """
 
     def __init__(self, writer: SurveyWriter, saved: Saved, report: Report) -> None:
@@ -182,7 +182,7 @@ class SurveyRecorder:
         self._report_file_changes()
 
     def finish(self, stopped: Callable[[], bool], patience: float = LAST_ATTEMPTS) -> None:
-        """The last attempts to save what is held; one, when the session was told to end."""
+        """Make the last attempts to save the held drops; one, when the session was stopped."""
         self.writer.expect_end()
         if self._held:
             self._save()
@@ -219,7 +219,7 @@ class SurveyRecorder:
                 return
             del self._held[0]
             self._n_reported = max(0, self._n_reported - 1)
-            self._report_file_changes()  # before: what was NOT SAFE is said before the next drop is
+            self._report_file_changes()  # first: NOT SAFE is reported before the next drop
             self._saved(record, number, spare)
         self._announce_filling()
 

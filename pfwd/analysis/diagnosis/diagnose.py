@@ -85,7 +85,7 @@ def diagnose_files(
     use_stored : bool
         Whether what a survey keeps of the same question is the answer.
     progress : callable, optional
-        Told what is being tried, and how many of how many points are done.
+        Receives what is tried, at which point, and how many points of how many are done.
     spread : mapping, optional
         Deviations of what is given of the device: a point may move it so far; else it is held.
     allow : "stiffness" or None

@@ -36,9 +36,9 @@ class DiagnosisPoint:
     point: str | None = None
     """Name of the test point."""
     question: str = ""
-    """Tells samples and declarations apart; empty: no drop was measured."""
+    """Identifier of samples and declarations; empty: no drop was measured."""
     basis: str = ""
-    """Tells declarations apart, see `holding.basis_of`."""
+    """Identifier of the declarations, see `result_store.basis_of`."""
     left_out: tuple[int, ...] = ()
     """Numbers of drops that take no part."""
     name: str = ""
@@ -96,7 +96,7 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
         Notice("drop-rejected", {"drop": point.drops[index].number, "reason": reason})
         for index, reason in sorted(reasons.items())
     )
-    # A bad sensor is the same in every drop: said once.
+    # A bad sensor is the same in every drop: one warning is enough.
     every = [*point.warnings, *(w for _, screening in chosen for w in screening.warnings)]
     warnings = tuple(dict.fromkeys(every))
     name = _text(point.setup.device)
@@ -211,7 +211,7 @@ def stored_answers(
 
 
 def with_question(result: DiagnosisResult, point: DiagnosisPoint, question: str) -> DiagnosisResult:
-    """A result with what was asked, and what answered."""
+    """Return a result with the identifiers of its request, its basis and the software."""
     return replace(
         result,
         software=software_name(),

@@ -31,7 +31,7 @@ from pfwd.analysis.diagnosis.points import (
     successful,
 )
 
-# Other points that say something of a point, on either side of it in the survey.
+# Number of neighbours on either side of a point in the survey whose summaries are used.
 _MAX_NEIGHBOURS = 50
 # What a point cannot be fitted for.
 _FAILURES = (InversionError, np.linalg.LinAlgError)

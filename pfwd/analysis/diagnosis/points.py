@@ -77,7 +77,7 @@ class ProgressCounter:
         Parameters
         ----------
         names : sequence of str, names of the points in the order of the results
-        results : iterable that computes a result when it is asked for
+        results : iterable that computes each result on request
         """
         pending = iter(results)
         for name in names:

@@ -1,9 +1,9 @@
-"""Diagnoses of the points of one device: what the device has in common, and then each point.
+"""Diagnoses of the points of one device: first the effects of the device, then each point.
 
-Points are diagnosed by themselves, of many some. An effect of the device is shared if the evidence
-of these together says so. Then every point is diagnosed with these effects; what the other points
-say of their numbers is its prior. A point that this leaves far worse than the others is diagnosed
-by itself, too.
+All points, or a sample of many, are diagnosed individually. An effect of the device is shared if
+the joint evidence of these points is for it. Then every point is diagnosed with the shared effects;
+the values at the other points are its prior. A point with a much larger discrepancy than the others
+is also diagnosed individually.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ from pfwd.analysis.diagnosis.points import (
 
 PREDICTED: tuple[LeaveOut, ...] = ("next", "drop", "sensor")
 """Modes in which the held-out part is predicted without anything fitted to it."""
-# Of so many points, so many are diagnosed by themselves first.
+# Number of points from which on a sample is diagnosed individually first, and size of the sample.
 _MIN_POINTS_FOR_SAMPLE, _SAMPLE_SIZE = 8, 4
-# Of the usual discrepancy, what makes a point odd; and of that with the others' device, what it has
-# to leave by itself to be told so.
+# Ratio to the typical discrepancy from which on a point is odd. Ratio of its individual discrepancy
+# to that with the shared device up to which the individual diagnosis is reported.
 _ODD_RATIO, _IMPROVED_RATIO = 2.0, 2.0 / 3.0
 
 
@@ -147,7 +147,7 @@ def _first_points(points: Sequence[DiagnosisPoint]) -> list[DiagnosisPoint]:
 
 
 def _discrepancy(diagnosis: PointDiagnosis) -> float:
-    """Return what no effect tells of a point, over the peak; NaN: it was not fitted."""
+    """Return the discrepancy of a point over its peak; NaN: it was not fitted."""
     discrepancy = diagnosis.after.discrepancy_over_peak
     return math.nan if discrepancy is None else discrepancy
 
@@ -176,7 +176,7 @@ def _held_out_points(
     workers: Workers,
     phases: Phases,
 ) -> dict[str, HeldOutPart]:
-    """Return the error of each point with the device's values held as the other points say."""
+    """Return the error of each point with the device's values fixed to those of the others."""
     held_out = [point for point in points if point.name in diagnoses]
     knowledge = []
     for point in held_out:
@@ -223,26 +223,27 @@ def _fitted_numbers(diagnosis: PointDiagnosis) -> tuple[str, ...]:
     return (*of_all, *of_drops, *stiffness)
 
 
-# Points from which on their spread is told; of a normal distribution its middle distance from the
-# middle, as a deviation; and what contradicts the others: so many deviations, and this part.
+# Number of points from which on a spread is estimated; standard deviation over the median distance
+# from the median of a normal distribution; a value contradicts the other points if it differs by
+# more than this number of deviations and by more than this part.
 _MIN_POINTS_FOR_SPREAD, _DEVIATION_OF_MEDIAN, _CONTRADICTION_DEVIATIONS, _CONTRADICTION_PART = (
     3,
     1.4826,
     4.0,
     0.05,
 )
-# Of an effect that points of a device share.
+# Number of alternatives reported for an effect that points of a device share.
 _MAX_ALTERNATIVES = 2
 
 
 def device_findings(diagnoses: Sequence[PointDiagnosis], shared: Collection[str]) -> DeviceFindings:
-    """Return what points say of the effects of their device: medians, and by how much they differ.
+    """Return medians and spreads of the shared effects over the points of a device.
 
-    The median of several points is known by the root of their number better than one of them.
+    The standard deviation of a median falls with the root of the number of points.
 
     Parameters
     ----------
-    diagnoses : of the points, each with what the others say as its prior
+    diagnoses : of the points, each with the values of the others as its prior
     shared : names of the effects of the device
     """
     values: DeviceValues = {}
@@ -324,11 +325,11 @@ def with_device(
     findings: DeviceFindings,
     alternatives: Mapping[str, Sequence[str]] | None = None,
 ) -> PointDiagnosis:
-    """The diagnosis with the effects of the survey's device among its effects.
+    """Return the diagnosis with the effects of the survey's device among its effects.
 
     Parameters
     ----------
-    alternatives : of effects what they cannot be told from
+    alternatives : effects that explain the records equally well, by effect
     """
     ambiguous = {
         name: tuple(alternatives.get(name, ())) if alternatives else () for name in findings.values

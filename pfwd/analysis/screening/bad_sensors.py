@@ -1,4 +1,4 @@
-"""Sensors that cannot be believed are left out of the inversion and named; files keep them."""
+"""Detection of faulty sensors: the inversion leaves them out, files keep them."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def leave_out_bad_sensors(
         try:
             bad = bad_sensors(Record(unbroken.time, unbroken.load, sensors, Instrument(radius)))
         except InversionError:
-            continue  # the inversion meets the same fault, and tells it
+            continue  # the inversion reports the same fault
         for sensor in bad:
             faults_by_sensor.setdefault((sensor.offset, sensor.quantity), set()).add(sensor.fault)
     if not faults_by_sensor:
@@ -76,6 +76,6 @@ def leave_out_bad_sensors(
 
 
 def _warning(offset: float, quantity: Quantity, faults: set[Fault]) -> Notice:
-    # Without the numbers of the drops, so that it is said once for a point, and for many points.
+    # Without the numbers of the drops, so that equal warnings of a point or of several are one.
     ordered = tuple(fault for fault in TERMS if fault in faults)
     return Notice("sensor-bad", {"quantity": quantity, "offset_m": offset, "faults": ordered})

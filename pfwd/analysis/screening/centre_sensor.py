@@ -94,7 +94,7 @@ def centre_sensor_fault(
     neighbours: Sequence[Vector] = (),
     response: Response | None = None,
 ) -> str | None:
-    """Return why the centre sensor cannot be believed; None if nothing speaks against it.
+    """Return the fault of the centre sensor; None: none was detected.
 
     Parameters
     ----------

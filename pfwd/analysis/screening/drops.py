@@ -1,4 +1,4 @@
-"""Is this record a drop at all, and what should be known before its result is believed?
+"""Screening: whether a record is a drop, and the warnings about it.
 
 A rejected drop is a normal outcome and no error. The limits below were set on raw and on processed
 records of portable and of heavy devices and on computed drops, so that no genuine drop of these is
@@ -25,12 +25,12 @@ from pfwd_device.signals import quiet_samples
 from pfwd_device.signals import remove_offset as remove_offset
 
 NEEDED_BEFORE = 0.003
-"""s before the trigger that have to be whole: the pulse begins before it, and an offset is told
-from what precedes the pulse."""
+"""s before the trigger without missing samples: the pulse begins before the trigger, and the offset
+is estimated from the samples before the pulse."""
 
 NEEDED_AFTER = 0.050
-"""s after the trigger that have to be whole: the longest pulses take 30 ms, and the ground's answer
-to them is most of what the fit uses."""
+"""s after the trigger without missing samples: the longest pulses take 30 ms, and the response
+of the ground to them is most of what the fit uses."""
 
 ONLY_PEAKS = "peaks only: the file had no time history, which the dynamic inversion needs"
 """Why a drop without traces is not inverted."""
@@ -146,7 +146,7 @@ def _longest_flat_top(values: NDArray[np.float64]) -> tuple[int, int]:
 DropStatus = Literal["measured", "seating", "rejected"]
 
 NO_PULSE_LOAD = 100.0
-"""N; a hand on the guide rod does more. A load channel in kN stays below too, and is told so."""
+"""N; a hand on the guide rod does more. A load channel in kN stays below, with its own warning."""
 
 NO_PULSE_OVER_NOISE = 6.0
 """Change of the load over its noise; pure noise, spikes removed, changes by 4 to 5."""
@@ -186,7 +186,7 @@ DEAD_OVER_NOISE = 2.0
 """Root mean square of a live channel over that of its own noise before the trigger."""
 
 DEAD_DEFLECTION = 1e-7
-"""m; under 1.5 kN even a plate on sound rock (50 GPa) moves so much."""
+"""m; under 1.5 kN even a plate on sound rock (50 GPa) moves this much."""
 
 FEWEST_QUIET_SAMPLES = 8
 """A noise level from fewer is itself mostly chance."""
@@ -223,7 +223,7 @@ class Screening:
     """Warnings about a drop that was not rejected."""
     left_out: tuple[float, ...] = ()
     """Offsets of the extra channels that take no part in the fit, m: they measured nothing, or
-    cannot be believed."""
+    are faulty."""
     clipped: bool = False
     """A channel of the fit ends in flat tops: the record is not what happened."""
 
@@ -235,7 +235,7 @@ class _Pulse:
     load: NDArray[np.float64]
     """Load without offset, single-sample spikes and last sample, (n - 1,), N."""
     noise: float
-    """Root mean square of the load's noise, N; 0 when it cannot be told."""
+    """Root mean square of the load's noise, N; 0 when it cannot be estimated."""
     top: int
     """Index of the peak."""
     start: int
@@ -250,13 +250,13 @@ class _Pulse:
 
 
 def screen(drop: Drop, setup: PointSetup) -> Screening:
-    """Status of a drop, judged by its own record alone.
+    """Return the status of a drop, by its own record.
 
     Parameters
     ----------
     drop : Drop
     setup : PointSetup
-        Tells how many of the first drops are seating.
+        With the number of seating drops.
 
     Returns
     -------

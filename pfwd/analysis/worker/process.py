@@ -36,7 +36,7 @@ def send(stream: IO[bytes], message: object) -> None:
     Raises
     ------
     OSError
-        If nobody reads any more.
+        If the reader has gone.
     """
     data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
     stream.write(_LENGTH.pack(len(data)) + data)
@@ -72,7 +72,7 @@ def main() -> None:
         try:
             _work(source, target)
         except (EOFError, OSError):
-            return  # who started it has gone
+            return  # the parent process has gone
 
 
 def _work(source: IO[bytes], target: IO[bytes]) -> None:
@@ -100,7 +100,7 @@ def outcome_of(task: Task | DiagnosisTask, library: "SurrogateLibrary") -> TaskO
         result = drop_result(task.file, analysis, setup_warnings(task.setup, [task.drop]))
         # Results of all drops of a survey are held; their histories are not.
         return TaskOutcome(dataclasses.replace(result, history=None), result.history)
-    except Exception as err:  # the user has to hear of every unexpected error
+    except Exception as err:  # every unexpected error is reported to the user
         fault = f"the analysis failed: {type(err).__name__}: {err}"
         return TaskOutcome(fault=fault, details=traceback.format_exc())
 

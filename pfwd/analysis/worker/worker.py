@@ -1,8 +1,8 @@
-"""Inverts drops beside the acquisition, in a process of its own that never makes it wait.
+"""Inversion of drops in a process of its own, for which the acquisition never waits.
 
-What is asked first is answered first, except that a quick answer to a new drop goes before the full
-search of an older one. The process has one task at a time; a thread hands them over, so that nobody
-who asks waits for a pipe. When the process dies, another one is given the task that it had.
+Tasks are done in the order of their requests, except that the quick answer to a new drop goes
+before the full search of an older one. The process has one task at a time. A thread hands the tasks
+over, so that a request never waits for a pipe. When the process dies, a new one repeats its task.
 """
 
 import contextlib
@@ -33,7 +33,7 @@ MAX_ATTEMPTS = 2
 """A task that has ended its process this often is given up."""
 
 CLOSING_TIME = 5.0
-"""s; how long an analysis that nobody waits for any more may hold up the end."""
+"""s; longest delay of the end by an analysis that is no longer needed."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -58,7 +58,7 @@ class InversionWorker:
     Parameters
     ----------
     listener : callable
-        Told every response, in a thread of the worker's own.
+        Receives every response, in a thread of the worker's own.
     """
 
     def __init__(self, listener: Listener) -> None:
@@ -69,7 +69,7 @@ class InversionWorker:
         self._under_way: int | None = None
         self._closing = False
         self._process: subprocess.Popen[bytes] | None = None
-        with contextlib.suppress(OSError):  # tried again, and told, when there is something to do
+        with contextlib.suppress(OSError):  # tried again and reported with the next task
             self._process = start_process()
         self._thread = threading.Thread(target=self._work_off, name="worker", daemon=True)
         self._thread.start()
@@ -87,7 +87,7 @@ class InversionWorker:
         options: AnalysisOptions,
         file: str,
     ) -> int:
-        """Ask for an analysis and go on; the number comes back in the answer's task."""
+        """Request an analysis and return its number, which the task of the response has too."""
         return self._ask(urgency, drop, setup, screening, options, file)
 
     def _ask(
@@ -115,7 +115,7 @@ class InversionWorker:
         return self._put(DiagnosisTask(next(self._numbers), point, options, device))
 
     def forget(self, number: int) -> bool:
-        """Nobody asks for a task any more; False: it is under way, or was answered."""
+        """Withdraw a task; False: it is under way, or was answered."""
         with self._changed:
             if number == self._under_way or number not in self._waiting:
                 return False
@@ -166,7 +166,7 @@ class InversionWorker:
                 self._changed.notify_all()
 
     def _respond_to(self, task: Task | DiagnosisTask) -> TaskResponse | None:
-        """The answer; None when nobody waits for it any more."""
+        """Return the response; None when the worker is closed."""
         reason = ""
         for _ in range(MAX_ATTEMPTS):
             try:
@@ -191,7 +191,7 @@ class InversionWorker:
         return TaskResponse(task, fault=fault, details=reason)
 
     def _process_or_start(self) -> "subprocess.Popen[bytes] | None":
-        """The process, another one where it has died; None when nobody needs one any more."""
+        """Return the process, a new one where it has died; None when the worker is closed."""
         if self._process is not None and self._process.poll() is not None:
             self._reap()
         with self._changed:
