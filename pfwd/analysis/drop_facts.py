@@ -24,7 +24,7 @@ FACTS_VERSION = 1
 FACTS_KEY = "facts"
 """Key of the facts in a drop's metadata; surveys of earlier versions have none."""
 
-PULSE_EDGE = 0.03
+DURATION_EDGE = 0.03
 """Part of the peak load between which the pulse lies."""
 
 PEAK_WITHIN = 2.0
@@ -279,7 +279,7 @@ def with_modulus(
 def _pulse(load: NDArray[np.float64]) -> tuple[int, int]:
     """First sample of the pulse and the one past its last."""
     top = int(load.argmax())
-    low = load < PULSE_EDGE * load[top]
+    low = load < DURATION_EDGE * load[top]
     before, after = np.flatnonzero(low[:top]), np.flatnonzero(low[top:])
     start = int(before[-1]) + 1 if before.size else 0
     return start, top + int(after[0]) if after.size else load.size

@@ -236,7 +236,7 @@ def result_that_counts(drop: SurveyDrop) -> DropResult | None:
 PLATES = frozenset({"rigid-rough", "rigid-smooth", "averaged", "published", "uniform"})
 """Contacts of plate and ground of the inversion, listed here to avoid loading it."""
 
-SAME = 1e-9
+MAX_ROUNDING = 1e-9
 """Relative; a result rests on the declared values when it agrees with them to rounding."""
 
 
@@ -310,7 +310,8 @@ def rests_on(result: DropResult, setup: PointSetup) -> bool:
     if setup.density is not None:
         pairs.append((result.density_kg_m3, setup.density))
     return all(
-        stored is not None and math.isclose(stored, now, rel_tol=SAME) for stored, now in pairs
+        stored is not None and math.isclose(stored, now, rel_tol=MAX_ROUNDING)
+        for stored, now in pairs
     )
 
 

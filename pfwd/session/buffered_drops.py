@@ -11,9 +11,9 @@ from pfwd_device.calibration import counts_per_unit, load_channel
 from pfwd_device.identity import Identity
 from pfwd_device.wire.messages import Trigger
 
-_FEWEST_AT_REST = 8
+_MIN_SAMPLES_AT_REST = 8
 """Samples before the trigger from which the load at rest is known."""
-_SHORTEST = 1e-9
+_MIN_PRE_TRIGGER = 1e-9
 """s; shortest time before the trigger, as settings have no zero."""
 
 
@@ -61,7 +61,7 @@ def raw_drop_of(item: KeptDrop, trigger: Trigger | None, identity: Identity) -> 
     load = counts[:, load_channel(identity)]
     before = load[: offer.trigger]
     at_rest = AtRest(0.0, 0.0)
-    if len(before) >= _FEWEST_AT_REST:
+    if len(before) >= _MIN_SAMPLES_AT_REST:
         steps = np.diff(before.astype(float))
         noise = math.sqrt(float(steps @ steps) / (2 * len(steps)))
         at_rest = AtRest(float(np.median(before)), noise)
@@ -88,7 +88,7 @@ def settings_of(item: KeptDrop, settings: DetectionSettings) -> DetectionSetting
     rate, offer = item.offer.sampling_rate, item.offer
     return replace(
         settings,
-        pre_trigger=max(_SHORTEST, offer.trigger / rate),
+        pre_trigger=max(_MIN_PRE_TRIGGER, offer.trigger / rate),
         post_trigger=max(1, offer.samples - offer.trigger) / rate,
     )
 

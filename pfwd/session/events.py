@@ -320,9 +320,9 @@ SessionEvent = (
 N_REPORTED_FIRST = 5
 """Number of notices of a kind that are reported one by one, because each may be news."""
 
-INTERVAL = 60.0
-"""s; after those one is told at most so often, with how many came meanwhile. An instrument can say
-a hundred thousand things a second: a day of them is less than 1500 lines."""
+REPEAT_INTERVAL = 60.0
+"""s; shortest time between later reports of a kind, each with the number since the last one. An
+instrument can send a hundred thousand messages a second: a day of them is less than 1500 lines."""
 
 
 class Repeats:
@@ -345,7 +345,7 @@ class Repeats:
         either."""
         now = self._clock()
         reported = self._reported.get(kind, 0)
-        if reported >= N_REPORTED_FIRST and now - self._last[kind] < INTERVAL:
+        if reported >= N_REPORTED_FIRST and now - self._last[kind] < REPEAT_INTERVAL:
             self._unreported[kind] = self._unreported.get(kind, 0) + 1
             return None
         self._reported[kind], self._last[kind] = reported + 1, now

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pfwd.session.events import LiveSamples
 from pfwd_device.calibration import load_channel, sensor_channels, to_si
 
-INTERVAL = 0.01
+ENVELOPE_INTERVAL = 0.01
 """s; shorter than a pulse, and 5 s of it are more columns than a terminal has."""
 
 WINDOW = 5.0
@@ -50,7 +50,7 @@ class LiveTrace:
 
     def __init__(self, window: float = WINDOW) -> None:
         self._lock = threading.Lock()
-        self._length = max(1, round(window / INTERVAL))
+        self._length = max(1, round(window / ENVELOPE_INTERVAL))
         self._samples = 0
         self._unit = "m/s"
         self._clear()
@@ -71,7 +71,7 @@ class LiveTrace:
         if samples.shunt or not len(samples.counts):  # the shunt is no load
             return
         load, sensor = load_channel(identity), sensor_channels(identity)[0]
-        step = max(1, round(INTERVAL * identity.sampling_rate))
+        step = max(1, round(ENVELOPE_INTERVAL * identity.sampling_rate))
         index = (samples.first + np.arange(len(samples.counts))) // step
         starts = np.flatnonzero(np.diff(index, prepend=index[0] - 1))
         rows = np.empty((len(starts), 4))
@@ -101,7 +101,7 @@ class LiveTrace:
         with self._lock:
             rows = self._rows.copy()
             samples, unit = self._samples, self._unit
-        return Envelope(INTERVAL, rows[:, 0:2], rows[:, 2:4], samples, unit)
+        return Envelope(ENVELOPE_INTERVAL, rows[:, 0:2], rows[:, 2:4], samples, unit)
 
     @property
     def samples(self) -> int:

@@ -26,7 +26,7 @@ STALE = 10.0
 LONGEST_SENTENCE = 1024
 """Bytes; NMEA allows 82. What is longer is another protocol or noise."""
 
-RETRY_INTERVAL = 2.0
+RECONNECT_INTERVAL = 2.0
 """s between attempts to open a receiver that is gone."""
 
 READ_WAIT = 0.2
@@ -262,6 +262,6 @@ class PositionReceiver:
                 if port is not None:
                     port.close()
                 port = None
-                self._end.wait(RETRY_INTERVAL)
+                self._end.wait(RECONNECT_INTERVAL)
         if port is not None:
             port.close()

@@ -84,9 +84,9 @@ def _open_modulus_warning(after: FittedState) -> list[Notice]:
     return [Notice("modulus-left-open", {"low_pa": low, "high_pa": high})]
 
 
-ENOUGH = 0.02
-"""Residual over the peak of the displacement up to which the rig is all there is: what the model
-of the ground is granted too."""
+MAX_RIG_RESIDUAL = 0.02
+"""Residual over the peak of the displacement up to which the rig explains the record: as for the
+model of the ground."""
 
 
 def rig_result(entry: DiagnosisPoint, point: TracePoint) -> DiagnosisResult:
@@ -169,7 +169,7 @@ def _rig_result(
             ),
         )
         after = FittedState(model="rig", residual_rms_over_peak=residual)
-        if residual <= ENOUGH:
+        if residual <= MAX_RIG_RESIDUAL:
             verdict = "explained"
         else:
             warnings.append(Notice("rig-not-explained", {"residual_over_peak": residual}))

@@ -50,13 +50,13 @@ NEIGHBOURS_BEYOND = 1.05
 """Displacement of both neighbours over that of the centre sensor; two gains may differ by 5 %. On
 sound ground a neighbour has at most 0.9."""
 
-REVERSED = 2.0
+MIN_REVERSED_MOTION = 2.0
 """Least upward over downward motion of a sensor of the wrong polarity."""
 
 FLAT_BAND = 0.015
 """Part of the largest displacement within which a top is flat."""
 
-SHORTEST_FLAT = 4
+MIN_FLAT_SAMPLES = 4
 """Samples of a flat top."""
 
 STEEPER = 2.5
@@ -118,7 +118,7 @@ def centre_sensor_fault(
     # Hum and a zero line that drifts move the sensor before the pulse as well.
     unsure = float(np.ptp(centre[: first + 1]))
     force = load[contact]
-    if -moved.min() > REVERSED * moved.max():
+    if -moved.min() > MIN_REVERSED_MOTION * moved.max():
         return "wrong polarity: it moves upward under the load, downward is positive"
     if _stands_still(moved):
         largest = f"{moved.max() * 1e6:.4g} um"
@@ -176,7 +176,7 @@ def _stands_still(moved: Vector) -> bool:
     first = int(before[-1]) + 1 if before.size else 0
     last = int(after[0]) - 1 if after.size else moved.size - 1
     width = last - first + 1
-    if first < 2 or width < SHORTEST_FLAT:
+    if first < 2 or width < MIN_FLAT_SAMPLES:
         return False
     arrival = 0.5 * float(moved[first] - moved[first - 2])
     greatest = 0.5 * float((moved[2 : first + 1] - moved[: first - 1]).max())

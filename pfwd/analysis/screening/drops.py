@@ -90,7 +90,7 @@ def unbroken_part(drop: Drop) -> tuple[Drop, str | None, Notice | None]:
     return part_drop, None, Notice("drop-incomplete", numbers)
 
 
-SHORTEST_FLAT = 3
+MIN_CLIPPED_SAMPLES = 3
 """Samples; two equal samples at a peak are chance."""
 
 STEEP_FLANK = 10.0
@@ -120,7 +120,7 @@ def clipped_samples(values: NDArray[np.float64]) -> int:
     """
     start, end = _longest_flat_top(values)
     length = end - start
-    if length < SHORTEST_FLAT:
+    if length < MIN_CLIPPED_SAMPLES:
         return 0
     reach = min(length // 2, start, values.size - end)
     foot = max(values[start - reach : start].min(), values[end : end + reach].min())
@@ -179,7 +179,7 @@ PULSE_START = 0.2
 """Part of the peak at which the record may begin, for devices that store nothing before their
 trigger level; what is missing then is 1 % of the impulse."""
 
-REVERSED = 2.0
+MIN_REVERSED_LOAD = 2.0
 """Least upward over downward excursion of a reversed load; no load swings back so far."""
 
 DEAD_OVER_NOISE = 2.0
@@ -188,7 +188,7 @@ DEAD_OVER_NOISE = 2.0
 DEAD_DEFLECTION = 1e-7
 """m; under 1.5 kN even a plate on sound rock (50 GPa) moves this much."""
 
-FEWEST_QUIET_SAMPLES = 8
+MIN_QUIET_SAMPLES = 8
 """A noise level from fewer is itself mostly chance."""
 
 CENTRE = 1e-3
@@ -414,7 +414,7 @@ def _load_fault(pulse: _Pulse, drop: Drop) -> str | None:
     late = _late_start(pulse, drop, excursion)
     if late:  # before the polarity: seen from within the pulse, the rest after it lies upward
         return late
-    if upward > REVERSED * pulse.peak:
+    if upward > MIN_REVERSED_LOAD * pulse.peak:
         return f"load of the wrong polarity: {_kilonewton(upward)} upward, downward is positive"
     pulses = _count_pulses(pulse)
     if pulses > 1:
@@ -507,7 +507,7 @@ def _silent(channel: Channel, drop: Drop, start: int, end: int) -> str | None:
     if np.ptp(part) == 0:
         return f"constant at {part[0]:.6g}"
     quiet = quiet_samples(drop.time)
-    if quiet < FEWEST_QUIET_SAMPLES:
+    if quiet < MIN_QUIET_SAMPLES:
         return None
     signal = remove_offset(drop.time, channel.values)
     noise = float(np.sqrt(np.mean(signal[:quiet] ** 2)))

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from pfwd.session.events import LiveSamples
-from pfwd.session.live_trace import INTERVAL, LiveTrace
+from pfwd.session.live_trace import ENVELOPE_INTERVAL, LiveTrace
 from pfwd_device.acquisition.items import Samples
 from tests.pfwd.scripted_feed import IDENTITY, RATE
 
 UTC = datetime.datetime(2026, 5, 4, 12, tzinfo=datetime.UTC)
-STEP = round(INTERVAL * RATE)
+STEP = round(ENVELOPE_INTERVAL * RATE)
 
 
 def event(counts: np.ndarray, first: int, stream: int = 7, *, shunt: bool = False) -> LiveSamples:

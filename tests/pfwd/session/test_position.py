@@ -172,7 +172,7 @@ def test_a_poor_position_is_told() -> None:
 
 
 def test_a_receiver_that_is_lost_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pfwd.session.position.RETRY_INTERVAL", 0.01)
+    monkeypatch.setattr("pfwd.session.position.RECONNECT_INTERVAL", 0.01)
     ports = iter([Port(lost=True), Port(EXAMPLE)])
     with PositionReceiver("x", open_port=lambda: next(ports)) as receiver:
         until(receiver.latest)

@@ -9,8 +9,8 @@ import pytest
 
 from pfwd.session import events
 from pfwd.session.events import (
-    INTERVAL,
     N_REPORTED_FIRST,
+    REPEAT_INTERVAL,
     DropSaved,
     InstrumentReady,
     Notice,
@@ -53,9 +53,9 @@ def test_of_a_kind_the_first_are_told_and_then_one_a_while_with_a_count() -> Non
     assert [counted.due("a") for _ in range(N_REPORTED_FIRST)] == [0] * N_REPORTED_FIRST
     assert [counted.due("a") for _ in range(1000)] == [None] * 1000
     assert counted.due("b") == 0  # another kind is not hidden by it
-    now[0] = INTERVAL - 0.1
+    now[0] = REPEAT_INTERVAL - 0.1
     assert counted.due("a") is None
-    now[0] = INTERVAL
+    now[0] = REPEAT_INTERVAL
     assert counted.due("a") == 1001
     assert counted.due("a") is None
     assert counted.rest() == {"a": 1}
@@ -63,7 +63,7 @@ def test_of_a_kind_the_first_are_told_and_then_one_a_while_with_a_count() -> Non
 
 
 def test_the_limits_are_what_a_day_of_them_can_be_read_at() -> None:
-    assert N_REPORTED_FIRST + 24 * 3600 / INTERVAL < 1500
+    assert N_REPORTED_FIRST + 24 * 3600 / REPEAT_INTERVAL < 1500
 
 
 def test_a_flood_of_events_hides_no_other_event(log: Log) -> None:
@@ -86,7 +86,7 @@ def test_what_came_meanwhile_is_counted_in_the_next_that_is_told(
     boots = [Event(EventKind.BOOT, n) for n in range(100)]
 
     def wait() -> None:
-        monkeypatch.setattr(events, "INTERVAL", 0.0)
+        monkeypatch.setattr(events, "REPEAT_INTERVAL", 0.0)
 
     run(ScriptedFeed(connected(), boots, wait, boots[:1]), log)
     assert (
