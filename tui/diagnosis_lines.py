@@ -26,8 +26,9 @@ from tui.output import clean, spelled
 if TYPE_CHECKING:
     from pfwd.procedures import PointModulus
 
-WIDTH = 120
-"""Characters of a line of the table of a survey."""
+WIDTH, SCREEN_LINES = 120, 40
+"""Size of a usual terminal: the table of a survey fits its width, the warnings are shown below the
+table if all fits its height."""
 
 MAX_EFFECTS_IN_TABLE = 2
 """Number of effects of a point in the table of a survey, the strongest ones."""

@@ -26,8 +26,9 @@ def test_many_points_without_a_drop_take_one_line(capsys: pytest.CaptureFixture[
     out, err = capsys.readouterr()
     lines = out.splitlines()
     assert lines[0].startswith("3 points: ")
-    assert [line for line in lines if "NOTHING TO DIAGNOSE" in line] == [lines[-2]]
-    assert lines[-1] == "1 warning: --details shows them, and each point in full"
+    assert [line for line in lines if "NOTHING TO DIAGNOSE" in line] == [lines[-3]]
+    assert lines[-2] == "  warning, a.F25 1, a.F25 2: drop 1: peaks only"
+    assert lines[-1] == "--details shows each point in full"
     assert "no load" in err
     show_all([empty("1"), WHOLE, empty("2")], as_json=False, details=True)
     out = capsys.readouterr().out
@@ -47,3 +48,15 @@ def test_json_has_a_line_for_each(capsys: pytest.CaptureFixture[str]) -> None:
     records = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [record.get("point") for record in records] == ["1", "2", None]
     assert records[0]["warning_codes"][0]["code"] == "drop-rejected"
+
+
+def test_many_warnings_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    points = []
+    for number in range(20):
+        warnings = (f"sensor {chr(65 + number)} drifts",)
+        result = DiagnosisResult(file="s", point=str(number), drops=(1,), warnings=warnings)
+        points.append(Diagnosed("s", result))
+    show_all(points, as_json=False)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-1] == "20 warnings: --details shows them, and each point in full"
+    assert not any("drifts" in line for line in lines)

@@ -11,7 +11,14 @@ from pfwd.analysis.results import DiagnosisResult
 from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import require_writable
 from pfwd.message_groups import as_ranges
-from tui.diagnosis_lines import diagnosis_warnings, show_diagnosis, survey_lines
+from tui.diagnosis_lines import (
+    SCREEN_LINES,
+    WIDTH,
+    diagnosis_warnings,
+    show_diagnosis,
+    survey_lines,
+    wrapped,
+)
 from tui.files import any_folder
 from tui.output import clean, say
 from tui.progress import diagnosis_progress
@@ -151,14 +158,18 @@ def show_all(points: "Sequence[Diagnosed]", *, as_json: bool, details: bool = Fa
         for result in results:
             show_diagnosis(result, as_json=True, modulus=moduli[_key(result)])
         return
-    if several:
-        _print(survey_lines(results, [moduli[_key(result)] for result in results]))
     warnings = diagnosis_warnings(results)
+    if several:
+        table = survey_lines(results, [moduli[_key(result)] for result in results])
+        _print(table)
     if several and not details:
-        if warnings:
-            noun = "warning" if len(warnings) == 1 else "warnings"
+        shown = [part for warning in warnings for part in wrapped(warning, WIDTH)]
+        if len(table) + len(shown) < SCREEN_LINES:
+            _print([*shown, "--details shows each point in full"])
+        else:
             print(
-                f"{len(warnings)} {noun}: --details shows them, and each point in full", flush=True
+                f"{len(warnings)} warnings: --details shows them, and each point in full",
+                flush=True,
             )
         return
     for result in results:
