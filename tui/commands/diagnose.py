@@ -164,13 +164,11 @@ def show_all(points: "Sequence[Diagnosed]", *, as_json: bool, details: bool = Fa
         _print(table)
     if several and not details:
         shown = [part for warning in warnings for part in wrapped(warning, WIDTH)]
-        if len(table) + len(shown) < SCREEN_LINES:
+        if not shown or len(table) + len(shown) < SCREEN_LINES:
             _print([*shown, "--details shows each point in full"])
         else:
-            print(
-                f"{len(warnings)} warnings: --details shows them, and each point in full",
-                flush=True,
-            )
+            noun = "warning" if len(warnings) == 1 else "warnings"
+            _print([f"{len(warnings)} {noun}: --details shows them, and each point in full"])
         return
     for result in results:
         if not several or result.drops != ():
