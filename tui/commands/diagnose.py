@@ -155,12 +155,12 @@ def show_all(points: "Sequence[Diagnosed]", *, as_json: bool, details: bool = Fa
     several = len(results) > 1
     moduli = _moduli_in_force(results)
     if as_json:
-        for result in results:
-            show_diagnosis(result, as_json=True, modulus=moduli[_key(result)])
+        for result, modulus in zip(results, moduli, strict=True):
+            show_diagnosis(result, as_json=True, modulus=modulus)
         return
     warnings = diagnosis_warnings(results)
     if several:
-        table = survey_lines(results, [moduli[_key(result)] for result in results])
+        table = survey_lines(results, moduli)
         _print(table)
     if several and not details:
         shown = [part for warning in warnings for part in wrapped(warning, WIDTH)]
@@ -170,11 +170,9 @@ def show_all(points: "Sequence[Diagnosed]", *, as_json: bool, details: bool = Fa
             noun = "warning" if len(warnings) == 1 else "warnings"
             _print([f"{len(warnings)} {noun}: --details shows them, and each point in full"])
         return
-    for result in results:
+    for result, modulus in zip(results, moduli, strict=True):
         if not several or result.drops != ():
-            show_diagnosis(
-                result, as_json=False, device_advice=not several, modulus=moduli[_key(result)]
-            )
+            show_diagnosis(result, as_json=False, device_advice=not several, modulus=modulus)
     _print(warnings)
 
 
@@ -183,20 +181,12 @@ def _print(lines: "Sequence[str]") -> None:
         print(line, flush=True)
 
 
-_Key = tuple[str | None, str | None, tuple[int, ...] | None]
-
-
-def _key(result: DiagnosisResult) -> _Key:
-    """Return file, point and drops of a diagnosis, which only one diagnosis of a run has."""
-    return result.file, result.point, result.drops
-
-
-def _moduli_in_force(results: Sequence[DiagnosisResult]) -> "dict[_Key, PointModulus | None]":
-    """Return the moduli in force; each survey is read once."""
+def _moduli_in_force(results: Sequence[DiagnosisResult]) -> "list[PointModulus | None]":
+    """Return the modulus in force after each diagnosis; each survey is read once."""
     from pfwd.judging.view import moduli_in_force
 
-    moduli: dict[_Key, PointModulus | None] = {}
-    for file in dict.fromkeys(str(result.file) for result in results):
-        of_file = [result for result in results if str(result.file) == file]
-        moduli |= zip(map(_key, of_file), moduli_in_force(file, of_file), strict=True)
-    return moduli
+    of_file = {
+        file: moduli_in_force(file, [result for result in results if str(result.file) == file])
+        for file in dict.fromkeys(str(result.file) for result in results)
+    }
+    return [next(of_file[str(result.file)]) for result in results]
