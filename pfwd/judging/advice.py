@@ -82,12 +82,12 @@ class Advice:
 def advice_on_drop(
     job: Job,
     drop: DropView,
-    others: Sequence[DropView],
+    neighbours: Sequence[DropView],
     *,
     contact_residual: float | None = None,
-    usual_residuals: Sequence[float] = (),
+    survey_residuals: Sequence[float] = (),
     sensor_residuals: Mapping[int, float] | None = None,
-    sensors_left_out: Sequence[int] = (),
+    excluded_sensors: Sequence[int] = (),
     saturated: bool = False,
 ) -> list[Advice]:
     """Return the advice about one drop.
@@ -96,15 +96,15 @@ def advice_on_drop(
     ----------
     job : Job
     drop : DropView
-    others : sequence of DropView
+    neighbours : sequence of DropView
         The other drops of its point.
     contact_residual : float, optional
         Of a fit that noise does not explain, over the peak; None: it is explained, or not there.
-    usual_residuals : sequence of float
+    survey_residuals : sequence of float
         The same of the other drops of the survey.
     sensor_residuals : mapping, optional
         The same of every sensor, over its own peak, by its number from 1.
-    sensors_left_out : sequence of int
+    excluded_sensors : sequence of int
         Numbers of the faulty sensors, from 1.
     saturated : bool
         Whether the converter was at the end of its range.
@@ -118,7 +118,7 @@ def advice_on_drop(
             f"re-seat sensor {sensor}: it does not move with the ground",
             number,
         )
-        for sensor in sensors_left_out
+        for sensor in excluded_sensors
     ]
     loose = _loose_sensor(sensor_residuals or {})
     if loose is not None:
@@ -126,8 +126,8 @@ def advice_on_drop(
         advice.append(Advice(Advised.SENSOR, text, number))
     if saturated:
         advice.append(Advice(Advised.RANGE, _OF_EFFECT["saturation"], number))
-    advice += _load(job, drop, [neighbour.facts for neighbour in others])
-    if contact_residual is not None and _is_uneven(contact_residual, usual_residuals):
+    advice += _load(job, drop, [neighbour.facts for neighbour in neighbours])
+    if contact_residual is not None and _is_uneven(contact_residual, survey_residuals):
         text = (
             f"drop {number} does not press evenly: lift the plate, clear stones, turn it a quarter "
             "and press it flat"

@@ -48,7 +48,7 @@ class Station:
     target: float | None = None
     """Pa, or m for a deflection; None: that of the job."""
 
-    def as_kept(self) -> dict[str, Any]:
+    def as_stored(self) -> dict[str, Any]:
         """Return the station as stored: without unknown values."""
         values = dataclasses.asdict(self)
         return {key: value for key, value in values.items() if value is not None}
@@ -129,7 +129,7 @@ class Job:
 
     def with_request(self, request: "JobRequest", time_utc: str = "") -> "Job":
         """Return the job after the changes of a request."""
-        declared = request.said()
+        declared = request.declared()
         changes = [
             JobChange(time_utc=time_utc, key=key, value=_plain(value))
             for key, value in declared.items()
@@ -149,7 +149,7 @@ class Job:
             "quantity": self.quantity.value,
             "target": self.target,
             "unit": unit,
-            "stations": [station.as_kept() for station in self.stations],
+            "stations": [station.as_stored() for station in self.stations],
             "step_m": self.step_m,
             "operator": self.operator,
             "device": self.device,
@@ -175,20 +175,20 @@ class JobRequest:
     time_zone: str | None = None
 
     def __bool__(self) -> bool:
-        return bool(self.said())
+        return bool(self.declared())
 
-    def said(self) -> dict[str, Any]:
+    def declared(self) -> dict[str, Any]:
         """Return the declared fields with their values."""
         values = {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
         return {name: value for name, value in values.items() if value is not None}
 
     def over(self, fallback: "JobRequest") -> "JobRequest":
         """Return both requests together; this one overrides the other."""
-        return JobRequest(**{**fallback.said(), **self.said()})
+        return JobRequest(**{**fallback.declared(), **self.declared()})
 
     def news(self, job: Job) -> "JobRequest":
         """Return the part of the request that the job does not have yet."""
-        declared = self.said()
+        declared = self.declared()
         return JobRequest(
             **{key: value for key, value in declared.items() if not _same(getattr(job, key), value)}
         )
@@ -196,7 +196,7 @@ class JobRequest:
     def differences(self, job: Job) -> list[str]:
         """Return where the request differs from the job, one sentence each."""
         lines = []
-        for key, value in self.news(job).said().items():
+        for key, value in self.news(job).declared().items():
             old = getattr(job, key)
             if old is None or old == ():
                 continue
@@ -205,13 +205,13 @@ class JobRequest:
                 continue
             was, now = _text_of(key, old), _text_of(key, value)
             lines.append(f"{title} of the survey was {was}, now it is {now}")
-        if self.procedure is not None and "procedure" in self.news(job).said():
+        if self.procedure is not None and "procedure" in self.news(job).declared():
             lines += job.with_request(self).target_faults()
         return lines
 
     def events(self) -> list[tuple[str, dict[str, Any]]]:
         """Return the events that the survey stores of it: names and details."""
-        declared = self.said()
+        declared = self.declared()
         events: list[tuple[str, dict[str, Any]]] = []
         procedure = declared.pop("procedure", None)
         if procedure is not None:
@@ -259,7 +259,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Procedure):
         return value.name
     if isinstance(value, tuple):
-        return [item.as_kept() if isinstance(item, Station) else dict(item) for item in value]
+        return [item.as_stored() if isinstance(item, Station) else dict(item) for item in value]
     return value
 
 

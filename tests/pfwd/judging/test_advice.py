@@ -67,13 +67,13 @@ def test_a_loose_sensor_and_an_uneven_plate() -> None:
         measured(3),
         OTHERS,
         contact_residual=MIN_UNEVEN_RESIDUAL * 1.01,
-        usual_residuals=usual,
-        sensors_left_out=(2,),
+        survey_residuals=usual,
+        excluded_sensors=(2,),
     )
     assert [advice.about for advice in found] == [Advised.SENSOR, Advised.CONTACT]
     assert found[0].text.startswith("re-seat sensor 2")
     even = advice_on_drop(
-        PLAIN, measured(3), OTHERS, contact_residual=MIN_UNEVEN_RESIDUAL, usual_residuals=usual
+        PLAIN, measured(3), OTHERS, contact_residual=MIN_UNEVEN_RESIDUAL, survey_residuals=usual
     )
     assert even == []
 
@@ -84,7 +84,7 @@ def test_what_an_instrument_leaves_of_every_drop_is_not_the_contact() -> None:
 
     def about_residual(left: float, others: list[float]) -> list[Advised]:
         found = advice_on_drop(
-            PLAIN, measured(3), OTHERS, contact_residual=left, usual_residuals=others
+            PLAIN, measured(3), OTHERS, contact_residual=left, survey_residuals=others
         )
         return [advice.about for advice in found]
 
@@ -137,7 +137,7 @@ def test_the_ground_is_not_blamed_for_a_drop_from_higher() -> None:
 
 def test_a_rejected_drop_has_its_reason_and_no_advice() -> None:
     rejected = dataclasses.replace(measured(3, 3000.0), own=PointDrop(3, Kind.REJECTED))
-    assert advice_on_drop(PLAIN, rejected, OTHERS, sensors_left_out=(1,)) == []
+    assert advice_on_drop(PLAIN, rejected, OTHERS, excluded_sensors=(1,)) == []
 
 
 @pytest.mark.parametrize(

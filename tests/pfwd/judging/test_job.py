@@ -38,13 +38,13 @@ def test_what_is_said_is_read_again_with_its_date(tmp_path: Path) -> None:
         time_zone="+02:00",
     )
     job = job_of(read_survey(survey_with(tmp_path / "s", asked)))
-    assert {key: getattr(job, key) for key in asked.said() if key != "procedure"} == {
-        key: value for key, value in asked.said().items() if key != "procedure"
+    assert {key: getattr(job, key) for key in asked.declared() if key != "procedure"} == {
+        key: value for key, value in asked.declared().items() if key != "procedure"
     }
     assert job.procedure is not None
     assert job.procedure.text == MNDOT.text
     assert not asked.news(job), "what the survey says already is nothing new"
-    assert {change.key for change in job.changes} == set(asked.said())
+    assert {change.key for change in job.changes} == set(asked.declared())
     assert all(change.time_utc for change in job.changes)
     assert job.station("12+340") == stations[1]
 

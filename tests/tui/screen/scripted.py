@@ -209,7 +209,7 @@ class Session:
         self.asked.append(("move", number, to))
 
     def change_job(self, request: Any) -> None:
-        self.asked.append(("job", request.said()))
+        self.asked.append(("job", request.declared()))
 
     def keep_result(self, number: int, kept: Any) -> None:
         self.asked.append(("result", number, kept))

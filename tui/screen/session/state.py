@@ -165,9 +165,9 @@ class SessionState:
             facts,
             others,
             contact_residual=residual,
-            usual_residuals=() if residual is None else self._usual_residuals(drop),
+            survey_residuals=() if residual is None else self._usual_residuals(drop),
             sensor_residuals=sensor_residuals(drop),
-            sensors_left_out=sensors_left_out(drop),
+            excluded_sensors=sensors_left_out(drop),
             saturated=drop.saturated,
         )
         progress = point.progress
