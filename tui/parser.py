@@ -446,11 +446,10 @@ def _add_export(commands: "Commands") -> None:
     export.add_argument("survey", metavar="SURVEY", help="folder, or an exported survey (.h5)")
     export.add_argument(
         "--format",
-        required=True,
         # No choices: another installed package may have the format, which is looked for later.
         metavar="FORMAT",
         help="; ".join(f"{form.name}: {form.holds}" for form in EXPORT_FORMATS.values())
-        + "; or a format of another installed package",
+        + "; or a format of another installed package (default: as the ending of PATH says)",
     )
     export.add_argument("-o", "--output", metavar="PATH", required=True, help="file or folder")
     export.add_argument("--force", action="store_true", help="write over what is there")

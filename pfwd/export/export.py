@@ -47,7 +47,7 @@ class Exported:
 
 def export_survey(
     survey: str | os.PathLike[str],
-    form: str,
+    form: str | None,
     path: str | os.PathLike[str],
     *,
     force: bool = False,
@@ -62,8 +62,8 @@ def export_survey(
     Parameters
     ----------
     survey : path of a survey's folder, or of an exported one
-    form : str
-        Name of one in `pfwd.export.registry`.
+    form : str or None
+        Name of a format in `pfwd.export.registry`; None: the one that the path's ending names.
     path : of the file or folder, in a folder that is there
     force : bool
         Whether what is there may be replaced.
@@ -89,6 +89,7 @@ def export_survey(
     SurveyError
         If the survey cannot be read, or what it holds does not fit into the format.
     """
+    form = _format_of_path(path) if form is None else form
     chosen = _format(form, invert=invert)
     signs = _signs(chosen, delimiter, decimal)
     refuse_taken(path, force=force)  # now, and not after the work
@@ -135,6 +136,20 @@ def _written(
         package = pfwd_plugins.package_of(pfwd_plugins.EXPORT_FORMATS, form.name)
         came = f"{type(err).__name__}: {err}"
         raise SurveyError(refusal(f"--format {form.name}", f"a file from {package}", came)) from err
+
+
+def _format_of_path(path: str | os.PathLike[str]) -> str:
+    """Return the name of the format that a path's ending names.
+
+    Several formats are CSV, one of them a folder: the ending ``.csv`` names none of them.
+    """
+    name = os.path.splitext(path)[1].removeprefix(".").lower()
+    if name in OWN and name != "csv":
+        return name
+    names = ", ".join(format_names())
+    hint = "--format table, points or csv" if name == "csv" else f"--format, one of {names}"
+    expected = "an ending that names a format, such as .xlsx"
+    raise OptionError(refusal(f"--output {os.fspath(path)}", expected, quote(name), hint))
 
 
 def _format(name: str, *, invert: bool) -> ExportFormat:

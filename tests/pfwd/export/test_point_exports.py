@@ -297,3 +297,19 @@ def test_the_job_of_the_survey_judges_its_points(judged: Path, tmp_path: Path) -
     assert first["verdict"] == point.progress.verdict == "fail"
     assert float(first["target"]) == 60e6
     assert float(first["value"]) == point.progress.value.value
+
+
+@pytest.mark.parametrize(("name", "form"), [("p.gpkg", "gpkg"), ("p.XLSX", "xlsx")])
+def test_the_ending_names_the_format(name: str, form: str, judged: Path, tmp_path: Path) -> None:
+    assert export_survey(judged, None, tmp_path / name).format == form
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"), [("p.csv", "table, points or csv"), ("p", "one of h5"), ("p.xls", "xlsx")]
+)
+def test_an_ending_that_names_no_format_is_refused(
+    name: str, hint: str, judged: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(OptionError, match=f"an ending that names a format.*{hint}"):
+        export_survey(judged, None, tmp_path / name)
+    assert not (tmp_path / name).exists()
