@@ -635,12 +635,13 @@ def _add_report(commands: "Commands") -> None:
         type=report_file,
         metavar="FILE",
         required=True,
-        help=".html or .pdf; .xlsx with --template",
+        help=".html or .pdf; .xlsx with a workbook as --template",
     )
     report.add_argument(
         "--template",
-        metavar="T.xlsx",
-        help="a workbook whose named cells, or cells with {{ name }}, are filled",
+        metavar="T",
+        help="T.xlsx: a workbook whose named cells, or cells with {{ name }}, are filled; "
+        "T.typ: lays out a PDF by Typst",
     )
     report.add_argument(
         "--language",

@@ -64,6 +64,15 @@ def families() -> list[str]:
     return [LATIN] if found is None else [LATIN, found]
 
 
+def font_folders() -> list[str]:
+    """Return the folders that hold the fonts of `families`."""
+    start_matplotlib()
+    from matplotlib.font_manager import FontProperties, findfont
+
+    files = [findfont(FontProperties(family=name)) for name in families()]
+    return list(dict.fromkeys(os.path.dirname(file) for file in files))
+
+
 def require_letters(language: str) -> None:
     """Refuse a language whose letters would come out as boxes.
 
@@ -83,7 +92,7 @@ def require_letters(language: str) -> None:
 
 
 class Letters:
-    """Widths of letters, and whether there are any, for laying out text."""
+    """Widths of letters, and the letters that no font has."""
 
     def __init__(self) -> None:
         start_matplotlib()
@@ -129,39 +138,3 @@ class Letters:
                     break
             self._widths[letter] = found
         return found
-
-    def wrap(self, text: str, size: float, width: float) -> list[str]:
-        """Lines of a text that are at most so wide, in points."""
-        lines = []
-        for part in text.split("\n"):
-            line = ""
-            for word in _words(part):
-                if line and self.width(line + word.rstrip(), size) > width:
-                    lines.append(line.rstrip())
-                    line = ""
-                while self.width(word.rstrip(), size) > width and len(word) > 1:
-                    fits = self._that_fits(word, size, width)
-                    lines.append(word[:fits])
-                    word = word[fits:]
-                line += word
-            lines.append(line.rstrip())
-        return lines
-
-    def _that_fits(self, word: str, size: float, width: float) -> int:
-        total = 0.0
-        for index, letter in enumerate(word):
-            total += self._advance(letter) * size
-            if total > width:
-                return max(1, index)
-        return len(word)
-
-
-def _words(text: str) -> list[str]:
-    """Pieces that a line may end after: words with their blank, and single wide letters."""
-    words, word = [], ""
-    for letter in text:
-        word += letter
-        if letter in " /-" or unicodedata.east_asian_width(letter) == "W":
-            words.append(word)
-            word = ""
-    return [*words, word] if word else words

@@ -71,6 +71,12 @@ def data_addresses(
 
 def data_address(picture: Picture) -> str:
     """A picture as SVG, in an address that holds it."""
+    svg = svg_of(picture).encode("utf-8")
+    return "data:image/svg+xml;base64," + base64.b64encode(svg).decode("ascii")
+
+
+def svg_of(picture: Picture) -> str:
+    """Return a picture as SVG."""
     start_matplotlib()
     from matplotlib import rc_context
     from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -81,6 +87,6 @@ def data_address(picture: Picture) -> str:
         figure: Any = Figure(figsize=(WIDTH / _MM_PER_INCH, picture.height / _MM_PER_INCH))
         FigureCanvasSVG(figure)
         picture.draw(figure)
-        stream = io.BytesIO()
+        stream = io.StringIO()
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    return "data:image/svg+xml;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
+    return stream.getvalue()

@@ -19,7 +19,8 @@ from pfwd.report.texts import Texts, load_texts
 
 __all__ = ["ReportOptions", "write_report"]
 
-ENDINGS = (".html", ".pdf")
+PDF = ".pdf"
+ENDINGS = (".html", PDF)
 WORKBOOK = ".xlsx"
 """With a template."""
 
@@ -40,7 +41,7 @@ def write_report(
     Parameters
     ----------
     survey : path of a survey
-    output : path ending in .html or .pdf; in .xlsx with a template
+    output : path ending in .html or .pdf; in .xlsx with a workbook as template
     options : ReportOptions, optional
     progress : callable, optional
         Told what is done, one sentence each.
@@ -62,7 +63,10 @@ def write_report(
     options = options or ReportOptions()
     target = Path(output)
     ending = target.suffix.lower()
-    if options.template is not None and ending != WORKBOOK:
+    page_template = _page_template(options)
+    if page_template is not None and ending != PDF:
+        raise OptionError(refusal("--template", f"--output with {PDF}", str(target)))
+    if options.template is not None and page_template is None and ending != WORKBOOK:
         raise OptionError(refusal("--template", f"--output with {WORKBOOK}", str(target)))
     if ending not in (*ENDINGS, WORKBOOK):
         raise OptionError(refusal("--output", "a name ending in .html or .pdf", str(target)))
@@ -71,19 +75,26 @@ def write_report(
         raise OptionError(refusal(f"--output {target}", "--template T.xlsx", "none", hint))
     texts = load_texts(options.language)
     require_writable(target, "--output")
-    if options.template is None:
+    if ending != WORKBOOK:
         require_letters(texts.code)
         if options.logo is not None:
-            read_logo(options.logo)  # said now, and not after the work
-    elif not Path(options.template).is_file():
+            read_logo(options.logo)  # refused before the work, not after it
+    if options.template is not None and not Path(options.template).is_file():
         where = f"--template {options.template}"
-        raise OptionError(refusal(where, "a workbook (.xlsx)", "no such file"))
-    elif target.exists() and target.samefile(options.template):
+        kind = "a workbook (.xlsx)" if page_template is None else "a template of Typst (.typ)"
+        raise OptionError(refusal(where, kind, "no such file"))
+    if options.template is not None and target.exists() and target.samefile(options.template):
         raise OptionError(refusal("--output", "another file than the template", str(target)))
     report = gather(Path(survey), options, progress)
-    data = _filled(report, options) if options.template is not None else None
+    data = _filled(report, options) if ending == WORKBOOK else None
     _write(target, _rendered(report, options, texts, ending, second) if data is None else data)
     return report
+
+
+def _page_template(options: ReportOptions) -> Path | None:
+    """Return the template of a PDF; None where there is none, or it is a workbook."""
+    template = None if options.template is None else Path(options.template)
+    return template if template is not None and template.suffix.lower() == ".typ" else None
 
 
 def _filled(report: Report, options: ReportOptions) -> bytes:
@@ -104,10 +115,10 @@ def _rendered(
         letters = Letters()
         blocks = compose(report, texts, letters, options.company, options.logo)
         title = next(block.text for block in blocks if isinstance(block, Heading))
-        if ending == ".pdf":
-            from pfwd.report.pdf_file import render_pdf
+        if ending == PDF:
+            from pfwd.report.typst_file import render_pdf
 
-            return render_pdf(blocks, texts, title, letters)
+            return render_pdf(blocks, texts, title, letters, _page_template(options))
         from pfwd.report.html_file import render_html
 
         return render_html(blocks, texts, title, second).encode("utf-8")

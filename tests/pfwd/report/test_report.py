@@ -14,6 +14,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pypdf
 import pytest
 from matplotlib.figure import Figure
 
@@ -352,8 +353,7 @@ def test_positions_make_a_map_and_distances(survey: Path) -> None:
 def test_a_pdf_has_at_most_a_page_a_point(survey: Path, language: str) -> None:
     target = survey.parent / "report.pdf"
     write_report(survey, target, ReportOptions(language=language))
-    data = target.read_bytes()
-    pages = len(re.findall(rb"/Type /Page\b", data))
+    pages = len(pypdf.PdfReader(target).pages)
     assert 3 <= pages <= 4, "certificate, summary, two points and how to compute it again"
 
 

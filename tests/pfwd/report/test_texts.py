@@ -130,15 +130,6 @@ def test_a_deflection_is_shown_in_millimetres() -> None:
     assert shown.target_of(45e6, Quantity.E_VD) == "≥ 45 MPa"
 
 
-def test_lines_fit_and_lose_nothing() -> None:
-    letters = Letters()
-    text = "a word " * 30 + "x" * 300 + " 1e6/1e7-1e8"
-    lines = letters.wrap(text, 9.0, 200.0)
-    assert len(lines) > 5
-    assert all(letters.width(line, 9.0) <= 200.0 for line in lines)
-    assert "".join("".join(lines).split()) == "".join(text.split())
-
-
 def test_control_characters_have_no_business_on_paper() -> None:
     letters = Letters()
     assert letters.drawable("a\x1b[31m\u202eb\nc") == "a [31m b\nc"

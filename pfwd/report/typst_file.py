@@ -1,0 +1,203 @@
+"""A report as a PDF, laid out by Typst: PDF/A-2a and PDF/UA-1, with its fonts embedded.
+
+Typst is a wheel without libraries of the system. A renderer of HTML would need Pango or a browser,
+which a field computer often lacks.
+"""
+
+import json
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal
+
+from pfwd.errors import OptionError, refusal
+from pfwd.report.blocks import (
+    SIGNS,
+    Block,
+    Code,
+    Heading,
+    Listing,
+    Mark,
+    Pairs,
+    Paragraph,
+    Picture,
+    Table,
+    Together,
+)
+from pfwd.report.fonts import Letters, families, font_folders
+from pfwd.report.pictures_as_svg import svg_of
+from pfwd.report.texts import Texts
+
+STANDARDS: tuple[Literal["a-2a"], Literal["ua-1"]] = ("a-2a", "ua-1")
+"""Archiving with tags, and accessibility. Typst refuses to write a file that breaks their rules."""
+
+_CHECKSUM_LENGTH = 64
+"""Characters of a SHA-256."""
+
+_MANY_COLUMNS = 9
+"""Columns from which a table has smaller letters."""
+
+_TABLE_WIDTH = 510.0
+"""Points; A4 without its margins."""
+
+_CELL_SIZE, _SMALL_CELL_SIZE = 7.0, 6.2
+"""Points; letters of a table, as in the template."""
+
+_BOLD_WIDTH = 1.17
+"""Width of bold letters over plain ones."""
+
+_CELL_PADDING = 6.5
+"""Points, left and right of a cell's text together."""
+
+
+def render_pdf(
+    blocks: Sequence[Block],
+    texts: Texts,
+    title: str,
+    letters: Letters,
+    template: Path | None = None,
+) -> bytes:
+    """Return the bytes of the file.
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+    texts : Texts
+    title : str
+        Title of the document and foot of its pages.
+    letters : Letters
+    template : Path, optional
+        Template of the user, in place of the one that comes with the program.
+
+    Raises
+    ------
+    OptionError
+        If the template of the user cannot be rendered.
+    """
+    import typst
+
+    data = typst_data(blocks, texts, title, letters)
+    file = template or resources.files(__package__).joinpath("templates/report.typ")
+    fonts = typst.Fonts(
+        include_system_fonts=template is not None,
+        include_embedded_fonts=template is not None,
+        font_paths=list(font_folders()),
+    )
+    try:
+        compiler = typst.Compiler(
+            file.read_bytes(),
+            root=None if template is None else str(template.resolve().parent),
+            font_paths=fonts,
+            sys_inputs={"data": json.dumps(data, ensure_ascii=False)},
+        )
+        pdf = compiler.compile(format="pdf", pdf_standards=[*STANDARDS])
+    except typst.TypstError as err:
+        if template is None:
+            raise
+        reason = " ".join([err.message, *err.hints]).strip()
+        where = f"--template {template}"
+        raise OptionError(refusal(where, "a template that Typst can render", reason)) from err
+    assert isinstance(pdf, bytes)
+    return pdf
+
+
+def typst_data(
+    blocks: Sequence[Block], texts: Texts, title: str, letters: Letters
+) -> dict[str, Any]:
+    """Return the data of a template, described in docs/reports.md."""
+    shown = [_block_data(block, letters) for block in blocks]
+    if letters.missing:
+        text = texts.say("missing_letters", count=letters.missing)
+        shown.append(_block_data(Paragraph(text, "warning"), letters))
+    return {
+        "title": _drawable(title, letters),
+        "language": texts.code,
+        "fonts": families(),
+        "page": texts.say("page", page="{page}", pages="{pages}"),
+        "blocks": shown,
+    }
+
+
+def _drawable(text: str, letters: Letters) -> str:
+    # The sign for a harmful letter would break the rules of PDF/A: it stands for no letter.
+    return letters.drawable(text).replace("\N{REPLACEMENT CHARACTER}", "?")
+
+
+def _block_data(block: Block, letters: Letters) -> dict[str, Any]:
+    def text_of(text: str) -> str:
+        return _drawable(text, letters)
+
+    data: dict[str, Any]
+    match block:
+        case Heading(text, level, new_page):
+            data = {"text": text_of(text), "level": level, "new_page": new_page}
+        case Paragraph(text, style):
+            data = {"text": text_of(text), "style": style}
+        case Pairs(rows):
+            data = {"rows": [[text_of(label), text_of(value)] for label, value in rows]}
+        case Table():
+            data = _table_data(block, letters)
+        case Listing(items, style):
+            data = {"items": [text_of(item) for item in items], "style": style}
+        case Code(text):
+            data = {"text": text_of(text)}
+        case Picture():
+            data = {
+                "svg": svg_of(block),
+                "caption": text_of(block.caption),
+                "alternative": text_of(block.alternative or block.caption),
+            }
+        case Together(blocks):
+            data = {"blocks": [_block_data(part, letters) for part in blocks]}
+    return {"kind": type(block).__name__, **data}
+
+
+def _table_data(table: Table, letters: Letters) -> dict[str, Any]:
+    cells = [[_cell_data(cell, letters) for cell in row] for row in table.rows]
+    columns = [_drawable(column, letters) for column in table.columns]
+    lengths = [len(cell) for row in cells for cell in row if isinstance(cell, str)]
+    small = len(columns) >= _MANY_COLUMNS or max(lengths, default=0) == _CHECKSUM_LENGTH
+    size = _SMALL_CELL_SIZE if small else _CELL_SIZE
+    return {
+        "columns": columns,
+        "rows": cells,
+        "right": list(table.right),
+        "small": small,
+        "widths": _column_widths(columns, cells, size, letters),
+    }
+
+
+def _cell_data(cell: str | Mark, letters: Letters) -> str | dict[str, str]:
+    if isinstance(cell, Mark):
+        text = _drawable(cell.text, letters)
+        return {"kind": cell.kind, "sign": SIGNS[cell.kind], "text": text}
+    return _drawable(cell, letters)
+
+
+def _column_widths(
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str | dict[str, str]]],
+    size: float,
+    letters: Letters,
+) -> list[float]:
+    """Return the width of each column, points: its longest cell, the widest columns narrowed."""
+    wanted = []
+    for title, *cells in zip(columns, *rows, strict=True):
+        widths = [letters.width(word, size * _BOLD_WIDTH) for word in title.split()]
+        for cell in cells:
+            bold = isinstance(cell, dict)
+            text = f"{cell['sign']} {cell['text']}" if isinstance(cell, dict) else cell
+            scale = size * (_BOLD_WIDTH if bold else 1.03)
+            widths += [letters.width(line, scale) for line in text.split("\n")]
+        wanted.append(max(widths, default=0.0) + _CELL_PADDING)
+    if sum(wanted) <= _TABLE_WIDTH:
+        spare = (_TABLE_WIDTH - sum(wanted)) / len(wanted)
+        return [width + spare for width in wanted]
+    low, high = 0.0, max(wanted)  # limit of a column's width, found by halving
+    for _ in range(40):
+        middle = (low + high) / 2
+        if sum(min(width, middle) for width in wanted) > _TABLE_WIDTH:
+            high = middle
+        else:
+            low = middle
+    return [min(width, low) for width in wanted]

@@ -1,0 +1,129 @@
+"""The pages of a PDF, read back by programs that did not write them."""
+
+import io
+import re
+import shutil
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+import pypdf
+import pytest
+
+from pfwd.errors import OptionError
+from pfwd.report.blocks import Block, Heading, Mark, Pairs, Paragraph, Picture, Table, Together
+from pfwd.report.fonts import Letters
+from pfwd.report.report import ReportOptions, write_report
+from pfwd.report.texts import load_texts
+from pfwd.report.typst_file import render_pdf
+
+MARGIN, PAGE_WIDTH = 42.5, 595.28
+"""Points."""
+
+
+def render(*blocks: Block, language: str = "en", template: Path | None = None) -> bytes:
+    first = Heading("Title", 1)
+    return render_pdf((first, *blocks), load_texts(language), "Title", Letters(), template)
+
+
+def text_of_pages(pdf: bytes) -> list[str]:
+    return [page.extract_text() for page in pypdf.PdfReader(io.BytesIO(pdf)).pages]
+
+
+def words_within(pdf: bytes, folder: Path) -> Sequence[tuple[float, float, str]]:
+    if shutil.which("pdftotext") is None:
+        pytest.skip("no pdftotext on this computer")
+    (folder / "page.pdf").write_bytes(pdf)
+    command = ["pdftotext", "-bbox", str(folder / "page.pdf"), "-"]
+    page = subprocess.run(command, capture_output=True, check=True, text=True).stdout
+    found = re.findall(r'<word xMin="([\d.]+)".*? xMax="([\d.]+)".*?>(.*?)</word>', page)
+    return [(float(left), float(right), word) for left, right, word in found]
+
+
+@pytest.mark.parametrize("lines", range(56, 68))
+def test_a_label_of_two_lines_stays_with_its_value(lines: int) -> None:
+    label = "Last check of the instrument's load cell, which is a long label"
+    paragraphs = [Paragraph(f"line {number}", "note") for number in range(lines)]
+    last = text_of_pages(render(*paragraphs, Pairs(((label, "zero -20 N"),))))[-1]
+    assert "zero -20 N" in last
+    assert all(word in last for word in label.split())
+
+
+def test_bold_verdicts_stay_within_the_page(tmp_path: Path) -> None:
+    """A table as full as it can be, its last column in bold letters."""
+    long = "rigid-rough plate of 0.15 m on a layer"
+    row = (long, long, long, "≥ 45 MPa", Mark("fail", "nicht erfüllt"))
+    table = Table(("Point", "Basis", "Model", "Target", "Verdict"), (row,) * 3, ())
+    words = words_within(render(table), tmp_path)
+    assert sum(word == "erfüllt" for _, _, word in words) == 3
+    assert max(right for _, right, _ in words) <= PAGE_WIDTH - MARGIN + 1
+
+
+def test_a_word_without_blanks_stays_within_the_page(tmp_path: Path) -> None:
+    words = words_within(render(Paragraph("f" * 400), Pairs((("file", "/x" * 200),))), tmp_path)
+    assert sum(word.count("f") for _, _, word in words if set(word) == {"f"}) == 400
+    assert max(right for _, right, _ in words) <= PAGE_WIDTH - MARGIN + 1
+
+
+def test_blocks_that_belong_together_start_a_page_where_they_do_not_fit() -> None:
+    paragraphs = [Paragraph(f"line {number}", "note") for number in range(40)]
+    together = Together((Heading("Part"), *(Paragraph(f"part {n}") for n in range(30))))
+    first, second = text_of_pages(render(*paragraphs, together))
+    assert "part" not in first
+    assert "Part" in second
+    assert "part 29" in second
+
+
+def test_the_file_is_tagged_archived_and_accessible() -> None:
+    def draw(figure: object) -> None:
+        figure.subplots().plot([0, 1])  # type: ignore[attr-defined]
+
+    pdf = render(Picture(draw, 60.0, "caption", "a rising line"), language="de")
+    reader = pypdf.PdfReader(io.BytesIO(pdf))
+    assert reader.metadata is not None
+    assert reader.metadata.title == "Title"
+    root = reader.root_object
+    assert root["/Lang"] == "de"
+    assert root["/MarkInfo"]["/Marked"]  # type: ignore[index]
+    metadata = root["/Metadata"].get_object().get_data().decode()  # type: ignore[union-attr]
+    assert "<pdfaid:part>2</pdfaid:part>" in metadata
+    assert "<pdfaid:conformance>A</pdfaid:conformance>" in metadata
+    assert "<pdfuaid:part>1</pdfuaid:part>" in metadata
+    fonts = [
+        descendant.get_object()["/FontDescriptor"]
+        for page in reader.pages
+        for font in page["/Resources"]["/Font"].values()  # type: ignore[index]
+        for descendant in font["/DescendantFonts"]
+    ]
+    assert fonts
+    assert all("/FontFile2" in font for font in fonts), "embedded TrueType"
+
+
+def test_nothing_of_a_survey_is_markup() -> None:
+    hostile = '#panic("x") $x$ *b* @ref <label> // no\\ [ ] " \N{REPLACEMENT CHARACTER}'
+    (text,) = text_of_pages(render(Paragraph(hostile), Pairs(((hostile, hostile),))))
+    assert text.count('#panic("x") $x$ *b* @ref') == 2 or text.count("#panic") == 3
+
+
+def test_a_template_of_an_agency_gets_the_same_data(survey: Path, tmp_path: Path) -> None:
+    page = Path(__file__).parents[3] / "docs" / "reports.md"
+    (example,) = re.findall(r"```typst\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    template = tmp_path / "agency.typ"
+    template.write_text(example, encoding="utf-8")
+    target = tmp_path / "agency.pdf"
+    report = write_report(survey, target, ReportOptions(template=str(template)))
+    text = "\n".join(text_of_pages(target.read_bytes()))
+    assert "Road agency" in text
+    assert report.title in text
+    assert all(point.shown_name in text for point in report.points)
+
+
+def test_a_template_that_cannot_be_rendered_is_refused(survey: Path, tmp_path: Path) -> None:
+    template = tmp_path / "broken.typ"
+    template.write_text("#unknown-name", encoding="utf-8")
+    target = tmp_path / "report.pdf"
+    with pytest.raises(OptionError, match=r"--template .*broken.typ.*unknown variable"):
+        write_report(survey, target, ReportOptions(template=str(template)))
+    assert not target.exists()
+    with pytest.raises(OptionError, match="no such file"):
+        write_report(survey, target, ReportOptions(template=str(tmp_path / "none.typ")))
