@@ -60,5 +60,5 @@ def test_a_new_number_in_a_result_is_one_edit(tmp_path: Path) -> None:
     openpyxl = pytest.importorskip("openpyxl")
     book = openpyxl.load_workbook(tmp_path / "made.xlsx", read_only=True)
     titles, cells = book["drops"].iter_rows(values_only=True)
-    assert dict(zip(titles, cells, strict=False))["settlement_index_m"] == 0.0125
+    assert dict(zip(titles, cells, strict=False))["Settlement index (mm)"] == 12.5
     book.close()

@@ -1,15 +1,19 @@
-"""``xlsx``: a workbook with the job, the points, the drops and what was noted; numbers are numbers,
-dates are dates."""
+"""``xlsx``: a workbook for engineers with the job, the points, the drops, the notes and a chart.
+
+Numbers are numbers in engineering units (MPa, kN, µm, mm, ms), dates are dates.
+"""
 
 import datetime
 import json
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from openpyxl import Workbook
 from openpyxl.cell import WriteOnlyCell
+from openpyxl.chart import LineChart, Reference
+from openpyxl.chart.axis import ChartLines
 from openpyxl.styles import Font, PatternFill
 from openpyxl.utils import get_column_letter
 
@@ -24,14 +28,51 @@ from pfwd_device.recording.survey_content import SurveyContent
 from pfwd_device.text import clean
 
 _DATE = "yyyy-mm-dd hh:mm:ss"
-_FORMATS = {
-    **dict.fromkeys(("latitude", "longitude"), "0.0000000"),
-    **dict.fromkeys(("chainage_m", "altitude_m"), "0.00"),
+
+
+class _Unit(NamedTuple):
+    """Engineering unit of a column."""
+
+    name: str
+    """As the title shows it; empty: a number without a unit."""
+    factor: float
+    """Of the SI value."""
+    number_format: str
+
+
+_MEGAPASCAL = _Unit("MPa", 1e-6, "#,##0.0")
+_METRE, _MILLIMETRE = _Unit("m", 1.0, "0.00"), _Unit("mm", 1e3, "0.00")
+_MICROMETRE = _Unit("µm", 1e6, "#,##0.0")
+_DEGREE = _Unit("°", 1.0, "0.0000000")
+_NUMBER_FORMAT = "0.000"
+"""Of numbers without a unit."""
+
+_UNIT_OF_NAME = {
+    **dict.fromkeys(("latitude", "longitude"), _DEGREE),
+    **dict.fromkeys(("chainage_m", "altitude_m"), _METRE),
+    **dict.fromkeys(("sci_m", "bdi_m", "bci_m", "noise_rms_m"), _MICROMETRE),
 }
-_BY_UNIT = (
-    *(("_pa", "#,##0"), ("_n", "#,##0"), ("_pa_s", "#,##0"), ("_n_per_m", "#,##0")),
-    *(("_m", "0.000000"), ("_s", "0.00000"), ("_kg_m3", "#,##0")),
+_UNIT_OF_END = (
+    ("_pa_s", _Unit("kPa·s", 1e-3, "#,##0.00")),
+    ("_n_per_m", _Unit("kN/mm", 1e-6, "#,##0.00")),
+    ("_kg_m3", _Unit("kg/m³", 1.0, "#,##0")),
+    ("_pa", _MEGAPASCAL),
+    ("_n", _Unit("kN", 1e-3, "0.00")),
+    ("_s", _Unit("ms", 1e3, "0.00")),
+    ("_m", _MILLIMETRE),
 )
+"""By the SI unit at the end of a column's name, the longer ends first."""
+
+_JUDGED = ("value", "interval_low", "interval_high", "target")
+"""Columns in the SI unit that the column ``unit`` of the same row names."""
+_JUDGED_UNITS = {"Pa": _MEGAPASCAL, "m": _MILLIMETRE}
+
+_WORDS = {"sd": "standard deviation", "rms": "RMS", "utc": "UTC", "id": "ID", "r squared": "R²"}
+_WORDS |= {name: name.upper() for name in ("sci", "bdi", "bci")}
+
+_LAYER_COLUMNS = ("layers", "layer_", "effective_")
+"""Beginnings of the names of columns that stand only where a drop has a value."""
+
 _WIDEST, _NARROWEST = 40, 9
 """Letters; of a column."""
 
@@ -40,14 +81,25 @@ _BOLD = Font(bold=True)
 
 
 def write_xlsx(order: Order, path: str | os.PathLike[str]) -> list[str]:
-    """Write the sheets ``job``, ``points``, ``drops`` and ``notes``; discarded ones are marked."""
+    """Write the sheets ``job``, ``points``, ``drops``, ``notes`` and ``chart``.
+
+    Discarded points and drops are marked.
+    """
     points = point_rows(order)
     book = Workbook(write_only=True)  # a survey of many drops would fill the memory
     _add(book, "job", ("key", "value", "time_utc"), _job(order.content, order.rows, points))
-    _add_rows(book, "points", POINT_COLUMNS, (list(row.values()) for row in points))
-    cells = ([row.values[column.name] for column in COLUMNS] for row in order.rows)
-    _add_rows(book, "drops", COLUMNS, cells)
+    sheet = _add_rows(book, "points", POINT_COLUMNS, points)
+    drops = [row.values for row in order.rows]
+    columns = [
+        column
+        for column in COLUMNS
+        if not column.name.startswith(_LAYER_COLUMNS)
+        or any(drop[column.name] is not None for drop in drops)
+    ]
+    _add_rows(book, "drops", columns, drops)
     _add(book, "notes", ("point", "drop", "what", "text", "time_utc"), _notes(order.content))
+    if points:
+        _add_chart(book, sheet, len(points))
     book.properties.creator = f"pfwd {software_version()}"
     book.properties.title = clean(order.content.path, limit=LONGEST_CELL)
     with new_file(path, force=order.force) as draft:
@@ -56,26 +108,92 @@ def write_xlsx(order: Order, path: str | os.PathLike[str]) -> list[str]:
 
 
 def _add_rows(
-    book: Any, title: str, columns: Sequence[ResultColumn], rows: Iterable[Sequence[Any]]
-) -> None:
-    """A sheet of rows, each cell as its column's kind."""
-    kinds = [column.kind for column in columns]
-    formats = [_format(column) for column in columns]
-    names = [column.name for column in columns]
-    made = (
-        [_cell(value, kind, form) for value, kind, form in zip(row, kinds, formats, strict=True)]
+    book: Any, title: str, columns: Sequence[ResultColumn], rows: Iterable[Mapping[str, Any]]
+) -> Any:
+    """Add a sheet of rows, each cell as its column's kind and in its engineering unit."""
+    units = {column.name: _unit(column) for column in columns}
+    titles = [_title(column.name, units[column.name]) for column in columns]
+    cells = [
+        [
+            _cell(value, column.kind, unit.number_format if unit else _NUMBER_FORMAT)
+            for column in columns
+            for value, unit in [_in_unit(row, column.name, units[column.name])]
+        ]
         for row in rows
-    )
-    _fill(book, title, names, made)
+    ]
+    return _fill(book, title, titles, cells)
+
+
+def _unit(column: ResultColumn) -> _Unit | None:
+    """Return the unit of a column of numbers; None: the column has none."""
+    name = column.name
+    if name in _UNIT_OF_NAME:
+        return _UNIT_OF_NAME[name]
+    if column.kind in ("whole", "text", "time", "flag"):
+        return None
+    if name.startswith("deflection_"):
+        return _MICROMETRE
+    if name.endswith("_m") and ("depth" in name or "altitude" in name):
+        return _METRE
+    return next((unit for end, unit in _UNIT_OF_END if name.endswith(end)), None)
+
+
+def _title(name: str, unit: _Unit | None) -> str:
+    """Return the name of a column in words, with the unit behind it."""
+    if unit is not None:
+        ends = (end for end, _ in _UNIT_OF_END if name.endswith(end))
+        name = name.removesuffix(next(ends, ""))
+    words = " ".join(_WORDS.get(word, word) for word in name.split("_"))
+    words = _WORDS.get(words, words)
+    text = words[:1].upper() + words[1:]
+    return text if unit is None else f"{text} ({unit.name})"
+
+
+def _in_unit(row: Mapping[str, Any], name: str, unit: _Unit | None) -> tuple[Any, _Unit | None]:
+    """Return the value of a cell in its engineering unit, and that unit."""
+    value = row[name]
+    if name == "unit" and value in _JUDGED_UNITS:
+        return _JUDGED_UNITS[value].name, None
+    if name in _JUDGED:
+        unit = _JUDGED_UNITS.get(row["unit"])
+    if name == "surface_moduli_pa" and value is not None:
+        pairs = (text.split(": ") for text in value)
+        return [f"{distance}: {float(modulus) * 1e-6:.4g}" for distance, modulus in pairs], unit
+    if unit is not None and isinstance(value, int | float):
+        value *= unit.factor
+    return value, unit
+
+
+def _add_chart(book: Any, points: Any, n_points: int) -> None:
+    """Add a sheet with the modulus in force of the points and its interval."""
+    names = [column.name for column in POINT_COLUMNS]
+    chart = LineChart()
+    chart.title = "Modulus in force and its 95 % interval"
+    chart.width, chart.height = 30, 15  # cm
+    chart.x_axis.title, chart.y_axis.title = "Point", "MPa"
+    chart.x_axis.delete = chart.y_axis.delete = False  # else some programs show no axes
+    chart.y_axis.scaling.min = 0
+    chart.hiLowLines = ChartLines()  # from the lower to the upper end of the interval
+    marks = {"": "circle", "_interval_low": "dash", "_interval_high": "dash"}
+    for part, mark in marks.items():
+        column = names.index(f"modulus_in_force{part}_pa") + 1
+        data = Reference(points, min_col=column, min_row=1, max_row=n_points + 1)
+        chart.add_data(data, titles_from_data=True)
+        series = chart.series[-1]
+        series.marker.symbol = mark
+        series.graphicalProperties.line.noFill = True
+    chart.set_categories(Reference(points, min_col=1, min_row=2, max_row=n_points + 1))
+    book.create_sheet("chart").add_chart(chart, "A1")
 
 
 def _add(book: Any, title: str, names: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     kinds = ["time" if name.startswith("time") else "text" for name in names]
     made = ([_cell(v, kind, None) for v, kind in zip(row, kinds, strict=True)] for row in rows)
-    _fill(book, title, names, made)
+    _fill(book, title, [_title(name, None) for name in names], made)
 
 
-def _fill(book: Any, title: str, names: Sequence[str], rows: Iterable[Sequence["_Value"]]) -> None:
+def _fill(book: Any, title: str, names: Sequence[str], rows: Iterable[Sequence["_Value"]]) -> Any:
+    """Add a sheet with a frozen, filtered head and rows, and return it."""
     sheet = book.create_sheet(title)
     sheet.freeze_panes = "B2"
     rows = list(rows)
@@ -92,6 +210,7 @@ def _fill(book: Any, title: str, names: Sequence[str], rows: Iterable[Sequence["
     for row in rows:
         sheet.append([value.in_sheet(sheet) for value in row])
     sheet.auto_filter.ref = f"A1:{get_column_letter(len(names))}{len(rows) + 1}"
+    return sheet
 
 
 class _Value:
@@ -144,13 +263,6 @@ def as_date(text: str) -> datetime.datetime | None:
     except ValueError:
         return None
     return found.replace(tzinfo=None, microsecond=0)
-
-
-def _format(column: ResultColumn) -> str | None:
-    if column.name in _FORMATS:
-        return _FORMATS[column.name]
-    ends = [(suffix, form) for suffix, form in _BY_UNIT if column.name.endswith(suffix)]
-    return max(ends, key=lambda end: len(end[0]))[1] if ends else None
 
 
 def _job(

@@ -12,11 +12,12 @@ from typing import Any
 
 import geojson
 import numpy as np
+import openpyxl
 import pytest
 from python_calamine import CalamineWorkbook
 
 from pfwd.errors import OptionError, SurveyError
-from pfwd.export import geopackage
+from pfwd.export import geopackage, workbook
 from pfwd.export.export import export_survey
 from pfwd.export.tables import cell
 from pfwd_device.recording import SurveyWriter, read_survey
@@ -142,28 +143,103 @@ def test_points_geojson_has_a_feature_a_point(judged: Path, tmp_path: Path) -> N
     assert json.loads(text)["pfwd"]["survey_id"]
 
 
-def test_a_workbook_has_numbers_and_dates(judged: Path, tmp_path: Path) -> None:
+POINT_TITLES = [
+    *("Point", "Chainage (m)", "Latitude (°)", "Longitude (°)", "Altitude (m)", "Time UTC"),
+    *("Time local", "Procedure", "Quantity", "Value", "Interval low", "Interval high", "Unit"),
+    *("Target", "Verdict", "Drops measured", "Modulus (MPa)", "Modulus interval low (MPa)"),
+    *("Modulus interval high (MPa)", "Diagnosis", "Discarded", "Note", "Verdict reason"),
+    *("Verdict reason code", "Value not supported", "Modulus in force (MPa)"),
+    *("Modulus in force interval low (MPa)", "Modulus in force interval high (MPa)"),
+    *("Modulus source", "Modulus not supported"),
+]
+
+
+def test_a_workbook_has_engineering_units_and_dates(judged: Path, tmp_path: Path) -> None:
     export_survey(judged, "xlsx", tmp_path / "p.xlsx")
     book = CalamineWorkbook.from_path(tmp_path / "p.xlsx")
-    assert book.sheet_names == ["job", "points", "drops", "notes"]
+    assert book.sheet_names == ["job", "points", "drops", "notes", "chart"]
     head, first, second = book.get_sheet_by_name("points").to_python()
-    assert head == COLUMNS
+    assert head == POINT_TITLES
     point = dict(zip(head, first, strict=True))
-    assert point["value"] == pytest.approx(45e6)
-    assert point["time_utc"] == datetime.datetime(2024, 5, 6, 8, 1)
-    assert point["discarded"] is False
-    assert point["note"] == "=1+1 wet"  # a text, which nothing computes
-    assert dict(zip(head, second, strict=True))["value"] == ""
+    assert (point["Value"], point["Unit"]) == (pytest.approx(45), "MPa")
+    assert (point["Interval low"], point["Interval high"]) == pytest.approx((43, 47))
+    assert (point["Target"], point["Modulus in force (MPa)"]) == pytest.approx((40, 45))
+    assert point["Time UTC"] == datetime.datetime(2024, 5, 6, 8, 1)
+    assert point["Discarded"] is False
+    assert point["Note"] == "=1+1 wet"  # a text, which nothing computes
+    assert dict(zip(head, second, strict=True))["Value"] == ""
     drops = book.get_sheet_by_name("drops").to_python()
     assert len(drops) == 1 + 4
+    assert len(set(drops[0])) == len(drops[0]), "each title names one column"
     drop = dict(zip(drops[0], drops[1], strict=True))
-    assert isinstance(drop["peak_load_n"], float)
-    assert drop["time_utc"] == datetime.datetime(2024, 5, 6, 8, 1)
+    assert drop["Peak load (kN)"] == pytest.approx(8.001)
+    assert drop["Deflection recorded (µm)"] == pytest.approx(500.0625)
+    assert (drop["Modulus (MPa)"], drop["Modulus interval low (MPa)"]) == (45.0, 43.0)
+    assert (drop["Viscosity (kPa·s)"], drop["Density (kg/m³)"]) == (10.0, 1900.0)
+    assert (drop["Plate radius (mm)"], drop["Half sine duration (ms)"]) == (150.0, 18.0)
+    assert drop["Half sine peak pressure (MPa)"] == pytest.approx(0.11)
+    assert drop["Time UTC"] == datetime.datetime(2024, 5, 6, 8, 1)
+    assert not [title for title in drops[0] if "ayer" in title], "no drop has layers"
     notes = book.get_sheet_by_name("notes").to_python()
     assert ["north, end", 3.0, "discard", "wet"] in [row[:4] for row in notes]
     assert all(isinstance(row[4], datetime.datetime) for row in notes[1:])
     job = {row[0]: row[1] for row in book.get_sheet_by_name("job").to_python()}
     assert (job["points"], job["drops"], job["points_pass"]) == (2, 4, 1)
+
+
+def test_a_workbook_has_filters_frozen_heads_formats_and_a_chart(
+    judged: Path, tmp_path: Path
+) -> None:
+    export_survey(judged, "xlsx", tmp_path / "p.xlsx")
+    book = openpyxl.load_workbook(tmp_path / "p.xlsx")
+    points, drops = book["points"], book["drops"]
+    assert (points.freeze_panes, drops.freeze_panes) == ("B2", "B2")
+    assert (points.auto_filter.ref, drops.auto_filter.ref[:3]) == ("A1:AD3", "A1:")
+    formats = {cell.value: points.cell(2, cell.column).number_format for cell in points[1]}
+    assert formats["Latitude (°)"] == "0.0000000"
+    assert formats["Modulus (MPa)"] == formats["Value"] == "#,##0.0"
+    (chart,) = book["chart"]._charts
+    references = [series.val.numRef.f for series in chart.series]
+    titles = [
+        points[ref.split("!")[1].split(":")[0].replace("$2", "1").strip("$")].value
+        for ref in references
+    ]
+    assert titles == [
+        "Modulus in force (MPa)",
+        "Modulus in force interval low (MPa)",
+        "Modulus in force interval high (MPa)",
+    ]
+    assert {series.cat.numRef.f for series in chart.series} == {"'points'!$A$2:$A$3"}
+    assert chart.hiLowLines is not None
+
+
+def test_a_workbook_has_columns_for_the_layers_that_there_are(judged: Path, tmp_path: Path) -> None:
+    media = [{"modulus_pa": 200e6, "thickness_m": 0.2}, {"modulus_pa": 45e6}]
+    drop = next(iter(read_survey(judged).drops))
+    result = result_of(drop.read().drop, layers=media)
+    with SurveyWriter.open(judged) as writer:
+        writer.save_result(drop.number, result)
+    export_survey(judged, "xlsx", tmp_path / "p.xlsx")
+    book = CalamineWorkbook.from_path(tmp_path / "p.xlsx")
+    head, first, *_ = book.get_sheet_by_name("drops").to_python()
+    values = dict(zip(head, first, strict=True))
+    assert (values["Layers"], values["Layer 1 modulus (MPa)"]) == (2.0, 200.0)
+    assert values["Layer 1 thickness (mm)"] == 200.0
+    assert not [title for title in head if title.startswith("Layer 3")]
+
+
+@pytest.mark.parametrize(
+    ("values", "name", "expected"),
+    [
+        ({"value": 0.00042, "unit": "m"}, "value", 0.42),
+        ({"value": 45e6, "unit": "Pa"}, "value", 45.0),
+        ({"unit": "m"}, "unit", "mm"),
+        ({"surface_moduli_pa": ["0.3: 4.5e+07"]}, "surface_moduli_pa", ["0.3: 45"]),
+    ],
+)
+def test_cells_in_engineering_units(values: dict[str, Any], name: str, expected: Any) -> None:
+    shown, _ = workbook._in_unit(values, name, None)
+    assert shown == (pytest.approx(expected) if isinstance(expected, float) else expected)
 
 
 def test_a_geopackage_has_a_feature_a_point(judged: Path, tmp_path: Path) -> None:
