@@ -116,12 +116,16 @@ class Result(DropResult, Shown):
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the displacement, measured and fitted (µm over ms), and return the axes.
 
+        A stored result has no time histories: its modulus is drawn with the 95 % interval (MPa).
+
         Raises
         ------
         SurveyError
-            If the result has no time histories.
+            If the result has neither time histories nor a modulus with its interval.
         """
         history = self.history
+        if history is None and self.modulus is not None and self.modulus_interval is not None:
+            return Results([self]).plot(ax)
         if history is None:
             hint = self.reason or "pfwd.invert makes a new one"
             expected = "a result with its time histories"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pfwd.errors import OptionError, refusal
 from pfwd.export.json_text import without_nan
+from pfwd.export.point_rows import point_rows
 from pfwd.export.rows import Order, Row
 from pfwd.files.reading import survey_content
 from pfwd.scripting.measured import Drop, Points, read
@@ -65,8 +66,12 @@ class Survey(Shown):
         return Results([result for result in stored if result is not None])
 
     @cached_property
+    def _order(self) -> Order:
+        return Order(self._content)
+
+    @property
     def _rows(self) -> list[Row]:
-        return Order(self._content).rows
+        return self._order.rows
 
     def __repr__(self) -> str:
         name = text_of(os.path.basename(os.path.normpath(self.path)))
@@ -104,6 +109,13 @@ class Survey(Shown):
             }
             for row in self._rows
         )
+
+    def points_dataframe(self) -> DataFrame:
+        """Return a row a point with value, target, verdict and diagnosis; needs pandas.
+
+        The columns are those of ``pfwd export --format points``; discarded points are marked.
+        """
+        return data_frame(point_rows(self._order))
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the peak displacement of every drop, point by point (µm), and return the axes.

@@ -4,6 +4,7 @@ import io
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -13,6 +14,7 @@ import pytest
 
 import pfwd
 from pfwd.export.columns import COLUMNS
+from pfwd.export.point_rows import POINT_COLUMNS
 from pfwd.scripting.examples import FOLDER, Traces
 from pfwd.scripting.shown import MOST_ROWS, html_table
 
@@ -146,10 +148,28 @@ def test_a_survey_has_its_points_drops_and_results() -> None:
     truths = [62e6, 48e6, 31e6, 55e6]
     assert [one.modulus for one in survey.results.measured] == pytest.approx(truths, rel=0.01)
     assert list(survey.to_dataframe().columns) == [column.name for column in COLUMNS]
+    points = survey.points_dataframe()
+    assert list(points.columns) == [column.name for column in POINT_COLUMNS]
+    assert points["point"].tolist() == [point.name for point in survey.points]
+    assert points["verdict"].tolist() == ["none"] * 4, "no target is declared"
+    in_force = [drop.modulus for drop in survey.results.measured]
+    assert points["modulus_pa"].tolist() == pytest.approx(in_force)
+
+
+def test_a_stored_result_draws_its_modulus_with_the_interval() -> None:
+    result = pfwd.open(FOLDER / "survey.h5").results.measured[0]
+    assert result.history is None
+    axes = result.plot(Figure().subplots())
+    assert axes.get_ylabel() == "modulus E with its 95 % interval, MPa"
+    (bars,) = axes.containers
+    assert bars.lines[0].get_ydata() == pytest.approx([result.modulus / 1e6])
+    ((low, high),) = (segment[:, 1] for segment in bars.lines[2][0].get_segments())
+    assert (low, high) == pytest.approx([end / 1e6 for end in result.modulus_interval])
+    without = replace(result, modulus_pa=None)
     with pytest.raises(
         pfwd.SurveyError, match="a result with its time histories, came one without"
     ):
-        survey.results[0].plot()
+        without.plot()
 
 
 def test_what_is_no_survey_is_refused(tmp_path: Path) -> None:
