@@ -1,4 +1,4 @@
-"""What other installed packages add: found by their entry points, loaded when it is needed.
+"""Extensions by other installed packages: located by entry points, loaded on first use.
 
 A package names an object in its metadata, in one of four groups::
 
@@ -8,10 +8,10 @@ A package names an object in its metadata, in one of four groups::
     [project.entry-points."pfwd.effects"]          # an inversion.effects.Effect
     toy = "toy_package:TOY"
 
-Who asks says what kind of object it expects. What cannot be loaded, or is something else, costs a
-remark (:func:`remarks`, and a warning) and not the command. Packages in the current folder are not
-looked at: it may have come from a stranger. This stands below all other packages, so that each of
-them can ask.
+The caller passes the class that it expects. An object that cannot be loaded, or has another class,
+causes a remark (:func:`remarks`, and a warning), and the command continues. Packages in the current
+folder are ignored, as the folder may contain untrusted files. This package is the lowest layer,
+because the four registries stand in different packages (docs/decisions/plug-ins-in-one-module.md).
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ EFFECTS = "pfwd.effects"
 
 _remarks: dict[str, None] = {}
 _BROKEN = object()
-"""In place of what cannot be loaded."""
+"""Marker of an object that cannot be loaded."""
 
 
 class PluginWarning(UserWarning):
-    """A part of another package is left out; the command line says its remarks instead."""
+    """Warning that an extension is ignored; the command line prints the remarks instead."""
 
 
 class _Offer(NamedTuple):
@@ -47,94 +47,94 @@ class _Offer(NamedTuple):
 
     entry: EntryPoint
     package: str
-    """Name and version."""
+    """Name and version of the package."""
 
 
 def names(group: str) -> tuple[str, ...]:
-    """Names that packages have in a group, sorted; nothing of theirs is loaded."""
+    """Return the sorted names of the entry points of a group without loading them."""
     return tuple(sorted(_offers(group)))
 
 
 def package_of(group: str, name: str) -> str:
-    """Name and version of the package that has a name in a group."""
+    """Return name and version of the package that has a name in a group."""
     return _offers(group)[name].package
 
 
 def load(group: str, name: str, kind: type[T]) -> T | None:
-    """The object that a package has under a name.
+    """Return the object that a package has under a name.
 
     Parameters
     ----------
     group : str
     name : str
     kind : type
-        What it has to be.
+        Class that the object must have.
 
     Returns
     -------
     object or None
-        None when there is no such name, or what is there cannot be used: then there is a remark.
+        None when there is no such name, or, with a remark, when its object cannot be used.
     """
     if name not in _offers(group):
         return None
-    found = _object(group, name)
-    if isinstance(found, kind):
-        return found
-    if found is _BROKEN:
+    extension = _object(group, name)
+    if isinstance(extension, kind):
+        return extension
+    if extension is _BROKEN:
         return None
-    value, came = _offers(group)[name].entry.value, type(found).__name__
-    remark(group, name, f"a {kind.__name__} at {value}, came a {came}")
+    value, actual = _offers(group)[name].entry.value, type(extension).__name__
+    remark(group, name, f"a {kind.__name__} at {value}, came a {actual}")
     return None
 
 
 def load_all(group: str, kind: type[T], taken: Collection[str] = ()) -> Iterator[tuple[str, T]]:
-    """Name and object of all that can be used in a group, in the order of the names.
+    """Yield name and object of each usable entry point of a group, in the order of the names.
 
     Parameters
     ----------
     group : str
     kind : type
-        What each has to be.
+        Class that each object must have.
     taken : collection of str
-        Names of this program's own, which nobody can replace.
+        Names of built-in objects, which no package can replace.
     """
     for name in names(group):
         if name in taken:
             remark(group, name, "a name of its own, came one that this program has")
-        elif (found := load(group, name, kind)) is not None:
-            yield name, found
+        elif (extension := load(group, name, kind)) is not None:
+            yield name, extension
 
 
-def remark(group: str, name: str, expected_and_came: str) -> None:
-    """Note that a part of another package cannot be used; once, however often it is said.
+def remark(group: str, name: str, mismatch: str) -> None:
+    """Record once that an extension cannot be used, and warn of it.
 
     Parameters
     ----------
     group, name : str
-        Of the entry point.
-    expected_and_came : str
-        What was expected and what came, without the word "expected".
+        Group and name of the entry point.
+    mismatch : str
+        Expected and actual object, without the word "expected".
     """
     package = package_of(group, name)
-    text = f"plug-in {name} of {package} ({group}) is left out: expected {expected_and_came}"
-    # An error of a strange package may have many lines.
+    text = f"plug-in {name} of {package} ({group}) is left out: expected {mismatch}"
+    # The message of an error in another package may have many lines.
     text = " ".join(text.split()) + "; update or uninstall the package"
     if text in _remarks:
         return
     _remarks[text] = None
     from multiprocessing import parent_process
 
-    if parent_process() is None:  # its workers meet the same and need not say so again
+    if parent_process() is None:  # a worker process would repeat the warning
         warnings.warn(text, PluginWarning, stacklevel=2)
 
 
 def remarks() -> tuple[str, ...]:
-    """What could not be used so far, a line each."""
+    """Return one line for each extension that could not be used so far."""
     return tuple(_remarks)
 
 
 def forget() -> None:
-    """Look anew, as a new process would."""
+    """Clear remarks and caches, to start as a new process does."""
     _remarks.clear()
     _object.cache_clear()
     _offers.cache_clear()
@@ -142,10 +142,10 @@ def forget() -> None:
 
 @cache
 def _object(group: str, name: str) -> object:
-    """What an entry point names, or `_BROKEN`."""
+    """Return the object of an entry point, or `_BROKEN`."""
     try:
         return _offers(group)[name].entry.load()
-    # The code is somebody else's: whatever goes wrong in it is told, and the command goes on.
+    # An error in the code of another package must not end the command.
     except (Exception, SystemExit) as err:
         remark(group, name, f"an object that can be imported, came {type(err).__name__}: {err}")
         return _BROKEN
@@ -153,25 +153,29 @@ def _object(group: str, name: str) -> object:
 
 @cache
 def _offers(group: str) -> dict[str, _Offer]:
-    # Not at the top: it takes longer than `pfwd --help` may.
+    # Imported here, as the import would delay `pfwd --help`.
     from importlib.metadata import distributions
 
-    found: dict[str, _Offer] = {}
-    seen = set()
+    offers: dict[str, _Offer] = {}
+    titles = set()
     for package in distributions(path=_trusted_path()):
         entries = [entry for entry in package.entry_points if entry.group == group]
         if not entries:
             continue
         title = f"{package.name} {package.version}"
-        if title in seen:
-            continue  # the same twice on the path: the first counts, as for its modules
-        seen.add(title)
+        if title in titles:
+            continue  # twice on the path: the first counts, as for its modules
+        titles.add(title)
         for entry in entries:
-            found.setdefault(entry.name, _Offer(entry, title))
-    return found
+            offers.setdefault(entry.name, _Offer(entry, title))
+    return offers
 
 
 def _trusted_path() -> list[str]:
-    """Where modules are looked for, but for the current folder."""
-    here = os.path.realpath(os.curdir)
-    return [one for one in sys.path if os.path.isabs(one) and os.path.realpath(one) != here]
+    """Return the search path of modules without the current folder."""
+    current = os.path.realpath(os.curdir)
+    return [
+        folder
+        for folder in sys.path
+        if os.path.isabs(folder) and os.path.realpath(folder) != current
+    ]

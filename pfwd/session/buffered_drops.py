@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from pfwd_device.acquisition.detection import AtRest, DetectionSettings, RawDrop
-from pfwd_device.acquisition.items import KeptDrop
+from pfwd_device.acquisition.items import BufferedDrop
 from pfwd_device.calibration import counts_per_unit, load_channel
 from pfwd_device.identity import Identity
 from pfwd_device.wire.messages import Trigger
@@ -46,12 +46,12 @@ def trigger_for(identity: Identity, settings: DetectionSettings) -> Trigger:
     )
 
 
-def raw_drop_of(item: KeptDrop, trigger: Trigger | None, identity: Identity) -> RawDrop:
+def raw_drop_of(item: BufferedDrop, trigger: Trigger | None, identity: Identity) -> RawDrop:
     """The drop as the detection here would have found it.
 
     Parameters
     ----------
-    item : KeptDrop
+    item : BufferedDrop
     trigger : Trigger or None
         How the instrument looks for drops now.
     identity : Identity
@@ -83,7 +83,7 @@ def raw_drop_of(item: KeptDrop, trigger: Trigger | None, identity: Identity) -> 
     )
 
 
-def settings_of(item: KeptDrop, settings: DetectionSettings) -> DetectionSettings:
+def settings_of(item: BufferedDrop, settings: DetectionSettings) -> DetectionSettings:
     """The detection with the times that this drop was kept for, so that a replay cuts it alike."""
     rate, offer = item.offer.sampling_rate, item.offer
     return replace(
@@ -93,7 +93,7 @@ def settings_of(item: KeptDrop, settings: DetectionSettings) -> DetectionSetting
     )
 
 
-def marks_of_buffered(item: KeptDrop) -> list[str]:
+def marks_of_buffered(item: BufferedDrop) -> list[str]:
     """Return irregularities beyond those of any record."""
     marks = []
     if item.offer.shunt:

@@ -62,10 +62,10 @@ from pfwd_device.acquisition.detection import (
 )
 from pfwd_device.acquisition.detector import Detector, Found
 from pfwd_device.acquisition.items import (
+    BufferedDrop,
     Connected,
     Disconnected,
     Gap,
-    KeptDrop,
     Samples,
     StreamBegan,
     UnusableDrop,
@@ -181,7 +181,7 @@ class Session:
         self._unanswered: tuple[Connected, CalibrationChanged] | None = None
         """A connection whose calibration the operator has not accepted yet."""
         self._accepted_changes: set[CalibrationChanged] = set()
-        self._postponed: list[KeptDrop | Armed] = []
+        self._postponed: list[BufferedDrop | Armed] = []
         """Items of the instrument while the operator decides."""
         self._armed: Trigger | None = None
         """How the instrument finds drops itself; None: they are found here."""
@@ -470,7 +470,7 @@ class Session:
         self._trigger()
 
     def _take(self, item: FeedItem) -> None:
-        if self._unanswered is not None and isinstance(item, KeptDrop | Armed):
+        if self._unanswered is not None and isinstance(item, BufferedDrop | Armed):
             self._postponed.append(item)
             return
         match item:
@@ -483,7 +483,7 @@ class Session:
                 self._on_connected(item)
             case Disconnected():
                 self._on_disconnected(item)
-            case KeptDrop():
+            case BufferedDrop():
                 self._on_buffered_drop(item)
             case UnusableDrop():
                 self._on_unusable(item)
@@ -686,7 +686,7 @@ class Session:
             self._was_ready = True
             self._report(Ready())
 
-    def _on_buffered_drop(self, item: KeptDrop) -> None:
+    def _on_buffered_drop(self, item: BufferedDrop) -> None:
         """A drop that the instrument found; it keeps it until it is safe here."""
         if self._detector is None or self._identity is None:
             return
@@ -702,7 +702,7 @@ class Session:
         self._pipeline.end_of_rebounds()
 
     def _buffered_record(
-        self, item: KeptDrop, identity: Identity, settings: DetectionSettings
+        self, item: BufferedDrop, identity: Identity, settings: DetectionSettings
     ) -> DropRecord:
         """The record of a drop that the instrument found.
 

@@ -20,11 +20,11 @@ from pfwd.session.events import (
 )
 from pfwd_device.errors import RecordingError, StorageFull
 from pfwd_device.recording import (
-    BroughtHome,
-    FilesTaken,
-    FilesWrittenAgain,
+    FallbackMerged,
+    FilesRewritten,
     PublishingFailed,
     SpareUsed,
+    SurveyFilesRemoved,
     SurveyMovedAway,
 )
 from pfwd_device.recording.record import DropRecord, Rebound
@@ -53,11 +53,11 @@ def report_file_changes(writer: SurveyWriter, report: Report) -> None:
         match change:
             case PublishingFailed(_, point, drop, reason):
                 report(DropNotPublished(point, drop, reason))
-            case FilesTaken() | SpareUsed() | SurveyMovedAway():
+            case SurveyFilesRemoved() | SpareUsed() | SurveyMovedAway():
                 report(SurveyFilesChanged(change.text, safe=False))
-            case FilesWrittenAgain(lost=lost):
+            case FilesRewritten(lost=lost):
                 report(SurveyFilesChanged(change.text, safe=not lost))
-            case BroughtHome():
+            case FallbackMerged():
                 report(SurveyFilesChanged(change.text, safe=True))
 
 

@@ -51,7 +51,7 @@ class Samples:
     first: int
     """Index of the first sample within the stream."""
     counts: NDArray[np.int32]
-    """(n, channels), as the converter gave them."""
+    """Raw counts of the converter, (n, channels)."""
     shunt: bool
     """The calibration shunt is on: these are no measurement."""
     received: float
@@ -62,28 +62,28 @@ class Samples:
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Samples that never came."""
+    """Samples that were lost on the way."""
 
     stream: int
     """Number of the run of the sampler."""
     first: int
     """Index of the first missing sample."""
     length: int
-    """How many."""
+    """Number of samples."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class KeptDrop:
-    """A drop that the instrument found itself, whole; it keeps it until it is acknowledged."""
+class BufferedDrop:
+    """A complete drop from the instrument's memory, which holds it until it is acknowledged."""
 
     offer: DropOffer
-    """What the instrument says of it."""
+    """Description of the drop by the instrument."""
     counts: NDArray[np.int32]
-    """(n, channels), as the converter gave them."""
+    """Raw counts of the converter, (n, channels)."""
     time_utc: datetime.datetime | None
-    """Of the trigger; None: it is from before the last reset of the instrument."""
+    """Time of the trigger; None when the drop is older than the last reset of the instrument."""
     received: float
-    """Monotonic clock of the host when the last of it had come, s."""
+    """Time at which the transfer was complete, by the monotonic clock of the host, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +102,7 @@ Item = (
     | StreamBegan
     | Samples
     | Gap
-    | KeptDrop
+    | BufferedDrop
     | UnusableDrop
     | Armed
     | Status

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, TypeVar
 
 from pfwd_device.acquisition.counters import Counters
-from pfwd_device.acquisition.items import KeptDrop, UnusableDrop
+from pfwd_device.acquisition.items import BufferedDrop, UnusableDrop
 from pfwd_device.wire.fields import unpack_int24
 from pfwd_device.wire.messages import (
     Acknowledge,
@@ -200,7 +200,7 @@ class KeptDrops:
         message: Armed | DropOffer | DropBlock | Released | Refusal,
         now: float,
         clock: tuple[int, datetime.datetime] | None,
-    ) -> KeptDrop | UnusableDrop | None:
+    ) -> BufferedDrop | UnusableDrop | None:
         """Take in what the instrument says; a drop when it is complete or cannot be had.
 
         Parameters
@@ -310,7 +310,7 @@ class KeptDrops:
 
     def _take_block(
         self, block: DropBlock, now: float, clock: tuple[int, datetime.datetime] | None
-    ) -> KeptDrop | UnusableDrop | None:
+    ) -> BufferedDrop | UnusableDrop | None:
         name = block.stream, block.first_sample
         transfer = self._transfers.get(name)
         if transfer is None:
@@ -348,7 +348,7 @@ class KeptDrops:
         self._handed.add(DropId.of(offer))
         self._counters.drops_kept += 1
         counts = unpack_int24(data).reshape(offer.samples, offer.channels)
-        return KeptDrop(offer, counts, _time_of(offer, clock), now)
+        return BufferedDrop(offer, counts, _time_of(offer, clock), now)
 
     def _fetch(self, name: Name, transfer: _Transfer, now: float) -> None:
         """Request the first unbroken row of missing blocks."""

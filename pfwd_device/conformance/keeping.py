@@ -127,7 +127,7 @@ def run_goes_on(talk: Talk) -> str:
     return "goes on"
 
 
-class KeptDrop:
+class BufferedDropCheck:
     """One drop that falls during the test, and what is tried with it.
 
     Parameters

@@ -137,7 +137,7 @@ def conform(
 
 
 def _checks(wait: float, announce: Callable[[str], None]) -> list[tuple[str, Check]]:
-    drop = keeping.KeptDrop(wait, announce)
+    drop = keeping.BufferedDropCheck(wait, announce)
     return [
         ("P-4", basics.versions),
         ("P-5", basics.same_identity),

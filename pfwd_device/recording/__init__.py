@@ -10,12 +10,12 @@ from pfwd_device.recording.recovery import RecoveryReport, recover
 from pfwd_device.recording.spare import SpareFolder
 from pfwd_device.recording.storage import Storage
 from pfwd_device.recording.storage_reports import (
-    BroughtHome,
-    FilesTaken,
-    FilesWrittenAgain,
+    FallbackMerged,
+    FilesRewritten,
     PublishingFailed,
     SpareUsed,
     StorageReport,
+    SurveyFilesRemoved,
     SurveyMovedAway,
 )
 from pfwd_device.recording.survey_content import SurveyDrop, SurveyPoint
@@ -23,14 +23,13 @@ from pfwd_device.recording.survey_reader import Survey, read_survey
 from pfwd_device.recording.survey_writer import SurveyWriter
 
 __all__ = [
-    "BroughtHome",
     "CaptureReader",
     "CaptureWriter",
     "CapturedBytes",
     "CheckReport",
     "DropRecord",
-    "FilesTaken",
-    "FilesWrittenAgain",
+    "FallbackMerged",
+    "FilesRewritten",
     "PublishingFailed",
     "Rebound",
     "RecoveryReport",
@@ -40,6 +39,7 @@ __all__ = [
     "StorageReport",
     "Survey",
     "SurveyDrop",
+    "SurveyFilesRemoved",
     "SurveyMovedAway",
     "SurveyPoint",
     "SurveyWriter",

@@ -1,11 +1,11 @@
-"""Ledger and journal read side by side, many records at a time, as long as they agree.
+"""Fast comparison of ledger and journal, many records at a time.
 
-Reading a survey compares every byte with its checksums. Record by record that takes longer than
-anything else a command does with a survey of many drops. Here the ledger's lines are taken apart
-as columns of numbers, the journal's headers are compared with them as columns too, and only what is
-different in every record (checksums, and JSON where it is wanted) is done for each. Nothing is kept
-from one time to the next. Whatever is unusual ends it: :class:`Disagreement` means that somebody
-has to look at every record, not that anything is wrong.
+Reading a survey compares every byte with its checksums. Done record by record, this is the slowest
+step of a command on a survey of many drops. Here the ledger's lines become columns of numbers, and
+the headers of the journal are compared with them as columns. Only checksums, and JSON where it is
+required, are computed for each record. Nothing is cached between two calls. Any irregularity raises
+:class:`InconsistentRecords`. It means that the caller has to read record by record, not that a
+record is damaged.
 """
 
 import io
@@ -28,19 +28,19 @@ _NUMBERS = 5
 _SEQUENCE, _SEGMENT, _OFFSET, _LENGTH = 0, 2, 3, 4
 
 _BLANKS = 7
-"""In a line: `_NUMBERS`, the check and what the record is about each have one behind them."""
+"""Number of blanks in a line: one before each part but the first."""
 
-_MOST_DIGITS = (18, 9, 9, 18, 9)
-"""Of the decimals, as in the ledger's own pattern: all of them fit into 64 bits."""
+_MAX_DIGITS = (18, 9, 9, 18, 9)
+"""Largest number of digits of each decimal, as in the ledger's pattern; all fit into 64 bits."""
 
 _HEX_DIGITS = 8
 
-_LONGEST_ABOUT = 999
-"""As in the ledger's own pattern."""
+_MAX_DESCRIPTION_LENGTH = 999
+"""Largest length of the description, as in the ledger's pattern, characters."""
 
-_AT_ONCE = 2**20
-"""Bytes of the journal that are looked at together, which a processor's cache holds; a longer
-record is looked at alone."""
+_BLOCK_BYTES = 2**20
+"""Bytes of the journal that are compared together, few enough for a processor's cache. A longer
+record is compared by itself."""
 
 _HEADER = np.dtype(
     [
@@ -56,26 +56,26 @@ _HEADER = np.dtype(
 assert _HEADER.itemsize == HEADER.size
 
 _CHECKED = HEADER.size - 4
-"""Bytes of a header that its own CRC is of."""
+"""Bytes of a header that its own CRC covers."""
 
 _MAGIC = int.from_bytes(MAGIC, "little")
 _HEX = np.full(256, 255, np.uint8)
 _HEX[np.frombuffer(b"0123456789abcdef", np.uint8)] = np.arange(16)
 
 Bytes = NDArray[np.uint8]
-Whole = NDArray[np.int64]
+Integers = NDArray[np.int64]
 
 
-class Disagreement(Exception):
-    """Ledger and journal are not what a program leaves that ends well."""
+class InconsistentRecords(Exception):
+    """Ledger and journal differ, as after a program that was interrupted."""
 
 
-class Agreed(NamedTuple):
-    """A record that journal and ledger name alike."""
+class VerifiedRecord(NamedTuple):
+    """A record whose entries in journal and ledger agree."""
 
     entry: Entry
     payload: memoryview
-    """Only until the next record is asked for: then others stand there."""
+    """Content of the record; valid until the next record is requested, as the buffer is reused."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,18 +83,18 @@ class Columns:
     """The lines of a ledger."""
 
     survey: bytes
-    """Identity."""
-    numbers: Whole
-    """A row for each of sequence, kind, segment, offset, length and check."""
+    """Identity of the survey."""
+    numbers: Integers
+    """Rows of sequence, kind, segment, offset, length and check; a column for each line."""
     entries: tuple[Entry, ...]
 
 
 def ledger_columns(data: bytes) -> Columns:
-    """The lines of a ledger in which every line is whole; Disagreement about any other."""
+    """Return the lines of a ledger; raise InconsistentRecords if any line is incomplete."""
     first = data.find(b"\n") + 1
     survey = head_survey(data[: first - 1]) if first else None
     if survey is None or not data.endswith(b"\n"):
-        raise Disagreement
+        raise InconsistentRecords
     body = memoryview(data)[first:]
     text = np.frombuffer(body, np.uint8)
     ends = np.flatnonzero(text == ord("\n"))
@@ -103,7 +103,7 @@ def ledger_columns(data: bytes) -> Columns:
         return Columns(survey, np.empty((_NUMBERS + 1, 0), np.int64), ())
     starts = np.concatenate(([0], ends[:-1] + 1))
     if len(blanks) != _BLANKS * len(ends) or int((ends - starts).max()) > LONGEST_LINE:
-        raise Disagreement
+        raise InconsistentRecords
     blank = blanks.reshape(-1, _BLANKS)
     begins = np.column_stack((starts, blank + 1))
     widths = np.column_stack((blank, ends)) - begins
@@ -111,74 +111,74 @@ def ledger_columns(data: bytes) -> Columns:
     if widths.min() < 1 or int(((text > ord(" ")) & (text <= ord("~"))).sum()) != len(text) - len(
         ends
     ) - len(blanks):
-        raise Disagreement
+        raise InconsistentRecords
     columns = [
         _decimals(text, begins[:, column], widths[:, column], most)
-        for column, most in enumerate(_MOST_DIGITS)
+        for column, most in enumerate(_MAX_DIGITS)
     ]
     columns.append(_hexadecimals(text, begins[:, _NUMBERS], widths[:, _NUMBERS]))
     crcs = _hexadecimals(text, begins[:, -1], widths[:, -1])
     line_ends = blank[:, -1].tolist()
     found = [zlib.crc32(body[a:b]) for a, b in zip(starts.tolist(), line_ends, strict=True)]
     if crcs.tolist() != found:
-        raise Disagreement
+        raise InconsistentRecords
     about = begins[:, -2]
     said = _abouts(body, text, about, widths[:, -2])
     entries = tuple(map(Entry, *(column.tolist() for column in columns), said))
     return Columns(survey, np.array(columns), entries)
 
 
-def _abouts(body: memoryview, text: Bytes, begins: Whole, widths: Whole) -> list[str]:
+def _abouts(body: memoryview, text: Bytes, begins: Integers, widths: Integers) -> list[str]:
     said = ["-"] * len(begins)
     for line in np.flatnonzero((widths != 1) | (text[begins] != ord("-"))).tolist():
         begin = int(begins[line])
         said[line] = str(body[begin : begin + int(widths[line])], "ascii")
-    if int(widths.max()) > _LONGEST_ABOUT:
-        raise Disagreement
+    if int(widths.max()) > _MAX_DESCRIPTION_LENGTH:
+        raise InconsistentRecords
     return said
 
 
-def _decimals(text: Bytes, begins: Whole, widths: Whole, most: int) -> Whole:
+def _decimals(text: Bytes, begins: Integers, widths: Integers, most: int) -> Integers:
     widest = int(widths.max())
     if widest > most or bool(((text[begins] == ord("0")) & (widths > 1)).any()):
-        raise Disagreement
+        raise InconsistentRecords
     values = np.zeros(len(begins), np.int64)
     for place in range(widest):
         there = widths > place
         digits = text[begins[there] + place].astype(np.int64) - ord("0")
         if bool(((digits < 0) | (digits > 9)).any()):
-            raise Disagreement
+            raise InconsistentRecords
         values[there] = values[there] * 10 + digits
     return values
 
 
-def _hexadecimals(text: Bytes, begins: Whole, widths: Whole) -> Whole:
+def _hexadecimals(text: Bytes, begins: Integers, widths: Integers) -> Integers:
     if bool((widths != _HEX_DIGITS).any()):
-        raise Disagreement
+        raise InconsistentRecords
     values = np.zeros(len(begins), np.int64)
     for place in range(_HEX_DIGITS):
         digits = _HEX[text[begins + place]]
         if bool((digits > 15).any()):
-            raise Disagreement
+            raise InconsistentRecords
         values = values * 16 + digits
     return values
 
 
-def agreed_records(layout: Layout, ledger: Columns) -> Iterator[Agreed | Located]:
-    """The records that the ledger names, in order, and those that it does not name yet.
+def verified_records(layout: Layout, ledger: Columns) -> Iterator[VerifiedRecord | Located]:
+    """Yield the records that the ledger lists, in order, then those that it does not list yet.
 
     Raises
     ------
-    Disagreement
+    InconsistentRecords
         When the journal holds anything else.
     OSError
         If a segment cannot be read.
     """
     count = len(ledger.entries)
     if bool((ledger.numbers[_SEQUENCE] != np.arange(1, count + 1)).any()):
-        raise Disagreement
+        raise InconsistentRecords
     done = 0
-    block = bytearray(_AT_ONCE)
+    block = bytearray(_BLOCK_BYTES)
     for segment in layout.segments():
         last = int(np.searchsorted(ledger.numbers[_SEGMENT], segment, side="right"))
         with layout.segment(segment).open("rb", buffering=0) as raw:
@@ -194,15 +194,15 @@ def agreed_records(layout: Layout, ledger: Columns) -> Iterator[Agreed | Located
             stream = io.BufferedReader(raw)
             for found in scan(stream, start=end):  # another program is writing
                 if not isinstance(found, Frame):
-                    raise Disagreement
+                    raise InconsistentRecords
                 yield Located(segment, found)
         done = last
     if done != count:
-        raise Disagreement
+        raise InconsistentRecords
 
 
 def _groups(ledger: Columns, segment: int, first: int, last: int) -> Iterator[tuple[int, int]]:
-    """Records first to last as groups that are read together; they fill the segment."""
+    """Yield ranges of records that are read together; they must fill the segment."""
     offsets, lengths = ledger.numbers[_OFFSET, first:last], ledger.numbers[_LENGTH, first:last]
     ends = offsets + lengths
     right = np.concatenate(([0], ends[:-1])) if last > first else ends
@@ -212,10 +212,10 @@ def _groups(ledger: Columns, segment: int, first: int, last: int) -> Iterator[tu
         or bool(((lengths < HEADER.size) | (lengths > longest)).any())
         or bool((offsets != right).any())
     ):
-        raise Disagreement
+        raise InconsistentRecords
     at = 0
     while at < last - first:
-        most = int(offsets[at]) + _AT_ONCE
+        most = int(offsets[at]) + _BLOCK_BYTES
         after = max(int(np.searchsorted(ends, most, side="right")), at + 1)
         yield first + at, first + after
         at = after
@@ -225,12 +225,14 @@ def _fill(view: memoryview, stream: io.RawIOBase) -> None:
     while view:
         count = stream.readinto(view)
         if not count:
-            raise Disagreement
+            raise InconsistentRecords
         view = view[count:]
 
 
-def _compared(view: memoryview, ledger: Columns, first: int, after: int) -> Iterator[Agreed]:
-    """Records first to after, whose bytes these are."""
+def _compared(
+    view: memoryview, ledger: Columns, first: int, after: int
+) -> Iterator[VerifiedRecord]:
+    """Yield the records from first to before after, compared with the bytes of view."""
     sequence, kind, _, offset, length, check = ledger.numbers[:, first:after]
     starts = offset - offset[0]
     places = starts[:, np.newaxis] + np.arange(HEADER.size)
@@ -244,11 +246,11 @@ def _compared(view: memoryview, ledger: Columns, first: int, after: int) -> Iter
         or bool((headers["sequence"] != sequence).any())
         or bool((headers["check"] != check).any())
     ):
-        raise Disagreement
+        raise InconsistentRecords
     begins = starts.tolist()
     ends = (starts + length).tolist()
     checks = [zlib.crc32(view[at : at + _CHECKED]) for at in begins]
     payloads = [view[a + HEADER.size : b] for a, b in zip(begins, ends, strict=True)]
     if checks != check.tolist() or list(map(zlib.crc32, payloads)) != headers["crc"].tolist():
-        raise Disagreement
-    yield from map(Agreed, ledger.entries[first:after], payloads)
+        raise InconsistentRecords
+    yield from map(VerifiedRecord, ledger.entries[first:after], payloads)

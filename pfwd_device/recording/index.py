@@ -12,11 +12,12 @@ from typing import Any, NamedTuple
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.agreement import (
-    Agreed,
-    Disagreement,
-    agreed_records,
+    InconsistentRecords,
+    VerifiedRecord,
     ledger_columns,
+    verified_records,
 )
+from pfwd_device.recording.common_records import parse_common_file, parse_common_rebound
 from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.journal import Located, Stretch, read_record, scan_journal
 from pfwd_device.recording.layout import FORMAT_VERSION, PEAKS_FORMAT_VERSION, Layout
@@ -30,7 +31,6 @@ from pfwd_device.recording.ledger import (
 )
 from pfwd_device.recording.payload import Payload, payload_data
 from pfwd_device.recording.record import point_name
-from pfwd_device.recording.usual_records import usual_file, usual_rebound
 
 EDITS = ("note", "target", "discard", "restore", "position", "name", "operator", "declared")
 """What can be said of a point or drop later; nothing that was recorded changes."""
@@ -404,12 +404,12 @@ def _agreed_index(layout: Layout) -> Index | None:
         columns = ledger_columns(data)
         ledger = LedgerText(columns.survey, columns.entries, (), data=data)
         index = Index(ledger=ledger, survey=columns.survey, keys_known=False)
-        for record in agreed_records(layout, columns):
-            if isinstance(record, Agreed):
+        for record in verified_records(layout, columns):
+            if isinstance(record, VerifiedRecord):
                 _take_agreed(layout, index, *record)
             else:
                 _take_next(layout, index, record)
-    except (Disagreement, OSError):
+    except (InconsistentRecords, OSError):
         return None
     return index
 
@@ -420,14 +420,14 @@ def _take_agreed(layout: Layout, index: Index, entry: Entry, payload: memoryview
     if kind == _DROP:
         about = read_about(entry.about)
         if about is None:
-            raise Disagreement
+            raise InconsistentRecords
         index.add(entry, {"number": about[0], "point": about[1], "drop": about[2]})
         return
     if entry.about != "-":
-        raise Disagreement
-    if kind == _FILES and (facts := usual_file(payload)) is not None:
+        raise InconsistentRecords
+    if kind == _FILES and (facts := parse_common_file(payload)) is not None:
         index.add_file(entry, facts)
-    elif kind == _REBOUND and (number := usual_rebound(payload)) is not None:
+    elif kind == _REBOUND and (number := parse_common_rebound(payload)) is not None:
         index.add_rebound(entry, number)
     else:
         data = _wanted(kind, payload)
@@ -440,7 +440,7 @@ def _take_next(layout: Layout, index: Index, item: Located) -> None:
     """Take in a record that the ledger does not name yet: another program is writing."""
     frame = item.frame
     if frame.sequence != len(index.entries) + 1 or frame.identity != index.survey:
-        raise Disagreement
+        raise InconsistentRecords
     data = _wanted(frame.kind, frame.payload)
     if frame.kind == Kind.SURVEY:
         _check_version(layout, data)

@@ -27,11 +27,11 @@ from pfwd_device.recording.payload import Array, encode_payload
 from pfwd_device.recording.spare import SpareFolder, SparePart
 from pfwd_device.recording.storage import Storage, is_full
 from pfwd_device.recording.storage_reports import (
-    BroughtHome,
-    FilesTaken,
-    FilesWrittenAgain,
+    FallbackMerged,
+    FilesRewritten,
     SpareUsed,
     StorageReport,
+    SurveyFilesRemoved,
     SurveyMovedAway,
 )
 
@@ -404,7 +404,7 @@ class RecordLog:
         """New files in the survey's folder, with everything in them that it does not hold."""
         if problem != self._told_problem:
             self._told_problem = problem
-            self.report(FilesTaken(self.layout.folder, problem))
+            self.report(SurveyFilesRemoved(self.layout.folder, problem))
         self._prepare_folder()
         found = build_index(self.layout)
         acknowledged = {entry.sequence: entry for entry in self._home.entries}
@@ -430,7 +430,7 @@ class RecordLog:
         self.moved(moved)
         drops = sum(entry.kind == Kind.DROP for entry in again.values())
         self.report(
-            FilesWrittenAgain(
+            FilesRewritten(
                 self.layout.folder, len(again), drops, tuple(_name_of(entry) for entry in lost)
             )
         )
@@ -486,7 +486,7 @@ class RecordLog:
         self._close_spare()
         self.moved(moved)
         drops = sum(entry.kind == Kind.DROP for entry in moved.values())
-        self.report(BroughtHome(self.layout.folder, folder, len(moved), drops))
+        self.report(FallbackMerged(self.layout.folder, folder, len(moved), drops))
         return moved
 
     def _append_spare(self, record: Record) -> Entry:

@@ -1,39 +1,40 @@
-"""What happens to a survey's files while it is written, for those who tell the operator."""
+"""Reports for the operator on the storage of a survey while it is written."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 
 @dataclass(frozen=True, slots=True)
-class FilesTaken:
-    """Files of the survey were deleted, replaced, cut or written to: what they held is not safe."""
+class SurveyFilesRemoved:
+    """Files of the survey were deleted, replaced, cut or changed; their records are not safe."""
 
     folder: Path
-    """Of the survey."""
+    """Folder of the survey."""
     reason: str
-    """Which file, and what happened to it."""
+    """Name of the file and the change that was detected."""
 
     @property
     def text(self) -> str:
-        """For people."""
+        """Message to the operator."""
         return f"NOT SAFE in {self.folder}: {self.reason}; what was recorded is written again"
 
 
 @dataclass(frozen=True, slots=True)
-class FilesWrittenAgain:
-    """New files hold again what was acknowledged."""
+class FilesRewritten:
+    """New files hold all acknowledged records again."""
 
     folder: Path
+    """Folder of the survey."""
     records: int
-    """How many records the folder did not hold any more."""
+    """Number of records that were missing in the folder."""
     drops: int
-    """How many of them were drops."""
+    """Number of drops among them."""
     lost: tuple[str, ...]
-    """What could not be written again, a short text each."""
+    """Short names of the records that could not be written again."""
 
     @property
     def text(self) -> str:
-        """For people."""
+        """Message to the operator."""
         again = f"{self.drops} drops and {self.records - self.drops} other records written again"
         text = (
             f"safe again: {self.folder} holds everything that was recorded "
@@ -50,17 +51,17 @@ class FilesWrittenAgain:
 
 @dataclass(frozen=True, slots=True)
 class SpareUsed:
-    """The survey's folder refuses; what follows goes to the spare folder."""
+    """The survey's folder cannot be written to; further records go to the spare folder."""
 
     folder: Path
-    """Of the survey."""
+    """Folder of the survey."""
     spare: Path
-    """Where the records are kept."""
+    """Folder that receives the records."""
     reason: str
 
     @property
     def text(self) -> str:
-        """For people."""
+        """Message to the operator."""
         return (
             f"NOT SAFE in {self.folder}: {self.reason}. What follows is kept in {self.spare}; it "
             "is brought home as soon as the folder takes it, or by pfwd recover"
@@ -72,11 +73,11 @@ class SurveyMovedAway:
     """The survey was moved to another place while its session ended; it stays there."""
 
     folder: Path
-    """Where it was."""
+    """Former folder of the survey."""
 
     @property
     def text(self) -> str:
-        """For people."""
+        """Message to the operator."""
         return (
             f"{self.folder}: the survey was moved away while the session ended. Everything "
             "recorded is where it was moved to; nothing is written in the old place. Run pfwd "
@@ -85,18 +86,18 @@ class SurveyMovedAway:
 
 
 @dataclass(frozen=True, slots=True)
-class BroughtHome:
-    """What the spare folder held is in the survey's folder."""
+class FallbackMerged:
+    """The records of the spare folder were moved to the survey's folder."""
 
     folder: Path
-    """Of the survey."""
+    """Folder of the survey."""
     spare: Path
     records: int
     drops: int
 
     @property
     def text(self) -> str:
-        """For people."""
+        """Message to the operator."""
         return f"safe again: {self.drops} drops were brought from {self.spare} to {self.folder}"
 
 
@@ -105,13 +106,18 @@ class PublishingFailed:
     """A drop has no file of its own yet; its record is safe in the journal."""
 
     number: int
-    """Of the drop within the survey."""
+    """Number of the drop within the survey."""
     point: str
     drop: int
-    """Number within the point."""
+    """Number of the drop within the point."""
     reason: str
 
 
 StorageReport = (
-    FilesTaken | FilesWrittenAgain | SpareUsed | SurveyMovedAway | BroughtHome | PublishingFailed
+    SurveyFilesRemoved
+    | FilesRewritten
+    | SpareUsed
+    | SurveyMovedAway
+    | FallbackMerged
+    | PublishingFailed
 )

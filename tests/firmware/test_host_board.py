@@ -15,7 +15,7 @@ from pfwd.session.measure import measure, replay
 from pfwd.session.session import Ending, SessionPlan
 from pfwd_device.acquisition.detection import DetectionSettings
 from pfwd_device.acquisition.driver import Driver
-from pfwd_device.acquisition.items import KeptDrop
+from pfwd_device.acquisition.items import BufferedDrop
 from pfwd_device.identity import Identity
 from pfwd_device.recording import read_survey
 from pfwd_device.transport.opening import open_transport
@@ -135,7 +135,7 @@ def test_drops_that_wait_outlast_the_host_and_the_instrument(
     ] * 2
     with HostBoard(played, options) as board, Driver(board.url, BinaryDialect()) as driver:
         items = [driver.next(0.5) for _ in range(4)]
-    assert not [item for item in items if isinstance(item, KeptDrop)]  # it has let go of them
+    assert not [item for item in items if isinstance(item, BufferedDrop)]  # it has let go of them
 
 
 def test_of_drops_every_one_and_a_half_seconds_all_are_kept_and_no_bounce(tmp_path: Path) -> None:
@@ -187,13 +187,13 @@ def test_a_drop_that_falls_while_the_shunt_is_on_is_kept(with_shunt: Played) -> 
         HostBoard(played, BoardOptions(speed=2.0)) as board,
         Driver(board.url, BinaryDialect(), trigger=lambda identity: trigger) as driver,
     ):
-        drops: list[KeptDrop] = []
+        drops: list[BufferedDrop] = []
         end = time.monotonic() + 20
         while not drops and time.monotonic() < end:
             item = driver.next(0.5)
             if isinstance(item, Armed):
                 driver.shunt(True)
-            if isinstance(item, KeptDrop):
+            if isinstance(item, BufferedDrop):
                 drops.append(item)
     (drop,) = drops
     assert drop.offer.shunt

@@ -12,7 +12,7 @@ from pfwd.session.events import DropSaved, Notice
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
 from pfwd_device.acquisition.detection import DetectionSettings
-from pfwd_device.acquisition.items import KeptDrop, UnusableDrop
+from pfwd_device.acquisition.items import BufferedDrop, UnusableDrop
 from pfwd_device.errors import StorageFull
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_device.wire.fields import pack_int24
@@ -21,7 +21,7 @@ from tests.pfwd import scripted_feed
 from tests.pfwd.scripted_feed import Log, ScriptedFeed
 
 
-def kept(first: int = 500, *, earlier: bool = False, peak: int = 20_000) -> KeptDrop:
+def kept(first: int = 500, *, earlier: bool = False, peak: int = 20_000) -> BufferedDrop:
     identity = scripted_feed.connected().identity
     trigger = trigger_for(identity, DetectionSettings())
     length = trigger.before + trigger.after
@@ -40,7 +40,7 @@ def kept(first: int = 500, *, earlier: bool = False, peak: int = 20_000) -> Kept
         identity.sampling_rate,
         earlier=earlier,
     )
-    return KeptDrop(offer, counts, None, 1.0)
+    return BufferedDrop(offer, counts, None, 1.0)
 
 
 def armed() -> Armed:
@@ -177,7 +177,7 @@ def test_a_drop_that_no_replay_could_cut_is_reported_and_the_next_is_recorded(
     counts = np.ones((samples, 2), np.int32)
     offer = DropOffer(9, 1, None, trigger, samples, 2, 40, zlib.crc32(pack_int24(counts)), rate)
     with SurveyWriter.open(tmp_path / "survey") as writer:
-        odd = KeptDrop(offer, counts, None, 1.0)
+        odd = BufferedDrop(offer, counts, None, 1.0)
         feed = ScriptedFeed(scripted_feed.connected(), armed(), odd, kept())
         Session(feed, log, SessionPlan(options=None), writer).run()
     assert feed.acknowledged == [(9, 500)]

@@ -23,7 +23,7 @@ from pfwd.session.events import N_REPORTED_FIRST
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
 from pfwd_device.acquisition.counters import Counters
-from pfwd_device.acquisition.items import KeptDrop, UnusableDrop
+from pfwd_device.acquisition.items import BufferedDrop, UnusableDrop
 from pfwd_device.acquisition.kept_drops import DropId, KeptDrops
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_device.wire.fields import pack_int24
@@ -140,7 +140,7 @@ class Host:
     def take(self, message: FromInstrument, time: float) -> None:
         self.time = time
         item = self.kept.take(message, time, None)
-        if isinstance(item, KeptDrop | UnusableDrop):
+        if isinstance(item, BufferedDrop | UnusableDrop):
             self.session._take(item)
 
     def say(self, time: float) -> list[object]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pfwd_device.acquisition.assembler import RESEND_EVERY, RESEND_PATIENCE, Assembler
 from pfwd_device.acquisition.counters import Counters
-from pfwd_device.acquisition.items import Gap, Item, KeptDrop, Samples, UnusableDrop
+from pfwd_device.acquisition.items import BufferedDrop, Gap, Item, Samples, UnusableDrop
 from pfwd_device.acquisition.kept_drops import (
     ACKNOWLEDGE_AGAIN,
     FETCH_AGAIN,
@@ -61,7 +61,7 @@ def test_a_drop_is_fetched_whole_and_acknowledged_when_it_is_safe() -> None:
     drops = [kept.take(block(number), 0.1, clock) for number in range(10)]
     assert drops[:-1] == [None] * 9
     (drop,) = drops[-1:]
-    assert isinstance(drop, KeptDrop)
+    assert isinstance(drop, BufferedDrop)
     np.testing.assert_array_equal(drop.counts, COUNTS)
     assert drop.time_utc == NOW - datetime.timedelta(seconds=3)
     kept.take(OFFER, 0.2, None)
@@ -93,7 +93,7 @@ def test_each_of_five_drops_under_one_name_is_fetched() -> None:
         kept.take(offer, 10.0 * seed, None)
         assert said(kept) == [Fetch(*NAME, 0, 10)]
         *_, drop = [kept.take(block, 10.0 * seed, None) for block in blocks]
-        assert isinstance(drop, KeptDrop)
+        assert isinstance(drop, BufferedDrop)
         np.testing.assert_array_equal(drop.counts, COUNTS + seed)
         kept.acknowledge(offer, 10.0 * seed + 1)
         assert said(kept) == [Acknowledge(*NAME)]
@@ -183,7 +183,7 @@ def test_missing_blocks_are_asked_for_again_and_those_that_came_stay_over_a_cut(
     assert said(kept) == [Fetch(*NAME, 2, 2)]
     for number in (2, 3, 6, 7):
         kept.take(block(number), 6.1, None)
-    assert isinstance(kept.take(block(8), 6.2, None), KeptDrop)
+    assert isinstance(kept.take(block(8), 6.2, None), BufferedDrop)
 
 
 def test_a_whole_with_another_crc_is_not_believed() -> None:
@@ -280,7 +280,7 @@ def test_a_running_transfer_is_not_abandoned_for_drops_offered_in_turn() -> None
     for number in range(9):
         kept.take(long_offer(6 + number % 2), number / 10, None)
         assert kept.take(block(number), number / 10, None) is None
-    assert isinstance(kept.take(block(9), 1.0, None), KeptDrop)
+    assert isinstance(kept.take(block(9), 1.0, None), BufferedDrop)
     assert counters.transfers_abandoned == 0
     said(kept)
     kept.take(long_offer(6), 1.1, None)  # no room yet: it is offered again

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from pfwd_device.recording import SurveyWriter, agreement, check, read_survey, recover
 from pfwd_device.recording import index as index_module
-from pfwd_device.recording.agreement import Disagreement, agreed_records, ledger_columns
+from pfwd_device.recording.agreement import InconsistentRecords, ledger_columns, verified_records
+from pfwd_device.recording.common_records import parse_common_file, parse_common_rebound
 from pfwd_device.recording.framing import HEADER, Kind, encode_frame, scan_bytes
 from pfwd_device.recording.index import build_index, read_index
 from pfwd_device.recording.layout import Layout
@@ -21,7 +22,6 @@ from pfwd_device.recording.payload import encode_json, encode_payload, payload_d
 from pfwd_device.recording.publishing import InlinePublisher
 from pfwd_device.recording.storage import Storage
 from pfwd_device.recording.survey_reader import Survey
-from pfwd_device.recording.usual_records import usual_file, usual_rebound
 from tests.pfwd_device.recording.test_reading_many import record
 
 ME = bytes(range(16))
@@ -68,7 +68,7 @@ def test_a_ledger_that_is_not_whole_is_never_taken_for_one(
             text += text[at:]
     try:
         columns = ledger_columns(bytes(text))
-    except Disagreement:
+    except InconsistentRecords:
         return
     lines = parse_ledger(bytes(text))
     assert (columns.survey, columns.entries, ()) == (lines.survey, lines.entries, lines.damaged)
@@ -79,7 +79,7 @@ def test_any_bytes_are_a_ledger_or_a_disagreement(text: bytes) -> None:
     for data in (text, ledger_bytes(ME, []) + text, ledger_bytes(ME, []) + text + b"\n"):
         try:
             columns = ledger_columns(data)
-        except Disagreement:
+        except InconsistentRecords:
             continue
         assert columns.entries == parse_ledger(data).entries
         assert not parse_ledger(data).damaged
@@ -98,7 +98,7 @@ def copy(survey: Path, tmp_path: Path) -> Path:
 def compared(folder: Path) -> list[int]:
     layout = Layout(folder)
     columns = ledger_columns(layout.ledger.read_bytes())
-    return [found.entry.sequence for found in agreed_records(layout, columns)]  # type: ignore[union-attr]
+    return [found.entry.sequence for found in verified_records(layout, columns)]  # type: ignore[union-attr]
 
 
 def test_a_flipped_bit_anywhere_in_the_journal_is_a_disagreement(copy: Path) -> None:
@@ -111,14 +111,14 @@ def test_a_flipped_bit_anywhere_in_the_journal_is_a_disagreement(copy: Path) -> 
         broken = bytearray(whole)
         broken[at] ^= 4
         path.write_bytes(broken)
-        with pytest.raises(Disagreement):
+        with pytest.raises(InconsistentRecords):
             compared(copy)
     for at in range(1, len(whole), 101):
         path.write_bytes(whole[:at])
-        with pytest.raises(Disagreement):
+        with pytest.raises(InconsistentRecords):
             compared(copy)
     path.write_bytes(whole + b"torn")
-    with pytest.raises(Disagreement):
+    with pytest.raises(InconsistentRecords):
         compared(copy)
 
 
@@ -127,7 +127,7 @@ def test_a_record_longer_than_what_is_looked_at_at_once(
 ) -> None:
     expected = compared(copy)
     for size in (1, HEADER.size, 1000, 10_000):
-        monkeypatch.setattr(agreement, "_AT_ONCE", size)
+        monkeypatch.setattr(agreement, "_BLOCK_BYTES", size)
         assert compared(copy) == expected
 
 
@@ -190,7 +190,7 @@ def test_the_number_of_a_rebound_is_that_of_its_json(
         data["key"] = 7
     counts = np.zeros((3, 2), np.int32)
     payload = encode_payload(data, {"counts": counts}, pack=change == "pack")
-    found = usual_rebound(memoryview(payload))
+    found = parse_common_rebound(memoryview(payload))
     assert found in (None, number)
     usual = np.isfinite([delay, peak]).all() and 0 <= first < 10**18 and change != "more"
     assert (found == number) == bool(usual)
@@ -214,7 +214,7 @@ def test_the_facts_of_a_file_are_those_of_its_json(
     if content is not None:
         data["content"] = content
     payload = encode_payload(data)
-    facts = usual_file(memoryview(payload))
+    facts = parse_common_file(memoryview(payload))
     expected = (data["path"], size, data["sha256"], number)
     # A text that ends in a backslash, or in nothing, is left to JSON.
     assert facts == expected or (facts is None and content is not None)
@@ -227,8 +227,8 @@ def test_the_facts_of_a_file_are_those_of_its_json(
 @given(payload=st.binary(max_size=80))
 def test_other_payloads_are_left_to_json(payload: bytes) -> None:
     for data in (payload, struct.pack("<I", len(payload)) + payload):
-        assert usual_file(memoryview(data)) is None
-        assert usual_rebound(memoryview(data)) is None
+        assert parse_common_file(memoryview(data)) is None
+        assert parse_common_rebound(memoryview(data)) is None
 
 
 def test_numbers_that_json_does_not_know_are_left_to_it() -> None:
@@ -237,11 +237,11 @@ def test_numbers_that_json_does_not_know_are_left_to_it() -> None:
         b'"first_sample":7,"number":12,"peak_load":3.5},"packed":true}'
     )
     assert json.loads(usual)
-    assert usual_rebound(memoryview(struct.pack("<I", len(usual)) + usual)) == 12
+    assert parse_common_rebound(memoryview(struct.pack("<I", len(usual)) + usual)) == 12
     for wrong in (b'"number":012', b'"number":-1', b'"number":1e3', b'"number": 12'):
         text = usual.replace(b'"number":12', wrong)
-        assert usual_rebound(memoryview(struct.pack("<I", len(text)) + text)) is None
-    assert usual_rebound(memoryview(struct.pack("<I", len(usual) - 1) + usual)) is None
+        assert parse_common_rebound(memoryview(struct.pack("<I", len(text)) + text)) is None
+    assert parse_common_rebound(memoryview(struct.pack("<I", len(usual) - 1) + usual)) is None
 
 
 @pytest.fixture

@@ -16,11 +16,11 @@ from benchmarks.power_loss import make_record
 from pfwd_device.errors import RecordingError, SurveyLocked
 from pfwd_device.recording import (
     DropRecord,
-    FilesTaken,
-    FilesWrittenAgain,
+    FilesRewritten,
     Rebound,
     SpareFolder,
     Storage,
+    SurveyFilesRemoved,
     SurveyMovedAway,
     SurveyWriter,
     check,
@@ -130,8 +130,8 @@ def test_nothing_acknowledged_is_lost(tmp_path: Path, attack: str, publish: bool
             assert digests(survey) == {n: expected[n] for n in range(1, number + 1)}
     told = writer.take_reports()
     if attack != "drop files deleted":
-        assert any(isinstance(report, FilesTaken) for report in told)
-        assert not any(r.lost for r in told if isinstance(r, FilesWrittenAgain))
+        assert any(isinstance(report, SurveyFilesRemoved) for report in told)
+        assert not any(r.lost for r in told if isinstance(r, FilesRewritten))
     again = recover(survey)
     assert again.ok, again.damaged
     assert check(survey).ok
@@ -148,7 +148,7 @@ def test_what_is_taken_away_is_put_back_before_the_next_drop(tmp_path: Path, att
         ATTACKS[attack](survey)
         writer.look_after()
         told = writer.take_reports()
-        assert [type(report) for report in told] == [FilesTaken, FilesWrittenAgain]
+        assert [type(report) for report in told] == [SurveyFilesRemoved, FilesRewritten]
         assert "NOT SAFE" in told[0].text
         assert digests(survey) == expected
         writer.look_after()
@@ -236,10 +236,10 @@ def test_a_record_of_an_earlier_day_that_is_written_over_is_told(tmp_path: Path)
         write_over(survey / "journal" / "0001.pfwdj", 1000, 300)
         save(writer, 4)
         taken, again = writer.take_reports()
-        assert isinstance(taken, FilesTaken)
+        assert isinstance(taken, SurveyFilesRemoved)
         assert "NOT SAFE" in taken.text
         assert "written over by another program" in taken.text
-        assert isinstance(again, FilesWrittenAgain)
+        assert isinstance(again, FilesRewritten)
         assert again.lost == ("drop P 1/1",)
     assert recover(survey).ok  # from its file
     assert check(survey).ok
@@ -282,7 +282,7 @@ def test_a_cut_journal_is_written_again_from_memory(
             save(writer, number)
         os.truncate(survey / "journal" / "0001.pfwdj", 0)
         writer.look_after()
-        (lost,) = [r.lost for r in writer.take_reports() if isinstance(r, FilesWrittenAgain)]
+        (lost,) = [r.lost for r in writer.take_reports() if isinstance(r, FilesRewritten)]
         there = set(digests(survey))
         assert {3, 10} & there == {10}
         named = {f"drop P 1/{number}" for number in range(1, 11) if number not in there}
@@ -593,7 +593,7 @@ def test_a_drop_that_comes_at_the_end_is_saved_where_the_survey_was(tmp_path: Pa
         writer.look_after()
         expected[2] = save(writer, 2)  # it has to be somewhere, and said to be
         told = [type(report) for report in writer.take_reports()]
-    assert told == [SurveyMovedAway, FilesTaken, FilesWrittenAgain]
+    assert told == [SurveyMovedAway, SurveyFilesRemoved, FilesRewritten]
     assert digests(survey) == expected
 
 
@@ -603,5 +603,8 @@ def test_a_survey_that_is_deleted_at_the_end_is_written_again(tmp_path: Path) ->
         expected = {number: save(writer, number) for number in (1, 2)}
         writer.expect_end()
         delete(survey)
-    assert [type(report) for report in writer.take_reports()] == [FilesTaken, FilesWrittenAgain]
+    assert [type(report) for report in writer.take_reports()] == [
+        SurveyFilesRemoved,
+        FilesRewritten,
+    ]
     assert digests(survey) == expected

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.power_loss import make_record
 from pfwd_device.errors import RecordingError, StorageFull
 from pfwd_device.recording import (
-    BroughtHome,
+    FallbackMerged,
     Rebound,
     SpareFolder,
     SpareUsed,
@@ -168,7 +168,7 @@ def test_home_takes_everything_back_as_soon_as_it_can(
         writer.look_after()
         used, home = writer.take_reports()
         assert isinstance(used, SpareUsed)
-        assert isinstance(home, BroughtHome)
+        assert isinstance(home, FallbackMerged)
         assert home.drops == 1
         assert writer.kept_in_spare(2) is None
         assert digests(survey) == expected

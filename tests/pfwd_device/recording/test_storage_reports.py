@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pfwd_device.recording import BroughtHome, FilesTaken, FilesWrittenAgain, SpareUsed
+from pfwd_device.recording import FallbackMerged, FilesRewritten, SpareUsed, SurveyFilesRemoved
 
 HOME, SPARE = Path("site 1"), Path("spare")
 
@@ -17,7 +17,7 @@ HOME, SPARE = Path("site 1"), Path("spare")
     ],
 )
 def test_files_written_again(records: int, drops: int, words: str) -> None:
-    report = FilesWrittenAgain(HOME, records, drops, ())
+    report = FilesRewritten(HOME, records, drops, ())
     assert report.text == f"safe again: site 1 holds everything that was recorded ({words})"
 
 
@@ -30,20 +30,20 @@ def test_files_written_again(records: int, drops: int, words: str) -> None:
     ],
 )
 def test_what_is_lost_is_named_up_to_ten(lost: tuple[str, ...], names: str) -> None:
-    assert FilesWrittenAgain(HOME, 20, 12, lost).text == (
+    assert FilesRewritten(HOME, 20, 12, lost).text == (
         f"NOT SAFE: site 1 lost {len(lost)} records that could not be written again ({names}); "
         "drops that have a file come back with pfwd recover"
     )
 
 
 def test_what_is_not_safe_begins_with_it() -> None:
-    assert FilesTaken(HOME, "journal/0001.pfwdj: deleted").text == (
+    assert SurveyFilesRemoved(HOME, "journal/0001.pfwdj: deleted").text == (
         "NOT SAFE in site 1: journal/0001.pfwdj: deleted; what was recorded is written again"
     )
     assert SpareUsed(HOME, SPARE, "no space left").text == (
         "NOT SAFE in site 1: no space left. What follows is kept in spare; it is brought home as "
         "soon as the folder takes it, or by pfwd recover"
     )
-    assert BroughtHome(HOME, SPARE, 9, 4).text == (
+    assert FallbackMerged(HOME, SPARE, 9, 4).text == (
         "safe again: 4 drops were brought from spare to site 1"
     )

@@ -1,9 +1,9 @@
-"""What the index needs of the two most frequent records, when they are written as usual.
+"""Fast parsers of the two most frequent records of a survey.
 
-A survey of many drops has two records of a rebound and three of a file for each. Their JSON is
-always the same but for the values; anything else than exactly that gives None, and is taken apart
-as JSON. A stored result stands in the record of its file as one long text, which recovery makes the
-file from: only what follows that text is looked at here.
+Each drop of a survey has two records of rebounds and three of files. Their JSON differs in the
+values only, so a regular expression reads it. Any other text gives None, and the caller parses it
+as JSON. The record of a stored result contains the result as one long text, from which recovery
+makes the file. The parser reads only what follows that text.
 """
 
 import re
@@ -31,14 +31,14 @@ _END_BEGINS = b'","number":'
 _ESCAPE = ord("\\")
 _RESULT_BEGIN = 4 + len(_RESULT_HEAD)
 _LONGEST_END = 400
-"""Bytes; more than `_FACTS` takes."""
+"""Upper limit of the length of `_FACTS`, bytes."""
 
 _LENGTH = struct.Struct("<I")
-"""Of the JSON, before it."""
+"""Length of the JSON, stored before it."""
 
 
-def usual_rebound(payload: memoryview) -> int | None:
-    """Survey-wide number of the drop that a rebound belongs to."""
+def parse_common_rebound(payload: memoryview) -> int | None:
+    """Return the survey-wide number of the drop that a rebound belongs to."""
     if len(payload) < _LENGTH.size:
         return None
     match = _REBOUND.fullmatch(
@@ -47,8 +47,8 @@ def usual_rebound(payload: memoryview) -> int | None:
     return None if match is None else int(match[1])
 
 
-def usual_file(payload: memoryview) -> tuple[str, int, str, int | None] | None:
-    """Path, size (bytes) and SHA-256 of a file, and the survey-wide number of its drop."""
+def parse_common_file(payload: memoryview) -> tuple[str, int, str, int | None] | None:
+    """Return path, size (bytes) and SHA-256 of a file, and the survey-wide number of its drop."""
     size = len(payload)
     if size < _LENGTH.size or _LENGTH.unpack_from(payload)[0] != size - _LENGTH.size:
         return None  # there are no arrays
@@ -61,5 +61,5 @@ def usual_file(payload: memoryview) -> tuple[str, int, str, int | None] | None:
     if match is None:
         return None
     number, path, sha256, length = match.groups()
-    of = None if number == b"null" else int(number)
-    return str(path, "ascii"), int(length), str(sha256, "ascii"), of
+    drop_number = None if number == b"null" else int(number)
+    return str(path, "ascii"), int(length), str(sha256, "ascii"), drop_number
