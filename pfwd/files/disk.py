@@ -1,4 +1,4 @@
-"""What whoever writes files needs of the disk: its errors in one line, bytes that have arrived."""
+"""Helpers for writing files: errors in one line, replacement in one step, synchronisation."""
 
 import contextlib
 import os
@@ -16,6 +16,25 @@ def disk_errors(target: Path) -> Iterator[None]:
     except OSError as err:
         reason = err.strerror or str(err)
         raise SurveyError(refusal(str(target), "a disk that takes it", reason)) from err
+
+
+@contextlib.contextmanager
+def replaced_at_once(target: Path) -> Iterator[Path]:
+    """Yield the path of a draft that replaces the target when the block ends without an error.
+
+    Other programs see the former file or the new one, never a part of it. After an error the former
+    file stays and the draft is deleted. The draft is not synchronised with the disk; call
+    :func:`sync` in the block where a power cut must not lose the file.
+    """
+    draft = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    try:
+        yield draft
+        os.replace(draft, target)
+    except BaseException:
+        # The first error is the one to report.
+        with contextlib.suppress(OSError):
+            draft.unlink(missing_ok=True)
+        raise
 
 
 def sync(path: Path) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pfwd.errors import OptionError, refusal
+from pfwd.files.disk import replaced_at_once
 from pfwd.files.output_path import require_writable
 from pfwd.report.blocks import Heading
 from pfwd.report.certificate_blocks import read_logo
@@ -135,12 +136,9 @@ def _garbage_seldom() -> Iterator[None]:
 
 
 def _write(target: Path, data: bytes) -> None:
-    temporary = target.with_name(f".{target.name}.{os.getpid()}")
     try:
-        # Another program never sees half of it.
-        temporary.write_bytes(data)
-        os.replace(temporary, target)
+        with replaced_at_once(target) as draft:
+            draft.write_bytes(data)
     except OSError as err:
-        temporary.unlink(missing_ok=True)
         came = err.strerror or str(err)
         raise OptionError(refusal(f"--output {target}", "a file to write", came)) from err

@@ -3,13 +3,14 @@
 A folder that cannot be written and a damaged file are survived: the choices last for the day then.
 """
 
-import contextlib
 import dataclasses
 import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
+
+from pfwd.files.disk import replaced_at_once
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,15 +60,12 @@ def load_settings(path: Path | None = None) -> ScreenSettings:
 
 
 def save_settings(settings: ScreenSettings, path: Path | None = None) -> bool:
-    """Keep them; whether that worked."""
+    """Store the settings; return whether that succeeded."""
     target = path or settings_file()
-    draft = target.with_name(f"{target.name}.{os.getpid()}.tmp")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        draft.write_text(json.dumps(dataclasses.asdict(settings)) + "\n", encoding="utf-8")
-        os.replace(draft, target)
+        with replaced_at_once(target) as draft:
+            draft.write_text(json.dumps(dataclasses.asdict(settings)) + "\n", encoding="utf-8")
     except OSError:
-        with contextlib.suppress(OSError):
-            draft.unlink(missing_ok=True)
         return False
     return True

@@ -5,6 +5,7 @@ import importlib.metadata
 import math
 import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 from inversion.diagnosis.findings import EffectResult
@@ -13,6 +14,7 @@ from inversion.records import known
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
 from pfwd.analysis.diagnosis.points import DeviceValues
 from pfwd.errors import OptionError, refusal
+from pfwd.files.disk import replaced_at_once
 from pfwd.files.output_path import require_writable
 from pfwd.files.toml import toml_line
 from pfwd.toml_reading import LARGEST_TOML, parse_toml
@@ -97,10 +99,8 @@ def write_effects(
             if math.isfinite(deviation):
                 lines.append(toml_line(f"{name}_sd{suffix}", deviation))
     text = "\n".join(lines) + "\n"
-    draft = f"{os.fspath(path)}.{os.getpid()}.tmp"
-    with open(draft, "w", encoding="utf-8", newline="\n") as stream:
-        stream.write(text)
-    os.replace(draft, path)
+    with replaced_at_once(Path(path)) as draft:
+        draft.write_text(text, encoding="utf-8", newline="\n")
 
 
 def read_device_file(path: str | os.PathLike[str]) -> DeviceValues:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pfwd.errors import DeviceError, SurveyError
+from pfwd.files.disk import replaced_at_once
 from pfwd.files.folders import refuse_no_survey
 
 if TYPE_CHECKING:
@@ -184,9 +185,8 @@ class OpenedSurvey:
             path = self._cache()
             path.parent.mkdir(parents=True, exist_ok=True)
             rows = [dataclasses.asdict(row) for row in self.rows]
-            draft = path.with_suffix(f".{os.getpid()}")
-            draft.write_text(json.dumps({"key": self._key(), "rows": rows}), encoding="utf-8")
-            draft.replace(path)
+            with replaced_at_once(path) as draft:
+                draft.write_text(json.dumps({"key": self._key(), "rows": rows}), encoding="utf-8")
         except OSError:
             return  # a read-only or full place for caches: it is judged again the next time
 
