@@ -30,6 +30,8 @@ PARTS = {
     "validation": "the paper's 48 cases by finite elements (some minutes)",
 }
 QUICK = ("speed", "search")
+CAMPAIGNS = ("faults", "power_loss", "wire")
+"""Parts that inject faults; their code is in tests/campaigns, as the tests use it."""
 
 
 def main(arguments: list[str]) -> int:
@@ -49,8 +51,9 @@ def main(arguments: list[str]) -> int:
 
 
 def _run(name: str, arguments: list[str]) -> int:
+    folder = "tests.campaigns" if name in CAMPAIGNS else "benchmarks"
     try:
-        return int(import_module(f"benchmarks.{name}").run(arguments))
+        return int(import_module(f"{folder}.{name}").run(arguments))
     except SystemExit as wrong:  # of the part's parser, which has said what is wrong
         return int(wrong.code or 0)
 

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.below import replacements, sweep
-from benchmarks.below.campaign import run
-from benchmarks.below.driver import LONGEST
-from benchmarks.below.judge import ACKNOWLEDGED, REPLACED, WARNED, Outcome, Said, judge
-from benchmarks.below.quick import Driver, driver, trial
-from benchmarks.below.shim import (
+from tests.campaigns.below import replacements, sweep
+from tests.campaigns.below.campaign import run
+from tests.campaigns.below.driver import LONGEST
+from tests.campaigns.below.judge import ACKNOWLEDGED, REPLACED, WARNED, Outcome, Said, judge
+from tests.campaigns.below.quick import Driver, driver, trial
+from tests.campaigns.below.shim import (
     CALLS,
     FOR_EVER,
     KINDS,
@@ -352,6 +352,6 @@ def _content(path: Path) -> bytes | None:
 def test_where_it_cannot_be_done_it_says_so(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("benchmarks.below.campaign.why_not", lambda: "expected Linux")
+    monkeypatch.setattr("tests.campaigns.below.campaign.why_not", lambda: "expected Linux")
     assert run(["--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"skipped": "expected Linux"}

@@ -9,8 +9,8 @@ import pytest
 from benchmarks import scale
 from benchmarks.__main__ import main as bench
 from benchmarks.output import Reporter
-from benchmarks.power_loss import make_record
 from pfwd_device.recording import check, read_survey
+from tests.campaigns.power_loss import make_record
 
 
 @pytest.fixture

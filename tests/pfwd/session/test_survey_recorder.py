@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.power_loss import make_record
 from pfwd.session import survey_recorder
 from pfwd.session.events import (
     DropNotPublished,
@@ -21,6 +20,7 @@ from pfwd.session.survey_recorder import SurveyRecorder
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import SpareFolder, Storage, SurveyWriter, record_log
 from pfwd_device.recording.publishing import InlinePublisher
+from tests.campaigns.power_loss import make_record
 
 
 class FullDisk(Storage):

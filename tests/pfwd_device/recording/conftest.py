@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.power_loss import make_record
 from pfwd_device.recording import DropRecord, Rebound, Storage, SurveyWriter
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.publishing import InlinePublisher
+from tests.campaigns.power_loss import make_record
 
 
 def a_rebound(sample: int = 7000) -> Rebound:

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.noted_disk import NotingStorage
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import CaptureReader, CaptureWriter
+from tests.campaigns.noted_disk import NotingStorage
 
 
 def a_capture(path: Path) -> bytes:

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from benchmarks.power_loss import make_record
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import (
     DropRecord,
@@ -24,6 +23,7 @@ from pfwd_device.recording import (
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.framing import Kind, scan_bytes
 from pfwd_device.recording.publishing import InlinePublisher
+from tests.campaigns.power_loss import make_record
 
 NewSurvey = Callable[..., dict[int, str]]
 

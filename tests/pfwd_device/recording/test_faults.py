@@ -12,20 +12,20 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from benchmarks import noted_disk, power_loss
-from benchmarks.noted_disk import Disk, NoDirectorySync, NoSync, NotingStorage, NoTruncate
-from benchmarks.power_loss import (
+from pfwd_device.errors import RecordingError, StorageFull
+from pfwd_device.recording import DropRecord, SurveyWriter, check, read_survey, recover
+from pfwd_device.recording.drop_file import drop_digest
+from pfwd_device.recording.framing import Kind, scan_bytes
+from pfwd_device.recording.publishing import InlinePublisher
+from tests.campaigns import noted_disk, power_loss
+from tests.campaigns.noted_disk import Disk, NoDirectorySync, NoSync, NotingStorage, NoTruncate
+from tests.campaigns.power_loss import (
     Recorded,
     make_record,
     record_run,
     replay_kills,
     replay_power_cuts,
 )
-from pfwd_device.errors import RecordingError, StorageFull
-from pfwd_device.recording import DropRecord, SurveyWriter, check, read_survey, recover
-from pfwd_device.recording.drop_file import drop_digest
-from pfwd_device.recording.framing import Kind, scan_bytes
-from pfwd_device.recording.publishing import InlinePublisher
 
 NewRecord = Callable[[int], DropRecord]
 

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.power_loss import make_record
 from pfwd_device.errors import RecordingError, SurveyLocked
 from pfwd_device.recording import (
     DropRecord,
@@ -30,6 +29,7 @@ from pfwd_device.recording import (
 )
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.publishing import InlinePublisher
+from tests.campaigns.power_loss import make_record
 
 pytestmark = pytest.mark.posix  # Windows refuses to delete, rename or replace a file that is open
 
@@ -321,7 +321,7 @@ def test_a_second_writer_is_kept_out_though_the_lock_is_gone(tmp_path: Path) -> 
 SECOND = """
 import sys
 import numpy as np
-from benchmarks.power_loss import make_record
+from tests.campaigns.power_loss import make_record
 from pfwd_device.recording import SurveyWriter
 with SurveyWriter.open(sys.argv[1], publish=False, reserve_bytes=0) as writer:
     print(writer.save_drop(make_record(9, np.random.default_rng(9))), flush=True)

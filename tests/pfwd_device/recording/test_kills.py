@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.power_loss import lost_drops, make_record
 from pfwd_device.recording import Storage, SurveyWriter, check, read_survey, recover
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.publishing import InlinePublisher
+from tests.campaigns.power_loss import lost_drops, make_record
 
 TOP = Path(__file__).resolve().parents[3]
 
@@ -24,7 +24,7 @@ WRITER = """
 import signal
 import sys
 import numpy as np
-from benchmarks.power_loss import make_record
+from tests.campaigns.power_loss import make_record
 from pfwd_device.recording import SurveyWriter
 # A run in the background would ignore it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -118,7 +118,7 @@ def test_a_killed_recovery_is_done_again(tmp_path: Path, kills: int) -> None:
 LIMITED = """
 import resource, signal, sys
 import numpy as np
-from benchmarks.power_loss import make_record
+from tests.campaigns.power_loss import make_record
 from pfwd_device.errors import StorageFull
 from pfwd_device.recording import SurveyWriter
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

@@ -8,8 +8,6 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from benchmarks.noted_disk import NotingStorage
-from benchmarks.power_loss import make_record
 from pfwd_device.errors import StorageFull
 from pfwd_device.recording import Storage, SurveyWriter, check, ledger, read_survey, recover
 from pfwd_device.recording.framing import Kind
@@ -24,6 +22,8 @@ from pfwd_device.recording.ledger import (
     read_ledger,
 )
 from pfwd_device.recording.publishing import InlinePublisher
+from tests.campaigns.noted_disk import NotingStorage
+from tests.campaigns.power_loss import make_record
 
 ME = bytes(range(16))
 ENTRIES = [

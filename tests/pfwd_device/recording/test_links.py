@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.power_loss import make_record
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import SurveyWriter, check, read_survey, recover
+from tests.campaigns.power_loss import make_record
 
 pytestmark = pytest.mark.posix  # making links needs rights on Windows that tests do not have
 

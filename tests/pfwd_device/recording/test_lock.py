@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.power_loss import make_record
 from pfwd_device.errors import SurveyLocked
 from pfwd_device.recording import SurveyWriter, check, read_survey, recover
+from tests.campaigns.power_loss import make_record
 
 TOP = Path(__file__).resolve().parents[3]
 

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from benchmarks.power_loss import make_record
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import (
     DropRecord,
@@ -30,6 +29,7 @@ from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import ledger_bytes
 from pfwd_device.recording.publishing import InlinePublisher
 from pfwd_device.recording.recovery import lost_texts
+from tests.campaigns.power_loss import make_record
 from tests.pfwd_device.recording.operations import growth, operations
 
 FLAT = 1.2

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.power_loss import make_record
 from pfwd_device.errors import RecordingError, StorageFull
 from pfwd_device.recording import (
     FallbackMerged,
@@ -24,6 +23,7 @@ from pfwd_device.recording import (
 )
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.publishing import InlinePublisher
+from tests.campaigns.power_loss import make_record
 
 
 class Refusing(Storage):

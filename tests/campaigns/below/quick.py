@@ -9,13 +9,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from benchmarks.below.finding import add_second_places, found_names
-from benchmarks.below.judge import ACKNOWLEDGED, WARNED, Outcome, Said, is_warning
-from benchmarks.below.planted import VARIABLE
-from benchmarks.below.shim import Counted, Fault, environment, read_state
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import SpareFolder, Storage, check, recover
 from pfwd_device.recording.publishing import InlinePublisher
+from tests.campaigns.below.finding import add_second_places, found_names
+from tests.campaigns.below.judge import ACKNOWLEDGED, WARNED, Outcome, Said, is_warning
+from tests.campaigns.below.planted import VARIABLE
+from tests.campaigns.below.shim import Counted, Fault, environment, read_state
 
 DROPS = 4
 """Recorded with faults."""
@@ -29,11 +29,11 @@ recorded without a fault and killed, and its recovery meets them."""
 
 
 class Driver:
-    """A process on the library that answers requests; see :mod:`benchmarks.below.driver`."""
+    """A process on the library that answers requests; see :mod:`tests.campaigns.below.driver`."""
 
     def __init__(self, library: Path, planted: str = "") -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "benchmarks.below.driver"],
+            [sys.executable, "-m", "tests.campaigns.below.driver"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.noted_disk import Disk, Fault, NotingStorage, Operation, State, put
 from benchmarks.output import Reporter
 from pfwd_device import Channel, Drop
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import DropRecord, Rebound, Storage, SurveyWriter, read_survey, recover
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.publishing import InlinePublisher
+from tests.campaigns.noted_disk import Disk, Fault, NotingStorage, Operation, State, put
 
 SURVEY = "survey"
 

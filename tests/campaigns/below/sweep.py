@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from benchmarks.below.shim import CALLS, FOR_EVER, KINDS, SHARE, WRITING, Fault
+from tests.campaigns.below.shim import CALLS, FOR_EVER, KINDS, SHARE, WRITING, Fault
 
 _FULL = ("ENOSPC", "EDQUOT")
 _GONE = ("EIO", "ESTALE")

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.below.command import DROPS, LONGEST, Command, look, own_places
-from benchmarks.below.judge import ACKNOWLEDGED, WARNED, Outcome, judge
+from tests.campaigns.below.command import DROPS, LONGEST, Command, look, own_places
+from tests.campaigns.below.judge import ACKNOWLEDGED, WARNED, Outcome, judge
 
 FIRST = 4
 """Drops before it happens."""

@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.hasty_instrument import HASTY, RATE, hasty_instrument
 from benchmarks.output import Reporter
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import check, read_survey, recover
 from simulators.instrument import serve
+from tests.campaigns.hasty_instrument import HASTY, RATE, hasty_instrument
 
 # Ten drops a second: every 2 s, twenty times real time, without bounces.
 START = 30.0  # s that a logger may take for its first drop on a busy machine
@@ -87,7 +87,13 @@ class Logger:
     def __init__(self, url: str, survey: Path, largest_file: int | None = None) -> None:
         self.acknowledged: set[Name] = set()
         self.first = threading.Event()
-        command = [sys.executable, "-m", "benchmarks.faults", "--logger", str(largest_file or 0)]
+        command = [
+            sys.executable,
+            "-m",
+            "tests.campaigns.faults",
+            "--logger",
+            str(largest_file or 0),
+        ]
         command += ["log", url, "-o", str(survey), "--no-invert", "--json"]
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -326,10 +332,10 @@ def _trigger(record: Any) -> int:
 def run(arguments: list[str]) -> int:
     """The whole campaign; ``--short`` for one that takes a minute or two.
 
-    With ``--below`` the one below all code, see :mod:`benchmarks.below`.
+    With ``--below`` the one below all code, see :mod:`tests.campaigns.below`.
     """
     if "--below" in arguments:
-        from benchmarks.below.campaign import run as run_below
+        from tests.campaigns.below.campaign import run as run_below
 
         return run_below([text for text in arguments if text != "--below"])
     parser = argparse.ArgumentParser(prog="pfwd bench faults")

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.below.finding import add_second_places, found_names
-from benchmarks.below.judge import ACKNOWLEDGED, WARNED, Outcome, Said, is_warning
-from benchmarks.below.planted import VARIABLE
-from benchmarks.below.shim import Counted, Fault, environment, read_state
 from pfwd_device.errors import RecordingError
+from tests.campaigns.below.finding import add_second_places, found_names
+from tests.campaigns.below.judge import ACKNOWLEDGED, WARNED, Outcome, Said, is_warning
+from tests.campaigns.below.planted import VARIABLE
+from tests.campaigns.below.shim import Counted, Fault, environment, read_state
 
 DROPS = 7
 """Saved or refused, then the session is told to end."""
@@ -30,7 +30,7 @@ LAST_WORDS = 45.0
 """s that it may take to end when it was told to; one that waits for a publisher waits 30."""
 
 _PFWD = "import sys; from tui.cli import main; sys.exit(main())"
-_PLANTED = f"from benchmarks.below.planted import plant; plant(); {_PFWD}"
+_PLANTED = f"from tests.campaigns.below.planted import plant; plant(); {_PFWD}"
 
 
 class Command:

@@ -4,9 +4,9 @@ import contextlib
 import json
 from pathlib import Path
 
-from benchmarks.below.driver import drop_name
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import read_survey
+from tests.campaigns.below.driver import drop_name
 
 
 def found_names(folder: Path, *, with_content: bool) -> list[str]:

@@ -1,7 +1,7 @@
 """Records with the real `SurveyWriter` on files that fail, many times a second.
 
-A process is started on the library of :mod:`benchmarks.below.shim`, imports everything once and
-then answers requests, each in a fork of its own: the fault is armed in the fork, the survey is
+A process is started on the library of :mod:`tests.campaigns.below.shim`, imports everything once
+and then answers requests, each in a fork of its own: the fault is armed in the fork, the survey is
 opened, drops, rebounds, notes, events, checks, results and a capture are saved, and every
 acknowledgement is a line in a file outside the survey.
 
@@ -23,8 +23,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.below.planted import plant
-from benchmarks.power_loss import make_record
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import (
     DropRecord,
@@ -38,6 +36,8 @@ from pfwd_device.recording import (
 )
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.publishing import InlinePublisher
+from tests.campaigns.below.planted import plant
+from tests.campaigns.power_loss import make_record
 
 LONGEST = float(os.environ.get("PFWD_BELOW_LONGEST", "90"))
 """s that a request may take; it takes a tenth of one."""

@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.below.command import DROPS, LONGEST, Command, look, own_places
-from benchmarks.below.finding import add_second_places
-from benchmarks.below.judge import REPLACED, Outcome, Said
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Storage, recover
 from pfwd_device.recording.publishing import InlinePublisher
+from tests.campaigns.below.command import DROPS, LONGEST, Command, look, own_places
+from tests.campaigns.below.finding import add_second_places
+from tests.campaigns.below.judge import REPLACED, Outcome, Said
 
 AFTER = 4
 """Drops that are saved or refused after the replacement, before the session is told to end."""

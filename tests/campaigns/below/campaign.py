@@ -17,14 +17,14 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.below import command, limits, quick, replacements
-from benchmarks.below.judge import ACKNOWLEDGED, Outcome, Verdict, judge
-from benchmarks.below.planted import PLANTED, VARIABLE
-from benchmarks.below.shim import Fault, compile_shim, why_not
-from benchmarks.below.sweep import Counts, faults
-from benchmarks.hasty_instrument import hasty_instrument
 from benchmarks.output import Reporter
 from simulators.instrument import SimulatedInstrument
+from tests.campaigns.below import command, limits, quick, replacements
+from tests.campaigns.below.judge import ACKNOWLEDGED, Outcome, Verdict, judge
+from tests.campaigns.below.planted import PLANTED, VARIABLE
+from tests.campaigns.below.shim import Fault, compile_shim, why_not
+from tests.campaigns.below.sweep import Counts, faults
+from tests.campaigns.hasty_instrument import hasty_instrument
 
 MOST_TOLD = 30
 """Unlike faults of the program that are told in full; all are counted."""
