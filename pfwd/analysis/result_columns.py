@@ -62,8 +62,8 @@ def _columns_of(
         else:
             yield ResultColumn(N_LAYERS, "whole", "Media with a modulus; modulus_pa: the lowest")
             for number in range(1, MOST_LAYERS + 1):
-                which = f"Medium {number} from the top: "
-                yield from _columns_of(LayerResult, "layers", f"layer_{number}_", which)
+                medium = f"Medium {number} from the top: "
+                yield from _columns_of(LayerResult, "layers", f"layer_{number}_", medium)
 
 
 def _in_table_order(record: type[JsonRecord]) -> list[Field[Any]]:

@@ -7,6 +7,7 @@ import pytest
 
 from pfwd.analysis.results import DropResult
 from pfwd.export import rows
+from pfwd.export.columns import COLUMNS
 from pfwd.export.rows import _OF_A_RESULT, _OF_KIND, _cells
 from tests.pfwd.export.conftest import RESULT
 
@@ -63,3 +64,9 @@ def test_what_another_program_wrote_is_looked_at_one_by_one(
     result = DropResult.from_json({key: said})
     assert key in result.more
     assert _cells(result)[key] == cell
+
+
+def test_only_the_columns_of_a_medium_name_the_medium() -> None:
+    named = [column.name for column in COLUMNS if column.meaning.startswith("Medium ")]
+    assert len(named) == 4 * 6
+    assert all(name.startswith("layer_") for name in named)
