@@ -1,10 +1,12 @@
-"""What an instrument says of itself: its channels, their calibration, its plate."""
+"""Identity of an instrument: its channels, their calibration, its plate; and its form in JSON."""
 
+import dataclasses
 import datetime
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Literal
+from typing import Any, Literal
 
 from pfwd_device.errors import SetupError
 
@@ -144,3 +146,47 @@ class Identity:
 def _require(holds: bool, where: str, expected: str, came: object) -> None:
     if not holds:
         raise SetupError(f"{where}: expected {expected}, came {came}")
+
+
+_DATES = ("calibrated", "due")
+"""Fields of a channel that JSON holds as ISO 8601 texts."""
+
+
+def identity_as_dict(identity: Identity) -> dict[str, Any]:
+    """Return all fields of an identity as JSON values, dates as ISO 8601 texts."""
+    table = dataclasses.asdict(identity)
+    table["channels"] = [_channel_as_dict(channel) for channel in identity.channels]
+    return table
+
+
+def _channel_as_dict(channel: ChannelIdentity) -> dict[str, Any]:
+    table = dataclasses.asdict(channel)
+    table["role"] = str(channel.role)
+    for name in _DATES:
+        table[name] = table[name] and table[name].isoformat()
+    return table
+
+
+def identity_from_dict(table: Mapping[str, Any]) -> Identity:
+    """Return the identity that `identity_as_dict` described.
+
+    Raises
+    ------
+    SetupError
+        If a field is missing or out of range.
+    """
+    try:
+        channels = tuple(map(_channel_from_dict, table["channels"]))
+        return Identity(**{**table, "channels": channels})
+    except (AttributeError, KeyError, TypeError, ValueError) as err:
+        if isinstance(err, SetupError):
+            raise
+        raise SetupError(f"recorded identity: expected all fields of an instrument: {err}") from err
+
+
+def _channel_from_dict(table: Mapping[str, Any]) -> ChannelIdentity:
+    dates = {
+        name: datetime.date.fromisoformat(table[name]) if table.get(name) else None
+        for name in _DATES
+    }
+    return ChannelIdentity(**{**table, "role": Role(table["role"]), **dates})

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd_device import Channel, Drop
-from pfwd_device.drop import nearest_first
+from pfwd_device.drop import Peaks, nearest_first
 
 
 def quiet_samples(time: NDArray[np.float64]) -> int:
@@ -65,3 +65,24 @@ def displacement_of(channel: Channel, time: NDArray[np.float64]) -> NDArray[np.f
         return values
     steps = np.diff(time) * (values[1:] + values[:-1]) / 2
     return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def trace_peaks(drop: Drop) -> Peaks:
+    """Return the peaks of the traces, or the recorded peaks of a drop without traces.
+
+    The peak displacement of a velocity sensor is the peak of the integrated velocity, without a
+    correction of the geophone's response. So it does not depend on declared values.
+
+    Parameters
+    ----------
+    drop : Drop
+        A drop without missing samples.
+    """
+    if drop.only_peaks is not None:
+        return drop.only_peaks
+    load = remove_offset(drop.time, drop.load)
+    peaks = []
+    for channel in drop.channels:
+        values = displacement_of(channel, drop.time)
+        peaks.append((channel.offset, float(np.max(values))))
+    return Peaks(float(np.max(load)), tuple(peaks))

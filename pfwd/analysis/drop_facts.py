@@ -14,9 +14,8 @@ from pfwd.files.header import IMPORTED, PEAK_DEVIATIONS, PointSetup
 from pfwd.procedures import Kind, PointDrop
 from pfwd_device import Channel, Drop
 from pfwd_device.drop import Peaks
-from pfwd_device.peaks import trace_peaks
 from pfwd_device.response import correct_response
-from pfwd_device.signals import displacement_of, quiet_samples, remove_offset
+from pfwd_device.signals import displacement_of, quiet_samples, remove_offset, trace_peaks
 
 FACTS_VERSION = 1
 """Version of the facts: raise it when :func:`point_drop` changes; stored facts are then ignored."""

@@ -3,8 +3,7 @@
 from collections.abc import Iterator
 
 from pfwd_device.errors import RecordingError, SetupError
-from pfwd_device.identity import UNIT_OF_ROLE, ChannelIdentity, Identity
-from pfwd_device.identity_json import identity_from_dict
+from pfwd_device.identity import UNIT_OF_ROLE, ChannelIdentity, Identity, identity_from_dict
 from pfwd_device.recording import SurveyWriter
 
 

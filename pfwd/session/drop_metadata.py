@@ -10,8 +10,7 @@ from pfwd.session.feeds import ImportedDrop, RecordedDrop
 from pfwd_device.acquisition.detection import AtRest, DetectionSettings, RawDrop, RawRebound
 from pfwd_device.calibration import counts_per_unit, load_channel
 from pfwd_device.errors import SetupError
-from pfwd_device.identity import Identity
-from pfwd_device.identity_json import identity_as_dict, identity_from_dict
+from pfwd_device.identity import Identity, identity_as_dict, identity_from_dict
 from pfwd_device.recording.drop_file import software_version
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.wire.messages import Status

@@ -8,17 +8,17 @@ import numpy as np
 
 from pfwd_device.drop import Channel, Drop, Peaks
 from pfwd_device.errors import RecordingError
-from pfwd_device.peaks import trace_peaks
 from pfwd_device.recording.layout import PEAKS_FORMAT_VERSION
 from pfwd_device.recording.payload import Array, decode_payload, encode_payload
 from pfwd_device.recording.record import DropRecord, Rebound
+from pfwd_device.signals import trace_peaks
 
 MOST_SENSORS = 1024
 MOST_REBOUNDS = 1024
 
 PEAKS_VERSION = 1
-"""Of what a record says of the peaks. To be raised when :func:`pfwd_device.peaks.trace_peaks` finds
-others: those of an older record are then computed from its traces."""
+"""Version of the peaks in a record. Increment it when :func:`pfwd_device.signals.trace_peaks`
+changes: the peaks of an older record are then computed from its traces."""
 
 SAME_PEAKS = 1e-9
 """Of the largest value of a trace: another processor adds up in another order. A peak that somebody

@@ -1,10 +1,10 @@
-"""Where the journal of a survey has a drop, so that another process finds it too."""
+"""Location of a drop in the journal of a survey, for use in another process."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from pfwd_device.drop import Peaks
 from pfwd_device.errors import RecordingError
-from pfwd_device.peaks import Peaks
 from pfwd_device.recording.drop_payload import (
     DropFacts,
     drop_from_parts,
@@ -21,23 +21,23 @@ from pfwd_device.recording.record import DropRecord
 
 
 class DropPlace(NamedTuple):
-    """Where the journal has a drop: what another process needs to read it, and no more."""
+    """Location of a drop in the journal, small enough to send to another process."""
 
     layout: Layout
     entry: Entry
     number: int
-    """Survey-wide."""
+    """Number of the drop within the survey."""
     point: str
     drop: int
-    """Within the point."""
+    """Number of the drop within the point."""
 
     def read_facts(self) -> DropFacts:
-        """As :meth:`SurveyDrop.read_facts`, from the journal alone.
+        """Read the facts as :meth:`SurveyDrop.read_facts` does, from the journal alone.
 
         Raises
         ------
         RecordingError
-            If the journal does not have it whole at this place.
+            If the journal does not hold the complete drop at this location.
         """
         frame = drop_frame(self.layout, self.entry, self.number)
         data, found = decode_payload_unless(frame.payload, recorded_peaks, is_trace)
@@ -51,7 +51,7 @@ class DropPlace(NamedTuple):
         return DropFacts(declared, metadata, found, None)
 
     def read_traces(self) -> DropRecord:
-        """As :meth:`SurveyDrop.read_traces`, from the journal alone; raises as `read_facts`."""
+        """Read the traces as :meth:`SurveyDrop.read_traces` does; raise as `read_facts`."""
         frame = drop_frame(self.layout, self.entry, self.number)
         return self._record(*decode_payload(frame.payload, is_trace))
 
@@ -63,7 +63,7 @@ class DropPlace(NamedTuple):
 
 
 def drop_frame(layout: Layout, entry: Entry, number: int) -> Frame:
-    """The record of the drop with this survey-wide number; RecordingError when it is another's."""
+    """Return the record of the drop of this survey-wide number, or raise RecordingError."""
     frame = read_record(layout, entry.segment, entry.offset)
     if (frame.kind, frame.sequence) != (Kind.DROP, entry.sequence):
         raise RecordingError(f"expected drop {number}, came another record")
@@ -71,6 +71,6 @@ def drop_frame(layout: Layout, entry: Entry, number: int) -> Frame:
 
 
 def refuse_another(expected: tuple[int, str, int], *found: object) -> None:
-    """Refuse the record of another drop: number, point and number within it, expected and found."""
+    """Raise RecordingError unless number, point and number within the point are as expected."""
     if found != expected:
         raise RecordingError(f"expected drop {expected[0]}, came another one")

@@ -1,4 +1,4 @@
-"""What is kept of one drop: the calibrated traces, the counts they come from, and what is known."""
+"""Record of one drop: calibrated traces, raw counts and metadata."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,13 +17,13 @@ class Rebound:
     """A later bounce of the same hammer, kept with the drop that it belongs to."""
 
     delay: float
-    """From the trigger of the drop to the trigger of the rebound, s."""
+    """Time from the trigger of the drop to the trigger of the rebound, s."""
     peak_load: float
-    """N, above the load at rest."""
+    """Peak load above the load at rest, N."""
     first_sample: int
     """Index of the first sample in the stream of the instrument."""
     counts: NDArray[np.int32]
-    """What the converter gave, (n, channels); read-only."""
+    """Raw counts of the converter, (n, channels); read-only."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "counts", _read_only_counts(self.counts, "rebound"))
@@ -31,17 +31,17 @@ class Rebound:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DropRecord:
-    """One drop as it is kept, whole: nothing else is needed to invert it anew."""
+    """Complete record of one drop, sufficient to invert it again."""
 
     point: str
     """Name of the test point; the drop's number counts within it."""
     drop: Drop
     """Calibrated, not response-corrected; NaN where samples are missing."""
     counts: NDArray[np.int32] | None = None
-    """What the converter gave, (n, channels), 0 where samples are missing; None for an imported
+    """Raw counts of the converter, (n, channels), 0 where samples are missing; None for an imported
     drop, which never had any. Channel order as in metadata["identity"]["channels"]."""
     declared: Mapping[str, Any] = field(default_factory=dict)
-    """What was declared, with the keys of a trace file's header (plate_radius_m, ...)."""
+    """Declared values, with the keys of a trace file's header (plate_radius_m, ...)."""
     metadata: Mapping[str, Any] = field(default_factory=dict)
     """Everything else, as JSON knows it: identity, calibration, detection, missing samples, marks,
     checks, time_utc, software version, position, operator."""
@@ -57,7 +57,7 @@ class DropRecord:
 
 
 def point_name(name: str) -> str:
-    """The name of a test point as it is kept: without control characters, no blanks around it.
+    """Return the name of a test point without control characters and outer blanks.
 
     Raises
     ------

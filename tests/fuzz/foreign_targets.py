@@ -11,7 +11,7 @@ from pfwd.errors import SurveyError
 from pfwd.files.reading import read_points
 from pfwd.peaks.basin import basin_of
 from pfwd_device import Drop
-from pfwd_device.peaks import trace_peaks
+from pfwd_device.signals import trace_peaks
 from tests.fuzz.outside_targets import memory_folder
 from tests.fuzz.targets import cuts, target
 from tests.pfwd.files.foreign.peaks_builders import dynatest, f25, pddx, places, sweco

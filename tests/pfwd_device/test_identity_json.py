@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from pfwd_device.errors import SetupError
-from pfwd_device.identity_json import identity_as_dict, identity_from_dict
+from pfwd_device.identity import identity_as_dict, identity_from_dict
 from tests.pfwd.scripted_feed import GEOPHONE, IDENTITY, LOAD
 
 

@@ -48,8 +48,7 @@ from pfwd.files.foreign.rincent_xml import (
 from pfwd.files.header import PEAK_DEVIATIONS
 from pfwd.files.traces import TracePoint
 from pfwd_device import Channel, Drop
-from pfwd_device.peaks import trace_peaks
-from pfwd_device.signals import displacement_of, remove_offset
+from pfwd_device.signals import displacement_of, remove_offset, trace_peaks
 
 JSON, XML, TRACES = "database.json", "database.xml", "rawdata/"
 

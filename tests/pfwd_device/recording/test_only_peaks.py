@@ -10,7 +10,6 @@ import pytest
 from pfwd_device import Channel, Drop
 from pfwd_device.drop import Peaks
 from pfwd_device.errors import RecordingError
-from pfwd_device.peaks import trace_peaks
 from pfwd_device.recording import (
     DropRecord,
     SurveyWriter,
@@ -21,6 +20,7 @@ from pfwd_device.recording import (
 )
 from pfwd_device.recording.drop_file import drop_digest, drop_file_bytes, drop_from_file_bytes
 from pfwd_device.recording.drop_payload import drop_from_parts, drop_parts
+from pfwd_device.signals import trace_peaks
 
 PEAKS = Peaks(50e3, ((-0.3, 2e-4), (0.0, 5e-4), (0.9, -1e-6)))
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pfwd_device import Channel, Drop
-from pfwd_device.peaks import Peaks, trace_peaks
+from pfwd_device.drop import Peaks
 from pfwd_device.recording import DropRecord, SurveyWriter, check, read_survey, survey_writer
 from pfwd_device.recording.drop_payload import (
     PEAKS_VERSION,
@@ -18,6 +18,7 @@ from pfwd_device.recording.drop_payload import (
     recorded_peaks,
 )
 from pfwd_device.recording.payload import encode_payload
+from pfwd_device.signals import trace_peaks
 
 TIME = np.arange(-8, 24) / 1024
 

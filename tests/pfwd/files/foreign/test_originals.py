@@ -9,7 +9,7 @@ import pytest
 
 from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint
-from pfwd_device.peaks import trace_peaks
+from pfwd_device.signals import trace_peaks
 
 Reader = Callable[..., list[TracePoint]]
 

@@ -8,7 +8,7 @@ import pytest
 from pfwd.files.foreign.rincent import peak_deviations
 from pfwd.files.foreign.rincent_facts import StoredPeaks
 from pfwd_device import Channel, Drop
-from pfwd_device.peaks import trace_peaks
+from pfwd_device.signals import trace_peaks
 
 
 def peaks_of(drop: Drop, load: float = 1.0, deflection: float = 1.0) -> StoredPeaks:

@@ -12,7 +12,7 @@ from pfwd.errors import TraceError
 from pfwd.files.foreign.rincent import smoothed_as_stored
 from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint
-from pfwd_device.peaks import trace_peaks
+from pfwd_device.signals import trace_peaks
 from tests.pfwd.files.foreign.builders import (
     acquired,
     dataset,
