@@ -118,9 +118,9 @@ def _row(point: PointDiagnosis, held_out: HeldOut | None) -> dict[str, Any]:
     return {
         "verdict": point.verdict,
         "corrected": int(point.corrected),
-        "before_whole": 100 * point.before.left_over_peak,
+        "before_whole": 100 * point.before.residual_over_peak,
         "before_contact": 100 * known(point.before.contact_residual_rms_over_peak),
-        "after_whole": 100 * point.after.left_over_peak,
+        "after_whole": 100 * point.after.residual_over_peak,
         "after_contact": 100 * known(point.after.contact_residual_rms_over_peak),
         "held_out": held.mode,
         "fitted": len(held.fitted or ()),

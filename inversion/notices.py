@@ -96,7 +96,7 @@ class Notice(str):
         return {"code": self.code, "values": {k: _plain(v) for k, v in self.values.items()}}
 
 
-def other(text: str) -> Notice:
+def text_notice(text: str) -> Notice:
     """Return a sentence that has no code as a warning."""
     return Notice(OTHER, {"text": text})
 
@@ -152,7 +152,7 @@ def from_sentence(sentence: str) -> Notice:
     'other'
     """
     notice = _parse(sentence)
-    return notice or other(sentence)
+    return notice or text_notice(sentence)
 
 
 def from_json(sentences: Sequence[str], codes: object = None) -> tuple[Notice, ...]:
@@ -210,10 +210,10 @@ def _text_of(value: Value, form: str) -> str:
         word = _terms.get(value, value) if form == "terms" else value
         return word.replace("_", " ") if form in ("words", "terms") else word
     number_form, scale = _scale(form)
-    shown = value if scale is None else scale(value)
+    displayed = value if scale is None else scale(value)
     if number_form.endswith("p"):
-        return f"{float(format(shown, number_form[:-1] + 'g')):g}"
-    return format(shown, number_form)
+        return f"{float(format(displayed, number_form[:-1] + 'g')):g}"
+    return format(displayed, number_form)
 
 
 def _scale(form: str) -> tuple[str, Callable[[float], float] | None]:
@@ -296,10 +296,10 @@ def _patterns() -> list[tuple[str, bool, re.Pattern[str], dict[str, Callable[[st
 
     The longest template comes first.
     """
-    known = [(code, True, text) for code, text in _templates.items() if code != OTHER]
-    known += [(code, False, text) for code, text in _earlier]
-    known.sort(key=lambda item: -len(item[2]))
-    return [(code, current, *_pattern_of(template)) for code, current, template in known]
+    entries = [(code, True, text) for code, text in _templates.items() if code != OTHER]
+    entries += [(code, False, text) for code, text in _earlier]
+    entries.sort(key=lambda item: -len(item[2]))
+    return [(code, current, *_pattern_of(template)) for code, current, template in entries]
 
 
 def _pattern_of(template: str) -> tuple[re.Pattern[str], dict[str, Callable[[str], Value]]]:
@@ -325,7 +325,7 @@ def _gap_of(form: str) -> tuple[str, Callable[[str], Value]]:
         phrase = "|".join(re.escape(_terms[term]) for term in longest)
         codes_of = {_terms[term]: term for term in longest}
         return f"(?:{phrase})(?:, (?:{phrase}))*", lambda text: _single(
-            [codes_of[found] for found in re.findall(phrase, text)]
+            [codes_of[matched] for matched in re.findall(phrase, text)]
         )
     if form == "list":
         return ".+?", lambda text: tuple(text.split(", "))

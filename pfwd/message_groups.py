@@ -5,7 +5,7 @@ from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
-from inversion.notices import Notice, fill_template, other, templates
+from inversion.notices import Notice, fill_template, templates, text_notice
 
 Place = TypeVar("Place", bound=Hashable)
 
@@ -80,7 +80,9 @@ def group_messages(messages: Iterable[tuple[Place, str]]) -> list[MessageGroup[P
     places: dict[Hashable, dict[Place, None]] = {}
     numbers: dict[Hashable, list[Mapping[str, tuple[str, ...]]]] = {}
     for place, message in messages:
-        group = _single_group(message if isinstance(message, Notice) else other(message), place)
+        group = _single_group(
+            message if isinstance(message, Notice) else text_notice(message), place
+        )
         groups.setdefault(group.key, group)
         places.setdefault(group.key, {})[place] = None
         numbers.setdefault(group.key, []).append(group.numbers)

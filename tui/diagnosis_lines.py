@@ -439,7 +439,7 @@ def _held_out(held: HeldOut | None) -> list[str]:
 def _modulus(state: FittedState) -> str:
     """Return the modulus with its interval, MPa, with the digits it supports; empty: no ground."""
     modulus, interval = state.modulus_pa, state.modulus_interval_pa
-    if interval is not None and state.left_open:
+    if interval is not None and state.is_undetermined:
         low, high = interval
         if not 0.0 < high < _MAX_PRINTED_RATIO * low:
             return "E left open"
@@ -483,7 +483,12 @@ def _state(state: FittedState) -> str:
 def _change(before: FittedState, after: FittedState) -> list[str]:
     """Return the line with the change of the modulus, in the numbers that are shown."""
     first, last = before.modulus_pa, after.modulus_pa
-    if not _is_finite(first) or not _is_finite(last) or before.left_open or after.left_open:
+    if (
+        not _is_finite(first)
+        or not _is_finite(last)
+        or before.is_undetermined
+        or after.is_undetermined
+    ):
         return []
     return [
         f"  the modulus changes from {first / 1e6:.3g} to {last / 1e6:.3g} MPa, by "

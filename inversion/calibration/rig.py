@@ -38,7 +38,7 @@ from inversion.errors import InversionError
 FEWEST_DROPS = 3
 """Two tell that they differ, three by how much."""
 
-MOST_LEFT_OUT = 12
+MAX_JACKKNIFE_GROUPS = 12
 """Drops that are left out one by one; of more, groups of them."""
 
 LARGEST_MISFIT = 0.05
@@ -165,7 +165,7 @@ def calibrate(drops: Sequence[RigDrop]) -> Calibration:
         )
     _refuse_no_pulse(drops)
     fits = [_fit(drops, _start(drops, frequency, damping)) for frequency, damping in STARTS]
-    best, jacobian = min(fits, key=lambda one: float(np.sum(_residual(one[0], drops) ** 2)))
+    best, jacobian = min(fits, key=lambda fit: float(np.sum(_residual(fit[0], drops) ** 2)))
     per_drop = np.array([_misfit(_residual_of(best, drop)) for drop in drops])
     covariance = _covariance(_residual(best, drops), jacobian, drops)
     spread, freedom = _jackknife(best, drops)
@@ -218,12 +218,12 @@ def describe(drops: Sequence[RigDrop]) -> Rig:
         If a drop has no pulse.
     """
     _refuse_no_pulse(drops)
-    found, jacobian = _fit(drops, _start(drops, *STARTS[0]))
+    solution, jacobian = _fit(drops, _start(drops, *STARTS[0]))
     # A gain with a stiffness that is given is a stiffness with a gain of 1, and so is the mass.
-    gain, mass, ratio = np.exp([found[0], found[4], found[5]])
-    covariance = _covariance(_residual(found, drops), jacobian, drops)
+    gain, mass, ratio = np.exp([solution[0], solution[4], solution[5]])
+    covariance = _covariance(_residual(solution, drops), jacobian, drops)
     stiffness = drops[0].stiffness / gain
-    residuals = tuple(_residual_of(found, drop) * np.abs(drop.velocity).max() for drop in drops)
+    residuals = tuple(_residual_of(solution, drop) * np.abs(drop.velocity).max() for drop in drops)
     deviation = float(stiffness * np.sqrt(max(covariance[0, 0], 0.0)))
     return Rig(float(stiffness), float(mass / gain), float(ratio), deviation, residuals)
 
@@ -255,7 +255,7 @@ def _fit(
         np.concatenate([_UPPER, np.tile(_RIG_UPPER, rigs)]),
     )
     scale = np.concatenate([_SCALE, np.tile([0.1, 0.1], rigs)])
-    found = least_squares(
+    solution = least_squares(
         _residual,
         np.clip(start, bounds[0] + 1e-9, bounds[1] - 1e-9),
         args=(drops,),
@@ -266,7 +266,7 @@ def _fit(
         xtol=1e-7,
         ftol=1e-9,
     )
-    return np.asarray(found.x, np.float64), np.asarray(found.jac, np.float64)
+    return np.asarray(solution.x, np.float64), np.asarray(solution.jac, np.float64)
 
 
 def _residual(unknowns: FloatArray, drops: Sequence[RigDrop]) -> FloatArray:
@@ -310,8 +310,8 @@ def predict(
     )
     force = np.array([[0.0], [1 / mass], [0.0], [1 / mass]])
     system = _first_order_hold(matrix, force, step)
-    shown = np.array([[0.0, 0.0, 0.0, gain]])
-    output = _answer(*system[:2], shown @ system[2], shown @ system[3], drop.load)
+    output_row = np.array([[0.0, 0.0, 0.0, gain]])
+    output = _answer(*system[:2], output_row @ system[2], output_row @ system[3], drop.load)
     times = drop.time - drop.time[0]
     later = np.clip(times - delay, times[0], times[-1])
     result: FloatArray = CubicSpline(times, output)(later)
@@ -319,7 +319,11 @@ def predict(
 
 
 def _answer(
-    phi: FloatArray, enters: FloatArray, shown: FloatArray, direct: FloatArray, load: FloatArray
+    phi: FloatArray,
+    enters: FloatArray,
+    output_row: FloatArray,
+    direct: FloatArray,
+    load: FloatArray,
 ) -> FloatArray:
     """Output of a system from rest, mode by mode.
 
@@ -329,7 +333,7 @@ def _answer(
     from scipy.signal import lfilter  # takes 0.3 s to import, and nothing else needs it
 
     poles, modes = np.linalg.eig(phi)
-    weights = (shown @ modes)[0] * np.linalg.solve(modes, enters.astype(complex))[:, 0]
+    weights = (output_row @ modes)[0] * np.linalg.solve(modes, enters.astype(complex))[:, 0]
     before = np.concatenate([[0.0], load[:-1]])
     result = direct[0, 0] * load
     for pole, weight in zip(poles, weights, strict=True):
@@ -346,10 +350,10 @@ def _first_order_hold(
     1998, section 6.3.
     """
     size = matrix.shape[0]
-    whole = np.zeros((size + 2, size + 2))
-    whole[:size, :size], whole[:size, size : size + 1] = matrix * step, force * step
-    whole[size, size + 1] = 1.0
-    moved = expm(whole)
+    augmented = np.zeros((size + 2, size + 2))
+    augmented[:size, :size], augmented[:size, size : size + 1] = matrix * step, force * step
+    augmented[size, size + 1] = 1.0
+    moved = expm(augmented)
     phi, first, second = (
         moved[:size, :size],
         moved[:size, size : size + 1],
@@ -379,21 +383,25 @@ def _correlation_length(values: FloatArray) -> float:
     if power == 0:
         return 1.0
     correlations = np.correlate(rested, rested, "full")[values.size :] / power
-    gone = np.flatnonzero(correlations <= 0)
-    end = int(gone[0]) if gone.size else correlations.size
+    negative = np.flatnonzero(correlations <= 0)
+    end = int(negative[0]) if negative.size else correlations.size
     return float(1 + 2 * correlations[:end].sum())
 
 
 def _jackknife(best: FloatArray, drops: Sequence[RigDrop]) -> tuple[FloatArray, int]:
     """Standard deviations of the four constants, and their degrees of freedom."""
-    groups = min(len(drops), MOST_LEFT_OUT)
+    groups = min(len(drops), MAX_JACKKNIFE_GROUPS)
     belongs = np.arange(len(drops)) % groups
     without = []
     for group in range(groups):
-        kept = [drop for drop, own in zip(drops, belongs, strict=True) if own != group]
-        if {drop.rig for drop in kept} != {drop.rig for drop in drops}:
+        remaining = [
+            drop
+            for drop, group_of_drop in zip(drops, belongs, strict=True)
+            if group_of_drop != group
+        ]
+        if {drop.rig for drop in remaining} != {drop.rig for drop in drops}:
             continue  # nothing would tell the mass of that rig
-        without.append(_fit(kept, best, 60)[0][:4])
+        without.append(_fit(remaining, best, 60)[0][:4])
     if len(without) < 2:
         return np.zeros(4), 1
     spread = np.array(without) - np.mean(without, axis=0)
@@ -402,14 +410,14 @@ def _jackknife(best: FloatArray, drops: Sequence[RigDrop]) -> tuple[FloatArray, 
 
 
 def _constant(
-    name: str, unit: str, logarithmic: bool, found: float, deviation: float, factor: float
+    name: str, unit: str, logarithmic: bool, value: float, deviation: float, factor: float
 ) -> Constant:
     if not logarithmic:
-        found, deviation = DELAY_UNIT * found, DELAY_UNIT * deviation
-    ends = (found - factor * deviation, found + factor * deviation)
+        value, deviation = DELAY_UNIT * value, DELAY_UNIT * deviation
+    ends = (value - factor * deviation, value + factor * deviation)
     if not logarithmic:
-        return Constant(name, found, deviation, ends, unit)
-    value = float(np.exp(found))
+        return Constant(name, value, deviation, ends, unit)
+    value = float(np.exp(value))
     low, high = (float(np.exp(np.clip(end, -50, 50))) for end in ends)
     return Constant(name, value, value * deviation, (low, high), unit)
 
@@ -426,17 +434,17 @@ def _reasons(
     per_drop: FloatArray,
 ) -> tuple[str, ...]:
     """Why the constants are not to be used."""
-    found = []
+    reasons = []
     gain = constants[0]
     half = (gain.interval[1] - gain.interval[0]) / (2 * gain.value)
     if half > WIDEST_GAIN:
-        found.append(
+        reasons.append(
             f"the gain is known within {100 * half:.1f} % only, drops that repeat give "
             f"{100 * WIDEST_GAIN:g} % or less"
         )
     if misfit > LARGEST_MISFIT:
         worst = int(np.argmax(per_drop))
-        found.append(
+        reasons.append(
             f"a mass on a spring leaves {100 * misfit:.1f} % of the peak velocity, at most "
             f"{100 * per_drop[worst]:.1f} % ({drops[worst].name}), in place of at most "
             f"{100 * LARGEST_MISFIT:g} %: friction, a second contact, or another stiffness"
@@ -446,5 +454,5 @@ def _reasons(
     for index, value in enumerate(best):
         place = index if index < 4 else 4 + (index - 4) % 2
         if min(value - low[place], high[place] - value) < 1e-3 * (high[place] - low[place]):
-            found.append(f"the {names[place].replace('_', ' ')} stopped at a bound")
-    return tuple(dict.fromkeys(found))
+            reasons.append(f"the {names[place].replace('_', ' ')} stopped at a bound")
+    return tuple(dict.fromkeys(reasons))

@@ -1,4 +1,4 @@
-"""From the residual to the effect: the diagnosis of points and surveys.
+"""Diagnosis of points and surveys: the effects that explain a residual.
 
 Each name is loaded when it is first used, so that a stored diagnosis is read without the solvers.
 """

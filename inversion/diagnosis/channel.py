@@ -1,8 +1,8 @@
-r"""One motion channel as the diagnosis sees it, the time before the pulse included.
+r"""Motion channel of the diagnosis, including the time before the pulse.
 
-Drift and hum show before the pulse, and only there can they be told from what ground and plate do.
-What becomes of the native samples is linear, :math:`w = W v`: offset taken off, velocity
-integrated, zero where the pulse begins. So is what becomes of their noise.
+Only before the pulse can drift and hum be separated from the motion of ground and plate. The
+processing of the native samples and of their noise is linear, :math:`w = W v`: the offset is
+subtracted, velocity is integrated, and displacement is zero where the pulse begins.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class MotionChannel:
     sensor : Sensor
     noise : ChannelNoise
     first : int, native sample where the pulse begins: displacement is zero there
-    samples : (m,) ndarray of int, native samples that count, the first of them before ``first``
+    samples : (m,) ndarray of int, native samples that are used, some of them before ``first``
     step : float, s, of the native samples
     """
 
@@ -38,39 +38,41 @@ class MotionChannel:
             before = noise.baseline_samples
             if before:
                 weights[:, :before] -= self._time[:, None] / before
-            # The mean of samples is that of the time from half a step before to half one behind.
-            self._quiet = step * (np.array([-0.5, max(before, 1) - 0.5]) - first)
+            # Each sample stands for the time from half a step before it to half a step after it.
+            self._rest_interval = step * (np.array([-0.5, max(before, 1) - 0.5]) - first)
             self.ramps = before > 1
         else:
             weights[np.arange(samples.size), samples] = 1.0
             settled = max(noise.baseline_samples, 1)
             begin = first - settled if first >= settled else first
             weights[:, begin : begin + settled] -= 1.0 / settled
-            self._quiet = step * (np.array([begin, begin + settled - 1]) - first)
+            self._rest_interval = step * (np.array([begin, begin + settled - 1]) - first)
             self.ramps = False
-        self._read_at, self._read_as = self._reading()
+        self._offset_samples, self._offset_weights = self._offset_estimator()
         self._weights = weights
         self.observed: FloatArray = weights @ sensor.values[: weights.shape[1]]
 
     def read(self, displacement: FloatArray) -> FloatArray:
-        """Displacements (..., m) as they would come out: without the offset before the pulse, m."""
-        result: FloatArray = displacement - displacement[..., self._read_at] @ self._read_as
+        """Return displacements (..., m) without their offset before the pulse, as recorded, m."""
+        result: FloatArray = (
+            displacement - displacement[..., self._offset_samples] @ self._offset_weights
+        )
         return result
 
-    def _reading(self) -> tuple[NDArray[np.intp], FloatArray]:
-        """Samples (k,) that tell the offset before the pulse, and what each takes off, (k, m).
+    def _offset_estimator(self) -> tuple[NDArray[np.intp], FloatArray]:
+        """Return the samples (k,) that give the offset before the pulse, and their weights (k, m).
 
-        Of a velocity's integral it is a ramp through the moment where the pulse begins.
+        For an integrated velocity the offset is a ramp that is zero where the pulse begins.
         """
-        begin, end = self._quiet
-        moments = [_near(self._time, float(time)) for time in (begin, end, 0.0)]
-        taken = np.full((2, self._time.size), 0.5)
+        begin, end = self._rest_interval
+        moments = [_nearest_samples(self._time, float(time)) for time in (begin, end, 0.0)]
+        removed = np.full((2, self._time.size), 0.5)
         if self.ramps:
             slope = self._time / (end - begin)
-            taken = np.stack([-slope, slope, np.ones_like(slope)])
+            removed = np.stack([-slope, slope, np.ones_like(slope)])
         samples, weights = [], []
-        for (near, shares), part in zip(moments, taken, strict=False):
-            samples += list(near)
+        for (nearest, shares), part in zip(moments, removed, strict=False):
+            samples += list(nearest)
             weights += [share * part for share in shares]
         return np.array(samples), np.stack(weights)
 
@@ -88,23 +90,29 @@ class MotionChannel:
         return covariance
 
 
-def _near(times: FloatArray, time: float) -> tuple[NDArray[np.intp], FloatArray]:
-    """The three samples nearest to a time, and their shares in the parabola through them there."""
-    middle = int(np.clip(np.argmin(np.abs(times - time)), 1, times.size - 2))
-    near = np.arange(middle - 1, middle + 2)
-    before, here, after = times[near]
+def _nearest_samples(times: FloatArray, time: float) -> tuple[NDArray[np.intp], FloatArray]:
+    """Return the three samples nearest to a time, and their weights in parabolic interpolation."""
+    centre = int(np.clip(np.argmin(np.abs(times - time)), 1, times.size - 2))
+    nearest = np.arange(centre - 1, centre + 2)
+    time_before, centre_time, time_after = times[nearest]
     shares = np.array(
         [
-            (time - here) * (time - after) / ((before - here) * (before - after)),
-            (time - before) * (time - after) / ((here - before) * (here - after)),
-            (time - before) * (time - here) / ((after - before) * (after - here)),
+            (time - centre_time)
+            * (time - time_after)
+            / ((time_before - centre_time) * (time_before - time_after)),
+            (time - time_before)
+            * (time - time_after)
+            / ((centre_time - time_before) * (centre_time - time_after)),
+            (time - time_before)
+            * (time - centre_time)
+            / ((time_after - time_before) * (time_after - centre_time)),
         ]
     )
-    return near, shares
+    return nearest, shares
 
 
 def _integral(samples: np.ndarray, count: int, step: float) -> FloatArray:
-    """Weights (m, count) of the trapezoidal integral from the first sample to each of some."""
+    """Return the weights (m, count) of the trapezoidal integral from sample 0 to given samples."""
     index = np.arange(count)
     weights = np.where(index[None, :] < samples[:, None], step, 0.0)
     weights[:, 0] *= 0.5

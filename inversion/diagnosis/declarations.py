@@ -1,9 +1,9 @@
-"""What a file declares and its own records contradict: a depth, a polarity, an order of sensors.
+"""Declarations that the records contradict: a depth, a polarity, an order of sensors.
 
-A diagnosis believes what is declared. Where it cannot explain the records, or they leave the
-modulus open, or need effects above declared rock, it is asked once more without a declaration that
-looks doubtful; what takes half of the residual away, or is far likelier, is said, and the point is
-not explained. The diagnosis itself stays with what the file declares.
+A diagnosis uses the declared values. It is repeated without a doubtful declaration if it cannot
+explain the records, does not determine the modulus, or needs effects above declared rock. If that
+halves the residual or is far likelier, a warning is given and the point counts as unexplained. The
+reported values stay those with the declarations.
 """
 
 from __future__ import annotations
@@ -17,34 +17,34 @@ from itertools import combinations
 import numpy as np
 
 from inversion.arrays import FloatArray
-from inversion.diagnosis.findings import MOST_LEFT, PointDiagnosis
+from inversion.diagnosis.findings import MAX_UNEXPLAINED_SHARE, PointDiagnosis
 from inversion.diagnosis.model import DropModel, PointRecords
 from inversion.diagnosis.problem import Point
 from inversion.measured.record import SAME_DISTANCE, Record
 from inversion.notices import Notice, Value
 from inversion.records import known
 
-# Pulses of the load in which a sensor is looked at: later the ground beside a plate swings by
-# itself, and a trace that drifts is far from rest.
-_PULSES = 2.0
-# Times as far as a nearer sensor that a farther one has to move to be doubted.
-_FARTHER = 1.05
-# Log evidence that the records have to gain without a declared depth.
-_LIKELIER = 10.0
-# Depths that differ by no more than this part are the same.
-_SAME_DEPTH = 0.05
+# Duration of the comparison of sensors, in load pulses. Later the ground beside a plate oscillates
+# freely, and a drifting trace is far from rest.
+_N_PULSES = 2.0
+# Largest motion of an outer sensor over that of an inner one before their order is suspect.
+_MAX_OUTER_OVER_INNER = 1.05
+# Smallest gain of log evidence without a declared depth that contradicts the depth.
+_MIN_EVIDENCE_GAIN = 10.0
+# Relative difference up to which two depths are the same.
+_DEPTH_TOLERANCE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Doubt:
+class SuspectDeclaration:
     """A declaration that may be wrong.
 
     Parameters
     ----------
     code : str, code of the warning if the records contradict it
-    values : mapping, values of the warning that are known before
+    values : mapping, values of the warning that come from the declaration
     records : PointRecords, the point without the declaration
-    depth : float, m, of the bedrock that is doubted; NaN: another declaration is
+    depth : float, m, suspect depth of the bedrock; NaN: another declaration is suspect
     """
 
     code: str
@@ -53,34 +53,34 @@ class Doubt:
     depth: float = math.nan
 
     @property
-    def of_ground(self) -> bool:
-        """Whether the ground is doubted, and no sensor."""
+    def is_about_ground(self) -> bool:
+        """Return whether the suspect declaration concerns the ground and not a sensor."""
         return math.isfinite(self.depth)
 
 
-def doubts(point: Point) -> Iterator[Doubt]:
-    """The declarations of a point that may be wrong, each by itself, what is quick to ask first."""
+def find_suspect_declarations(point: Point) -> Iterator[SuspectDeclaration]:
+    """Yield the declarations of a point that may be wrong, one at a time, quickest test first."""
     records = point.records
     positions = point.drops[0].drop.positions
-    radius = records.records[0].instrument.plate_radius  # a plate may jump: it goes up by itself
+    radius = records.records[0].instrument.plate_radius  # not under the plate, which may jump up
     for place, position in enumerate(positions):
         if abs(position) > radius and all(_goes_up(model, place) for model in point.drops):
-            yield Doubt(
+            yield SuspectDeclaration(
                 code="sensor-upside-down",
                 values={"offset_m": float(position)},
                 records=_changed(records, partial(_upside_down, place=place)),
             )
-    for near, far in combinations(range(positions.size), 2):
-        if all(_moves_more(model, far, near) for model in point.drops):
-            yield Doubt(
+    for inner, outer in combinations(range(positions.size), 2):
+        if all(_moves_more(model, outer, inner) for model in point.drops):
+            yield SuspectDeclaration(
                 code="sensors-exchanged",
-                values={"near_m": float(positions[near]), "far_m": float(positions[far])},
-                records=_changed(records, partial(_exchanged, near=near, far=far)),
+                values={"near_m": float(positions[inner]), "far_m": float(positions[outer])},
+                records=_changed(records, partial(_exchanged, inner=inner, outer=outer)),
             )
     depth = records.records[0].bedrock_depth
     if depth is not None and math.isfinite(depth):
         without = tuple(replace(record, bedrock_depth=None) for record in records.records)
-        yield Doubt(
+        yield SuspectDeclaration(
             code="bedrock-contradicted",
             values={"declared_m": depth},
             records=replace(records, records=without),
@@ -88,52 +88,62 @@ def doubts(point: Point) -> Iterator[Doubt]:
         )
 
 
-def contradiction(doubt: Doubt, found: PointDiagnosis, other: PointDiagnosis) -> Notice | None:
-    """Return the warning about a declaration; None where the records do not contradict it.
+def contradiction(
+    suspect: SuspectDeclaration, declared: PointDiagnosis, alternative: PointDiagnosis
+) -> Notice | None:
+    """Return the warning about a declaration; None if the records do not contradict it.
 
     Parameters
     ----------
-    doubt : Doubt
-    found : PointDiagnosis, of the point as it is declared
-    other : PointDiagnosis, of the point with the doubt's records
+    suspect : SuspectDeclaration
+    declared : PointDiagnosis, of the point with the declaration
+    alternative : PointDiagnosis, of the point without the declaration
     """
-    if other.after.modulus_pa is None:
+    if alternative.after.modulus_pa is None:
         return None
-    left, left_other = (one.after.left_over_peak for one in (found, other))
-    explained = other.verdict != "unexplained"
-    halved = found.verdict == "unexplained" and left_other <= MOST_LEFT * left
-    likelier = doubt.of_ground and other.score > found.score + _LIKELIER
-    if not halved and not (explained and (found.after.left_open or likelier)):
+    declared_residual, alternative_residual = (
+        diagnosis.after.residual_over_peak for diagnosis in (declared, alternative)
+    )
+    explained = alternative.verdict != "unexplained"
+    halved = (
+        declared.verdict == "unexplained"
+        and alternative_residual <= MAX_UNEXPLAINED_SHARE * declared_residual
+    )
+    likelier = suspect.is_about_ground and alternative.score > declared.score + _MIN_EVIDENCE_GAIN
+    if not halved and not (explained and (declared.after.is_undetermined or likelier)):
         return None
-    rock = [known(e.value) for e in other.effects if e.name == "bedrock"]
-    if rock and abs(rock[0] / doubt.depth - 1.0) < _SAME_DEPTH:
+    rock = [known(e.value) for e in alternative.effects if e.name == "bedrock"]
+    if rock and abs(rock[0] / suspect.depth - 1.0) < _DEPTH_TOLERANCE:
         return None
     values = {
-        **doubt.values,
-        "residual_over_peak": left_other,
-        "residual_declared_over_peak": left,
-        "modulus_pa": other.after.modulus_pa,
+        **suspect.values,
+        "residual_over_peak": alternative_residual,
+        "residual_declared_over_peak": declared_residual,
+        "modulus_pa": alternative.after.modulus_pa,
     }
-    if rock and doubt.of_ground:
+    if rock and suspect.is_about_ground:
         return Notice("bedrock-elsewhere", {**values, "depth_m": rock[0]})
-    return Notice(doubt.code, values)
+    return Notice(suspect.code, values)
 
 
 def _goes_up(model: DropModel, place: int) -> bool:
-    """Whether a sensor moves up more than down while the load and its wave pass."""
-    soon = _soon(model)[place]
+    """Return whether a sensor moves up more than down while the load and its wave pass."""
+    soon = _during_pulse(model)[place]
     return bool(-soon.min() > soon.max())
 
 
-def _moves_more(model: DropModel, far: int, near: int) -> bool:
-    """Whether the farther of two sensors moves more than the nearer one while the wave passes."""
-    one, other = (abs(model.context.offsets[place]) for place in (near, far))
-    largest = np.abs(_soon(model)).max(axis=1)
-    return bool(other - one > SAME_DISTANCE and largest[far] > _FARTHER * largest[near])
+def _moves_more(model: DropModel, outer: int, inner: int) -> bool:
+    """Return whether the outer of two sensors moves more than the inner one in the pulse."""
+    inner_offset, outer_offset = (abs(model.context.offsets[place]) for place in (inner, outer))
+    largest = np.abs(_during_pulse(model)).max(axis=1)
+    return bool(
+        outer_offset - inner_offset > SAME_DISTANCE
+        and largest[outer] > _MAX_OUTER_OVER_INNER * largest[inner]
+    )
 
 
-def _soon(model: DropModel) -> FloatArray:
-    return model.observed[:, model.context.time <= _PULSES * model.context.contact_end]
+def _during_pulse(model: DropModel) -> FloatArray:
+    return model.observed[:, model.context.time <= _N_PULSES * model.context.contact_end]
 
 
 def _changed(records: PointRecords, change: Callable[[Record], Record]) -> PointRecords:
@@ -147,9 +157,9 @@ def _upside_down(record: Record, place: int) -> Record:
     return replace(record, sensors=tuple(sensors))
 
 
-def _exchanged(record: Record, near: int, far: int) -> Record:
+def _exchanged(record: Record, inner: int, outer: int) -> Record:
     sensors = list(record.sensors)
-    one, other = sensors[near], sensors[far]
-    sensors[near] = replace(one, offset=other.offset)
-    sensors[far] = replace(other, offset=one.offset)
+    inner_sensor, outer_sensor = sensors[inner], sensors[outer]
+    sensors[inner] = replace(inner_sensor, offset=outer_sensor.offset)
+    sensors[outer] = replace(outer_sensor, offset=inner_sensor.offset)
     return replace(record, sensors=tuple(sensors))

@@ -1,4 +1,4 @@
-"""What a diagnosis finds, as plain data: effects, the error before and after, curves for plots."""
+"""Results of a diagnosis as plain data: effects, error before and after, curves for plots."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ if TYPE_CHECKING:
 
 Verdict = Literal["clean", "explained", "unexplained"]
 LeaveOut = Literal["next", "drop", "sensor", "point"]
-# Of the peak: a point of which no more is left may be corrected, though it is not explained.
+# Residual over the peak up to which an unexplained point may still be corrected.
 NEARLY_EXPLAINED = 0.02
-# Of the residual: effects that leave more of it are not what is behind it.
-MOST_LEFT = 0.5
-# Relative error (95 %) of a modulus by what no record of its own shows: load cell and sensors that
-# read too much or too little throughout, each by the 2 % that ASTM D4694 allows.
+# Residual after over before, above which the effects are not the main cause of the residual.
+MAX_UNEXPLAINED_SHARE = 0.5
+# Relative error (95 %) of a modulus that no record can show: load cell and sensors with a gain
+# error, each within the 2 % that ASTM D4694 allows.
 CALIBRATION = 0.028
-# An interval so many times as high as low says nothing of a modulus.
-LEFT_OPEN = 10.0
+# Ratio of the ends of an interval above which it does not determine a modulus.
+MAX_INTERVAL_RATIO = 10.0
 DeviceValues = dict[str, dict[str, float]]
 CHOICE_OF_EFFECTS = "choice of effects"
-"""Stands among what was fitted to held-out data where they had a part in that choice."""
+"""Entry in the list of what was fitted to held-out data if they were used to choose effects."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,12 +45,12 @@ class EffectParameter(JsonRecord):
         "Scatter between the points of the device, each by itself; none: not determined"
     )
     at_bound: bool = not_stored(False)
-    """Whether it ended on a bound."""
+    """True if the fitted value is on a bound."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectResult(JsonRecord):
-    """An effect that the residual asks for."""
+    """An effect that explains part of the residual."""
 
     LEFT_OUT: ClassVar[frozenset[str]] = frozenset(
         {"scope", "probability", "advice", "residual_without_over_peak"}
@@ -76,12 +76,12 @@ class EffectResult(JsonRecord):
 
     @property
     def key(self) -> str:
-        """Name of an effect that was found; a stored one may lack it."""
+        """Name of the effect; an error if a stored result lacks it."""
         return known(self.name)
 
     @property
     def numbers(self) -> tuple[EffectParameter, ...]:
-        """Its parameters; empty where there are none."""
+        """Its parameters; empty if there are none."""
         return self.parameters or ()
 
     @property
@@ -155,18 +155,18 @@ class FittedState(JsonRecord):
     discrepancy_interval_over_peak: Interval | None = quantity("95 % interval of that")
 
     fitted_modulus: float = not_stored(math.nan)
-    """Modulus even where the interval leaves it open, Pa; NaN without ground."""
+    """Modulus, also if the interval does not determine it, Pa; NaN without ground."""
 
     @property
-    def left_over_peak(self) -> float:
+    def residual_over_peak(self) -> float:
         """Rms residual over the peak, from the trigger to the end of the record."""
         return known(self.residual_rms_over_peak)
 
     @property
-    def left_open(self) -> bool:
-        """Whether the interval is so wide that a modulus within it would say nothing."""
+    def is_undetermined(self) -> bool:
+        """Return whether the interval is too wide to determine a modulus."""
         low, high = self.modulus_interval_pa or (0.0, 0.0)
-        return all(map(math.isfinite, (low, high))) and high > LEFT_OPEN * low
+        return all(map(math.isfinite, (low, high))) and high > MAX_INTERVAL_RATIO * low
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -193,7 +193,7 @@ class HeldOutPart(JsonRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOut(JsonRecord):
-    """How well held-out drops, sensors or points are predicted: rms errors over the peak."""
+    """Prediction errors of held-out drops, sensors or points: rms over the peak."""
 
     LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"mode", "fitted", "by"})
 
@@ -227,7 +227,7 @@ class HeldOut(JsonRecord):
 
     @property
     def is_prediction(self) -> bool:
-        """Whether the held-out data had no part in the choice of the effects."""
+        """Return whether the held-out data were not used to choose the effects."""
         return self.fitted is not None and CHOICE_OF_EFFECTS not in self.fitted
 
 
@@ -249,9 +249,9 @@ def without_newer_keys(record: HeldOut | HeldOutPart, written: dict[str, Any]) -
 
 
 def _root_mean_square(errors: Sequence[float | None]) -> float | None:
-    """Return that of the errors that there are; None: there are none."""
-    there = [error for error in errors if error is not None]
-    return math.sqrt(sum(error**2 for error in there) / len(there)) if there else None
+    """Return the root mean square of the errors that are not None; None: there are none."""
+    present = [error for error in errors if error is not None]
+    return math.sqrt(sum(error**2 for error in present) / len(present)) if present else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,7 +280,7 @@ class DropCurves:
 
 @dataclass(frozen=True)
 class PointSummary:
-    """What the fit of a point says to other points.
+    """Fitted values of a point, from which the priors of other points are made.
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ class PointSummary:
     deviations : by effect and coordinate, deviations from the point by place of the drop
     stiffness : ln of the modulus over that of the last drop, by place of the drop
     peak_loads : N, by place of the drop
-    take_off_speeds : m/s, by place of the drop; empty: nothing flies
+    take_off_speeds : m/s, by place of the drop; empty: the plate stays on the ground
     """
 
     values: dict[tuple[str, str], float]
@@ -300,7 +300,7 @@ class PointSummary:
 
 @dataclass(frozen=True, eq=False)
 class PointDiagnosis:
-    """What was found at one point.
+    """Diagnosis of one point.
 
     Parameters
     ----------
@@ -313,11 +313,11 @@ class PointDiagnosis:
     held_out : HeldOut or None
     warnings : tuple of Notice
     curves : tuple of DropCurves
-    summary : PointSummary or None, what its fit says to other points
+    summary : PointSummary or None, for the priors of other points
     structure : frozenset of str, names of the effects of the best structure
     gains : log evidence of each effect in that structure, or with it
     score : float, log evidence of that structure for one drop, with its prior odds; NaN: none
-    elapsed : float, s, of looking at it; NaN: not known
+    elapsed : float, s, duration of the diagnosis; NaN: not measured
     """
 
     name: str
@@ -337,30 +337,35 @@ class PointDiagnosis:
     elapsed: float = math.nan
 
     @property
-    def takes_most(self) -> bool:
-        """Whether the effects take at least half of the residual over the peak away."""
-        return self.after.left_over_peak <= MOST_LEFT * self.before.left_over_peak
+    def explains_majority(self) -> bool:
+        """Return whether the effects remove at least half of the residual over the peak."""
+        return (
+            self.after.residual_over_peak <= MAX_UNEXPLAINED_SHARE * self.before.residual_over_peak
+        )
 
     @property
     def corrected(self) -> bool:
-        """Whether the modulus after may be taken for corrected.
+        """Return whether the modulus after counts as corrected.
 
-        The point is explained, or to at most `NEARLY_EXPLAINED` of the peak by effects none of
-        which would go on past its bounds; its interval is narrower than the modulus moved, and not
-        so wide that it leaves it open; and drops that were held out are predicted better than
-        before.
+        Three conditions hold. The point is explained, or its residual is at most `NEARLY_EXPLAINED`
+        of the peak with no effect on a bound. The interval determines the modulus and is narrower
+        than the change of the modulus. Held-out drops are predicted better than before.
         """
         before, after = self.before.fitted_modulus, self.after.modulus_pa
         interval = self.after.modulus_interval_pa
-        if not self.effects or after is None or interval is None or self.after.left_open:
+        if not self.effects or after is None or interval is None or self.after.is_undetermined:
             return False
         past_bounds = any(p.at_bound for effect in self.effects for p in effect.numbers)
-        near = self.after.left_over_peak <= NEARLY_EXPLAINED and not past_bounds
+        is_nearly_explained = self.after.residual_over_peak <= NEARLY_EXPLAINED and not past_bounds
         low, high = interval
         moved = abs(after - before)
         part = self.held_out or HeldOut()
         worse = part.before is not None and part.after is not None and part.after >= part.before
-        return (self.verdict == "explained" or near) and high - low < moved and not worse
+        return (
+            (self.verdict == "explained" or is_nearly_explained)
+            and high - low < moved
+            and not worse
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -370,8 +375,8 @@ class DeviceFindings:
     Parameters
     ----------
     values, deviations : by effect and parameter
-    drops : int, how many they rest on
-    spread : by effect and parameter, by how much points differ that are asked each by itself
+    drops : int, number of drops used
+    spread : by effect and parameter, scatter between points that are fitted one by one
     """
 
     values: DeviceValues

@@ -1,7 +1,7 @@
-"""Where a record was cut off: a top that is flat, and left more steeply than a rounded one.
+"""Detection of clipped records by flat tops with flanks steeper than those of a rounded top.
 
-The level at which a channel is cut off is a property of the device. A record of the same channel
-that goes beyond a level, in this drop or in another one, refutes it (`is_exceeded`).
+The clipping level of a channel is a property of the device. A record of the same channel above
+that level, in this drop or in another one, refutes it (`is_exceeded`).
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import numpy as np
 from inversion.arrays import FloatArray
 from inversion.measured.record import Quantity, Record, Sensor
 
-# A top is flat within so many times the noise, or this part of it, over at least so many samples;
-# it is cut off when it is left so much more steeply than a rounded one.
+# Smallest number of samples of a flat top; its band, as a multiple of the noise or a fraction of
+# the level, whichever is larger; and the smallest slope of its flanks over that of a rounded top.
 _FLAT_SAMPLES = 4
-_FLAT_NOISE, _FLAT_PART = 5.0, 0.015
-_STEEPER = 2.5
+_FLAT_NOISE, _FLAT_FRACTION = 5.0, 0.015
+_MIN_SLOPE_RATIO = 2.5
 # s over which a displacement is differentiated.
 _DIFFERENCE_S = 4e-4
-# Samples at the start whose middle is the offset of a channel.
+# Number of samples at the start whose median is the offset of a channel.
 REST_SAMPLES = 16
 
 Channel = tuple[float, Quantity] | None
@@ -30,20 +30,20 @@ LargestValues = Mapping[Channel, float]
 
 
 def flat_velocity(sensor: Sensor, noise: float, step: float, largest: bool) -> float | None:
-    """Level at which the velocity is cut off, m/s; also where its integral was recorded.
+    """Return the level at which a velocity is clipped, m/s, also if its integral was recorded.
 
-    The difference of a displacement is too noisy to show a flat top: that of the largest drop may
-    have one just below its highest value.
+    The difference of a displacement is too noisy to show a flat top. In the largest drop a level
+    just below its highest value is assumed.
     """
     if sensor.quantity == "velocity":
         return flat_level(sensor.values - np.median(sensor.values[:REST_SAMPLES]), noise)
     velocity = _velocity_of_displacement(sensor, step)
-    hiss = _velocity_noise(sensor, noise, step)
-    found = flat_level(velocity, hiss)
+    velocity_noise = _velocity_noise(sensor, noise, step)
+    level = flat_level(velocity, velocity_noise)
     highest = float(np.abs(velocity).max())
-    if found is None and largest and highest > _FLAT_NOISE * hiss:
-        found = highest - 2.0 * hiss
-    return found
+    if level is None and largest and highest > _FLAT_NOISE * velocity_noise:
+        level = highest - 2.0 * velocity_noise
+    return level
 
 
 def _difference_samples(step: float) -> int:
@@ -56,7 +56,7 @@ def _velocity_of_displacement(sensor: Sensor, step: float) -> FloatArray:
 
 
 def _velocity_noise(sensor: Sensor, noise: float, step: float) -> float:
-    """Noise of the velocity that `flat_velocity` looks at, m/s."""
+    """Return the noise of the velocity that `flat_velocity` examines, m/s."""
     if sensor.quantity == "velocity":
         return noise
     return float(np.sqrt(2.0)) * noise / (_difference_samples(step) * step)
@@ -89,15 +89,15 @@ def merge_largest(first: LargestValues, second: LargestValues) -> dict[Channel, 
 
 
 def is_exceeded(level: float, largest: float, noise: float) -> bool:
-    """Return whether a channel whose largest value is known was not cut off at a level.
+    """Return whether the largest value of a channel refutes a clipping level.
 
-    Within the band in which a top counts as flat nothing is exceeded.
+    Values within the band of a flat top do not exceed the level.
     """
-    return largest > level + max(_FLAT_NOISE * noise, _FLAT_PART * level)
+    return largest > level + max(_FLAT_NOISE * noise, _FLAT_FRACTION * level)
 
 
 def flat_load_level(record: Record, noise: float, largest: LargestValues) -> float | None:
-    """Return the level at which the load is cut off, N; None: it is not, or it was exceeded."""
+    """Return the level at which the load is clipped, N; None: not clipped, or level exceeded."""
     level = flat_level(record.load - np.median(record.load[:REST_SAMPLES]), noise, both=False)
     if level is None or is_exceeded(level, largest.get(None, level), noise):
         return None
@@ -107,7 +107,7 @@ def flat_load_level(record: Record, noise: float, largest: LargestValues) -> flo
 def flat_sensor_level(
     sensor: Sensor, noise: float, step: float, is_largest_drop: bool, largest: LargestValues
 ) -> float | None:
-    """Return the level at which a velocity is cut off, m/s; None: it is not, or it was exceeded.
+    """Return the level at which a velocity is clipped, m/s; None: not clipped, or level exceeded.
 
     Parameters
     ----------
@@ -120,29 +120,29 @@ def flat_sensor_level(
     level = flat_velocity(sensor, noise, step, is_largest_drop)
     if level is None:
         return None
-    # A range with a zero line that is off ends on one side sooner than on the other.
+    # With an offset of the zero line the measuring range ends earlier on one side.
     rest = abs(float(np.median(sensor.values[:REST_SAMPLES])))
     margin = 2.0 * rest if sensor.quantity == "velocity" else 0.0
-    most = largest.get((sensor.offset, sensor.quantity), level) - margin
-    return None if is_exceeded(level, most, _velocity_noise(sensor, noise, step)) else level
+    highest = largest.get((sensor.offset, sensor.quantity), level) - margin
+    return None if is_exceeded(level, highest, _velocity_noise(sensor, noise, step)) else level
 
 
 def flat_level(values: FloatArray, noise: float, *, both: bool = True) -> float | None:
-    """Level at which a record is cut off; None: it is not.
+    """Return the level at which a record is clipped; None: it is not.
 
-    The samples within a narrow band below the largest one are many, and the record leaves the band
-    far more steeply than a rounded top of that width does: a parabola that falls by the band b
+    A clipped record has many samples within a narrow band below the largest one, and leaves the
+    band much more steeply than a rounded top of that width. A parabola that falls by the band b
     within half the width n leaves it with a slope of 4 b / n.
     """
     for signed in (values, -values) if both else (values,):
         top = int(np.argmax(signed))
         level = float(signed[top])
-        band = max(_FLAT_NOISE * noise, _FLAT_PART * level)
-        near = signed > level - band
+        band = max(_FLAT_NOISE * noise, _FLAT_FRACTION * level)
+        in_band = signed > level - band
         first, last = top, top
-        while first > 0 and near[first - 1]:
+        while first > 0 and in_band[first - 1]:
             first -= 1
-        while last < signed.size - 1 and near[last + 1]:
+        while last < signed.size - 1 and in_band[last + 1]:
             last += 1
         width = last - first + 1
         if width < _FLAT_SAMPLES or first < 2 or last + 2 >= signed.size:
@@ -150,6 +150,6 @@ def flat_level(values: FloatArray, noise: float, *, both: bool = True) -> float 
         rounded = 4.0 * band / width
         rise = 0.5 * (signed[first] - signed[first - 2])
         fall = 0.5 * (signed[last] - signed[last + 2])
-        if min(rise, fall) > _STEEPER * rounded:
+        if min(rise, fall) > _MIN_SLOPE_RATIO * rounded:
             return float(np.median(signed[first : last + 1]))
     return None

@@ -1,7 +1,7 @@
-"""Displacement over load of the ground of a point, remembered and, nearby, by derivatives.
+"""Displacement over load of the ground of a point, cached, with derivatives for nearby grounds.
 
-A fit asks for the response of a ground and of grounds a small step from it, one step a parameter
-and drop.  One call with derivatives gives all of them, for all drops of the point.
+A fit needs the response of a ground and of grounds a small step from it, one step per parameter
+and drop. One call with derivatives gives all of them, for all drops of the point.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from inversion.forward.model import (
 )
 from inversion.forward.surrogate import PlateResponse, Surrogate
 
-# Grounds: those of the drops of a point, and a few before them.
-_REMEMBERED = 24
+# Largest number of cached grounds: those of the drops of a point, and a few earlier ones.
+_MAX_CACHED = 24
 _SOIL = ("modulus", "viscosity", "density")
 _HOMOGENEOUS = (*_SOIL, "inverse_depth", "inverse_growth_depth", "loss_exponent")
-# 1/s; Laplace variables below it stand for the ground at rest.
+# 1/s; smaller Laplace variables represent the ground at rest.
 _AT_REST = 0.1
-_OF_MEDIUM: tuple[Field, ...] = ("modulus", "viscosity", "density", "thickness")
+_MEDIUM_FIELDS: tuple[Field, ...] = ("modulus", "viscosity", "density", "thickness")
 _Key = tuple[int, complex, Ground]
 _K = TypeVar("_K")
 
@@ -73,63 +73,63 @@ class GroundResponse:
             "rigid-rough", instrument.plate_radius, tuple(abs(float(r)) for r in offsets)
         )
         self._poisson_ratio = surrogate.problem.poisson_ratio
-        self._known: dict[_Key, ComplexArray] = {}
-        self._known_slopes: dict[tuple[_Key, tuple[int, ...]], ComplexArray] = {}
+        self._cache: dict[_Key, ComplexArray] = {}
+        self._slope_cache: dict[tuple[_Key, tuple[int, ...]], ComplexArray] = {}
         self._instruments: dict[float, Instrument] = {}
 
     def compliance(self, ground: Ground, s: ComplexArray) -> ComplexArray:
-        """Displacement over load at every sensor, (n_sensors, n), m/N."""
+        """Return displacement over load at every sensor, (n_sensors, n), m/N."""
         key = _key(s, ground)
-        found = self._known.get(key)
-        if found is None:
+        response = self._cache.get(key)
+        if response is None:
             if ground.contact_share != 1.0:
-                part: ComplexArray = self._under_part_of_plate([ground], s)[0]
-                return part
+                partial_contact: ComplexArray = self._under_part_of_plate([ground], s)[0]
+                return partial_contact
             if ground.above:
                 grounds = LayeredGrounds.of([self._layered(ground)])
-                found = layered_transfer(self._setup, ground.plate_mass, s, grounds)[0]
+                response = layered_transfer(self._setup, ground.plate_mass, s, grounds)[0]
             else:
-                found = self._solved([ground], s)[0]
-            _keep(self._known, key, found)
-        return found
+                response = self._solve([ground], s)[0]
+            _remember(self._cache, key, response)
+        return response
 
-    def look_ahead(self, grounds: Sequence[Ground], s: ComplexArray, nearby: bool) -> None:
-        """Solve together for grounds that are going to be asked for.
+    def solve_together(self, grounds: Sequence[Ground], s: ComplexArray, nearby: bool) -> None:
+        """Solve for the grounds of the drops of a point together, and cache the responses.
 
-        Those of the drops of a point, which differ in little. Layered grounds are not among them.
+        Layered grounds are skipped.
 
         Parameters
         ----------
-        nearby : bool, whether grounds a small step from them are going to be asked for, too
+        nearby : bool, whether grounds a small step from them will be needed, too
         """
         new = [g for g in dict.fromkeys(grounds) if not g.above and g.contact_share == 1.0]
         for kind in dict.fromkeys(map(_kind, new)):
-            alike = [g for g in new if _kind(g) == kind]
+            same_kind = [g for g in new if _kind(g) == kind]
             if nearby:
-                columns = self._moving(alike[0])
-                keys = [(_key(s, ground), columns) for ground in alike]
-                if any(key not in self._known_slopes for key in keys):
-                    slopes = self._solved_slopes(alike, s, columns)
+                columns = self._moving(same_kind[0])
+                keys = [(_key(s, ground), columns) for ground in same_kind]
+                if any(key not in self._slope_cache for key in keys):
+                    slopes = self._solve_slopes(same_kind, s, columns)
                     for key, slope in zip(keys, slopes, strict=True):
-                        _keep(self._known_slopes, key, slope)
-            elif any(_key(s, ground) not in self._known for ground in alike):
-                for ground, value in zip(alike, self._solved(alike, s), strict=True):
-                    _keep(self._known, _key(s, ground), value)
+                        _remember(self._slope_cache, key, slope)
+            elif any(_key(s, ground) not in self._cache for ground in same_kind):
+                for ground, value in zip(same_kind, self._solve(same_kind, s), strict=True):
+                    _remember(self._cache, _key(s, ground), value)
 
-    def _solved(self, grounds: Sequence[Ground], s: ComplexArray) -> ComplexArray:
-        """Responses (m, n_sensors, n) of grounds without layers and of one kind, m/N."""
+    def _solve(self, grounds: Sequence[Ground], s: ComplexArray) -> ComplexArray:
+        """Return the responses (m, n_sensors, n) of grounds of one kind without layers, m/N."""
         first = grounds[0]
         instrument, surrogate = self._with_mass(first.plate_mass), self._surrogate(first)
         parameters = _homogeneous(grounds)
-        found = transfer_function(surrogate, instrument, s, parameters)[:, -self._sensors :]
+        response = transfer_function(surrogate, instrument, s, parameters)[:, -self._sensors :]
         if parameters.loss_exponent is None:
-            return found
-        return found * _stiffness_at_rest(parameters.loss_exponent, s)[:, None]
+            return response
+        return response * _stiffness_at_rest(parameters.loss_exponent, s)[:, None]
 
-    def _solved_slopes(
+    def _solve_slopes(
         self, grounds: Sequence[Ground], s: ComplexArray, columns: Sequence[int]
     ) -> ComplexArray:
-        """Derivatives of the responses of such grounds, (m, fields, ...)."""
+        """Return the derivatives of the responses of such grounds, (m, fields, ...)."""
         first = grounds[0]
         instrument, surrogate = self._with_mass(first.plate_mass), self._surrogate(first)
         names = [_HOMOGENEOUS[c].replace("inverse_growth", "inverse") for c in columns]
@@ -147,7 +147,7 @@ class GroundResponse:
         return self._library.growth(self.surrogate.problem, ground.growth_exponent)
 
     def _moving(self, ground: Ground) -> tuple[int, ...]:
-        """Columns of the fields that a small step may move; a depth of rock that is given stays."""
+        """Return the columns of the fields that may change; a declared depth of rock may not."""
         names = set(_SOIL)
         if ground.growth_exponent > 0.0:
             names.add("inverse_growth_depth")
@@ -158,100 +158,103 @@ class GroundResponse:
         return tuple(i for i, name in enumerate(_HOMOGENEOUS) if name in names)
 
     def _with_mass(self, mass: float) -> Instrument:
-        """The instrument with a plate of this mass."""
-        known = self._instruments.get(mass)
-        if known is None:
-            known = replace(self._instrument, plate_mass=mass)
-            self._instruments = {mass: known}
-        return known
+        """Return the instrument with a plate of this mass."""
+        instrument = self._instruments.get(mass)
+        if instrument is None:
+            instrument = replace(self._instrument, plate_mass=mass)
+            self._instruments = {mass: instrument}
+        return instrument
 
     def nearby(self, ground: Ground, moved: Sequence[Ground], s: ComplexArray) -> ComplexArray:
-        """Responses of a ground and of others a small step from it, (1 + m, n_sensors, n), m/N.
+        """Return the responses of a ground and of nearby grounds, (1 + m, n_sensors, n), m/N.
 
-        By its derivatives; steps of the mass, and into or out of rock or loss, are solved for.
+        Small steps are taken by derivatives. Steps of the mass, and those that add or remove rock
+        or loss, are solved for.
         """
-        if ground.contact_share != 1.0 and all(other.contact_share != 1.0 for other in moved):
+        if ground.contact_share != 1.0 and all(
+            moved_ground.contact_share != 1.0 for moved_ground in moved
+        ):
             return self._under_part_of_plate([ground, *moved], s)
-        here = self.compliance(ground, s)
-        result = np.empty((1 + len(moved), *here.shape), dtype=np.complex128)
-        result[:] = here
-        alike = []
-        for place, other in enumerate(moved, 1):
-            if other == ground:
+        response = self.compliance(ground, s)
+        result = np.empty((1 + len(moved), *response.shape), dtype=np.complex128)
+        result[:] = response
+        same_kind = []
+        for place, moved_ground in enumerate(moved, 1):
+            if moved_ground == ground:
                 continue
-            if _kind(other) == _kind(ground):
-                alike.append(place)
+            if _kind(moved_ground) == _kind(ground):
+                same_kind.append(place)
             else:
-                result[place] = self.compliance(other, s)
-        if alike:
+                result[place] = self.compliance(moved_ground, s)
+        if same_kind:
             start = self._fields(ground)
-            steps = np.stack([self._fields(moved[place - 1]) for place in alike]) - start
+            steps = np.stack([self._fields(moved[place - 1]) for place in same_kind]) - start
             columns = np.flatnonzero(steps.any(axis=0))
             if not ground.above:
-                # As `look_ahead` has them.
+                # The same columns as in `solve_together`, so that its cache is used.
                 columns = np.array(self._moving(ground))
             slopes = self._slopes(ground, s, columns)
             changes = steps[:, columns] @ slopes.reshape(columns.size, -1)
-            result[alike] += changes.reshape(len(alike), *here.shape)
+            result[same_kind] += changes.reshape(len(same_kind), *response.shape)
         return result
 
     def _under_part_of_plate(self, grounds: Sequence[Ground], s: ComplexArray) -> ComplexArray:
-        r"""Responses of a ground and of others near it under a plate that touches part of it.
+        r"""Return the responses of nearby grounds under a plate in partial contact.
 
-        A plate of radius :math:`f a` on a half-space answers as one of radius a on a ground of
-        density :math:`f^2 \rho` does, over f.  What comes back from rock belongs to the force, not
-        to where it acts: it stays.  Beside the plate the static ratio of a rigid plate's
-        deflections holds, :math:`\arcsin(f a/r)/(f \arcsin(a/r))`, at f = 0.8 and 500 Hz to 5 %.
+        The response to a plate of radius :math:`f a` on a half-space is that of radius a on a
+        ground of density :math:`f^2 \rho`, divided by f. Reflections from rock depend on the force
+        alone and do not change. Outside the plate the static ratio of a rigid plate's deflections
+        is used, :math:`\arcsin(f a/r)/(f \arcsin(a/r))`; its error is 5 % at f = 0.8 and 500 Hz.
         """
         shares = np.array([ground.contact_share for ground in grounds])[:, None, None]
         masses = np.array([ground.plate_mass for ground in grounds])[:, None, None]
-        whole = [replace(g, contact_share=1.0, plate_mass=0.0) for g in grounds]
-        deep = [replace(g, inverse_depth=0.0) for g in whole]
+        full_contact = [replace(g, contact_share=1.0, plate_mass=0.0) for g in grounds]
+        deep = [replace(g, inverse_depth=0.0) for g in full_contact]
         narrow = [
-            replace(there, density=there.density * ground.contact_share**2)
-            for there, ground in zip(deep, grounds, strict=True)
+            replace(deep_ground, density=deep_ground.density * ground.contact_share**2)
+            for deep_ground, ground in zip(deep, grounds, strict=True)
         ]
         result, under, narrower = (
-            self.nearby(same[0], same[1:], s) for same in (whole, deep, narrow)
+            self.nearby(group[0], group[1:], s) for group in (full_contact, deep, narrow)
         )
         offsets = np.abs(np.array(self._setup.offsets))
         a = self._setup.radius
         below = offsets < a
         result[:, below] += (narrower / shares - under)[:, below]
-        beside = np.minimum(a / offsets[~below], 1.0)[None, :, None]
-        result[:, ~below] *= np.arcsin(shares * beside) / (shares * np.arcsin(beside))
+        radius_ratios = np.minimum(a / offsets[~below], 1.0)[None, :, None]
+        result[:, ~below] *= np.arcsin(shares * radius_ratios) / (shares * np.arcsin(radius_ratios))
         plate = result[:, np.flatnonzero(below)[:1]]
         return result / (1.0 + masses * s**2 * plate)
 
     def _fields(self, ground: Ground) -> FloatArray:
-        """What the derivatives are taken by, in the order of `_slopes`."""
+        """Return the fields with respect to which `_slopes` differentiates, in its order."""
         if not ground.above:
             return np.array([getattr(ground, name) for name in _HOMOGENEOUS])
         layered = self._layered(ground)
-        values = [[getattr(m, name) for name in _OF_MEDIUM] for m in layered.media]
+        values = [[getattr(m, name) for name in _MEDIUM_FIELDS] for m in layered.media]
         if not layered.rock:
             values[-1][-1] = 0.0
         return np.array(values).ravel()
 
     def _slopes(self, ground: Ground, s: ComplexArray, columns: NDArray[np.intp]) -> ComplexArray:
-        """Derivatives of the response by some fields, (fields, n_sensors, n)."""
+        """Return the derivatives of the response by some fields, (fields, n_sensors, n)."""
         key = _key(s, ground), tuple(columns.tolist())
-        known = self._known_slopes.get(key)
-        if known is not None:
-            return known
+        cached = self._slope_cache.get(key)
+        if cached is not None:
+            return cached
         if not ground.above:
-            found: ComplexArray = self._solved_slopes([ground], s, key[1])[0]
+            slopes_of_ground: ComplexArray = self._solve_slopes([ground], s, key[1])[0]
         else:
-            width = len(_OF_MEDIUM)
+            width = len(_MEDIUM_FIELDS)
             varied = [
-                MediumParameter(_OF_MEDIUM[column % width], int(column // width))
+                MediumParameter(_MEDIUM_FIELDS[column % width], int(column // width))
                 for column in columns
             ]
             grounds = LayeredGrounds.of([self._layered(ground)])
             _, slopes = layered_transfer_slopes(self._setup, ground.plate_mass, s, grounds, varied)
-            found = slopes[0]
-        _keep(self._known_slopes, key, found)
-        return found
+            slopes_of_ground = slopes[0]
+        _remember(self._slope_cache, key, slopes_of_ground)
+        return slopes_of_ground
 
     def _layered(self, ground: Ground) -> LayeredGround:
         rock = ground.inverse_depth > 0.0
@@ -267,7 +270,7 @@ class GroundResponse:
 
 
 def _kind(ground: Ground) -> tuple[object, ...]:
-    """What a ground has in common with those that its derivatives reach."""
+    """Return the properties that a ground shares with those that its derivatives can reach."""
     return (
         ground.plate_mass,
         ground.inverse_depth > 0.0,
@@ -279,9 +282,9 @@ def _kind(ground: Ground) -> tuple[object, ...]:
 
 
 def _stiffness_at_rest(loss_exponent: FloatArray, s: ComplexArray) -> FloatArray:
-    """Factors (m, n) on responses, by which ground at rest has the modulus of the reference.
+    """Return factors (m, n) on responses so that ground at rest has the reference modulus.
 
-    Constant-Q ground at rest would have none.
+    The stiffness of constant-Q ground would vanish at rest.
     """
     still = np.where(np.abs(s) < _AT_REST, np.abs(s) / REFERENCE_RAD_S, 1.0)
     result: FloatArray = still ** loss_exponent[:, None]
@@ -292,14 +295,14 @@ def _key(s: ComplexArray, ground: Ground) -> _Key:
     return s.size, complex(s[0]), ground
 
 
-def _keep(memory: dict[_K, ComplexArray], key: _K, value: ComplexArray) -> None:
-    if len(memory) >= _REMEMBERED:
+def _remember(memory: dict[_K, ComplexArray], key: _K, value: ComplexArray) -> None:
+    if len(memory) >= _MAX_CACHED:
         memory.pop(next(iter(memory)))
     memory[key] = value
 
 
 def _homogeneous(grounds: Sequence[Ground]) -> Grounds:
-    """Parameters of grounds without layers and of one kind."""
+    """Return the parameters of grounds of one kind without layers."""
     growing = grounds[0].growth_exponent > 0.0
     names = (*_SOIL, "inverse_growth_depth" if growing else "inverse_depth", "loss_exponent")
     fields = np.array([[getattr(ground, name) for name in names] for ground in grounds]).T

@@ -1,7 +1,7 @@
-"""Hum of the mains before the pulse: a line, which is an effect, and no noise.
+"""Detection of mains hum before the pulse: a spectral line, which is an effect and not noise.
 
-What is there before the pulse is taken for noise.  Hum that fills it would be noise as slow as the
-pulse, beside which nothing asks for an effect any more, not even the hum itself.
+The signal before the pulse is taken for noise. Hum would count as noise as slow as the pulse. No
+effect would be significant beside such noise, not even the hum itself.
 """
 
 from __future__ import annotations
@@ -14,18 +14,19 @@ from numpy.typing import NDArray
 from inversion.arrays import FloatArray
 from inversion.measured.record import PreparedDrop, Record, noise_before
 
-# Hz: mains, and what generators make of them.
+# Hz: mains frequencies, with the deviations of generators.
 _MAINS = (50.0, 60.0)
 _FREQUENCIES = np.concatenate([mains + np.arange(-1.0, 1.25, 0.25) for mains in _MAINS])
-# Of a turn of the slowest line: what is shorter may be any slow noise.
-_LEAST_TURN = 0.6
+# Shortest usable time before the pulse, in turns of the slowest line. A shorter one may be slow
+# noise.
+_MIN_TURNS = 0.6
 # Rectifiers and transformers make odd harmonics.
 _HARMONICS = (1, 3, 5)
-# Of the samples in a second, frequencies that they show: nearer to half of them all look alike.
-_SHOWN = 0.45
-# A line leaves no more than this part of what a straight one leaves (rms); slow noise, which so
-# many numbers follow as far as it is smooth, leaves a fifth in one of a hundred records.
-_MOST_LEFT = 0.15
+# Largest frequency over the sampling rate. Closer to one half, frequencies cannot be separated.
+_MAX_FREQUENCY_RATIO = 0.45
+# Largest rms residual of a mains line over that of a straight line. With slow noise, which so many
+# parameters fit where it is smooth, the ratio falls to a fifth in one of a hundred records.
+_MAX_RESIDUAL_RATIO = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,28 +35,28 @@ class MainsLine:
 
     Parameters
     ----------
-    amplitude : float, m/s, of the first one's velocity
+    amplitude : float, m/s, of the velocity of the fundamental
     frequency : float, Hz
-    phase : float, of its sine in the middle of the time before the pulse, turns
-    harmonics : tuple of (order, share of the first one, phase against as many turns of it, rad),
-        of the velocity
-    left : (n,) ndarray of float, what it leaves
+    phase : float, turns, of its sine in the middle of the time before the pulse
+    harmonics : tuple of (order, amplitude over the fundamental's, phase relative to that multiple
+        of the fundamental's phase, rad), of the velocity
+    residual : (n,) ndarray of float, signal before the pulse without the line
     """
 
     amplitude: float
     frequency: float
     phase: float
     harmonics: tuple[tuple[int, float, float], ...]
-    left: FloatArray
+    residual: FloatArray
 
     @property
-    def told(self) -> tuple[float, float, float]:
-        """Amplitude, m/s, frequency, Hz, and phase in that middle, turns."""
+    def as_tuple(self) -> tuple[float, float, float]:
+        """Amplitude, m/s, frequency, Hz, and phase in the middle of that time, turns."""
         return self.amplitude, self.frequency, self.phase
 
 
 def without_mains_line(drop: PreparedDrop, record: Record) -> tuple[PreparedDrop, MainsLine | None]:
-    """The drop with the noise of its channels as it is without hum, and that of the first with it.
+    """Return a drop whose channel noise excludes hum, and the line of the first channel with hum.
 
     Parameters
     ----------
@@ -67,33 +68,33 @@ def without_mains_line(drop: PreparedDrop, record: Record) -> tuple[PreparedDrop
         for channel, sensor in zip(drop.channels, record.sensors, strict=True)
     ]
     channels = tuple(
-        channel if line is None else replace(channel, model=noise_before(line.left))
+        channel if line is None else replace(channel, model=noise_before(line.residual))
         for channel, line in zip(drop.channels, lines, strict=True)
     )
-    found = [line for line in lines if line is not None]
-    if not found:
+    detected = [line for line in lines if line is not None]
+    if not detected:
         return drop, None
-    return replace(drop, channels=channels).with_tail(), found[0]
+    return replace(drop, channels=channels).with_tail(), detected[0]
 
 
 @dataclass(frozen=True)
 class Hum:
-    """What the time before the pulse says of hum.
+    """Estimate of hum from the time before the pulse.
 
     Parameters
     ----------
-    most : float, m/s, how large it may be: the larger of what lines of 50 and 60 Hz fit there,
-        with its deviation by what it leaves; inf: that tells nothing
-    lines : of each mains amplitude (m/s), frequency (Hz) and phase of the velocity in the middle of
-        that time (turns)
+    max_amplitude : float, m/s, upper limit: the larger of the fitted amplitudes at 50 and 60 Hz,
+        each with its deviation; inf: no estimate
+    lines : per mains frequency the amplitude (m/s), frequency (Hz) and phase (turns) of the
+        velocity in the middle of that time
     """
 
-    most: float = np.inf
+    max_amplitude: float = np.inf
     lines: tuple[tuple[float, float, float], ...] = ()
 
 
 def hum_before(quiet: FloatArray, step: float, *, velocity: bool) -> Hum:
-    """Hum of either mains that best fits the time before the pulse.
+    """Return the least-squares fit of hum at 50 and 60 Hz to the time before the pulse.
 
     Parameters
     ----------
@@ -102,28 +103,28 @@ def hum_before(quiet: FloatArray, step: float, *, velocity: bool) -> Hum:
     velocity : bool, whether it is a velocity, else a displacement
     """
     time = step * (np.arange(quiet.size) - 0.5 * (quiet.size - 1))
-    most, lines = 0.0, []
+    max_amplitude, lines = 0.0, []
     for frequency in _MAINS:
-        if frequency >= _SHOWN / step:
-            # So few samples a second show it as something else.
+        if frequency >= _MAX_FREQUENCY_RATIO / step:
+            # At this sampling rate the hum is aliased.
             continue
         turn = 2.0 * np.pi * frequency * time
         columns = np.column_stack([np.ones_like(turn), np.cos(turn), np.sin(turn)])
         if quiet.size <= columns.shape[1]:
             return Hum()
-        left, factors = _fitted(columns, quiet)
-        variance = float(left @ left) / (quiet.size - columns.shape[1])
+        residual, factors = _least_squares(columns, quiet)
+        variance = float(residual @ residual) / (quiet.size - columns.shape[1])
         deviations = variance * np.diag(np.linalg.inv(columns.T @ columns))[1:]
         (phasor,) = _phasors(factors[1:], frequency, velocity)
         in_velocity = 1.0 if velocity else (2.0 * np.pi * frequency) ** 2
         size = float(np.abs(phasor))
-        most = max(most, float(np.sqrt(size**2 + in_velocity * deviations.sum())))
+        max_amplitude = max(max_amplitude, float(np.sqrt(size**2 + in_velocity * deviations.sum())))
         lines.append((size, frequency, float(np.angle(phasor) / (2.0 * np.pi))))
-    return Hum(most, tuple(lines))
+    return Hum(max_amplitude, tuple(lines))
 
 
 def find_line(quiet: FloatArray, step: float, *, velocity: bool) -> MainsLine | None:
-    """The line of the mains in the time before the pulse; None where there is none.
+    """Return the mains line in the time before the pulse; None if there is none.
 
     Parameters
     ----------
@@ -131,33 +132,33 @@ def find_line(quiet: FloatArray, step: float, *, velocity: bool) -> MainsLine | 
     step : float, s
     velocity : bool, whether it is a velocity, else a displacement
     """
-    if quiet.size * step * _FREQUENCIES[0] < _LEAST_TURN:
+    if quiet.size * step * _FREQUENCIES[0] < _MIN_TURNS:
         return None
-    # From the middle on, where phases are told best.
+    # Time 0 is in the middle, where phases are best determined.
     time = step * (np.arange(quiet.size) - 0.5 * (quiet.size - 1))
     straight = np.stack([np.ones_like(time), time], axis=1)
-    left, _ = _fitted(straight, quiet)
-    most = _MOST_LEFT**2 * float(left @ left)
-    found = None
+    residual, _ = _least_squares(straight, quiet)
+    min_squares = _MAX_RESIDUAL_RATIO**2 * float(residual @ residual)
+    best = None
     for frequency in _FREQUENCIES:
         turns = [2.0 * np.pi * harmonic * frequency * time for harmonic in _HARMONICS]
         waves = [wave(turn) for turn in turns for wave in (np.cos, np.sin)]
-        left, factors = _fitted(np.column_stack([straight, *waves]), quiet)
-        if float(left @ left) < most:
-            most = float(left @ left)
+        residual, factors = _least_squares(np.column_stack([straight, *waves]), quiet)
+        if float(residual @ residual) < min_squares:
+            min_squares = float(residual @ residual)
             phasors = _phasors(factors[straight.shape[1] :], frequency, velocity)
-            found = MainsLine(
+            best = MainsLine(
                 amplitude=float(np.abs(phasors[0])),
                 frequency=float(frequency),
                 phase=float(np.angle(phasors[0]) / (2.0 * np.pi)),
                 harmonics=_harmonics(phasors),
-                left=left,
+                residual=residual,
             )
-    return found
+    return best
 
 
 def _phasors(factors: FloatArray, frequency: float, velocity: bool) -> NDArray[np.complex128]:
-    """Of the sines of the velocity, by the factors of cosine and sine of each, (n,), m/s."""
+    """Return the phasors of the velocity from the factors of cosines and sines, (n,), m/s."""
     phasors = factors[1::2] + 1j * factors[::2]
     if not velocity:
         phasors = phasors * 2j * np.pi * frequency * np.array(_HARMONICS[: phasors.size])
@@ -165,7 +166,7 @@ def _phasors(factors: FloatArray, frequency: float, velocity: bool) -> NDArray[n
 
 
 def _harmonics(phasors: NDArray[np.complex128]) -> tuple[tuple[int, float, float], ...]:
-    """Of the first one, whose share is 1."""
+    """Return order, relative amplitude and relative phase of the harmonics of the fundamental."""
     sizes, phases = np.abs(phasors), np.angle(phasors)
     return tuple(
         (order, float(size / sizes[0]), float(phase - order * phases[0]))
@@ -173,7 +174,7 @@ def _harmonics(phasors: NDArray[np.complex128]) -> tuple[tuple[int, float, float
     )[1:]
 
 
-def _fitted(columns: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """What columns (n, k) leave of values (n,), by least squares, and their factors (k,)."""
+def _least_squares(columns: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the residual of values (n,) after a fit of columns (n, k), and their factors (k,)."""
     factors, *_ = np.linalg.lstsq(columns, values, rcond=None)
     return values - columns @ factors, factors

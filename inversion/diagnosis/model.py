@@ -1,4 +1,4 @@
-"""The model of a drop with effects: five stages, of which the slow one is remembered."""
+"""Model of a drop with effects: five stages, of which the slow ones are cached."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from inversion.diagnosis.flat_tops import (
     merge_largest,
 )
 from inversion.diagnosis.ground_response import GroundResponse
-from inversion.diagnosis.rest import DropAtRest, drops_at_rest
+from inversion.diagnosis.rest import PreTriggerNoise, estimate_pre_trigger_noise
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
 from inversion.fitting.layered.first_look import FirstLook
 from inversion.fitting.misfit import model_floor
@@ -37,21 +37,22 @@ from inversion.forward.surrogate import Surrogate
 from inversion.measured.half_sine import fit_half_sine
 from inversion.measured.record import PreparedDrop, Record, prepare
 
-# Samples of a record that the diagnosis looks at: enough for a pulse of 8 ms in a record of 0.1 s.
-MOST_SAMPLES = 180
-# Hz; of a pulse of 8 ms a two-hundredth of the spectrum is left there. Of a trailer's of 30 ms no
-# more than this part is left from 300 Hz on.
-_BAND_HZ, _LEAST_BAND_HZ = 900.0, 300.0
-_SPECTRUM_LEFT = 0.003
-_REMEMBERED = 24
-# 1/s; slow enough for the ground to be at rest.
-_STILL = 1e-3
+# Largest number of samples of a record: enough for a pulse of 8 ms in a record of 0.1 s.
+MAX_SAMPLES = 180
+# Hz; at the first frequency a pulse of 8 ms has a two-hundredth of its spectrum. Above the second
+# a trailer's pulse of 30 ms has less than this fraction of it.
+_BAND_HZ, _MIN_BAND_HZ = 900.0, 300.0
+_NEGLIGIBLE_SPECTRUM = 0.003
+_MAX_CACHED = 24
+# 1/s; Laplace variable at which the ground counts as at rest.
+_AT_REST_S = 1e-3
 # The first sample is zero by construction.
 FROM_SAMPLE = 1
-# The deflection has its peak within so many contact times.
-_SOON = 1.3
-# How far a plate has to come up to swing back, of its largest deflection and over the noise.
-_SWINGS_BACK, _ABOVE_NOISE = 0.01, 3.0
+# Latest time of the peak deflection, in contact times.
+_MAX_PEAK_TIME = 1.3
+# Smallest upward motion that counts as a rebound: fraction of the largest deflection, and multiple
+# of the noise.
+_MIN_REBOUND, _MIN_REBOUND_OVER_NOISE = 0.01, 3.0
 
 Active = Sequence[tuple[Effect, Values]]
 _Motion = tuple[FloatArray, FloatArray | None]
@@ -60,11 +61,11 @@ _A = TypeVar("_A", FloatArray, ComplexArray)
 
 @dataclass(frozen=True)
 class _Stages:
-    """The ground of a drop with what its effects make of it.
+    """Ground of a drop with the effects that act on it.
 
     Parameters
     ----------
-    key : tuple, tells it from others
+    key : tuple, unique for the ground and its effects
     ground : Ground
     law : NonlinearStiffness
     shaping : effects that shape the compliance, with their values
@@ -78,7 +79,7 @@ class _Stages:
 
 @dataclass(frozen=True, eq=False)
 class PointRecords:
-    """The drops of a point, as they enter the diagnosis.
+    """Drops of a point, as they enter the diagnosis.
 
     Parameters
     ----------
@@ -86,7 +87,7 @@ class PointRecords:
     records : tuple of Record, measured drops in their order, all with the same declarations
     numbers : tuple of int, of the drops
     elastic : bool, whether the base model has no dashpot
-    half_sine : bool, whether a half-sine stands in for the measured load
+    half_sine : bool, whether a half-sine replaces the measured load
     device_largest : mapping, largest value of each channel in other points of the device
     """
 
@@ -104,7 +105,7 @@ class PointRecords:
 
 
 class DropModel:
-    """Predicts one record.
+    """Model that predicts one record.
 
     Parameters
     ----------
@@ -115,8 +116,8 @@ class DropModel:
     point : PointRecords
     layers : FirstLook or None, the point's drops as layered ground
     response : GroundResponse or None, which the drops of a point share
-    duration : float or None, s, of the longest record of the point: what is shared has one length
-    rest : DropAtRest or None, the drop with its noise as all drops of the point tell it
+    duration : float or None, s, of the longest record of the point, so that drops share a response
+    rest : PreTriggerNoise or None, the drop with its noise as estimated from all drops of the point
     """
 
     def __init__(
@@ -129,41 +130,43 @@ class DropModel:
         layers: FirstLook | None = None,
         response: GroundResponse | None = None,
         duration: float | None = None,
-        rest: DropAtRest | None = None,
+        rest: PreTriggerNoise | None = None,
     ) -> None:
-        # The surrogate answers in this order, whatever order the record has.
+        # The surrogate returns its sensors in this order, whatever order the record has.
         record = record.nearest_first()
         drop = prepare(record)
         self._layers = layers
-        at_rest = rest or drops_at_rest([record])[0]
+        at_rest = rest or estimate_pre_trigger_noise([record])[0]
         self._at_rest = at_rest
-        whole = at_rest.drop
-        self.drop: PreparedDrop = whole
+        with_tail = at_rest.drop
+        self.drop: PreparedDrop = with_tail
         self.record = record
-        # What the geophone does belongs to the record stage, behind what the ground does in time.
+        # The geophone belongs to the record stage, after the motion of the ground in time.
         self._instrument = replace(
             record.instrument, geophone_natural_frequency=None, geophone_damping=None
         )
         self.response = response or GroundResponse(surrogate, self._instrument, drop.offsets)
         self._duration = duration
-        count_samples = int(np.searchsorted(drop.time, whole.tail_end * (1 + 1e-9)))
-        stride = max(1, -(-count_samples // MOST_SAMPLES))
+        count_samples = int(np.searchsorted(drop.time, with_tail.tail_end * (1 + 1e-9)))
+        stride = max(1, -(-count_samples // MAX_SAMPLES))
         self.rows = np.arange(0, count_samples, stride)
         load = fit_half_sine(drop.time, drop.load).load(drop.time) if point.half_sine else drop.load
         self._load = load
         self._prepare_transform(_BAND_HZ)
         first = int(np.searchsorted(record.time, drop.start - 0.5 * drop.step))
-        # Samples before the pulse, where nothing moves but drift, hum and noise show.
+        # Number of samples before the pulse, which contain drift, hum and noise only.
         self.before = first // stride
         samples = first + np.concatenate([np.arange(-self.before, 0) * stride, self.rows])
         self.channels = tuple(
             MotionChannel(sensor, noise, first, samples, drop.step)
-            for sensor, noise in zip(record.sensors, whole.channels, strict=True)
+            for sensor, noise in zip(record.sensors, with_tail.channels, strict=True)
         )
         everywhere = np.stack([channel.observed for channel in self.channels])
         self.observed: FloatArray = everywhere[:, self.before :]
-        floor = model_floor(whole, record.model_floor)
-        self.noise: FloatArray = np.maximum(np.maximum(whole.noise, whole.quantisation), floor)
+        floor = model_floor(with_tail, record.model_floor)
+        self.noise: FloatArray = np.maximum(
+            np.maximum(with_tail.noise, with_tail.quantisation), floor
+        )
         self.context = self._make_context(load, largest_load, index, point)
         self._recorded = replace(self.context, time=drop.step * (samples - first))
         self._noise_covariances: dict[tuple[int, float], FloatArray] = {}
@@ -176,31 +179,31 @@ class DropModel:
 
     @property
     def recorded_time(self) -> FloatArray:
-        """Time of the samples that `predict` returns, s, as recorded."""
+        """Time of the samples that `predict` returns, s, on the axis of the record."""
         return self.drop.start + self._recorded.time
 
     @property
-    def least_band(self) -> float:
-        """Hz up to which the load has more than hardly any spectrum, or as far as it is solved."""
-        reaches = band_of_load(self.drop.time, self._load, _SPECTRUM_LEFT)
-        return min(max(reaches, _LEAST_BAND_HZ), _BAND_HZ)
+    def min_band_hz(self) -> float:
+        """Hz above which the spectrum of the load is negligible, within the solved band."""
+        reaches = band_of_load(self.drop.time, self._load, _NEGLIGIBLE_SPECTRUM)
+        return min(max(reaches, _MIN_BAND_HZ), _BAND_HZ)
 
     def in_band(self, band: float) -> DropModel:
-        """The same drop, solved for up to this frequency, Hz."""
-        other = copy.copy(self)
-        other._prepare_transform(band)
-        other._motions, other._last_displacement, other._latest = {}, None, None
-        return other
+        """Return the same drop, solved up to this frequency, Hz."""
+        model = copy.copy(self)
+        model._prepare_transform(band)
+        model._motions, model._last_displacement, model._latest = {}, None, None
+        return model
 
     def with_flat_tops(self, flat: tuple[float | None, ...]) -> DropModel:
-        """Return the same drop with these levels of flat tops, of each sensor."""
-        other = copy.copy(self)
-        other.context = replace(self.context, flat=flat)
-        other._recorded = replace(self._recorded, flat=flat)
-        return other
+        """Return the same drop with these clipping levels of the sensors."""
+        model = copy.copy(self)
+        model.context = replace(self.context, flat=flat)
+        model._recorded = replace(self._recorded, flat=flat)
+        return model
 
     def _prepare_transform(self, band: float) -> None:
-        """From compliances at Laplace frequencies to motions under the load, and after a hat."""
+        """Set the matrices from compliances to the motion under the load, and to hat responses."""
         load = self._load
         time = self.drop.time[self.rows]
         band = min(band, 0.5 / self.drop.step)
@@ -208,29 +211,30 @@ class DropModel:
             band = min(band, 2.0 * self.record.instrument.load_filter)
         transform = DampedTransform(self._duration or float(time[-1]), band)
         s = transform.s
-        # Behind them the ground at rest, which is asked for with the others: layered ground has an
-        # answer there, homogeneous ground one nearby.
-        self.s, self._s_layered = (np.append(s, still) for still in (_STILL, 0.0))
+        # The last variable stands for the ground at rest: zero for layered ground, and a small
+        # value for homogeneous ground, whose solution is singular at zero.
+        self.s, self._s_layered = (np.append(s, still) for still in (_AT_REST_S, 0.0))
         spectrum = transform.of_samples(self.drop.time, load)
         spectrum = spectrum * self._instrument.response(s)
         synthesis = spectrum[:, None] * transform.synthesis(time)
         self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
         ramp = transform.synthesis(time) / s[:, None] ** 2
-        # To the response after a hat of 1 N over one sample, see `hat_response`.
+        # Response to a hat of 1 N over one sample, see `hat_response`.
         self._hats = hat_response(np.vstack([ramp.real, -ramp.imag]), float(time[1] - time[0]))
 
     def _make_context(
         self, load: FloatArray, largest_load: float, index: int, point: PointRecords
     ) -> DropContext:
-        """What effects may know of the drop."""
+        """Return the properties of the drop on which effects may depend."""
         drop, record = self.drop, self.record
         noises = [channel.model.rms for channel in drop.channels]
         plate = int(np.argmin(drop.offsets))
-        above = -float(
+        rebound = -float(
             self.observed[plate, drop.time[self.rows] > drop.contact_end].min(initial=0.0)
         )
-        least = max(
-            _SWINGS_BACK * float(drop.peak_displacement[plate]), _ABOVE_NOISE * self.noise[plate]
+        min_rebound = max(
+            _MIN_REBOUND * float(drop.peak_displacement[plate]),
+            _MIN_REBOUND_OVER_NOISE * self.noise[plate],
         )
         return DropContext(
             time=drop.time[self.rows],
@@ -245,11 +249,11 @@ class DropModel:
             index=index,
             count=len(point.records),
             elastic=point.elastic,
-            density_given=record.density is not None,
-            load_left=(drop.load - load)[self.rows] if point.half_sine else None,
+            is_density_declared=record.density is not None,
+            unmodelled_load=(drop.load - load)[self.rows] if point.half_sine else None,
             layers=self._layers,
             plate_mass=record.instrument.plate_mass,
-            swings_back=above > least,
+            swings_back=rebound > min_rebound,
             has_bedrock=record.bedrock_depth is not None and not np.isinf(record.bedrock_depth),
             flat=tuple(
                 flat_sensor_level(
@@ -265,11 +269,11 @@ class DropModel:
             rest=tuple(float(np.median(sensor.values[:REST_SAMPLES])) for sensor in record.sensors),
             hum=self._at_rest.hum,
             harmonics=self._at_rest.harmonics,
-            most_hum=self._at_rest.most_hum,
+            max_hum=self._at_rest.max_hum,
         )
 
     def predict(self, ground: Ground, active: Active) -> FloatArray:
-        """What would be recorded, (n_sensors, n), m; the samples before the pulse stand first."""
+        """Return the recorded displacement, (n_sensors, n), m, from before the pulse on."""
         stages = self._stages(ground, active)
         motion = self._ground_motion(stages)
         for effect, values in active:
@@ -277,15 +281,15 @@ class DropModel:
                 motion = effect.motion(
                     motion, values, self.context, partial(self._impulse_response, stages)
                 )
-        found: FloatArray = self._read(self._record(motion[None], active))[0]
-        return found
+        displacements: FloatArray = self._read(self._record(motion[None], active))[0]
+        return displacements
 
     def ground_motion(self, ground: Ground, active: Active) -> FloatArray:
-        """Return what the ground does under the load, (n_sensors, n), m, before other effects."""
+        """Return the motion of the ground, (n_sensors, n), m, before the effects on motion."""
         return self._ground_motion(self._stages(ground, active))
 
     def _padded(self, motions: FloatArray) -> FloatArray:
-        """Motions (m, n_sensors, n) from before the pulse on, as a geophone shows them."""
+        """Return motions (m, n_sensors, n) with the time before the pulse, after the geophone."""
         records = np.zeros((*motions.shape[:2], self.before + motions.shape[2]))
         records[:, :, self.before :] = motions
         instrument, step = self.record.instrument, self.context.step
@@ -296,7 +300,7 @@ class DropModel:
         return records
 
     def _record(self, motions: FloatArray, active: Active) -> FloatArray:
-        """Motions (m, n_sensors, n) as sensors and processing show them, m."""
+        """Return motions (m, n_sensors, n) after the record stage of the effects, m."""
         records = self._padded(motions)
         for effect, values in active:
             if "record" in _stages_of(effect):
@@ -304,13 +308,13 @@ class DropModel:
         return records
 
     def _recorded_by(self, effect: Effect, values: Values, records: FloatArray) -> FloatArray:
-        """Records (m, n_sensors, n) with an effect; one that treats rows alike sees all at once."""
-        if effect.rows_alike:
+        """Return records (m, n_sensors, n) with an effect, in one call if all sensors are alike."""
+        if effect.is_identical_for_all_sensors:
             return effect.record(_rows(records), values, self._recorded).reshape(records.shape)
         return np.stack([effect.record(record, values, self._recorded) for record in records])
 
     def _read(self, records: FloatArray) -> FloatArray:
-        """Records (m, n_sensors, n) as their displacements come out."""
+        """Return records (m, n_sensors, n) as displacements without offset, see `MotionChannel`."""
         return np.stack(
             [channel.read(records[:, row]) for row, channel in enumerate(self.channels)], axis=1
         )
@@ -318,34 +322,38 @@ class DropModel:
     def predict_nearby(
         self, ground: Ground, active: Active, moved: Sequence[tuple[Ground, Active]]
     ) -> FloatArray:
-        """`predict` for what is a small step away, (m, n_sensors, n), m.
+        """Return `predict` for grounds and effects a small step away, (m, n_sensors, n), m.
 
-        The ground's responses come by derivatives (`GroundResponse.nearby`), nonlinear resistance
-        by one step of Newton's method for all, and each stage is gone through for those alone in
-        which something has moved until then. The moved ones have the same effects in the same
-        order; what has not moved there should be the same object.
+        Responses of the ground are found by derivatives (`GroundResponse.nearby`), nonlinear
+        resistance by one step of Newton's method. A stage is computed only for items that have
+        changed in it or before. All items have the same effects in the same order; unchanged
+        values should be the same objects.
         """
         steps = [
             [
                 place
-                for place, ((_, here), (_, there)) in enumerate(zip(active, other, strict=True))
-                if here is not there and here != there
+                for place, ((_, start_values), (_, moved_values)) in enumerate(
+                    zip(active, moved_effects, strict=True)
+                )
+                if start_values is not moved_values and start_values != moved_values
             ]
-            for _, other in moved
+            for _, moved_effects in moved
         ]
         motions, places = self._motions_nearby(ground, active, moved, steps)
         records = self._padded(motions)
         for number, (effect, values) in enumerate(active):
             if "record" not in _stages_of(effect):
                 continue
-            found = [self._recorded_by(effect, values, records)]
+            stacked = [self._recorded_by(effect, values, records)]
             count = records.shape[0]
-            for column, (changed, (_, other)) in enumerate(zip(steps, moved, strict=True)):
+            for column, (changed, (_, moved_effects)) in enumerate(zip(steps, moved, strict=True)):
                 if number in changed:
-                    own = records[places[column]][None]
-                    found.append(self._recorded_by(effect, other[number][1], own))
+                    moved_records = records[places[column]][None]
+                    stacked.append(
+                        self._recorded_by(effect, moved_effects[number][1], moved_records)
+                    )
                     places[column], count = count, count + 1
-            records = np.concatenate(found)
+            records = np.concatenate(stacked)
         return self._read(records)[places]
 
     def _motions_nearby(
@@ -355,47 +363,48 @@ class DropModel:
         moved: Sequence[tuple[Ground, Active]],
         steps: Sequence[Sequence[int]],
     ) -> tuple[FloatArray, list[int]]:
-        """Motions (k, n_sensors, n), m: first where nothing has moved; and which each has.
+        """Return the distinct motions (k, n_sensors, n), m, the unchanged first, and each index.
 
         Parameters
         ----------
-        steps : places of the effects whose values have moved, of each
+        steps : per item, the indices of the effects whose values have changed
         """
         start = self._stages(ground, active)
         stages = {start: 0}
         acting = [i for i, (effect, _) in enumerate(active) if "motion" in _stages_of(effect)]
-        # Of each row of motions its ground, and what has moved of the effects of this stage.
+        # Key of each row of motions: its ground, and the changed values of effects of this stage.
         rows: dict[tuple[object, ...], int] = {(0,): 0}
         where, places = [0], []
         values = {i: {name: [value] for name, value in active[i][1].items()} for i in acting}
-        for (other_ground, other), changed in zip(moved, steps, strict=True):
+        for (moved_ground, moved_effects), changed in zip(moved, steps, strict=True):
             stage = start
-            if other_ground is not ground or any(_shapes_ground(active[i][0]) for i in changed):
-                stage = self._stages(other_ground, other)
+            if moved_ground is not ground or any(_shapes_ground(active[i][0]) for i in changed):
+                stage = self._stages(moved_ground, moved_effects)
             number = stages.setdefault(stage, len(stages))
-            own = tuple((i, *other[i][1].values()) for i in acting if i in changed)
-            row = rows.setdefault((number, *own), len(rows))
+            moved_values = tuple((i, *moved_effects[i][1].values()) for i in acting if i in changed)
+            row = rows.setdefault((number, *moved_values), len(rows))
             places.append(row)
             if row == len(where):
                 where.append(number)
                 for i in acting:
-                    for name, value in other[i][1].items():
+                    for name, value in moved_effects[i][1].items():
                         values[i][name].append(value)
         motions, hats = self._grounds_nearby(list(stages), bool(acting))
         motions = motions[where]
         for i in acting:
-            many = {name: np.array(value) for name, value in values[i].items()}
+            arrays = {name: np.array(value) for name, value in values[i].items()}
             motions = active[i][0].motions(
-                motions, many, self.context, lambda: hats[where] / self.context.step
+                motions, arrays, self.context, lambda: hats[where] / self.context.step
             )
         return motions, places
 
     def _grounds_nearby(
         self, stages: Sequence[_Stages], forced: bool
     ) -> tuple[FloatArray, FloatArray]:
-        """Motions of a ground and of others a small step from it, and their hat responses.
+        """Return the motions of a ground and of nearby grounds, and their hat responses.
 
-        Each (m, n_sensors, n), m and m/N; the latter where something is ``forced`` to move.
+        Each is (m, n_sensors, n), m and m/N. Hat responses are computed if an effect applies a
+        force (``forced``) or the resistance is nonlinear.
         """
         start = stages[0]
         compliances = self._compliances_nearby(stages, self._variables(start))
@@ -413,15 +422,15 @@ class DropModel:
         return motions, hats
 
     def _compliances_nearby(self, stages: Sequence[_Stages], s: ComplexArray) -> ComplexArray:
-        """Displacement over load of a ground and of others a small step from it."""
-        start, *others = stages
-        found = self.response.nearby(start.ground, [o.ground for o in others], s)
+        """Return displacement over load of a ground and of nearby grounds."""
+        start, *moved = stages
+        compliances = self.response.nearby(start.ground, [o.ground for o in moved], s)
         if not any(stage.shaping for stage in stages):
-            return found
+            return compliances
         return np.stack(
             [
                 self._shaped(compliance, stage.shaping, s)
-                for compliance, stage in zip(found, stages, strict=True)
+                for compliance, stage in zip(compliances, stages, strict=True)
             ]
         )
 
@@ -432,10 +441,10 @@ class DropModel:
         hats: FloatArray,
         still: ComplexArray,
     ) -> FloatArray:
-        """Motions (m, n_sensors, n) of linear grounds with their nonlinear resistance.
+        """Return the motions (m, n_sensors, n) with the nonlinear resistance of the ground.
 
-        The first is the ground that was solved for; `hats` as `hat_response` gives them, the
-        compliances (m, n_sensors) at rest.
+        The first ground is solved for, the others are near it. `hats` are hat responses and
+        `still` the compliances (m, n_sensors) at rest.
         """
         load, plate = self.context.load, self._plate
         self._ground_motion(stages[0])
@@ -459,33 +468,33 @@ class DropModel:
         return result
 
     def _stages(self, ground: Ground, active: Active) -> _Stages:
-        """What the ground does: its parameters, its law, and what shapes its compliance."""
+        """Return the ground with its effects: parameters, law, and shaping of the compliance."""
         if self._latest is not None and self._latest[0] is ground and self._latest[1] is active:
             return self._latest[2]
-        here, law = ground, NonlinearStiffness()
+        changed_ground, law = ground, NonlinearStiffness()
         shaping = []
         for effect, values in active:
             stages = _stages_of(effect)
             if "ground" in stages:
-                here = effect.ground(here, values, self.context)
+                changed_ground = effect.ground(changed_ground, values, self.context)
             if "nonlinear_stiffness" in stages:
                 law = effect.nonlinear_stiffness(law, values, self.context)
             if "compliance" in stages:
                 shaping.append((effect, values))
-        key = (here, law, *((e.name, *v.values()) for e, v in shaping))
-        found = _Stages(key, here, law, shaping)
-        # It is asked for twice: before the grounds of all drops are solved for, and after.
-        self._latest = ground, active, found
-        return found
+        key = (changed_ground, law, *((e.name, *v.values()) for e, v in shaping))
+        result = _Stages(key, changed_ground, law, shaping)
+        # Needed twice: before the grounds of all drops are solved for, and after.
+        self._latest = ground, active, result
+        return result
 
     def _ground_motion(self, stages: _Stages) -> FloatArray:
-        """Motion of the ground, whose static resistance may be nonlinear.
+        """Return the motion of the ground, whose static resistance may be nonlinear.
 
-        Remembered, because later effects are tried many times on the same motion.
+        It is cached, because later effects are tried many times on the same motion.
         """
-        known = self._motions.get(stages.key)
-        if known is not None:
-            return known[0]
+        cached = self._motions.get(stages.key)
+        if cached is not None:
+            return cached[0]
         compliance = self._compliance(stages)
         parts = _parts(compliance)
         motion: FloatArray = parts @ self._synthesis
@@ -494,13 +503,13 @@ class DropModel:
             still = float(compliance[self._plate, -1].real)
             bent, solution = self._nonlinear_motion(parts, stages.law, still)
             motion[self._under_plate] += bent
-        if len(self._motions) >= _REMEMBERED:
+        if len(self._motions) >= _MAX_CACHED:
             self._motions.pop(next(iter(self._motions)))
         self._motions[stages.key] = motion, solution
         return motion
 
     def _impulse_response(self, stages: _Stages) -> FloatArray:
-        """Motion after an impulse of 1 N s on the plate, (n_sensors, n), m."""
+        """Return the motion after an impulse of 1 N s on the plate, (n_sensors, n), m."""
         parts = _parts(self._compliance(stages))
         response: FloatArray = parts @ self._hats / self.context.step
         return response
@@ -508,11 +517,16 @@ class DropModel:
     def _nonlinear_motion(
         self, parts: FloatArray, law: NonlinearStiffness, still: float
     ) -> tuple[FloatArray, FloatArray]:
-        """What the nonlinear static resistance adds to the motion of the linear ground.
+        """Return the change of motion by the nonlinear static resistance, and the plate's motion.
 
-        (sensors under the plate, n), m: ground beside it feels the force on it, not how far it
-        deflects under it. And the displacement of the plate that it was solved for, (n,), m.
-        From parts of the compliance and, m/N, the plate's at rest.
+        The change is for the sensors under the plate, (k, n), m: the ground outside depends on the
+        force, not on the deflection under the plate. The plate's displacement is (n,), m.
+
+        Parameters
+        ----------
+        parts : real and imaginary parts of the compliance
+        law : NonlinearStiffness
+        still : float, m/N, compliance under the plate at rest
         """
         hats = parts @ self._hats
         load, reference = self.context.load, self.context.largest_load * still
@@ -520,20 +534,20 @@ class DropModel:
             hats[self._plate], load, law, 1.0 / still, reference, self._last_displacement
         )
         self._last_displacement = solution
-        # What the samples of the load leave out is small and linear: it stays in the motion.
+        # The load between its samples is small and acts linearly: its part of the motion stays.
         return convolve_rows(hats[self._under_plate], force - load), solution
 
     def _variables(self, stages: _Stages) -> ComplexArray:
-        """Laplace variables at which the ground is solved for, the last of them at rest."""
+        """Return the Laplace variables at which the ground is solved, the last of them at rest."""
         return self._s_layered if stages.ground.above else self.s
 
     def _compliance(self, stages: _Stages) -> ComplexArray:
-        """Displacement over load at every sensor, (n_sensors, n), m/N."""
+        """Return displacement over load at every sensor, (n_sensors, n), m/N."""
         s = self._variables(stages)
         return self._shaped(self.response.compliance(stages.ground, s), stages.shaping, s)
 
     def _shaped(self, compliance: ComplexArray, shaping: Active, s: ComplexArray) -> ComplexArray:
-        """A ground's compliance with the effects that shape it."""
+        """Return the compliance of a ground with the effects that shape it."""
         for effect, values in shaping:
             compliance = effect.compliance(compliance, s, values, self.context)
         return compliance
@@ -542,62 +556,62 @@ class DropModel:
     def peak_in_contact(self) -> float:
         """Largest deflection of the innermost sensor until shortly after the contact, m."""
         row = self.observed[int(np.argmin(self.context.offsets))]
-        return float(row[self.context.time <= _SOON * self.context.contact_end].max())
+        return float(row[self.context.time <= _MAX_PEAK_TIME * self.context.contact_end].max())
 
     def noise_covariance(self, sensor: int, floor: float) -> FloatArray:
-        """Return the covariance of the noise of a sensor, m2, at the samples that count.
+        """Return the covariance of the noise of a sensor, m2, at the samples that are used.
 
-        Remembered, because all candidate models of a drop have the same noise.
+        It is cached, because all candidate models of a drop have the same noise.
 
         Parameters
         ----------
         floor : float, m, error of the model itself, independent at each sample
         """
-        known = self._noise_covariances.get((sensor, floor))
-        if known is None:
+        covariance = self._noise_covariances.get((sensor, floor))
+        if covariance is None:
             window = slice(FROM_SAMPLE, self.rows.size)
             steady = np.hypot(float(self.drop.quantisation[sensor]), floor)
-            known = self.channels[sensor].noise_covariance(
+            covariance = self.channels[sensor].noise_covariance(
                 slice(self.before + window.start, self.before + window.stop),
                 np.full(window.stop - window.start, steady),
             )
-            self._noise_covariances[sensor, floor] = known
-        return known
+            self._noise_covariances[sensor, floor] = covariance
+        return covariance
 
     def residual_over_peak(
         self, predicted: FloatArray, *, contact_only: bool, sensors: Sequence[int] | None = None
     ) -> float:
-        """Rms over all sensors, or some, each over its own peak, from the trigger on."""
+        """Return the rms residual of sensors (None: all) over their peaks, from the trigger on."""
         part = self.context.time >= self.drop.trigger
         if contact_only:
             part &= self.context.time <= self.drop.contact_end * (1 + 1e-9)
-        left = (predicted - self.observed)[:, part] / self.peak[:, None]
-        chosen = left if sensors is None else left[list(sensors)]
+        residual = (predicted - self.observed)[:, part] / self.peak[:, None]
+        chosen = residual if sensors is None else residual[list(sensors)]
         return float(np.sqrt(np.mean(chosen**2)))
 
 
 @cache
-def _stages_of_kind(kind: Any) -> frozenset[str]:
+def _stages_of_class(kind: Any) -> frozenset[str]:
     stages = ("ground", "compliance", "nonlinear_stiffness", "motion", "record")
     return frozenset(s for s in stages if getattr(kind, s) is not getattr(Effect, s))
 
 
 def _stages_of(effect: Effect) -> frozenset[str]:
-    """The stages in which an effect acts."""
+    """Return the stages in which an effect acts."""
     kind: Any = type(effect)
-    return _stages_of_kind(kind)
+    return _stages_of_class(kind)
 
 
 def _shapes_ground(effect: Effect) -> bool:
-    """Whether an effect acts before there is motion."""
+    """Return whether an effect acts on the ground or its compliance, before the motion."""
     return bool(_stages_of(effect) & {"ground", "compliance", "nonlinear_stiffness"})
 
 
 def _parts(compliances: ComplexArray) -> FloatArray:
-    """Real and imaginary parts, (k, 2 n), of compliances (k, n + 1), the last of them at rest."""
+    """Return real and imaginary parts (k, 2 n) of compliances (k, n + 1), without that at rest."""
     return np.concatenate([compliances[:, :-1].real, compliances[:, :-1].imag], axis=1)
 
 
 def _rows(records: _A) -> _A:
-    """Those of sensors (m, n_sensors, n) one below the other."""
+    """Return records (m, n_sensors, n) as one table with a row for each sensor of each record."""
     return records.reshape(-1, records.shape[-1])

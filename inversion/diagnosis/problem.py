@@ -1,4 +1,4 @@
-"""The drops of a test point as models that share the ground's response."""
+"""Models of the drops of a test point, which share the response of the ground."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from inversion.diagnosis.ground_response import GroundResponse
 from inversion.diagnosis.model import DropModel, PointRecords
-from inversion.diagnosis.rest import drops_at_rest
+from inversion.diagnosis.rest import estimate_pre_trigger_noise
 from inversion.fitting.layered.first_look import FirstLook
 from inversion.fitting.layered.misfit import LayeredDrop
 from inversion.forward.library import SurrogateLibrary
@@ -22,7 +22,7 @@ from inversion.measured.record import Record, prepare
 
 
 class Point:
-    """A test point: the models of its drops.
+    """Test point with the models of its drops.
 
     Parameters
     ----------
@@ -36,13 +36,13 @@ class Point:
         self.declared_depth = first.bedrock_depth
         surrogate = surrogate_of(first, library)
         largest = max(float(np.max(r.load)) - float(r.load[0]) for r in records.records)
-        layers = _first_look(records)
+        layers = _layered_first_look(records)
         longest = max(float(item.drop.with_tail().tail_end) for item in layers.drops)
         response = response_of(first, surrogate, library)
         self.drops = tuple(
             DropModel(record, surrogate, largest, index, records, layers, response, longest, rest)
             for index, (record, rest) in enumerate(
-                zip(records.records, drops_at_rest(records.records), strict=True)
+                zip(records.records, estimate_pre_trigger_noise(records.records), strict=True)
             )
         )
         peaks = [
@@ -58,25 +58,25 @@ class Point:
         layers.peak_modulus = self.peak_modulus
 
     def coarse(self) -> Point:
-        """The point with fewer samples, for fits that choose effects.
+        """Return the point with a narrower band, for fits that select effects.
 
-        Beside the plate layers are solved for, which costs the more the more frequencies there are:
-        there the band ends where the loads have hardly any spectrum left. What that changes, up to
-        2e-3 of the peak, is more than noise may be.
+        With sensors outside the plate layered ground is solved for, whose cost grows with the
+        number of frequencies. There the band ends where the spectrum of the loads is negligible.
+        The error, up to 2e-3 of the peak, is too large for the final fit.
         """
         if self.drops[0].context.offsets.size == 1:
             return self
-        band = max(model.least_band for model in self.drops)
-        other = copy.copy(self)
-        other.drops = tuple(model.in_band(band) for model in self.drops)
-        return other
+        band = max(model.min_band_hz for model in self.drops)
+        point = copy.copy(self)
+        point.drops = tuple(model.in_band(band) for model in self.drops)
+        return point
 
 
 def surrogate_of(record: Record, library: SurrogateLibrary) -> Surrogate:
     """Return the surrogate for the plate, the sensors and the declared depth of a record."""
     from inversion.drop_inversion import Settings, surrogate_request
 
-    # A declared half-space may be wrong: rock is offered there too.
+    # A declared half-space may be wrong, so rock is a candidate there too.
     open_below = record.bedrock_depth is None or np.isinf(record.bedrock_depth)
     depth: Any = "unknown" if open_below else record.bedrock_depth
     problem, ratio = surrogate_request(record, Settings(bedrock_depth=depth))
@@ -90,12 +90,12 @@ def response_of(record: Record, surrogate: Surrogate, library: SurrogateLibrary)
     return GroundResponse(surrogate, instrument, offsets, library)
 
 
-def _first_look(records: PointRecords) -> FirstLook:
-    """The drops of a point as layered ground."""
+def _layered_first_look(records: PointRecords) -> FirstLook:
+    """Return the drops of a point as needed for a first estimate of layers."""
     first = records.records[0]
     drops = []
     for record in records.records:
-        # As the drops' models have their sensors.
+        # The same order of sensors as in the models of the drops.
         drop = prepare(record.nearest_first())
         load = drop.load
         if records.half_sine:

@@ -1,4 +1,4 @@
-"""The drops of a point with their noise at rest: without hum, and as all of them tell it."""
+"""Pre-trigger noise of the drops of a point: without hum, and pooled over the drops."""
 
 from __future__ import annotations
 
@@ -8,42 +8,42 @@ from dataclasses import dataclass, replace
 from inversion.diagnosis.mains_line import hum_before, without_mains_line
 from inversion.measured.record import NoiseModel, PreparedDrop, Record, prepare
 
-# Times by which the rms of noise differs between two drops by chance: correlated noise of a few
-# tens of samples tells it to a third.
-_AS_LOUD = 2.0
+# Largest ratio of the noise rms of two drops with the same noise. From a few tens of correlated
+# samples the rms is known to a third.
+_SIMILAR_RMS_RATIO = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class DropAtRest:
-    """A drop to its end, with the noise of its channels.
+class PreTriggerNoise:
+    """Drop to the end of its record, with the pre-trigger noise of its channels.
 
     Parameters
     ----------
     drop : PreparedDrop, sensors from the plate outward
-    hum, harmonics, most_hum : of the hum before the pulse, see `DropContext`
+    hum, harmonics, max_hum : of the hum before the pulse, see `DropContext`
     """
 
     drop: PreparedDrop
     hum: tuple[tuple[float, float, float], ...]
     harmonics: tuple[tuple[int, float, float], ...]
-    most_hum: float
+    max_hum: float
 
 
-def drops_at_rest(records: Sequence[Record]) -> list[DropAtRest]:
-    """Drops of one instrument at one point.
+def estimate_pre_trigger_noise(records: Sequence[Record]) -> list[PreTriggerNoise]:
+    """Return the drops of one point with their pre-trigger noise.
 
-    The time before one pulse is short: how large the noise is it tells well, but how slow, which
-    counts most once it is integrated, only by chance. So drops in which a channel is about as
-    loud have one noise there, that of them all.
+    The time before one pulse is short. It determines the rms of the noise well, but not its slow
+    part, which dominates after integration. Therefore the noise of a channel is pooled over the
+    drops with a similar rms.
 
     Raises
     ------
     RecordError
         If a load has no positive pulse.
     """
-    found = []
+    estimates = []
     for record in records:
-        # Models answer in this order, whatever order the record has.
+        # Models return their sensors in this order, whatever order the record has.
         ordered = record.nearest_first()
         drop = prepare(ordered).with_tail()
         channels = [
@@ -53,29 +53,31 @@ def drops_at_rest(records: Sequence[Record]) -> list[DropAtRest]:
             for sensor, channel in zip(ordered.sensors, drop.channels, strict=True)
         ]
         quiet, line = without_mains_line(drop, ordered)
-        middle = 0.5 * (drop.channels[0].model.samples - 1) * drop.step
-        since = drop.start - float(ordered.time[0]) - middle
-        told = (*((line.told,) if line else ()), *channels[0].lines)
-        hum = tuple((size, hertz, (turns + hertz * since) % 1.0) for size, hertz, turns in told)
-        most = max(channel.most for channel in channels)
-        found.append(DropAtRest(quiet, hum, line.harmonics if line else (), most))
+        centre = 0.5 * (drop.channels[0].model.samples - 1) * drop.step
+        delay = drop.start - float(ordered.time[0]) - centre
+        lines = (*((line.as_tuple,) if line else ()), *channels[0].lines)
+        hum = tuple((size, hertz, (turns + hertz * delay) % 1.0) for size, hertz, turns in lines)
+        max_amplitude = max(channel.max_amplitude for channel in channels)
+        estimates.append(PreTriggerNoise(quiet, hum, line.harmonics if line else (), max_amplitude))
     of_channels = [
-        _pooled([channel.model for channel in channels])
-        for channels in zip(*(one.drop.channels for one in found), strict=True)
+        _pool_noise([channel.model for channel in channels])
+        for channels in zip(*(estimate.drop.channels for estimate in estimates), strict=True)
     ]
     return [
-        replace(one, drop=_with_noise(one.drop, models))
-        for one, models in zip(found, zip(*of_channels, strict=True), strict=True)
+        replace(estimate, drop=_with_noise(estimate.drop, models))
+        for estimate, models in zip(estimates, zip(*of_channels, strict=True), strict=True)
     ]
 
 
-def _pooled(models: Sequence[NoiseModel]) -> list[NoiseModel]:
-    """Of one channel in each drop: the noise of those that are about as loud as the middle one."""
+def _pool_noise(models: Sequence[NoiseModel]) -> list[NoiseModel]:
+    """Return the noise of one channel in each drop, pooled where the rms is near the median."""
     loudness = [model.rms for model in models]
-    middle = sorted(loudness)[(len(models) - 1) // 2]
-    alike = [middle <= _AS_LOUD * rms <= _AS_LOUD**2 * middle for rms in loudness]
-    common = NoiseModel.pooled([m for m, same in zip(models, alike, strict=True) if same])
-    return [common if same else model for model, same in zip(models, alike, strict=True)]
+    median = sorted(loudness)[(len(models) - 1) // 2]
+    is_similar = [
+        median <= _SIMILAR_RMS_RATIO * rms <= _SIMILAR_RMS_RATIO**2 * median for rms in loudness
+    ]
+    common = NoiseModel.pooled([m for m, same in zip(models, is_similar, strict=True) if same])
+    return [common if same else model for model, same in zip(models, is_similar, strict=True)]
 
 
 def _with_noise(drop: PreparedDrop, models: Sequence[NoiseModel]) -> PreparedDrop:

@@ -1,6 +1,6 @@
-"""The catalogue of effects: one module each, a common small interface.
+"""Catalogue of effects: one module for each effect, with a small common interface.
 
-The catalogue is loaded when it is asked for: effects of other packages import what stands here.
+The catalogue is loaded on first use, because effects of other packages import from here.
 """
 
 from typing import TYPE_CHECKING

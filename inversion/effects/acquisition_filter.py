@@ -1,4 +1,4 @@
-r"""A low-pass of the maker in the deflection channel, possibly moved ahead in time.
+r"""Low-pass filter of the instrument in the deflection channel, possibly advanced in time.
 
 Butterworth of order N and corner :math:`\omega_c`: poles
 :math:`p_k = \omega_c e^{i \pi (2k + N - 1) / (2N)}`, k = 1 to N, gain one at rest.
@@ -7,15 +7,15 @@ Butterworth of order N and corner :math:`\omega_c`: poles
 import numpy as np
 
 from inversion.arrays import FloatArray
-from inversion.effects.base import DropContext, Effect, Values, held, shift
+from inversion.effects.base import DropContext, Effect, Values, pad_with_decay, shift
 from inversion.fitting.parameters import Parameter
 
 ORDER = 4
-"""The records tell orders hardly apart; 4 stands for 2 to 6."""
+"""Order of the filter. Records hardly distinguish orders; 4 represents orders 2 to 6."""
 
 
 class AcquisitionFilter(Effect):
-    """Rounds the onset; advanced, it rings ahead of it. Applied to the model, never inverted."""
+    """The filter rounds the onset; advanced, it rings before it. It is applied to the model."""
 
     name = "acquisition_filter"
     scope = "device"
@@ -25,12 +25,12 @@ class AcquisitionFilter(Effect):
     )
     advice = "ask the maker for the filter of the deflection channel, or switch it off"
 
-    def held(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
-        """The order."""
+    def fixed_values(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
+        """Return the order."""
         return (("order", "-", float(ORDER)),)
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """As the filter lets it through."""
+        """Return the filtered and advanced record."""
         n = record.shape[1]
         size = 1 << (2 * n - 1).bit_length()
         s = 2j * np.pi * np.fft.rfftfreq(size, drop.step)
@@ -38,5 +38,5 @@ class AcquisitionFilter(Effect):
         places = np.arange(1, ORDER + 1)
         poles = corner * np.exp(1j * np.pi * (2 * places + ORDER - 1) / (2 * ORDER))
         gain = np.prod(-poles / (s[:, None] - poles), axis=1)
-        filtered = np.fft.irfft(np.fft.rfft(held(record, size)) * gain, size)[:, :n]
+        filtered = np.fft.irfft(np.fft.rfft(pad_with_decay(record, size)) * gain, size)[:, :n]
         return shift(filtered, -values["advance"], drop.time)

@@ -1,15 +1,15 @@
-"""What an effect is: something real in a record that the base model does not contain.
+"""Base of all effects: physical or instrumental causes that the base model does not contain.
 
-The model of a record goes through five stages, and an effect changes one of them::
+The model of a record has five stages, and an effect changes one of them::
 
     ground               parameters of the ground and the mass on it
     compliance           displacement over load in the Laplace domain
-    nonlinear_stiffness  static resistance that is no straight line
-    motion               what plate and ground do in time
-    record               what sensor and processing make of it
+    nonlinear_stiffness  law of the static resistance
+    motion               motion of plate and ground in time
+    record               output of sensor and processing
 
-A new effect is one module with one class and one entry in the catalogue. The class says what the
-inference has to know of it: its unknowns with their priors, and what it is not tried with.
+A new effect is one module with one class and one entry in the catalogue. The class declares all
+that the inference needs: its unknowns with their priors, and the effects that it excludes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from scipy.linalg.lapack import dtbtrs
@@ -33,16 +33,16 @@ from inversion.forward.nonlinear_stiffness import NonlinearStiffness
 
 Scope = Literal["drop", "point", "device"]
 Values = Mapping[str, float]
-ManyValues = Mapping[str, FloatArray]
+ValueArrays = Mapping[str, FloatArray]
 """Values (m,) of each parameter, for m predictions."""
 ImpulseResponse = Callable[[], FloatArray]
-"""Motion (n_sensors, n), m, after an impulse of 1 N s on the plate at time 0; or of m grounds,
-(m, n_sensors, n)."""
+"""Function that returns the motion (n_sensors, n), m, after an impulse of 1 N s on the plate at
+time 0; or that of m grounds, (m, n_sensors, n)."""
 
 
 @dataclass(frozen=True, eq=False)
 class DropContext:
-    """What an effect may know of a drop.
+    """Properties of a drop on which an effect may depend.
 
     Parameters
     ----------
@@ -57,20 +57,20 @@ class DropContext:
     contact_end : float, s, on ``time``
     index : int, of the drop within the point
     count : int, of drops of the point
-    flat : tuple of float or None, of each sensor: the level of a flat top in its velocity, m/s
+    flat : tuple of float or None, for each sensor the level of a flat top in its velocity, m/s
     flat_load : float or None, N, the level of a flat top in the load
-    rest : tuple of float, of each sensor: its middle before the pulse, m/s or m
-    hum : tuple of amplitude, m/s, frequency, Hz, and phase at time 0, turns, of the velocity of hum
-        as the time before the pulse may show it, the likeliest first
-    harmonics : tuple of the harmonics of hum before the pulse: order, share of the first one, and
-        phase against as many turns of it, rad
-    most_hum : float, m/s, how large hum may be by the time before the pulse
+    rest : tuple of float, for each sensor its median before the pulse, m/s or m
+    hum : tuple of candidates for hum, likeliest first: amplitude, m/s, frequency, Hz, and phase at
+        time 0, turns, of its velocity
+    harmonics : tuple of the harmonics of hum before the pulse: order, amplitude over the
+        fundamental's, and phase relative to that multiple of the fundamental's phase, rad
+    max_hum : float, m/s, largest amplitude of hum that the time before the pulse allows
     plate_mass : float, kg, declared
     has_bedrock : bool, whether a rigid base is declared
-    swings_back : bool, whether the plate comes up above where it stood before
-    elastic : bool, whether the base model's ground is
-    density_given : bool, whether the ground's density is declared
-    load_left : (n,) ndarray of float, N: what the load in use leaves of the measured one
+    swings_back : bool, whether the plate rises above its initial position
+    elastic : bool, whether the ground of the base model is elastic
+    is_density_declared : bool, whether the ground's density is declared
+    unmodelled_load : (n,) ndarray of float or None, N: measured load minus the half-sine in use
     layers : FirstLook or None, the point's drops as layered ground
     """
 
@@ -90,13 +90,13 @@ class DropContext:
     rest: tuple[float, ...] = ()
     hum: tuple[tuple[float, float, float], ...] = ()
     harmonics: tuple[tuple[int, float, float], ...] = ()
-    most_hum: float = np.inf
+    max_hum: float = np.inf
     plate_mass: float = 0.0
     has_bedrock: bool = False
     swings_back: bool = False
     elastic: bool = False
-    density_given: bool = False
-    load_left: FloatArray | None = None
+    is_density_declared: bool = False
+    unmodelled_load: FloatArray | None = None
     layers: FirstLook | None = None
 
     @property
@@ -107,13 +107,13 @@ class DropContext:
 
 @dataclass(frozen=True)
 class Ground:
-    """What the ground stage may change.
+    """Parameters of the ground, which effects of the ground stage may change.
 
     Parameters
     ----------
     modulus : Pa, viscosity : Pa s, density : kg/m3, inverse_depth : 1/m, plate_mass : kg
-    above : tuple of Medium, from the surface down, on top of that ground
-    contact_share : float, of the plate's radius, out to which it touches homogeneous ground
+    above : tuple of Medium, layers above that ground, from the surface down
+    contact_share : float, radius of contact with homogeneous ground over the plate's radius
     loss_exponent : float, of constant-Q damping beside the dashpot, in ground without `above`; see
         :class:`inversion.forward.model.Grounds`
     growth_exponent : float, by which the modulus grows with depth, in ground without rock and
@@ -145,44 +145,49 @@ class Ground:
 
 
 class Effect:
-    """Base of all effects: changes nothing.
+    """Base class of all effects, which changes nothing.
 
-    ``scope`` tells for what one value holds: a drop, a point, or all drops of a device.
+    ``scope`` is the range in which a value is constant: a drop, a point, or all drops of a device.
     """
 
     name: ClassVar[str]
     scope: ClassVar[Scope]
     parameters: ClassVar[tuple[Parameter, ...]]
     advice: ClassVar[str] = ""
-    """What to do in the field."""
+    """Advice for the field."""
     replaces_ground: ClassVar[bool] = False
-    """Whether there is no ground where it is: then none is fitted."""
-    rows_alike: ClassVar[bool] = True
-    """Whether `record` treats every sensor alike: then it is given the rows of many at once."""
-    ground_is_below: ClassVar[bool] = False
-    """Whether the ground's modulus is that of what lies below, far from what the plate says."""
+    """True if the effect replaces the ground: then no ground is fitted."""
+    is_identical_for_all_sensors: ClassVar[bool] = True
+    """True if `record` treats all sensors alike: then it receives the rows of many predictions."""
     excludes: ClassVar[frozenset[str]] = frozenset()
-    """Names of effects that are not tried together with it, because both would explain anything.
-    It is enough that one of two names the other."""
+    """Names of effects that are not combined with it, because together they fit any record. It is
+    enough that one of two effects names the other."""
     drop_deviations: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
-    """Prior deviations by which single drops differ from the point, by coordinate: of the first of
-    several drops, and of later ones."""
+    """Prior deviations of single drops from the point, by coordinate: of the first of several
+    drops, and of later ones."""
 
-    told_as: ClassVar[str] = ""
-    """Name in results; empty: its own. Two forms of one effect have one name there."""
-    least_gain: ClassVar[float] = 0.0
-    """Log evidence by which a model with it must exceed those without, for what it imitates."""
+    result_name: ClassVar[str] = ""
+    """Name in results; empty: `name`. Two forms of one effect may share a name there."""
+    min_gain: ClassVar[float] = 0.0
+    """Log evidence by which a model with the effect must exceed those without, because it imitates
+    other causes."""
+
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        """Accept ``rows_alike``, the earlier name of `is_identical_for_all_sensors`."""
+        super().__init_subclass__(**keywords)
+        if "rows_alike" in cls.__dict__:
+            cls.is_identical_for_all_sensors = cls.__dict__["rows_alike"]
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Whether records like these could show it."""
+        """Return whether the effect is a candidate for records like these."""
         return True
 
-    def conflicts_with(self, other: Effect) -> bool:
-        """Whether the two are never tried together."""
-        return other.name in self.excludes or self.name in other.excludes
+    def conflicts_with(self, second: Effect) -> bool:
+        """Return whether the two effects exclude each other."""
+        return second.name in self.excludes or self.name in second.excludes
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """The parameters with bounds that fit the plate and the drop; none: it has no effect."""
+        """Return the parameters with bounds for the plate and the drop; empty: no effect there."""
         return self.parameters
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
@@ -197,8 +202,8 @@ class Effect:
             if p.name in coordinates
         }
 
-    def told(self, values: Values, drop: DropContext) -> dict[str, tuple[str, float]]:
-        """Return what a result says of the effect: units and values by name, the first its value.
+    def reported_values(self, values: Values, drop: DropContext) -> dict[str, tuple[str, float]]:
+        """Return units and values for the result by name, the first its main value.
 
         Parameters
         ----------
@@ -214,16 +219,16 @@ class Effect:
         parameter = next(p for p in self.parameters if p.name == name)
         return math.log(value) if parameter.logarithmic else value
 
-    def known(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
-        """Name, unit and value of what the record itself tells of the effect; goes first."""
+    def recorded_values(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
+        """Return name, unit and value of numbers read from the record, which come first."""
         return ()
 
-    def held(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
-        """Name, unit and value of what is not fitted but belongs to the values; goes last."""
+    def fixed_values(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
+        """Return name, unit and value of numbers that are not fitted, which come last."""
         return ()
 
     def is_sound(self, ground: Ground, values: Values, drop: DropContext) -> bool:
-        """Return whether values describe what the effect is meant to be.
+        """Return whether the values are plausible for this effect.
 
         Parameters
         ----------
@@ -234,27 +239,27 @@ class Effect:
         return True
 
     def model_error(self, values: Values) -> float:
-        """Relative error (95 %) of the modulus that the effect's own simplification may leave."""
+        """Return the relative error (95 %) of the modulus due to the effect's simplification."""
         return 0.0
 
     def modulus_at(self, stress: float, values: Values, drop: DropContext) -> float:
-        """Secant modulus at a mean contact pressure, Pa, over that of the ground of the drop."""
+        """Return the secant modulus at a contact pressure, Pa, over that of the drop's ground."""
         return 1.0
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
-        """The ground with the effect."""
+        """Return the ground with the effect."""
         return ground
 
     def compliance(
         self, compliance: ComplexArray, s: ComplexArray, values: Values, drop: DropContext
     ) -> ComplexArray:
-        """Displacement over load, (n_sensors, n), m/N, with the effect."""
+        """Return displacement over load, (n_sensors, n), m/N, with the effect."""
         return compliance
 
     def nonlinear_stiffness(
         self, law: NonlinearStiffness, values: Values, drop: DropContext
     ) -> NonlinearStiffness:
-        """The law of the ground's static resistance, with the effect."""
+        """Return the law of the ground's static resistance with the effect."""
         return law
 
     def motion(
@@ -264,19 +269,19 @@ class Effect:
         drop: DropContext,
         impulse_response: ImpulseResponse,
     ) -> FloatArray:
-        """What plate and ground do, (n_sensors, n), m, with the effect."""
+        """Return the motion of plate and ground, (n_sensors, n), m, with the effect."""
         return motion
 
     def motions(
         self,
         motions: FloatArray,
-        values: ManyValues,
+        values: ValueArrays,
         drop: DropContext,
         impulse_responses: ImpulseResponse,
     ) -> FloatArray:
-        """`motion` of many at once, (m, n_sensors, n), each with values of its own.
+        """Return several motions (m, n_sensors, n) with the effect, each with its own values.
 
-        What a fit spends its time with: to be given where `motion` is slow.
+        Fits spend most of their time here: override it where `motion` is slow.
         """
         return np.stack(
             [
@@ -291,14 +296,14 @@ class Effect:
         )
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """What is recorded, (n_sensors, n), m, with the effect."""
+        """Return the recorded displacement, (n_sensors, n), m, with the effect."""
         return record
 
 
 def geophone(
     record: FloatArray, natural_frequency: float, damping: float, step: float
 ) -> FloatArray:
-    r"""What a geophone makes of displacements (k, n) that begin at rest.
+    r"""Return the response of a geophone to displacements (k, n) that start at rest.
 
     .. math:: \frac{s^2}{s^2 + 2 h \omega s + \omega^2}
               = 1 - \frac{2 h \omega s + \omega^2}{s^2 + 2 h \omega s + \omega^2}
@@ -311,16 +316,16 @@ def geophone(
     # Residues of (2 h omega s + omega^2) / ((s - first)(s - second)).
     top = 2 * damping * omega * np.array([first, second]) + omega**2
     residues = top / np.array([first - second, second - first])
-    # The oscillation is a sum of two exponentials: the convolution goes from sample to sample.
+    # The oscillation is a sum of two exponentials, so the convolution is a recursion.
     turns = np.exp(step * np.array([first, second]))
     top = np.array([residues.sum(), -(residues @ turns[::-1])]).real
     bottom = np.array([1.0, -turns.sum().real, turns.prod().real])
-    # The rule counts both ends half.
+    # The trapezoidal rule gives both ends half the weight.
     halved = record.copy()
     halved[:, 0] *= 0.5
     driven = top[0] * halved
     driven[:, 1:] += top[1] * halved[:, :-1]
-    # A recursion is a banded system. As a filter of scipy.signal it takes 0.3 s to import.
+    # A recursion is a banded system. A filter of scipy.signal would take 0.3 s to import.
     bands = np.broadcast_to(bottom[:, None], (3, record.shape[1]))
     moved, _ = dtbtrs(bands, driven.T, uplo="L", overwrite_b=True)
     oscillation = moved.T - 0.5 * top[0] * record
@@ -329,19 +334,19 @@ def geophone(
 
 
 def forced_motion(impulse_motion: FloatArray, force: FloatArray, step: float) -> FloatArray:
-    """Motion (k, n) under a force on the plate (n,), N, given that after an impulse of 1 N s."""
+    """Return the motion (k, n) under a force (n,), N, from that after an impulse of 1 N s."""
     if not force.any():
         return np.zeros_like(impulse_motion)
     return np.stack([step * np.convolve(row, force)[: force.size] for row in impulse_motion])
 
 
-def held(record: FloatArray, size: int) -> FloatArray:
-    """Records (k, n) that go on at their last value and fade, (k, size): their end is no step."""
+def pad_with_decay(record: FloatArray, size: int) -> FloatArray:
+    """Return records (k, n) extended to (k, size) with a linear decay, to avoid a step."""
     count = size - record.shape[1]
     fading = record[:, -1:] * np.linspace(1.0, 0.0, count)
     return np.concatenate([record, fading], axis=1)
 
 
 def shift(record: FloatArray, delay: float, time: FloatArray) -> FloatArray:
-    """Records (k, n) later by ``delay`` s (earlier when negative); held at the ends."""
+    """Return records (k, n) later by ``delay`` s (earlier if negative), constant at the ends."""
     return np.stack([np.interp(time - delay, time, row) for row in record])

@@ -6,7 +6,7 @@ from inversion.fitting.parameters import Parameter
 
 
 class BaselineDrift(Effect):
-    """A velocity offset makes a ramp, a drifting one a parabola in the displacement."""
+    """A velocity offset gives a ramp in the displacement, a drifting one a parabola."""
 
     name = "baseline_drift"
     scope = "drop"
@@ -17,17 +17,17 @@ class BaselineDrift(Effect):
     advice = "let the geophone settle before the drop; keep cable and connector still"
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """A velocity's offset before the pulse was taken off: what is left is its drift."""
+        """Return the parameters; a recorded velocity has no offset left, only drift."""
         return self.parameters if "displacement" in drop.quantities else self.parameters[1:]
 
-    def known(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
-        """The offset of a velocity."""
+    def recorded_values(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
+        """Return the offset of a recorded velocity."""
         if "displacement" in drop.quantities:
             return ()
         return (("velocity_offset", "m/s", drop.rest[0]),)
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """With the ramp, at every sensor."""
+        """Return the record plus ramp and parabola, at every sensor."""
         ramp = (
             values.get("velocity_offset", 0.0) * drop.time
             + 0.5 * values["acceleration"] * drop.time**2

@@ -1,4 +1,4 @@
-"""A rigid base at a finite depth where none was declared."""
+"""Rigid base at a finite depth where none was declared."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -9,8 +9,8 @@ from inversion.effects.base import DropContext, Effect, Ground, Values
 from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.parameters import INVERSE_DEPTH_PRIOR, Parameter, depth_parameter
 
-# Starts of the inference, in plate radii: from one alone, rock at other depths ends in half-spaces
-# or in rock right below the plate.
+# Starting depths of the inference, in plate radii. From one start alone, fits of other depths end
+# at a half-space or at rock right below the plate.
 _STARTS_RADII = (6.0, 14.0)
 
 
@@ -26,17 +26,17 @@ class Bedrock(Effect):
     )
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Only where none is declared."""
+        """Return whether no rigid base is declared."""
         return not any(drop.has_bedrock for drop in drops)
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Depths that the tables cover, with starts over all of them."""
+        """Return the depth within the range of the tables, with starts over that range."""
         depth = depth_parameter(drop.plate_radius)
         starts = tuple(float(d) for d in np.geomspace(depth.lower, depth.upper, 8)[1:-1])
         return (replace(depth, name="depth", starts=starts, absent=depth.upper),)
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return one over the depth, 1/m: a half-space is zero."""
+        """Return the inverse depth, 1/m, which is zero for a half-space."""
         depth = depth_parameter(drop.plate_radius)
         nearest, farthest = 1.0 / depth.lower, 1.0 / depth.upper
         starts = tuple(1.0 / (start * drop.plate_radius) for start in _STARTS_RADII)
@@ -47,5 +47,5 @@ class Bedrock(Effect):
         return {"depth": 1.0 / coordinates["depth"]}
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
-        """The ground with its base."""
+        """Return the ground with the rigid base."""
         return replace(ground, inverse_depth=1.0 / values["depth"])

@@ -1,7 +1,7 @@
-r"""The carrier of a sensor swings on the plate that it stands on.
+r"""Resonance of the carrier of a sensor on the plate.
 
-What is recorded is the plate's motion w and a part of the acceleration that the carrier's mode
-passes on,
+The record is the plate's motion w and a fraction of the response of the carrier's mode to its
+acceleration,
 
 .. math:: w \left(1 + \frac{a s^2}{s^2 + 2 h \omega s + \omega^2}\right)
 """
@@ -14,8 +14,8 @@ from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
 from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.parameters import Parameter
 
-# Damping from which on nothing is seen to swing.
-_MOST_DAMPING = 0.3
+# Damping ratio above which no oscillation is visible.
+_MAX_DAMPING = 0.3
 
 
 class CarrierResonance(Effect):
@@ -49,10 +49,10 @@ class CarrierResonance(Effect):
         }
 
     def is_sound(self, ground: Ground, values: Values, drop: DropContext) -> bool:
-        """Return whether it swings: damped more, it looks like other ground."""
-        return values["damping"] < _MOST_DAMPING
+        """Return whether the mode oscillates; with more damping it resembles other ground."""
+        return values["damping"] < _MAX_DAMPING
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """With the oscillation of the carrier."""
+        """Return the record with the oscillation of the carrier."""
         swing = geophone(record, values["frequency"], values["damping"], drop.step)
         return record + values["strength"] * swing

@@ -33,7 +33,7 @@ from inversion.effects.stress_dependence import StressDependence
 from inversion.effects.viscosity import Viscosity
 
 OWN: tuple[Effect, ...] = (
-    # the ground and what stands on it
+    # the ground and the mass on it
     DampingLaw(),
     RootGradient(),
     LinearGradient(),
@@ -44,13 +44,13 @@ OWN: tuple[Effect, ...] = (
     RoughContact(),
     Layer(),
     SpringRig(),
-    # what they do in time
+    # motion of plate and ground in time
     StressDependence(),
     HystereticUnloading(),
     LoadShape(),
     PermanentSet(),
     Rebound(),
-    # what sensor and processing make of it
+    # sensor and processing
     LoadGain(),
     SensorGain(),
     LoadFilter(),
@@ -64,24 +64,24 @@ OWN: tuple[Effect, ...] = (
 )
 
 
-def of_other_packages() -> tuple[Effect, ...]:
-    """The effects of other packages that have a name of their own and parameters."""
-    found: dict[str, Effect] = {}
-    taken = {effect.name for effect in OWN}
-    for entry, effect in pfwd_plugins.load_all(pfwd_plugins.EFFECTS, Effect, taken):
+def plugin_effects() -> tuple[Effect, ...]:
+    """Return the effects of other packages with a unique name, parameters and a scope."""
+    by_name: dict[str, Effect] = {}
+    built_in_names = {effect.name for effect in OWN}
+    for entry, effect in pfwd_plugins.load_all(pfwd_plugins.EFFECTS, Effect, built_in_names):
         name, parameters = getattr(effect, "name", None), getattr(effect, "parameters", ())
         if name != entry:
-            came = f"an effect with the name of its entry point, came {name!r}"
-            pfwd_plugins.remark(pfwd_plugins.EFFECTS, entry, came)
+            expected = f"an effect with the name of its entry point, came {name!r}"
+            pfwd_plugins.remark(pfwd_plugins.EFFECTS, entry, expected)
         elif not parameters or getattr(effect, "scope", None) not in get_args(Scope):
             scopes = ", ".join(get_args(Scope))
-            came = f"an effect with parameters and a scope ({scopes}), came none"
-            pfwd_plugins.remark(pfwd_plugins.EFFECTS, entry, came)
+            expected = f"an effect with parameters and a scope ({scopes}), came none"
+            pfwd_plugins.remark(pfwd_plugins.EFFECTS, entry, expected)
         else:
-            found[entry] = effect
-    return tuple(found.values())
+            by_name[entry] = effect
+    return tuple(by_name.values())
 
 
-CATALOGUE: tuple[Effect, ...] = (*OWN, *of_other_packages())
+CATALOGUE: tuple[Effect, ...] = (*OWN, *plugin_effects())
 
 BY_NAME = {effect.name: effect for effect in CATALOGUE}

@@ -1,4 +1,4 @@
-r"""Damping of the soil that does not depend on the frequency.
+r"""Constant-Q damping of the soil: a loss per cycle that is independent of the frequency.
 
 .. math:: E^*(s) = E_p (s/\omega_p)^\alpha + \eta s, \qquad \omega_p = \pi/T_0
 
@@ -15,17 +15,17 @@ from inversion.effects.base import DropContext, Effect, Ground, Values
 from inversion.fitting.parameters import Parameter
 from inversion.forward.model import REFERENCE_RAD_S
 
-# Deviation of the exponent: that of a Q of 10. Soils under such loads have a Q of 5 to 20.
+# Prior deviation of the exponent, a Q of 10. Soils under such loads have a Q of 5 to 20.
 _DEVIATION = 0.06
 
 
 class DampingLaw(Effect):
-    """The ground loses the same part of its energy in each cycle, be it slow or fast."""
+    """The ground dissipates the same fraction of its energy in each cycle at all frequencies."""
 
     name = "damping_law"
     scope = "point"
     parameters = (Parameter("loss_exponent", "-", 0.0, 0.3, (0.05,), prior=(0.0, _DEVIATION)),)
-    # Layered ground has dashpots alone, and a rig is no ground.
+    # The model of layered ground has dashpots only, and a rig has no ground.
     excludes = frozenset({"layer", "spring_rig"})
     advice = (
         "the ground damps slow and fast motions alike: its modulus belongs to the duration of the "
@@ -33,27 +33,27 @@ class DampingLaw(Effect):
     )
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Not in ground that is declared elastic."""
+        """Return whether the ground is not declared elastic."""
         return not drops[0].elastic
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
-        """The ground with its loss, and with its modulus at the reference frequency."""
+        """Return the ground with its loss and with its modulus at the reference frequency."""
         exponent = values["loss_exponent"]
-        modulus = ground.modulus / _stiffer_in_pulse(exponent, drop)
+        modulus = ground.modulus / _pulse_stiffening(exponent, drop)
         return replace(ground, modulus=modulus, loss_exponent=exponent)
 
-    def told(self, values: Values, drop: DropContext) -> dict[str, tuple[str, float]]:
+    def reported_values(self, values: Values, drop: DropContext) -> dict[str, tuple[str, float]]:
         """Return the quality factor, and the exponent."""
         loss = math.tan(0.5 * math.pi * values["loss_exponent"])
         first = {"quality": ("-", 1.0 / loss)} if loss > 0.0 else {}
-        return first | super().told(values, drop)
+        return first | super().reported_values(values, drop)
 
     def modulus_at(self, stress: float, values: Values, drop: DropContext) -> float:
-        """Modulus at the pulse's frequency over that at the reference."""
-        return _stiffer_in_pulse(values["loss_exponent"], drop)
+        """Return the modulus at the pulse's frequency over that at the reference."""
+        return _pulse_stiffening(values["loss_exponent"], drop)
 
 
-def _stiffer_in_pulse(exponent: float, drop: DropContext) -> float:
+def _pulse_stiffening(exponent: float, drop: DropContext) -> float:
     impulse = drop.step * float(np.sum(drop.load[drop.time <= drop.contact_end]))
     duration = 0.5 * math.pi * impulse / drop.peak_load
     stiffer: float = (math.pi / duration / REFERENCE_RAD_S) ** exponent

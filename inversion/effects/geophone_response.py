@@ -1,4 +1,4 @@
-"""The second-order high-pass of a geophone, left in the record."""
+"""Second-order high-pass of a geophone that was not removed from the record."""
 
 import math
 from collections.abc import Mapping
@@ -10,14 +10,13 @@ from inversion.fitting.parameters import Parameter
 
 
 class GeophoneResponse(Effect):
-    """Undershoot after the pulse and slow recovery, on all drops alike."""
+    """Undershoot after the pulse and slow recovery, the same on all drops."""
 
     name = "geophone_response"
     scope = "device"
     parameters = (
-        # Those of deflectometers have 4.5 Hz and more.  Below some 2 Hz a pulse and its tail feel
-        # no more of the response than a slow creep, which a coupling without direct current
-        # leaves, and much else as well.
+        # Geophones of deflectometers have 4.5 Hz and more. Below about 2 Hz a pulse and its tail
+        # show only a slow creep, which AC coupling and many other causes produce too.
         Parameter(
             "natural_frequency",
             "Hz",
@@ -27,7 +26,8 @@ class GeophoneResponse(Effect):
             logarithmic=True,
             absent=0.15,
         ),
-        # Open ones have 0.2 to 0.4, shunted ones 0.6 to 0.8, electronics at most critical damping.
+        # Open geophones have 0.2 to 0.4, shunted ones 0.6 to 0.8, electronics at most critical
+        # damping.
         Parameter(
             "damping",
             "-",
@@ -44,7 +44,7 @@ class GeophoneResponse(Effect):
         """Return the frequency, Hz, which is zero without a high-pass, and ln of the damping."""
         frequency, damping = self.parameters
         low, high = math.log(damping.lower), math.log(damping.upper)
-        # A spring of low damping under heavy plates, a damped geophone under others.
+        # Starts: a lightly damped spring, as under heavy plates, and a damped geophone.
         return (
             Coordinate(
                 "natural_frequency", 0.0, 12.0, frequency.lower, frequency.upper, (10.7, 5.0)
@@ -64,5 +64,5 @@ class GeophoneResponse(Effect):
         return value if name == "natural_frequency" else math.log(value)
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """As the geophone shows it."""
+        """Return the response of the geophone."""
         return geophone(record, values["natural_frequency"], values["damping"], drop.step)

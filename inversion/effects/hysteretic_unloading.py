@@ -1,4 +1,4 @@
-"""The ground unloads on another path than it loads."""
+"""Hysteresis: the ground unloads on another path than it loads."""
 
 import math
 from collections.abc import Mapping
@@ -12,11 +12,11 @@ from inversion.forward.nonlinear_stiffness import NonlinearStiffness
 
 
 class HystereticUnloading(Effect):
-    """Another exponent on the way back, a part that is not recovered, and what holds above it.
+    """Exponent of unloading, unrecovered fraction, and fraction of the resistance in tension.
 
-    A plate that swings back over shallow rock pulls at ground that gives way. How much of the
-    resistance is left there belongs to the ground, the other two to each drop. See
-    `inversion.forward.nonlinear_stiffness` for all.
+    Tension arises where a plate rises above its initial position, as over shallow rock. Its
+    fraction is constant for the point, the other two differ between drops. The law is that of
+    `inversion.forward.nonlinear_stiffness`.
     """
 
     name = "hysteretic_unloading"
@@ -34,26 +34,28 @@ class HystereticUnloading(Effect):
     advice = "the ground yields: drop again until nothing is left behind"
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Ground is pulled where the plate comes up above its place, as over shallow rock."""
+        """Return the parameters, with that of tension only if the plate rises above its start."""
         return tuple(p for p in self.parameters if drop.swings_back or p.name != "tension_share")
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return the logarithm of the exponent, the part not recovered, and -ln of the tension."""
+        """Return ln of the exponent, the unrecovered fraction, and -ln of the tension share."""
         exponent, unrecovered, *_ = super().coordinates(drop)
-        found = (
+        coordinates = (
             replace(exponent, lower=math.log(1 / 3), upper=math.log(5.5), starts=(0.2,)),
             replace(unrecovered, upper=0.75, starts=(0.05,)),
         )
         if not drop.swings_back:
-            return found
-        return (*found, Coordinate("tension_share", 0.0, 1.0, 0.0, math.log(10.0), (0.5,)))
+            return coordinates
+        return (*coordinates, Coordinate("tension_share", 0.0, 1.0, 0.0, math.log(10.0), (0.5,)))
 
     def values_at(self, coordinates: Mapping[str, float]) -> dict[str, float]:
-        """Return the parameters, within what the law of the ground has."""
+        """Return the parameters, within the bounds of the law of the ground."""
         exponent, unrecovered = self.parameters[:2]
         ratio = min(max(math.exp(coordinates["exponent"]), exponent.lower), exponent.upper)
-        lost = min(max(coordinates["unrecovered"], unrecovered.lower), unrecovered.upper)
-        values = {"exponent": ratio, "unrecovered": lost}
+        unrecovered_share = min(
+            max(coordinates["unrecovered"], unrecovered.lower), unrecovered.upper
+        )
+        values = {"exponent": ratio, "unrecovered": unrecovered_share}
         if "tension_share" in coordinates:
             values["tension_share"] = math.exp(-coordinates["tension_share"])
         return values
@@ -61,7 +63,7 @@ class HystereticUnloading(Effect):
     def nonlinear_stiffness(
         self, law: NonlinearStiffness, values: Values, drop: DropContext
     ) -> NonlinearStiffness:
-        """The way back on the other path."""
+        """Return the law with another path of unloading."""
         return replace(
             law,
             unloading_exponent=values["exponent"],

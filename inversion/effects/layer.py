@@ -1,7 +1,7 @@
-"""A crust or a soft top, and a layer between it and the ground below where the sensors tell.
+"""Top layer (a crust or a soft top), and a second layer where the sensors can resolve it.
 
-Dynamic: the ground is that of :mod:`inversion.forward.layered`.  The reported modulus is that of
-the ground below.
+The model is the dynamic layered ground of :mod:`inversion.forward.layered`. The reported modulus is
+that of the ground below the layers.
 """
 
 from dataclasses import replace
@@ -12,7 +12,7 @@ from inversion.effects.base import DropContext, Effect, Ground, Values
 from inversion.fitting.parameters import Parameter
 from inversion.forward.layered import Medium
 
-# Soils, granular fills and asphalt differ by so much in modulus, damping and density (logarithms).
+# Priors of the logarithms cover soils, granular fills and asphalt.
 _RATIO = Parameter(
     "modulus_ratio", "-", 0.02, 100.0, (2.0, 0.6), logarithmic=True, prior=(0.0, 1.5)
 )
@@ -23,18 +23,18 @@ _DENSITY = Parameter(
     "density_ratio", "-", 0.75, 1.4, (1.0,), logarithmic=True, natural=True, prior=(0.0, 0.08)
 )
 _THICKNESS = Parameter("thickness", "m", 0.03, 3.0, (0.2,), logarithmic=True)
-# Thicknesses that the plate can feel and the sensors can tell, in plate radii.
+# Range of thicknesses that plate and sensors can resolve, in plate radii.
 _THICKNESS_RADII = (0.2, 20.0)
-# The layers end above the rock by at least this part of its depth.
+# Largest depth of the layers over the depth of the rock.
 _ABOVE_ROCK = 0.98
-# Of the layers, what has to be left below them; and by how much a single layer has to change the
-# plate's deflection where there are so many distances or fewer.
-_LEFT, _LEAST_FELT, _FEW_DISTANCES = 0.25, 0.03, 3
-# Modulus of a layer over that of the ground: less is soil on rock.
+# Smallest thickness of the ground above rock over that of the layers; smallest relative change of
+# the plate's deflection by a single layer, required up to this number of sensor distances.
+_MIN_GROUND_SHARE, _MIN_CHANGE, _MAX_DISTANCES = 0.25, 0.03, 3
+# Smallest modulus of a layer over that of the ground; below it, the model is soil on rock.
 _ROCK = 0.05
-_MIDDLE = "middle_"
-# Relative error (95 %) of the modulus below: ground of three media that was fitted with fewer left
-# 0.6 to 1.5 % in a campaign of finite elements.
+_MIDDLE_PREFIX = "middle_"
+# Relative error (95 %) of the modulus below. In a campaign of finite elements, fits of three media
+# with fewer layers had errors of 0.6 to 1.5 %.
 _MORE_MEDIA = 0.015
 
 
@@ -48,56 +48,60 @@ class Layer(Effect):
         "the top differs from what is below: look into a trial pit, or measure on what is below"
     )
 
-    # Both change the plate's deflection over that of the ground beside it.
+    # Both change the ratio of the plate's deflection to that of the ground outside.
     excludes = frozenset({"rough_contact"})
-    # The modulus below may be far from what the plate's deflection says.
-    ground_is_below = True
 
     def is_sound(self, ground: Ground, values: Values, drop: DropContext) -> bool:
-        """Return whether ground is left below, and whether the plate feels it by few sensors.
+        """Return whether enough ground lies below, and whether the layer changes the deflection.
 
-        Layers that fill the ground down to its rock do what rock does that lies elsewhere, and
-        ground far stiffer than the layers on it is rock. Slow motions of other causes look like a
-        boundary far below the plate.
+        Layers down to the rock are equivalent to rock at another depth, and ground much stiffer
+        than its layers is rock. The change of the plate's deflection is required with few sensor
+        distances, where slow motions of other causes resemble a boundary far below the plate.
         """
-        ratios = (values.get(prefix + "modulus_ratio", 1.0) for prefix in ("", _MIDDLE))
+        ratios = (values.get(prefix + "modulus_ratio", 1.0) for prefix in ("", _MIDDLE_PREFIX))
         if min(ratios) < _ROCK:
             return False
         layers = sum(medium.thickness for medium in ground.above)
-        if ground.inverse_depth > 0.0 and 1.0 / ground.inverse_depth - layers < _LEFT * layers:
+        if (
+            ground.inverse_depth > 0.0
+            and 1.0 / ground.inverse_depth - layers < _MIN_GROUND_SHARE * layers
+        ):
             return False
-        if _MIDDLE + "thickness" in values or np.unique(np.abs(drop.offsets)).size > _FEW_DISTANCES:
+        if (
+            _MIDDLE_PREFIX + "thickness" in values
+            or np.unique(np.abs(drop.offsets)).size > _MAX_DISTANCES
+        ):
             return True
-        felt = abs(values["modulus_ratio"] - 1.0) * drop.plate_radius / values["thickness"]
-        return bool(felt >= _LEAST_FELT)
+        change = abs(values["modulus_ratio"] - 1.0) * drop.plate_radius / values["thickness"]
+        return bool(change >= _MIN_CHANGE)
 
     def model_error(self, values: Values) -> float:
-        """What more media than are fitted may move the modulus of the lowest one."""
+        """Return the error of the lowest modulus if the ground has more media than the model."""
         return _MORE_MEDIA
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Thicknesses that the plate can feel, and a second layer where the sensors tell one."""
+        """Return the parameters of the top layer, and of a second one if sensors resolve it."""
         a = drop.plate_radius
         low, high = (radii * a for radii in _THICKNESS_RADII)
         thickness = replace(_THICKNESS, lower=low, upper=high, starts=(a, 2.0 * a))
         top: tuple[Parameter, ...] = (_RATIO, thickness)
         top += () if drop.elastic else (_RELAXATION,)
-        top += () if drop.density_given else (_DENSITY,)
+        top += () if drop.is_density_declared else (_DENSITY,)
         if drop.layers is None or not drop.layers.has_middle:
             return top
-        return (*top, *(replace(p, name=_MIDDLE + p.name) for p in top))
+        return (*top, *(replace(p, name=_MIDDLE_PREFIX + p.name) for p in top))
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """The centre alone cannot tell it from another modulus."""
+        """Return whether there are several distances; the centre alone cannot resolve layers."""
         return drops[0].layers is not None and drops[0].layers.distances > 1
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
-        """Media above the ground, of its Poisson's ratio, on the same rock."""
-        prefixes = ("", _MIDDLE) if _MIDDLE + "thickness" in values else ("",)
+        """Return the ground with layers above it, of the same Poisson's ratio and rock depth."""
+        prefixes = ("", _MIDDLE_PREFIX) if _MIDDLE_PREFIX + "thickness" in values else ("",)
         thicknesses = [values[prefix + "thickness"] for prefix in prefixes]
         if ground.inverse_depth > 0.0:
-            most = _ABOVE_ROCK / ground.inverse_depth
-            share = min(1.0, most / sum(thicknesses))
+            available = _ABOVE_ROCK / ground.inverse_depth
+            share = min(1.0, available / sum(thicknesses))
             thicknesses = [share * h for h in thicknesses]
         relaxation = ground.viscosity / ground.modulus
         above = tuple(

@@ -1,4 +1,4 @@
-"""The load cell reads too much or too little; known from a rig of springs, never guessed."""
+"""Gain error of the load cell, declared from a calibration on springs and never fitted to soil."""
 
 from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, Values
@@ -6,10 +6,9 @@ from inversion.fitting.parameters import Parameter
 
 
 class LoadGain(Effect):
-    """The load is smaller than the cell says, and with it everything that moves.
+    """The true load is smaller than the recorded one by a factor, and so is the motion.
 
-    Exact for ground that answers in proportion to its load. Stress that ground stiffens with is
-    counted as the cell says it.
+    This is exact for linear ground. The stress dependence of the ground uses the recorded load.
     """
 
     name = "load_gain"
@@ -18,9 +17,9 @@ class LoadGain(Effect):
     advice = "have the load cell calibrated: pfwd calibrate on a rig of known stiffness"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Never: a stiffer ground looks the same. It is given with a device, or not at all."""
+        """Return False: stiffer ground has the same records. It is declared with a device."""
         return False
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """Smaller by the factor."""
+        """Return the record divided by the factor."""
         return record / values["factor"]

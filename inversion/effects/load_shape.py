@@ -1,4 +1,4 @@
-"""The pulse is no half-sine, where a half-sine stands in for the measured load."""
+"""Difference between the measured load and the half-sine that replaces it."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from inversion.fitting.parameters import Parameter
 
 
 class LoadShape(Effect):
-    """What the half-sine leaves of the measured load; 1 puts all of it back."""
+    """Share of that difference that is added again; 1 gives the measured load."""
 
     name = "load_shape"
     scope = "drop"
@@ -22,14 +22,14 @@ class LoadShape(Effect):
     advice = "use the measured load; look after buffers and guide of the hammer"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Only where a half-sine is in use."""
-        return drops[0].load_left is not None
+        """Return whether a half-sine is in use."""
+        return drops[0].unmodelled_load is not None
 
-    def known(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
-        """How badly the half-sine fits, over its peak."""
-        assert drop.load_left is not None
+    def recorded_values(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
+        """Return the rms misfit of the half-sine over the peak load."""
+        assert drop.unmodelled_load is not None
         part = drop.time <= drop.contact_end
-        rms = float(np.sqrt(np.mean(drop.load_left[part] ** 2)))
+        rms = float(np.sqrt(np.mean(drop.unmodelled_load[part] ** 2)))
         return (("misfit", "-", rms / drop.peak_load),)
 
     def motion(
@@ -39,8 +39,8 @@ class LoadShape(Effect):
         drop: DropContext,
         impulse_response: ImpulseResponse,
     ) -> FloatArray:
-        """With what the rest of the load moves."""
-        assert drop.load_left is not None
+        """Return the motion with that under the difference of the loads."""
+        assert drop.unmodelled_load is not None
         return motion + values["share"] * forced_motion(
-            impulse_response(), drop.load_left, drop.step
+            impulse_response(), drop.unmodelled_load, drop.step
         )

@@ -1,7 +1,7 @@
-r"""Displacement that is left after the drop.
+r"""Permanent displacement after the drop.
 
-The plate settles while it goes deeper than before: :math:`s (w_{max}(t) / w_{max})^m`. What is left
-lies under the plate; the ground beside it comes back.
+The plate settles while it moves deeper than before: :math:`s (w_{max}(t) / w_{max})^m`. Only the
+ground under the plate settles; the ground outside recovers.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from inversion.fitting.parameters import Parameter
 
 
 class PermanentSet(Effect):
-    """Grows with the displacement up to its peak and stays."""
+    """The set grows with the displacement up to its peak and then remains."""
 
     name = "permanent_set"
     scope = "drop"
@@ -23,7 +23,7 @@ class PermanentSet(Effect):
         Parameter("exponent", "-", 0.3, 4.0, (1.2,), natural=True, prior=(1.2, 0.6)),
     )
     advice = "seat the plate with more drops before measuring"
-    # Both leave displacement behind.
+    # Both describe a permanent displacement.
     excludes = frozenset({"hysteretic_unloading"})
 
     def motion(
@@ -33,7 +33,7 @@ class PermanentSet(Effect):
         drop: DropContext,
         impulse_response: ImpulseResponse,
     ) -> FloatArray:
-        """With what stays, at the sensors on the plate."""
+        """Return the motion with the permanent set at the sensors on the plate."""
         result = motion.copy()
         for row, offset in zip(result, drop.offsets, strict=True):
             if offset < drop.plate_radius:

@@ -1,4 +1,4 @@
-"""The load cell sits above a mass that was not declared."""
+"""Undeclared mass between load cell and ground."""
 
 from dataclasses import replace
 
@@ -6,8 +6,8 @@ from inversion.effects.base import DropContext, Effect, Ground, Values
 from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.parameters import Parameter
 
-# kg below and above this plate radius, m: what makers leave undeclared between cell and ground.
-_SMALL_PLATE_M, _USUAL_MASS_KG = 0.25, (8.0, 40.0)
+# Plate radius, m, and typical undeclared mass between cell and ground below and above it, kg.
+_SMALL_PLATE_M, _TYPICAL_MASS_KG = 0.25, (8.0, 40.0)
 
 
 class PlateInertia(Effect):
@@ -19,11 +19,11 @@ class PlateInertia(Effect):
     advice = "weigh what moves between load cell and ground and declare it as plate_mass_kg"
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return the mass, with a prior of the plate's size."""
+        """Return the mass, with a prior that depends on the plate's size."""
         (mass,) = super().coordinates(drop)
-        usual = _USUAL_MASS_KG[0] if drop.plate_radius < _SMALL_PLATE_M else _USUAL_MASS_KG[1]
-        return (replace(mass, deviation=usual),)
+        typical = _TYPICAL_MASS_KG[0] if drop.plate_radius < _SMALL_PLATE_M else _TYPICAL_MASS_KG[1]
+        return (replace(mass, deviation=typical),)
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
-        """The ground with the plate's mass added."""
+        """Return the ground with the mass added to the plate."""
         return replace(ground, plate_mass=ground.plate_mass + values["mass"])

@@ -1,13 +1,14 @@
-r"""The plate leaves the ground when its load has gone, flies under gravity and lands.
+r"""Rebound of the plate: lift-off when the load has gone, flight under gravity, and landing.
 
-A contact cannot pull. So the time of lift-off follows from the load alone: it has fallen to a level
-that is zero but for the cell's offset. The plate leaves with the speed that it has on the ground
-and with a kick, of buffers that unload and of a frame that the hammer takes along, which is common
-to the drops of a device. In flight :math:`\ddot w = g`; a landing gives the momentum back to plate
-and ground. The load cell shows the mass in flight: its reading falls by the weight.
+A contact cannot pull. Therefore lift-off is when the load has fallen to a level that is zero
+except for the offset of the cell. The plate leaves with its speed on the ground plus a kick. The
+kick comes from unloading buffers and from a frame that the hammer carries along; it is the same
+for the drops of a device. In flight :math:`\ddot w = g`; a landing returns the momentum to plate
+and ground. The reading of the load cell falls by the weight of the mass in flight.
 
-A plate that is slower than the ground below it falls on here without end. No record does so: it
-leads fits away from there, which a plate that stays, whose motion no number changes, would not.
+In this model a plate that is slower than the ground below it falls for ever. No record shows this,
+so fits move away from such values. If the plate stayed on the ground instead, its motion would not
+depend on the parameters and fits would stop there.
 """
 
 from __future__ import annotations
@@ -18,20 +19,21 @@ from dataclasses import replace
 import numpy as np
 
 from inversion.arrays import FloatArray
-from inversion.effects.base import DropContext, Effect, ImpulseResponse, ManyValues, Values
+from inversion.effects.base import DropContext, Effect, ImpulseResponse, ValueArrays, Values
 from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.parameters import Parameter
 from inversion.forward.nonlinear_stiffness import convolve_rows
 
 GRAVITY = 9.80665
-# s: the load is smoothed over this time before its level is read.
+# s: time over which the load is smoothed before its level is determined.
 _SMOOTHED_S = 6e-4
-# s: the ground is relieved of load and weight over this time, and no landing comes before that.
+# s: time over which load and weight leave the ground, and earliest time of a landing.
 _RELIEF_S, _EARLIEST_LANDING_S = 1e-3, 2e-3
-# s after the contact from which on the load shows the weight in flight, and the samples it takes.
+# Time after the contact, s, from which the load shows the weight in flight, and the number of
+# samples that are needed.
 _TAIL_BEGINS_S, _TAIL_SAMPLES = 4e-3, 10
-# kg: the least mass in flight, of plates below and above this radius, m.
-_SMALL_PLATE_M, _LEAST_MASS_KG = 0.25, (8.0, 20.0)
+# Plate radius, m, and smallest mass in flight of plates below and above it, kg.
+_SMALL_PLATE_M, _MIN_MASS_KG = 0.25, (8.0, 20.0)
 
 
 class Rebound(Effect):
@@ -47,17 +49,17 @@ class Rebound(Effect):
     advice = "the plate jumps: level it, seat it, or drop from lower down"
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return level and kick; the mass about the weight that the load cell lost."""
+        """Return level, mass and kick; the prior of the mass is the weight the load cell lost."""
         level, mass, kick = super().coordinates(drop)
-        known = math.log(_mass_from_load(drop))
+        log_mass = math.log(_mass_from_load(drop))
         kick = replace(kick, starts=self.parameters[2].starts)
-        return level, replace(mass, mean=known, deviation=0.3, starts=(known,)), kick
+        return level, replace(mass, mean=log_mass, deviation=0.3, starts=(log_mass,)), kick
 
-    def told(self, values: Values, drop: DropContext) -> dict[str, tuple[str, float]]:
+    def reported_values(self, values: Values, drop: DropContext) -> dict[str, tuple[str, float]]:
         """Return the time of lift-off on the model's time, s, and the parameters."""
         moment = float(lift_off_times(drop, np.array([values["level"]]))[0])
         first = {"liftoff": ("s", moment)} if math.isfinite(moment) else {}
-        return first | super().told(values, drop)
+        return first | super().reported_values(values, drop)
 
     def motion(
         self,
@@ -66,7 +68,7 @@ class Rebound(Effect):
         drop: DropContext,
         impulse_response: ImpulseResponse,
     ) -> FloatArray:
-        """The plate in flight and after; the ground beside it is relieved."""
+        """Return the motion with flight and landing of the plate and with unloaded ground."""
         single = {name: np.array([value]) for name, value in values.items()}
         flown = self.motions(motion[None], single, drop, lambda: impulse_response()[None])
         return np.asarray(flown[0])
@@ -74,11 +76,11 @@ class Rebound(Effect):
     def motions(
         self,
         motions: FloatArray,
-        values: ManyValues,
+        values: ValueArrays,
         drop: DropContext,
         impulse_responses: ImpulseResponse,
     ) -> FloatArray:
-        """Each plate in flight and after."""
+        """Return several motions with flight and landing of the plate."""
         time = drop.time
         moments = lift_off_times(drop, values["level"])
         inside = np.flatnonzero((time[3] < moments) & (moments < time[-4]))
@@ -140,11 +142,11 @@ def lift_off_times(drop: DropContext, levels: FloatArray) -> FloatArray:
 
 def _mass_from_load(drop: DropContext) -> float:
     """Return the mass whose weight the load cell lost after the contact, kg."""
-    least = _LEAST_MASS_KG[0] if drop.plate_radius < _SMALL_PLATE_M else _LEAST_MASS_KG[1]
+    min_mass = _MIN_MASS_KG[0] if drop.plate_radius < _SMALL_PLATE_M else _MIN_MASS_KG[1]
     tail = drop.load[drop.time > drop.contact_end + _TAIL_BEGINS_S]
     if tail.size <= _TAIL_SAMPLES:
-        return least
-    return max(-float(np.median(tail)) / GRAVITY, least)
+        return min_mass
+    return max(-float(np.median(tail)) / GRAVITY, min_mass)
 
 
 def _flown(
@@ -161,7 +163,7 @@ def _flown(
     pressing = drop.load[None] + (masses * GRAVITY)[:, None]
     relieved = np.clip(flight / _RELIEF_S, 0.0, 1.0)
     ground = motions + step * convolve_rows(impulses, (-relieved * pressing)[:, None])
-    # Parts of samples count, so that the moment has a smooth influence.
+    # Fractions of samples count, so that the motion depends smoothly on the moment.
     aloft = np.clip(flight / step + 0.5, 0.0, 1.0)
     rows = np.arange(moments.size)
     before = ((moments - time[0]) / step).astype(int)
@@ -199,14 +201,14 @@ def _land(
     load: tuple[FloatArray, float],
     step: float,
 ) -> None:
-    """Put a plate (n,) back on the ground that it meets, with its momentum; changes ``plate``.
+    """Land a plate (n,) with its momentum on the ground; ``plate`` is changed in place.
 
     Parameters
     ----------
     plate, ground : (n,) ndarray of float, m
     impulse : (n,) ndarray of float, m, motion after 1 N s
     flight : (n,) ndarray of float, s, since the lift-off
-    load : what presses on the ground again, (n,), N, and the mass in flight, kg
+    load : force on the ground after landing, (n,), N, and the mass in flight, kg
     step : float, s
     """
     pressing, mass = load
@@ -221,9 +223,9 @@ def _land(
     now, previous = gap[landing], gap[landing - 1]
     closing = max(now - previous, 1e-15)
     share = -previous / closing
-    given = np.clip(np.arange(plate.size) - (landing - 1.5 + share), 0.0, 1.0) * pressing
+    force = np.clip(np.arange(plate.size) - (landing - 1.5 + share), 0.0, 1.0) * pressing
     push = mass * max(now - previous, 0.0) / step / step
-    given[landing - 1] += push * (1.0 - share)
-    given[landing] += push * share
-    back = ground + step * np.convolve(impulse, given)[: plate.size]
+    force[landing - 1] += push * (1.0 - share)
+    force[landing] += push * share
+    back = ground + step * np.convolve(impulse, force)[: plate.size]
     plate[landing:] = back[landing:]

@@ -1,4 +1,4 @@
-"""Slip between plate and ground other than the base model's, and plates that touch a part only."""
+"""Contact of the plate that differs from the base model: slip, and partial contact."""
 
 from dataclasses import replace
 
@@ -8,11 +8,11 @@ from inversion.fitting.parameters import Parameter
 
 
 class RoughContact(Effect):
-    """The plate is stiffer on the ground than the base model says, or less; beside it is nothing.
+    """The plate is stiffer or softer than in the base model; the ground outside is unchanged.
 
-    Slip changes its stiffness alone, and with it its damping in proportion; a plate that touches
-    the ground out to a part of its radius loses more of its damping than of its stiffness.  Both
-    are in ``factor``, the static stiffness over that of a rough plate in touch everywhere.
+    Slip changes stiffness and damping in proportion. A plate in contact with the ground to a
+    fraction of its radius loses more damping than stiffness. Both are in ``factor``, the static
+    stiffness over that of a rough plate in full contact.
     """
 
     name = "rough_contact"
@@ -26,18 +26,18 @@ class RoughContact(Effect):
     advice = "look at the contact: a thin bed of sand under the plate makes it even"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """The centre alone cannot tell it from a stiffer ground."""
+        """Return whether sensors are on the plate and outside; the centre alone shows stiffness."""
         drop = drops[0]
         return bool((drop.offsets < drop.plate_radius).any() and drop.offsets.size > 1)
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
-        """The ground with the plate's touch."""
+        """Return the ground with the radius of contact."""
         return replace(ground, contact_share=values.get("contact_share", 1.0))
 
     def compliance(
         self, compliance: ComplexArray, s: ComplexArray, values: Values, drop: DropContext
     ) -> ComplexArray:
-        """The plate's compliance over what of the factor is not the touch's."""
+        """Return the compliance with that of the plate divided by the factor of slip alone."""
         result = compliance.copy()
         slip = values["factor"] / values.get("contact_share", 1.0)
         result[drop.offsets < drop.plate_radius] /= slip

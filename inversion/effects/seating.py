@@ -1,4 +1,4 @@
-"""Earlier drops meet softer ground: the plate is not seated yet."""
+"""Seating: under earlier drops the ground is softer, because the plate is not seated yet."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ from inversion.fitting.parameters import Parameter
 
 
 class Seating(Effect):
-    """The modulus under each drop over that under the last one, and the viscosity with it."""
+    """Ratio of the modulus under each drop to that under the last one; viscosity in proportion."""
 
     name = "seating"
     scope = "drop"
@@ -19,10 +19,10 @@ class Seating(Effect):
     advice = "drop again until two drops agree; the modulus is that of the last drop"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Only several drops can differ."""
+        """Return whether there are several drops."""
         return len(drops) > 1
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
-        """The ground as the drop met it."""
+        """Return the ground under the drop."""
         ratio = values["modulus_ratio"]
         return replace(ground, modulus=ground.modulus * ratio, viscosity=ground.viscosity * ratio)

@@ -1,4 +1,4 @@
-"""The sensors read too much or too little; known from a rig of springs, never guessed from soil."""
+"""Gain error of the sensors, declared from a calibration on springs and never fitted to soil."""
 
 from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, Values
@@ -6,7 +6,7 @@ from inversion.fitting.parameters import Parameter
 
 
 class SensorGain(Effect):
-    """Everything that the sensors show is larger by one factor."""
+    """The recorded displacement is larger than the true one by a factor."""
 
     name = "sensor_gain"
     scope = "device"
@@ -14,9 +14,9 @@ class SensorGain(Effect):
     advice = "have the sensors calibrated: pfwd calibrate on a rig of known stiffness"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Never: a softer ground looks the same. It is given with a device, or not at all."""
+        """Return False: softer ground has the same records. It is declared with a device."""
         return False
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """Larger by the factor."""
+        """Return the record times the factor."""
         return values["factor"] * record

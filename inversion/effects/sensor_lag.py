@@ -1,4 +1,4 @@
-"""The channels are not simultaneous."""
+"""Delay of the deflection channel relative to the load channel."""
 
 from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, Values, shift
@@ -6,16 +6,16 @@ from inversion.fitting.parameters import Parameter
 
 
 class SensorLag(Effect):
-    """The deflection comes later than the load; the residual follows the velocity."""
+    """The deflection is recorded later than the load; the residual follows the velocity."""
 
     name = "sensor_lag"
     scope = "device"
     parameters = (
-        # A low-pass of 60 Hz in the load channel alone makes the deflection 4 to 7 ms early.
+        # A low-pass filter of 60 Hz in the load channel alone makes the deflection 4 to 7 ms early.
         Parameter("delay", "s", -8e-3, 8e-3, (4e-4, -4e-4), prior=(0.0, 5e-4), absent=0.0),
     )
     advice = "have the instrument's channels checked against each other; declare load_delay_s"
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """Later by the delay."""
+        """Return the delayed record."""
         return shift(record, values["delay"], drop.time)

@@ -1,4 +1,4 @@
-"""No half-space at all: a calibration rig on springs."""
+"""Calibration rig on springs in place of the ground."""
 
 import numpy as np
 
@@ -15,13 +15,13 @@ class SpringRig(Effect):
     parameters = (
         Parameter("stiffness", "N/m", 1e5, 5e8, (5e6, 3e7), logarithmic=True),
         Parameter("moving_mass", "kg", 0.5, 300.0, (15.0,), logarithmic=True),
-        # Springs that are damped more do not ring: what looks so is ground.
+        # Springs with more damping do not ring, and the record resembles that of ground.
         Parameter("damping_ratio", "-", 0.001, 0.5, (0.1,), logarithmic=True),
     )
     replaces_ground = True
-    # Drops usually fall on ground.
-    least_gain = 3.0
-    # What replaces the ground explains anything together with what changes the ground.
+    # Rigs are rare.
+    min_gain = 3.0
+    # A rig together with an effect of the ground fits any record.
     excludes = frozenset(
         {
             "bedrock",
@@ -41,7 +41,7 @@ class SpringRig(Effect):
     def compliance(
         self, compliance: ComplexArray, s: ComplexArray, values: Values, drop: DropContext
     ) -> ComplexArray:
-        """That of the rig, at every sensor on it."""
+        """Return the compliance of the rig, the same at every sensor."""
         stiffness, mass = values["stiffness"], values["moving_mass"]
         viscous = 2.0 * values["damping_ratio"] * np.sqrt(stiffness * mass)
         rig = 1.0 / (stiffness + viscous * s + mass * s**2)

@@ -1,11 +1,11 @@
-r"""The modulus depends on the stress, between drops and within one.
+r"""Dependence of the modulus on the stress, between drops and within a drop.
 
 With :math:`E = E_{ref} (\sigma / \sigma_{ref})^n` the resistance to a displacement w grows like
-:math:`w^{1/(1-n)}` (`inversion.forward.nonlinear_stiffness`), the reference being the stress under
-the point's largest drop.  Before the drop the ground is under ``rest_stress`` by its own weight,
-the instrument's and suction, so that it has a stiffness then.  ``within`` is the part that acts
-within a drop; the rest acts between drops alone, each of which meets ground of one modulus, and of
-a viscosity that follows it: the damping of soil belongs to its stiffness.
+:math:`w^{1/(1-n)}` (`inversion.forward.nonlinear_stiffness`). The reference is the stress under the
+point's largest drop. Before the drop the ground is under ``rest_stress`` from its own weight, the
+instrument's weight and suction, which gives it an initial stiffness. ``within`` is the fraction of
+the exponent that acts within a drop. The remainder acts only between drops: it changes modulus and,
+in proportion, viscosity of the whole drop, as the damping of soil follows its stiffness.
 """
 
 from dataclasses import replace
@@ -20,14 +20,14 @@ from inversion.forward.nonlinear_stiffness import NonlinearStiffness, secant
 # Pa: an instrument of 15 kg on a plate of 0.3 m (2 kPa), the soil above a radius of depth (2 kPa),
 # and suction of a few kPa.
 _REST_STRESS = 8e3
-# Times the square of the exponent: by so much (95 %) a spring beside the ground that stiffens with
-# the plate's displacement misses the secant modulus of finite elements that stiffen with their own
-# stress, by 1 % at 0.2 and up to 10 % at 0.55.
+# Error (95 %) of the secant modulus over the square of the exponent. The model is a spring that
+# stiffens with the plate's displacement. Against finite elements that stiffen with their own stress
+# its error is 1 % at an exponent of 0.2 and up to 10 % at 0.55.
 _OF_SPRING = 0.35
 
 
 class StressDependence(Effect):
-    """A curved loading path within a drop, and differs between drops of different height."""
+    """Curved loading path within a drop, and different moduli of drops from different heights."""
 
     name = "stress_dependence"
     scope = "point"
@@ -50,24 +50,27 @@ class StressDependence(Effect):
     advice = "drop from several heights: the modulus belongs to the stress of the largest drop"
 
     def model_error(self, values: Values) -> float:
-        """What the spring beside the ground misses; the part between drops misses nothing."""
+        """Return the error of the spring model within a drop; between drops there is none."""
         return _OF_SPRING * (values["exponent"] * values.get("within", 1.0)) ** 2
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """With a single drop all of it is within the drop."""
+        """Return the parameters; a single drop has no fraction between drops."""
         return self.parameters if drop.count > 1 else self.parameters[:2]
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return exponent and stress at rest; drops differ by the law of the point instead."""
+        """Return exponent and stress at rest; differences of drops are unknowns of the point."""
         exponent, rest_stress, *_ = super().coordinates(drop)
         return replace(exponent, upper=0.8, starts=(0.2,)), rest_stress
 
-    def held(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
-        """The stress at which the modulus holds: the mean one under the largest drop."""
+    def fixed_values(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
+        """Return the stress of the modulus, the mean one under the largest drop."""
         return (("sigma_ref", "Pa", _largest_stress(drop)),)
 
     def modulus_at(self, stress: float, values: Values, drop: DropContext) -> float:
-        """From the drop's ground, which knows of the part between drops, to that at a stress."""
+        """Return the secant modulus at a stress over that of the drop's ground.
+
+        The drop's ground includes the part between drops already.
+        """
         between = values["exponent"] * (1.0 - values.get("within", 1.0))
         of_largest = stress / _largest_stress(drop)
         within = secant(self.nonlinear_stiffness(NonlinearStiffness(), values, drop), of_largest)
@@ -75,7 +78,7 @@ class StressDependence(Effect):
         return float(within * (of_largest / height) ** between)
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
-        """The part that a drop of another height meets as another modulus."""
+        """Return the ground with modulus and viscosity of a drop from this height."""
         between = values["exponent"] * (1.0 - values.get("within", 1.0))
         height = drop.peak_load / drop.largest_load
         ratio = height**between
@@ -84,12 +87,12 @@ class StressDependence(Effect):
     def nonlinear_stiffness(
         self, law: NonlinearStiffness, values: Values, drop: DropContext
     ) -> NonlinearStiffness:
-        """The part that acts within a drop, and between drops through it."""
+        """Return the law with the exponent and stress at rest that act within a drop."""
         exponent = values["exponent"] * values.get("within", 1.0)
         rest = values.get("rest_stress", 0.0) / _largest_stress(drop)
         return replace(law, stress_exponent=exponent, rest=rest)
 
 
 def _largest_stress(drop: DropContext) -> float:
-    """Mean stress under the plate at the peak of the point's largest drop, Pa."""
+    """Return the mean stress under the plate at the peak of the point's largest drop, Pa."""
     return float(drop.largest_load / (np.pi * drop.plate_radius**2))

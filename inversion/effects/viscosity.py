@@ -1,4 +1,4 @@
-"""The dashpot of a Kelvin-Voigt ground, where the base model was asked to be elastic."""
+"""Dashpot of a Kelvin-Voigt ground, where an elastic base model was requested."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ from inversion.fitting.parameters import Parameter
 
 
 class Viscosity(Effect):
-    """Opens the loop of load and displacement; a late peak alone is no proof of it."""
+    """Viscosity opens the loop of load and displacement; a late peak alone does not prove it."""
 
     name = "viscosity"
     scope = "point"
@@ -17,9 +17,9 @@ class Viscosity(Effect):
     advice = "the ground damps: do not ask for an elastic one"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Otherwise it is in the base model."""
+        """Return whether the base model is elastic; otherwise it contains the dashpot."""
         return drops[0].elastic
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
-        """The ground with its dashpot."""
+        """Return the ground with its dashpot."""
         return replace(ground, viscosity=values["viscosity"])

@@ -1,4 +1,4 @@
-"""The diagnosis of a point: the error before and after, and what stands between."""
+"""Diagnosis of a point: its error before and after, and the effects that explain the difference."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from inversion.arrays import FloatArray
-from inversion.diagnosis.declarations import contradiction, doubts
+from inversion.diagnosis.declarations import contradiction, find_suspect_declarations
 from inversion.diagnosis.findings import (
     DropCurves,
     EffectResult,
@@ -23,7 +23,7 @@ from inversion.diagnosis.problem import Point
 from inversion.errors import RecordError
 from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.library import SurrogateLibrary
-from inversion.inference.effects_found import effects_found
+from inversion.inference.effect_results import effect_results
 from inversion.inference.held_out import last_drop_error
 from inversion.inference.modulus import (
     Component,
@@ -48,23 +48,24 @@ EXPLAINED_TO = 5e-3
 
 # Pa: the stress at which moduli of different drops are compared.
 _REFERENCE_PA = 100e3
-# Relative error (95 %) of the modulus over the discrepancy of an unexplained record: what the
-# model lacks shows only as far as its parameters cannot imitate it.
-_BEHIND_LEFT = 2.0
-# Prior deviations of the base model over those of the inference: no priors in effect.
+# Relative error (95 %) of the modulus over the discrepancy of an unexplained record. It exceeds 1
+# because parameters imitate part of the model error, and that part does not show as discrepancy.
+_MODULUS_ERROR_PER_DISCREPANCY = 2.0
+# Factor on the prior deviations for the base model: so wide that the priors have no effect.
 _NO_PRIORS = 30.0
-# Residual over the noise and over the peak from which on slow noise alone does not explain it.
-_MOST_OVER_NOISE, _MOST_NOISE = 2.0, 0.02
-# Weight of a structure over the best one's from which on it counts for the interval.
-_LEAST_WEIGHT = 0.02
-# Discrepancy over the best structure's up to which another one of a wrong model is as good.
-_AS_CLOSE = 1.5
-_LOG_ODDS_OF_SEATING = -3.0
+# Limits of the residual over the noise and over the peak: above both, slow noise alone does not
+# explain the residual.
+_MAX_RESIDUAL_OVER_NOISE, _MAX_NOISE_OVER_PEAK = 2.0, 0.02
+# Smallest weight relative to the best structure with which a structure enters the interval.
+_MIN_WEIGHT = 0.02
+# If the best structure is wrong, others count alike up to this multiple of its discrepancy.
+_SIMILAR_DISCREPANCY_RATIO = 1.5
+_SEATING_LOG_ODDS = -3.0
 _ITERATIONS = 12
-# Of what the base model leaves of a point: a sensor that is turned or exchanged has to leave less.
-_FITS_BETTER = 0.8
-# A range of moduli so wide is told.
-_WIDE = 1.1
+# Base-model residual with a sensor turned or exchanged over that as declared, at most.
+_MAX_CORRECTED_RESIDUAL_RATIO = 0.8
+# Ratio of the ends of the modulus interval above which a notice is given.
+_NOTICED_INTERVAL_RATIO = 1.1
 
 
 def diagnose_point(
@@ -75,15 +76,14 @@ def diagnose_point(
     compare_declarations: bool = True,
     predict_last: bool = True,
 ) -> PointDiagnosis:
-    """Which effects the residual of a point asks for, and what they change.
+    """Return the effects that explain the residual of a point, and the fits without and with them.
 
     Parameters
     ----------
     records : PointRecords
     library : SurrogateLibrary
-    instrument : InstrumentKnowledge, what is known of the instrument from elsewhere
-    compare_declarations : bool, whether other declarations are tried where the records contradict
-        them
+    instrument : InstrumentKnowledge, from other points and declarations
+    compare_declarations : bool, whether to test declared values that look doubtful
     predict_last : bool, whether the last of several drops is held out and predicted
 
     Raises
@@ -95,48 +95,50 @@ def diagnose_point(
     instrument = instrument or InstrumentKnowledge()
     with single_threaded_blas():
         point = Point(records, library)
-        if all(map(_rises, point.drops)):
+        if all(map(_centre_rises, point.drops)):
             raise RecordError(
                 "centre sensor: expected a downward (positive) deflection, found none; check its "
                 "polarity and whether it is alive"
             )
         base = fit_base(point)
-        objections = _steps(point)
+        objections = _find_steps(point)
         if objections:
-            return _diagnosis(point, base, base, None, objections)
-        selection, best, seating = _choose(point, instrument)
-        told = _diagnosis(point, base, best, (selection, seating), [])
+            return _point_diagnosis(point, base, base, None, objections)
+        selection, best, seating = _choose_structure(point, instrument)
+        diagnosis = _point_diagnosis(point, base, best, (selection, seating), [])
         if predict_last and len(records.records) > 1:
             part = last_drop_error(records, (base, best), instrument, library)
-            told = replace(told, held_out=HeldOut.of("next", [part]))
+            diagnosis = replace(diagnosis, held_out=HeldOut.of("next", [part]))
     doubtful = (
-        told.verdict == "unexplained" or told.after.left_open or _on_declared_rock(told, point)
+        diagnosis.verdict == "unexplained"
+        or diagnosis.after.is_undetermined
+        or _on_declared_rock(diagnosis, point)
     )
     if not (compare_declarations and doubtful):
-        return told
-    contradicted = _contradicted(point, told, library, instrument)
+        return diagnosis
+    contradicted = _find_contradicted_declaration(point, diagnosis, library, instrument)
     if contradicted is None:
-        return told
+        return diagnosis
     return replace(
-        told,
+        diagnosis,
         verdict="unexplained",
-        after=_withheld(told.after),
-        warnings=(*told.warnings, contradicted),
+        after=_without_modulus(diagnosis.after),
+        warnings=(*diagnosis.warnings, contradicted),
     )
 
 
-def _on_declared_rock(told: PointDiagnosis, point: Point) -> bool:
-    """Return whether effects were found above rock that is declared: its depth may be wrong."""
+def _on_declared_rock(diagnosis: PointDiagnosis, point: Point) -> bool:
+    """Return whether effects were found above declared rock, whose depth may then be wrong."""
     depth = point.records.records[0].bedrock_depth
-    return bool(told.effects) and depth is not None and math.isfinite(depth)
+    return bool(diagnosis.effects) and depth is not None and math.isfinite(depth)
 
 
 def fit_base(point: Point) -> Posterior:
     """Return the fit of the base model: one ground under all drops, no effect and no prior.
 
-    As for a fit by least squares every sample counts alike; the discrepancy is for the interval.
+    Every sample has the same weight, as in least squares; the discrepancy is only for the interval.
     """
-    model = PointModel(point, (), range(len(point.drops)), drops_alike=True)
+    model = PointModel(point, (), range(len(point.drops)), is_same_ground=True)
     model.deviation = _NO_PRIORS * model.deviation
     fit = PointFit(model)
     fit.approach(_ITERATIONS)
@@ -144,21 +146,31 @@ def fit_base(point: Point) -> Posterior:
     return fit.posterior()
 
 
-def _choose(point: Point, instrument: InstrumentKnowledge) -> tuple[Selection, Posterior, float]:
+def _choose_structure(
+    point: Point, instrument: InstrumentKnowledge
+) -> tuple[Selection, Posterior, float]:
     """Return the structures of a drop, the fit of all drops by the best, and its seating evidence.
 
-    The last drop tells the structure. If all drops together leave much more than it does, that of
-    the drop before may be the better one, unless other points tell what is likely.
+    The structure is selected on the last drop. If all drops together have a much larger
+    discrepancy than that drop, the structure of the drop before is tried too. It is not where
+    other points give starting structures.
     """
     coarse, last = point.coarse(), len(point.drops) - 1
     selection = select(coarse, last, instrument)
-    found = (selection, *fit_drops_of_selection(point, selection, instrument))
-    together, alone = (f.discrepancy.scale for f in (found[1], selection.fits[selection.best]))
-    if last == 0 or instrument.nearby or together < max(_AS_CLOSE * alone, EXPLAINED_TO):
-        return found
-    before = select(coarse, last - 1, instrument)
-    other = (before, *fit_drops_of_selection(point, before, instrument))
-    return max((found, other), key=lambda one: one[1].log_evidence + one[0].log_odds(one[0].best))
+    by_last = (selection, *fit_drops_of_selection(point, selection, instrument))
+    together, alone = (f.discrepancy.scale for f in (by_last[1], selection.fits[selection.best]))
+    if (
+        last == 0
+        or instrument.starting_structures
+        or together < max(_SIMILAR_DISCREPANCY_RATIO * alone, EXPLAINED_TO)
+    ):
+        return by_last
+    previous = select(coarse, last - 1, instrument)
+    by_previous = (previous, *fit_drops_of_selection(point, previous, instrument))
+    return max(
+        (by_last, by_previous),
+        key=lambda choice: choice[1].log_evidence + choice[0].log_odds(choice[0].best),
+    )
 
 
 def fit_drops_of_selection(
@@ -166,18 +178,18 @@ def fit_drops_of_selection(
 ) -> tuple[Posterior, float]:
     """Return the fit of all drops by the best structure, and the log evidence of seating."""
     structure, declared = selection.best, instrument.declared_effects
-    of_one_drop = selection.fits[structure]
+    single_drop_fit = selection.fits[structure]
     fits = []
-    for alike in (True, False)[: len(point.drops)]:
+    for same_ground in (True, False)[: len(point.drops)]:
         model = PointModel(
             point,
             effects_of(structure, declared),
             range(len(point.drops)),
             declared,
-            drops_alike=alike,
+            is_same_ground=same_ground,
         )
         model.apply_priors(instrument.priors(model))
-        values = model.values_near(of_one_drop.by_key)
+        values = model.start_near(single_drop_fit.by_key)
         for place, unknown in enumerate(model.unknowns):
             if unknown.name == STIFFNESS and unknown.drop is not None:
                 values[place] = model.starting_deviation(unknown.drop)
@@ -185,42 +197,42 @@ def fit_drops_of_selection(
     if len(fits) == 1:
         return fits[0], 0.0
     evidence = fits[1].log_evidence - fits[0].log_evidence
-    return fits[int(evidence + _LOG_ODDS_OF_SEATING > 0.0)], evidence
+    return fits[int(evidence + _SEATING_LOG_ODDS > 0.0)], evidence
 
 
-def _diagnosis(
+def _point_diagnosis(
     point: Point,
     base: Posterior,
     best: Posterior,
     choice: tuple[Selection, float] | None,
     objections: Sequence[Notice],
 ) -> PointDiagnosis:
-    """Return what a fit says of a point.
+    """Return the diagnosis that follows from the fits of a point.
 
     Parameters
     ----------
     point : Point
     base, best : Posterior, of the base model and of the chosen structure
-    choice : the structures among which it was chosen, and the log evidence of seating
-    objections : what speaks against any fit
+    choice : the structures among which the best was chosen, and the log evidence of seating
+    objections : notices about the records that rule out any explanation
     """
-    effects = effects_found(best, *choice) if choice else ()
-    after = _state(best, choice[0] if choice else None)
-    warnings = [*objections, *_reasons(best)]
-    if choice and choice[0].says_too_much:
+    effects = effect_results(best, *choice) if choice else ()
+    after = _fitted_state(best, choice[0] if choice else None)
+    warnings = [*objections, *_unexplained_reasons(best)]
+    if choice and choice[0].is_overparameterised:
         warnings.append(Notice("too-many-effects", {"effects": len(choice[0].best)}))
     verdict: Verdict = "unexplained"
     if not warnings:
         verdict = "explained" if best.model.effects or effects else "clean"
     if warnings:
-        after = _with_what_is_left(after)
+        after = _with_discrepancy_error(after)
     return PointDiagnosis(
         name=point.records.name,
         numbers=point.records.numbers,
         verdict=verdict,
         noise_rms=float(max(model.noise[0] for model in point.drops)),
         before=replace(
-            _state(base, None, with_drift=False),
+            _fitted_state(base, None, with_drift=False),
             stress_pa=None,
             modulus_100kpa_pa=None,
             discrepancy_over_peak=None,
@@ -238,25 +250,32 @@ def _diagnosis(
     )
 
 
-def _state(
+def _fitted_state(
     posterior: Posterior, selection: Selection | None, *, with_drift: bool = True
 ) -> FittedState:
-    """Return what a fit leaves, and its modulus with the interval.
+    """Return the residuals of a fit, and its modulus with the interval.
 
     Parameters
     ----------
     posterior : Posterior, of all drops
-    selection : structures over which the interval goes; None: no others
-    with_drift : bool, whether the drift of sensors is part of what is predicted
+    selection : structures over which the interval is taken; None: the fitted one alone
+    with_drift : bool, whether the prediction includes the drift of sensors
     """
     model = posterior.model
     drops = [model.point.drops[drop] for drop in model.drops]
     predictions = posterior.recorded if with_drift else posterior.predictions
     pairs = list(zip(drops, predictions, strict=True))
-    residuals = [predicted - one.observed for one, predicted in pairs]
-    over_noise = [r / one.noise[:, None] for one, r in zip(drops, residuals, strict=True)]
-    whole, contact = (
-        math.hypot(*(one.residual_over_peak(p, contact_only=contact_only) for one, p in pairs))
+    residuals = [predicted - model_of_drop.observed for model_of_drop, predicted in pairs]
+    over_noise = [
+        r / model_of_drop.noise[:, None] for model_of_drop, r in zip(drops, residuals, strict=True)
+    ]
+    whole_record, contact = (
+        math.hypot(
+            *(
+                model_of_drop.residual_over_peak(p, contact_only=contact_only)
+                for model_of_drop, p in pairs
+            )
+        )
         / math.sqrt(len(pairs))
         for contact_only in (False, True)
     )
@@ -268,7 +287,7 @@ def _state(
         modulus_interval_pa=(math.nan, math.nan),
         residual_rms_m=_root_mean_square(residuals),
         residual_over_noise=_root_mean_square(over_noise),
-        residual_rms_over_peak=whole,
+        residual_rms_over_peak=whole_record,
         contact_residual_rms_over_peak=contact,
         stress_pa=stress,
         discrepancy_over_peak=posterior.discrepancy.scale,
@@ -277,91 +296,98 @@ def _state(
     if rig:
         return replace(state, modulus_interval_pa=None)
     modulus = secant_modulus(posterior, stress)
-    here = component(posterior, 1.0, math.log(modulus), stress)
-    components = [here]
+    best_component = component(posterior, 1.0, math.log(modulus), stress)
+    components = [best_component]
     if selection is not None:
-        components += _of_other_structures(selection, here.middle, stress)
+        components += _alternative_components(selection, best_component.log_modulus, stress)
     low, high = interval(components)
     state = replace(
         state,
         fitted_modulus=modulus,
         modulus_pa=modulus,
-        modulus_sd_pa=modulus * here.deviation,
+        modulus_sd_pa=modulus * best_component.deviation,
         modulus_interval_pa=(min(low, modulus), max(high, modulus)),
         modulus_100kpa_pa=secant_modulus(posterior, _REFERENCE_PA),
     )
-    return _withheld(state) if state.left_open else state
+    return _without_modulus(state) if state.is_undetermined else state
 
 
-def _of_other_structures(selection: Selection, middle: float, stress: float) -> list[Component]:
-    """Return what other structures say of the modulus.
+def _alternative_components(
+    selection: Selection, log_modulus: float, stress: float
+) -> list[Component]:
+    """Return the modulus by each of the other structures, with its weight.
 
-    Evidence weighs structures if one of them is right. If even the best one leaves something that
-    no effect tells, or has more effects than a point tells apart, others that leave hardly more
-    count alike.
+    Evidence weighs structures correctly only if one of them is right. If even the best one is not
+    explained or overparameterised, others of similar discrepancy get the full weight.
 
     Parameters
     ----------
     selection : Selection, of one drop
-    middle : float, logarithm of the modulus by the best structure and all drops
+    log_modulus : float, logarithm of the modulus by the best structure and all drops
     stress : float, Pa
     """
     best = selection.fits[selection.best]
     weights = selection.weights()
-    if best.discrepancy.scale > EXPLAINED_TO or selection.says_too_much:
-        close = _AS_CLOSE * best.discrepancy.scale
+    if best.discrepancy.scale > EXPLAINED_TO or selection.is_overparameterised:
+        close = _SIMILAR_DISCREPANCY_RATIO * best.discrepancy.scale
         weights |= {s: 1.0 for s, fit in selection.fits.items() if fit.discrepancy.scale <= close}
-    of_one_drop = math.log(secant_modulus(best, stress))
-    found = []
+    single_drop_log_modulus = math.log(secant_modulus(best, stress))
+    components = []
     for structure, weight in weights.items():
         fit = selection.fits[structure]
         on_rig = any(effect.replaces_ground for effect in fit.model.effects)
-        if fit is best or weight < _LEAST_WEIGHT or on_rig:
+        if fit is best or weight < _MIN_WEIGHT or on_rig:
             continue
-        shift = math.log(secant_modulus(fit, stress)) - of_one_drop
-        found.append(component(fit, weight, middle + shift, stress))
-    return found
+        shift = math.log(secant_modulus(fit, stress)) - single_drop_log_modulus
+        components.append(component(fit, weight, log_modulus + shift, stress))
+    return components
 
 
-def _withheld(state: FittedState) -> FittedState:
-    """Return a state without the modulus that it leaves open."""
+def _without_modulus(state: FittedState) -> FittedState:
+    """Return a state without its modulus, which the data do not determine."""
     return replace(state, modulus_pa=None, modulus_sd_pa=None, modulus_100kpa_pa=None)
 
 
-def _with_what_is_left(state: FittedState) -> FittedState:
-    """Return a state with the error of the modulus that may be behind what is not explained."""
+def _with_discrepancy_error(state: FittedState) -> FittedState:
+    """Return a state whose modulus interval includes the error due to the discrepancy."""
     if math.isnan(state.fitted_modulus):
         return state
     modulus = state.fitted_modulus
-    left = max(known(state.discrepancy_over_peak), known(state.contact_residual_rms_over_peak))
-    behind = math.log1p(_BEHIND_LEFT * left)
+    discrepancy = max(
+        known(state.discrepancy_over_peak), known(state.contact_residual_rms_over_peak)
+    )
+    error = math.log1p(_MODULUS_ERROR_PER_DISCREPANCY * discrepancy)
     low, high = (
-        modulus * math.exp(sign * math.hypot(math.log(end / modulus), behind))
+        modulus * math.exp(sign * math.hypot(math.log(end / modulus), error))
         for sign, end in zip((-1.0, 1.0), known(state.modulus_interval_pa), strict=True)
     )
     wider = replace(state, modulus_interval_pa=(low, high))
-    if wider.left_open or state.modulus_sd_pa is None:
-        return _withheld(wider)
-    relative = math.hypot(state.modulus_sd_pa / modulus, behind / NORMAL_95)
+    if wider.is_undetermined or state.modulus_sd_pa is None:
+        return _without_modulus(wider)
+    relative = math.hypot(state.modulus_sd_pa / modulus, error / NORMAL_95)
     return replace(wider, modulus_sd_pa=modulus * relative)
 
 
-def _reasons(posterior: Posterior) -> list[Notice]:
+def _unexplained_reasons(posterior: Posterior) -> list[Notice]:
     """Return the reasons why a fit does not explain its records."""
-    found = []
+    reasons = []
     discrepancy = posterior.discrepancy.scale
     if discrepancy > EXPLAINED_TO:
         values: dict[str, Value] = {"discrepancy_over_peak": discrepancy, "limit": EXPLAINED_TO}
-        found.append(Notice("discrepancy-remains", values))
-    # The first of several drops may leave more.
+        reasons.append(Notice("discrepancy-remains", values))
+    # Only the last drop is judged: the first of several drops may have a larger residual.
     model = posterior.model
     last = model.point.drops[model.last]
     residual = posterior.recorded[-1] - last.observed
     over_noise = _root_mean_square([residual / last.noise[:, None]])
-    left = posterior.residuals_over_peak()[-1]
-    if not found and over_noise > _MOST_OVER_NOISE and left > _MOST_NOISE:
-        found.append(Notice("noise-exceeded", {"residual_over_noise": over_noise}))
-    return found
+    last_residual = posterior.residuals_over_peak()[-1]
+    if (
+        not reasons
+        and over_noise > _MAX_RESIDUAL_OVER_NOISE
+        and last_residual > _MAX_NOISE_OVER_PEAK
+    ):
+        reasons.append(Notice("noise-exceeded", {"residual_over_noise": over_noise}))
+    return reasons
 
 
 def _root_mean_square(parts: Sequence[FloatArray]) -> float:
@@ -371,51 +397,58 @@ def _root_mean_square(parts: Sequence[FloatArray]) -> float:
 def _warnings(
     effects: Sequence[EffectResult], verdict: Verdict, after: FittedState
 ) -> list[Notice]:
-    found = []
+    notices = []
     for effect in effects:
         for parameter in effect.numbers:
             if parameter.at_bound:
                 values = {"effect": effect.key, "parameter": known(parameter.name)}
-                found.append(Notice("effect-on-bound", values))
+                notices.append(Notice("effect-on-bound", values))
         if effect.alternatives:
-            alike: dict[str, Value] = {"effect": effect.key, "others": effect.alternatives}
-            found.append(Notice("effect-ambiguous", alike))
+            alternatives: dict[str, Value] = {"effect": effect.key, "others": effect.alternatives}
+            notices.append(Notice("effect-ambiguous", alternatives))
     low, high = after.modulus_interval_pa or (math.nan, math.nan)
-    if high > _WIDE * low and verdict == "explained" and not after.left_open:
-        found.append(Notice("modulus-uncertain", {"modulus_interval_pa": (low, high)}))
-    return found
+    if (
+        high > _NOTICED_INTERVAL_RATIO * low
+        and verdict == "explained"
+        and not after.is_undetermined
+    ):
+        notices.append(Notice("modulus-uncertain", {"modulus_interval_pa": (low, high)}))
+    return notices
 
 
-def _contradicted(
-    point: Point, told: PointDiagnosis, library: SurrogateLibrary, instrument: InstrumentKnowledge
+def _find_contradicted_declaration(
+    point: Point,
+    diagnosis: PointDiagnosis,
+    library: SurrogateLibrary,
+    instrument: InstrumentKnowledge,
 ) -> Notice | None:
     """Return the warning about a declaration that the records of a point contradict, or None."""
-    for doubt in doubts(point):
-        if not doubt.of_ground:
-            # The base model tells in no time whether a sensor fits better so.
+    for suspect in find_suspect_declarations(point):
+        if not suspect.is_about_ground:
+            # The base model decides quickly whether the residual falls with the sensor changed.
             with single_threaded_blas():
-                changed = fit_base(Point(doubt.records, library))
-            left = known(_state(changed, None, with_drift=False).residual_rms_over_peak)
-            if left > _FITS_BETTER * told.before.left_over_peak:
+                changed = fit_base(Point(suspect.records, library))
+            residual = known(_fitted_state(changed, None, with_drift=False).residual_rms_over_peak)
+            if residual > _MAX_CORRECTED_RESIDUAL_RATIO * diagnosis.before.residual_over_peak:
                 continue
         try:
-            other = diagnose_point(
-                doubt.records,
+            corrected = diagnose_point(
+                suspect.records,
                 library,
                 instrument,
                 compare_declarations=False,
                 predict_last=False,
             )
         except RecordError:
-            continue  # so it would be no record of a drop: what is declared is no worse
-        said = contradiction(doubt, told, other)
-        if said is not None:
-            return said
+            continue  # not a valid record without the declaration, so the declaration stands
+        notice = contradiction(suspect, diagnosis, corrected)
+        if notice is not None:
+            return notice
     return None
 
 
-def _rises(model: DropModel) -> bool:
-    """Whether the innermost sensor, if it is under the plate, rises in the contact."""
+def _centre_rises(model: DropModel) -> bool:
+    """Return whether the innermost sensor, if it is under the plate, rises in the contact."""
     innermost = int(np.argmin(np.abs(model.context.offsets)))
     if abs(model.context.offsets[innermost]) > model.context.plate_radius:
         return False
@@ -423,9 +456,9 @@ def _rises(model: DropModel) -> bool:
     return not contact.mean() > 0.0
 
 
-def _steps(point: Point) -> list[Notice]:
-    """Return warnings about records that step in the contact, as no motion or weight could."""
-    said = []
+def _find_steps(point: Point) -> list[Notice]:
+    """Return notices about steps in the contact that no motion or falling weight can produce."""
+    notices = []
     for number, model in zip(point.records.numbers, point.drops, strict=True):
         time = model.record.time
         first, end = np.searchsorted(
@@ -440,8 +473,8 @@ def _steps(point: Point) -> list[Notice]:
             place = find_step(values, int(first), int(end), plain)
             if place is not None:
                 after = float(time[place] - time[first])
-                said.append(Notice(code, {"drop": number, **place_of, "after_s": after}))
-    return said
+                notices.append(Notice(code, {"drop": number, **place_of, "after_s": after}))
+    return notices
 
 
 def _curves(point: Point, base: Posterior, best: Posterior) -> tuple[DropCurves, ...]:

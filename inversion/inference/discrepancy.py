@@ -1,12 +1,13 @@
-r"""What model and record differ by beyond noise, as a Gaussian process in the likelihood.
+r"""Model error beyond noise (discrepancy), as a Gaussian process in the likelihood.
 
 .. math:: y_d = f_d + \delta_d + \epsilon_d, \qquad
           \operatorname{cov}(\delta_d(t), \delta_e(t')) =
           \sigma^2 \, c_d c_e \, \rho_{de} \, e^{-|t - t'| / \tau}
 
-Everything is over the peak of the sensor. :math:`\rho_{de}` is 1 for one drop and below for two,
-:math:`c_d` is larger for the first of several drops. Drift of a sensor in a drop, a polynomial of
-second degree, is marginalised: its basis adds to the covariance. Kennedy and O'Hagan (2001),
+All traces are divided by the peak of their sensor. :math:`\rho_{de}` is 1 within a drop and less
+between two drops; :math:`c_d` is larger for the first of several drops. The drift of a sensor in a
+drop, a polynomial of second degree, is marginalised: its basis adds to the covariance. Kennedy and
+O'Hagan (2001),
 JRSS B 63, 425.
 """
 
@@ -24,18 +25,18 @@ from inversion.arrays import FloatArray
 from inversion.diagnosis.model import FROM_SAMPLE
 from inversion.inference.point_model import PointModel
 
-# Part of the peak: error of the forward model itself, independent from sample to sample.
+# Fraction of the peak: error of the forward model itself, independent from sample to sample.
 FLOOR = 1e-3
 
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """Size and memory of what the model lacks.
+    """Size and correlation of the model error beyond noise.
 
     Parameters
     ----------
     scale : float, standard deviation over the peak
-    memory : float, s
+    memory : float, s, correlation time
     between_drops : float, correlation of two drops of a point
     first : float, factor on the scale for the first of several drops
     drift : float, standard deviation of the drift at the end of a record, over the peak
@@ -54,7 +55,7 @@ class RecordedDrops:
     Parameters
     ----------
     model : PointModel
-    thinning : int, every so many samples count
+    thinning : int, stride of the samples that are used
     """
 
     def __init__(self, model: PointModel, thinning: int = 1) -> None:
@@ -69,7 +70,7 @@ class RecordedDrops:
         time = np.concatenate(times)
         drop = np.repeat(np.arange(len(models)), [time.size for time in times])
         self._is_seating = np.array([model.is_seating(drop) for drop in self.drops])[drop]
-        # What does not change with the discrepancy is made once: a fit tries hundreds of them.
+        # Computed once, as it is independent of the discrepancy, of which a fit tries hundreds.
         self._apart = np.abs(time[:, None] - time)
         self._decay: tuple[float, FloatArray] = (math.nan, self._apart)
         self._same_drop = drop[:, None] == drop
@@ -106,7 +107,7 @@ class RecordedDrops:
         return [shared + noise for noise in self._noise]
 
     def _shared_covariance(self, discrepancy: Discrepancy) -> FloatArray:
-        """Return the covariance of discrepancy and drift, which is that of all sensors, (n, n)."""
+        """Return the covariance of discrepancy and drift, the same for every sensor, (n, n)."""
         if self._decay[0] != discrepancy.memory:
             self._decay = discrepancy.memory, np.exp(-self._apart / discrepancy.memory)
         size = discrepancy.scale * np.where(self._is_seating, discrepancy.first, 1.0)

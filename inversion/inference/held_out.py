@@ -1,4 +1,4 @@
-"""Held-out drops and sensors: predicted by fits that never had them."""
+"""Prediction of held-out drops and sensors by fits that did not use them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from inversion.measured.record import PreparedDrop, Record, prepare
 from inversion.threads import single_threaded_blas
 
 Allow = Literal["stiffness"]
-# Logarithm of the stiffness over that of the fitted drop, within which the held-out one lies.
+# Largest logarithm of the stiffness of a held-out drop over that of the fitted one.
 _LARGEST_CHANGE = math.log(4.0)
 _BASE: Structure = frozenset()
 _ITERATIONS = 12
@@ -39,7 +39,7 @@ _Errors = tuple[float, float]
 
 
 def count_held_out(records: PointRecords, mode: LeaveOut) -> int:
-    """Return how many parts of a point are held out in turn; 0: nothing would be left."""
+    """Return how many parts of a point are held out in turn; 0: no part can be spared."""
     drops, sensors = len(records.records), len(records.records[0].sensors)
     counts = {"next": min(drops, 2), "drop": drops, "sensor": sensors}
     count = counts.get(mode, 0)
@@ -55,7 +55,7 @@ def without_held_out(records: PointRecords, mode: LeaveOut, place: int) -> Point
     ----------
     records : PointRecords
     mode : "next", "drop" or "sensor"
-    place : int, which of the parts that `count_held_out` counts
+    place : int, index of the part, below `count_held_out`
     """
     if mode == "sensor":
         position = _position(records, place)
@@ -75,7 +75,7 @@ def without_held_out(records: PointRecords, mode: LeaveOut, place: int) -> Point
 def held_out_error(
     records: PointRecords,
     structure: Structure | None,
-    other_points: Sequence[PointSummary],
+    peer_points: Sequence[PointSummary],
     mode: LeaveOut,
     place: int,
     declared_effects: Mapping[str, Values] | None = None,
@@ -87,11 +87,11 @@ def held_out_error(
     Parameters
     ----------
     records : PointRecords, with the held-out part
-    structure : Structure that the other points show; None: the one that the rest of the point shows
-    other_points : summaries of the other points of the instrument
+    structure : Structure of the other points; None: choose it on the rest of the point
+    peer_points : summaries of the other points of the instrument
     mode : "next", "drop" or "sensor"
-    place : int, which of the parts that `count_held_out` counts
-    declared_effects : values of effects that are known, by effect and parameter
+    place : int, index of the part, below `count_held_out`
+    declared_effects : declared values of effects, by effect and parameter
     allow : "stiffness": one number, that of the held-out drop, is fitted to it
     library : SurrogateLibrary
     """
@@ -101,10 +101,10 @@ def held_out_error(
         if structure is None:
             structure = choose_structure([structure_evidence(reduced, declared_effects, library)])
         predictors = [
-            drop_predictor(reduced, of, summaries, known, library)
-            for of, summaries, known in (
+            drop_predictor(reduced, of, summaries, declared, library)
+            for of, summaries, declared in (
                 (_BASE, (), {}),
-                (structure, other_points, declared_effects),
+                (structure, peer_points, declared_effects),
             )
         ]
         if mode == "sensor":
@@ -119,9 +119,9 @@ def last_drop_error(
     instrument: InstrumentKnowledge,
     library: SurrogateLibrary,
 ) -> HeldOutPart:
-    """Fit the drops of a point but the last one, predict that from its load, and return the errors.
+    """Fit the drops of a point without the last, predict that from its load; return the errors.
 
-    It had a part in the choice of the effects, and nowhere else.
+    The last drop was used in the choice of the effects only.
 
     Parameters
     ----------
@@ -132,18 +132,18 @@ def last_drop_error(
     """
     point = Point(without_held_out(records, "next", 0), library)
     predictors = []
-    for of_all, known in zip(fits, (InstrumentKnowledge(), instrument), strict=True):
+    for of_all, knowledge in zip(fits, (InstrumentKnowledge(), instrument), strict=True):
         model = PointModel(
             point,
             of_all.model.effects,
             range(len(point.drops)),
-            known.declared_effects,
-            drops_alike=of_all.model.drops_alike,
+            knowledge.declared_effects,
+            is_same_ground=of_all.model.is_same_ground,
         )
-        model.apply_priors(known.priors(model))
+        model.apply_priors(knowledge.priors(model))
         of_point = {key: value for key, value in of_all.by_key.items() if key[2] is None}
-        fit = PointFit(model, model.values_near(of_point)).run_nearby(_ITERATIONS)
-        points = [*known.other_points, summarise(fit)]
+        fit = PointFit(model, model.start_near(of_point)).run_nearby(_ITERATIONS)
+        points = [*knowledge.peer_points, summarise(fit)]
         laws = [learn_next_drop(points, first=first) for first in (True, False)]
         predictors.append(DropPredictor(fit, *laws))
     part = _drop_error(records, predictors, len(records.records) - 1, None, library)
@@ -162,7 +162,7 @@ def _drop_error(
     errors = []
     for predictor in predictors:
         model = predictor.model_of(record, library)
-        # Without an earlier drop, the one that follows.
+        # The first drop has no earlier one: extrapolate back from the drop that follows.
         expected = (
             predictor.stiffening_after(held_out - 1, model)
             if held_out
@@ -224,7 +224,7 @@ def _sensor_error(
 def scaled_record(preceding: Record, record: Record) -> FloatArray:
     """Return the preceding displacements times the ratio of the peak loads, (n_sensors, n), m.
 
-    At the times of the record, 0 being the trigger of both.
+    They are interpolated at the times of the record; time 0 is the trigger of both.
     """
     earlier = prepare(preceding).with_tail()
     ratio = prepare(record).peak_load / earlier.peak_load
@@ -246,13 +246,13 @@ def _best_change(misfit: Callable[[float], float]) -> float:
 def _errors(
     record: Record, drop: PreparedDrop, trace: FloatArray, rows: Sequence[int] | None = None
 ) -> _Errors:
-    """Return the rms over the peak from the trigger to the end of the tail, and of the contact.
+    """Return the rms error over the peak of the record to the end of its tail, and of the contact.
 
     Parameters
     ----------
     record, drop : as recorded, and prepared
     trace : (n_sensors, n) ndarray of float, m, at the times of the record
-    rows : sensors that count; None: all
+    rows : indices of the sensors; None: all
     """
     first = record.time.size - drop.time.size
     residual = (trace[:, first:] - drop.displacement) / drop.peak_displacement[:, None]
@@ -260,8 +260,8 @@ def _errors(
     ends = drop.tail_end, drop.contact_end
     since_trigger = drop.time >= drop.trigger * (1 - 1e-9)
     parts = [since_trigger & (drop.time <= end * (1 + 1e-9)) for end in ends]
-    whole, contact = (float(np.sqrt(np.mean(chosen[:, part] ** 2))) for part in parts)
-    return whole, contact
+    whole_record, contact = (float(np.sqrt(np.mean(chosen[:, part] ** 2))) for part in parts)
+    return whole_record, contact
 
 
 def _held_out_drop(records: PointRecords, mode: LeaveOut, place: int) -> int:

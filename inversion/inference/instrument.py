@@ -31,10 +31,10 @@ from inversion.inference.structures import (
 )
 from inversion.threads import single_threaded_blas
 
-# Points on which the structure is chosen: the evidence of more decides the same.
+# Number of points on which the structure is chosen. More points do not change the choice.
 MAX_RANKED_POINTS = 5
-# Log evidence by which one point decides at most, and that all points together have to give.
-_MOST_SAID, _ASKED_FOR = 10.0, 3.0
+# Largest log evidence that one point contributes, and smallest sum over all points for an effect.
+_MAX_POINT_EVIDENCE, _MIN_TOTAL_EVIDENCE = 10.0, 3.0
 
 
 def structure_evidence(
@@ -46,7 +46,7 @@ def structure_evidence(
 
 
 def choose_structure(evidence: Sequence[Mapping[Structure, float]]) -> Structure:
-    """Return the structure of the largest evidence, summed over points that all could show it."""
+    """Return the structure of the largest evidence summed over points, if all points have it."""
     common = frozenset.intersection(*(frozenset(of_point) for of_point in evidence))
     return max(sorted(common, key=sorted), key=lambda s: sum(of[s] for of in evidence))
 
@@ -57,7 +57,7 @@ def summarise_point(
     declared_effects: Mapping[str, Values],
     library: SurrogateLibrary,
 ) -> PointSummary:
-    """Return the summary of a point that is fitted by itself."""
+    """Return the summary of a point that is fitted without the others."""
     point = Point(records, library)
     return summarise(fit_drops(point, structure, range(len(point.drops)), declared_effects))
 
@@ -65,7 +65,7 @@ def summarise_point(
 def drop_predictor(
     records: PointRecords,
     structure: Structure,
-    other_points: Sequence[PointSummary],
+    peer_points: Sequence[PointSummary],
     declared_effects: Mapping[str, Values],
     library: SurrogateLibrary,
 ) -> DropPredictor:
@@ -75,46 +75,48 @@ def drop_predictor(
     ----------
     records : PointRecords, of the point
     structure : Structure
-    other_points : summaries of the other points of the instrument
+    peer_points : summaries of the other points of the instrument
     declared_effects : values of effects that are known, by effect and parameter
     library : SurrogateLibrary
     """
     point = Point(records, library)
     drops = range(len(point.drops))
-    alone = fit_drops(point, structure, drops, declared_effects)
-    posterior = alone
-    if other_points:
+    single_point_fit = fit_drops(point, structure, drops, declared_effects)
+    posterior = single_point_fit
+    if peer_points:
         model = PointModel(point, effects_of(structure, declared_effects), drops, declared_effects)
-        model.apply_priors(population_priors(other_points, model))
-        fits = [PointFit(model, values).run() for values in (model.start, alone.values)]
+        model.apply_priors(population_priors(peer_points, model))
+        fits = [PointFit(model, values).run() for values in (model.start, single_point_fit.values)]
         posterior = max(fits, key=lambda fit: fit.log_evidence)
-    points = [*other_points, summarise(posterior)]
+    points = [*peer_points, summarise(posterior)]
     return DropPredictor(
         posterior, learn_next_drop(points, first=True), learn_next_drop(points, first=False)
     )
 
 
 def shared_effects(gains: Sequence[Mapping[str, float]]) -> tuple[Structure, Structure]:
-    """Return the device effects that points share, and those that single points wrongly show.
+    """Return the device effects that points share, and those that only single points support.
 
     Parameters
     ----------
-    gains : of each point the log evidence of each effect, see `Selection.gains`
+    gains : log evidence of each effect at each point, see `Selection.gains`
     """
     totals: dict[str, float] = {}
-    shown = set()
+    candidates = set()
     for of_point in gains:
         for name, gain in of_point.items():
             if BY_NAME[name].scope == "device":
-                totals[name] = totals.get(name, 0.0) + min(max(gain, -_MOST_SAID), _MOST_SAID)
-                if gain > _ASKED_FOR:
-                    shown.add(name)
+                totals[name] = totals.get(name, 0.0) + min(
+                    max(gain, -_MAX_POINT_EVIDENCE), _MAX_POINT_EVIDENCE
+                )
+                if gain > _MIN_TOTAL_EVIDENCE:
+                    candidates.add(name)
     shared: set[str] = set()
-    for name in sorted(shown, key=lambda name: -totals[name]):
-        rivals = any(BY_NAME[name].conflicts_with(BY_NAME[other]) for other in shared)
-        if totals[name] > _ASKED_FOR and not rivals:
+    for name in sorted(candidates, key=lambda name: -totals[name]):
+        rivals = any(BY_NAME[name].conflicts_with(BY_NAME[shared_name]) for shared_name in shared)
+        if totals[name] > _MIN_TOTAL_EVIDENCE and not rivals:
             shared.add(name)
-    return frozenset(shared), frozenset(shown - shared)
+    return frozenset(shared), frozenset(candidates - shared)
 
 
 class Instrument:
@@ -163,11 +165,11 @@ class Instrument:
                     for records in self._points
                 ]
         if place not in self._predictors:
-            other_points = [s for i, s in enumerate(self._summaries) if i != place]
+            peer_points = [s for i, s in enumerate(self._summaries) if i != place]
             self._predictors[place] = drop_predictor(
                 self._points[place],
                 self._structure,
-                other_points,
+                peer_points,
                 self._declared_effects,
                 self._library,
             )

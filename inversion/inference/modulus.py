@@ -1,4 +1,4 @@
-"""The modulus of a point with its interval, over all structures that fit nearly as well."""
+"""Modulus of a point with its interval, over all structures that fit nearly as well."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from inversion.inference.posterior import Posterior
 
 # Step of derivatives, in deviations of the posterior.
 _STEP = 0.05
-# Logarithms: to which the ends of an interval are found, the smallest deviation, and how far from
-# the moduli the ends are looked for, in deviations.
-_EXACT, _SMALLEST, _FARTHEST = 1e-9, 1e-9, 9.0
+# Tolerance of the ends of an interval and smallest deviation, both of ln of the modulus; and the
+# range that is searched about the moduli, in deviations.
+_LOG_TOLERANCE, _MIN_DEVIATION, _SEARCH_DEVIATIONS = 1e-9, 1e-9, 9.0
 
 
 def ground_of(posterior: Posterior) -> Ground:
@@ -44,7 +44,7 @@ def secant_modulus(posterior: Posterior, stress: float) -> float:
 def log_deviation(posterior: Posterior, stress: float) -> float:
     """Return the standard deviation of the logarithm of the secant modulus.
 
-    Without the errors of calibration and of the effects' simplifications, see `model_error`.
+    It excludes the errors of calibration and of the effects' simplifications, see `model_error`.
     """
     gradient = np.zeros(posterior.values.size)
     for place, variance in enumerate(np.diag(posterior.covariance)):
@@ -65,7 +65,7 @@ def log_deviation(posterior: Posterior, stress: float) -> float:
 
 
 def model_error(posterior: Posterior) -> float:
-    """Return the relative error (95 %) of the modulus by calibration and simplified effects."""
+    """Return the relative error (95 %) of the modulus due to calibration and simplified effects."""
     _, active = posterior.model.ground_and_effects(posterior.values, posterior.model.last)
     return math.hypot(CALIBRATION, *(effect.model_error(values) for effect, values in active))
 
@@ -90,16 +90,16 @@ def _context(model: PointModel) -> DropContext:
 
 @dataclass(frozen=True)
 class Component:
-    """What one structure says of the modulus.
+    """Normal distribution of ln of the modulus by one structure.
 
     Parameters
     ----------
     weight : float
-    middle, deviation : float, of the logarithm of the modulus
+    log_modulus, deviation : float, of the logarithm of the modulus
     """
 
     weight: float
-    middle: float
+    log_modulus: float
     deviation: float
 
 
@@ -109,24 +109,25 @@ def interval(components: Sequence[Component]) -> tuple[float, float]:
     return low, high
 
 
-def component(posterior: Posterior, weight: float, middle: float, stress: float) -> Component:
-    """Return what the fit of a structure says, with the errors of calibration and effects."""
+def component(posterior: Posterior, weight: float, log_modulus: float, stress: float) -> Component:
+    """Return the component of a structure, with the errors of calibration and effects."""
     deviation = math.hypot(
-        log_deviation(posterior, stress), model_error(posterior) / NORMAL_95, _SMALLEST
+        log_deviation(posterior, stress), model_error(posterior) / NORMAL_95, _MIN_DEVIATION
     )
-    return Component(weight, middle, deviation)
+    return Component(weight, log_modulus, deviation)
 
 
 def _quantile(components: Sequence[Component], part: float) -> float:
-    """Return the logarithm below which a part of the mixture lies."""
+    """Return the quantile of the mixture of components, a logarithm of the modulus."""
     weights = np.array([c.weight for c in components])
-    middles = np.array([c.middle for c in components])
+    middles = np.array([c.log_modulus for c in components])
     deviations = np.array([c.deviation for c in components])
-    low = float(np.min(middles - _FARTHEST * deviations))
-    high = float(np.max(middles + _FARTHEST * deviations))
-    # It rises throughout. The root finders of scipy.optimize take a fifth of the start to import.
-    while high - low > _EXACT:
-        middle = 0.5 * (low + high)
-        below = float(weights @ ndtr((middle - middles) / deviations)) / float(weights.sum())
-        low, high = (middle, high) if below < part else (low, middle)
+    low = float(np.min(middles - _SEARCH_DEVIATIONS * deviations))
+    high = float(np.max(middles + _SEARCH_DEVIATIONS * deviations))
+    # Bisection, as the distribution function is monotonic. Importing the root finders of
+    # scipy.optimize would take a fifth of the start-up time.
+    while high - low > _LOG_TOLERANCE:
+        centre = 0.5 * (low + high)
+        below = float(weights @ ndtr((centre - middles) / deviations)) / float(weights.sum())
+        low, high = (centre, high) if below < part else (low, centre)
     return 0.5 * (low + high)

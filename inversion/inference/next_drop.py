@@ -1,4 +1,4 @@
-"""Prediction of a drop from its load, by the fit of its point and the laws of its instrument."""
+"""Prediction of a drop from its load, by the fit of its point and the instrument's drop laws."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from inversion.arrays import FloatArray
 from inversion.diagnosis.model import DropModel
 from inversion.diagnosis.problem import response_of, surrogate_of
-from inversion.diagnosis.rest import DropAtRest
+from inversion.diagnosis.rest import PreTriggerNoise
 from inversion.effects.base import Ground
 from inversion.effects.rebound import Rebound
 from inversion.forward.library import SurrogateLibrary
@@ -23,12 +23,12 @@ from inversion.measured.record import Record, prepare
 
 @dataclass(frozen=True, eq=False)
 class DropPredictor:
-    """Predicts drops of a point; of a predicted drop nothing is read but its load.
+    """Predictor of the drops of a point. It reads only the load of a predicted drop.
 
     Parameters
     ----------
     posterior : Posterior, of the point
-    after_first, after_later : NextDropLaw, of the drop after the first one, and after later ones
+    after_first, after_later : NextDropLaw, for the drop after the first one and after later ones
     """
 
     posterior: Posterior = field(repr=False)
@@ -48,7 +48,7 @@ class DropPredictor:
         return self.next_drop(record, library, stiffening)
 
     def stiffening_after(self, place: int, model: DropModel) -> float:
-        """Return ln of the stiffness over that of the last fitted drop, of a drop after another.
+        """Return ln of the stiffness of a drop after another over that of the last fitted drop.
 
         Parameters
         ----------
@@ -59,7 +59,7 @@ class DropPredictor:
         return stiffness + self._law(place).stiffening(model.drop.peak_load / load)
 
     def stiffening_before(self, place: int, model: DropModel) -> float:
-        """Return the same of a drop that comes before a fitted one."""
+        """Return ln of that stiffness ratio for a drop before a fitted one."""
         stiffness, load = self._fitted(place)
         return stiffness - self.after_first.stiffening(load / model.drop.peak_load)
 
@@ -93,7 +93,7 @@ class DropPredictor:
         return _as_recorded(record, drop_model, drop_model.predict(ground, active))
 
     def _set_take_off(self, model: DropModel, ground: Ground, active: ActiveEffects) -> None:
-        """Let the plate of a predicted drop take off as the law says."""
+        """Set the take-off speed of a predicted drop by the law of the instrument."""
         of_point = self.posterior.model
         last = of_point.last
         fitted = of_point.point.drops[last]
@@ -114,7 +114,7 @@ class DropPredictor:
         silent = tuple(replace(s, values=np.zeros_like(record.load)) for s in record.sensors)
         record = replace(record, sensors=silent)
         drop = prepare(record.nearest_first())
-        # The load of a second contact is known, so the model goes on.
+        # The load of a second contact is given, so the model extends to the end of the record.
         drop = replace(drop, tail_end=float(drop.time[-1])).with_tail()
         surrogate = surrogate_of(record, library)
         model = DropModel(
@@ -126,7 +126,7 @@ class DropPredictor:
             fitted.context.layers,
             response_of(record, surrogate, library),
             max(drop.tail_end, float(fitted.drop.tail_end)),
-            DropAtRest(drop, (), (), 0.0),
+            PreTriggerNoise(drop, (), (), 0.0),
         )
         flat = dict(zip(fitted.drop.positions.tolist(), fitted.context.flat, strict=True))
         return model.with_flat_tops(tuple(flat.get(p) for p in drop.positions.tolist()))

@@ -1,4 +1,4 @@
-"""The drops of a point as functions of unknowns with normal priors."""
+"""Model of the drops of a point as functions of unknowns with normal priors."""
 
 from __future__ import annotations
 
@@ -27,28 +27,28 @@ ActiveEffects = list[tuple[Effect, dict[str, float]]]
 GROUND = ""
 STIFFNESS: Name = (GROUND, "modulus")
 
-# Logarithms: of the modulus about the peak method's, and of the relaxation time.
+# Prior deviations of ln of the modulus about the peak method's, and of ln of the relaxation time.
 _MODULUS_DEVIATION, _RELAXATION_DEVIATION = 0.8, 1.0
-# Prior deviations by which the logarithm of the modulus under the first of several drops, and
-# under later ones, differs from that under the last.
+# Prior deviations of ln of the modulus under the first of several drops, and under later ones,
+# from that under the last.
 _SEATING_DEVIATION, _LATER_DEVIATION = 0.5, 0.1
 _DENSITY_DEVIATIONS = 4.0
-# Logarithms of stiffness ratios between which fits begin, and the part of the ratio of the peaks
-# that later drops begin with.
+# Range of the starting values of ln of a stiffness ratio, and the fraction of the ratio of the
+# peaks at which later drops start.
 _STARTING_RATIOS, _LATER_SHARE = (-1.5, 0.5), 0.7
-# Step of the derivatives, in deviations of the coordinate's own prior.
+# Step of the derivatives, in prior deviations of the coordinate.
 _STEP = 3e-4
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """One number that is inferred.
+    """Unknown number of a point or of one of its drops.
 
     Parameters
     ----------
     effect : str, name; "": the ground
     coordinate : Coordinate
-    drop : int or None, place of the drop whose deviation from the point it is
+    drop : int or None, index of the drop whose deviation from the point this is; None: the point's
     key : Key
     """
 
@@ -69,12 +69,12 @@ class PointModel:
     Parameters
     ----------
     point : Point
-    effects : sequence of Effect, in the order in which they act; those that no fitted drop can show
-        are left out
-    drops : sequence of int, places of the drops that are fitted
-    declared_effects : values of effects that are known, by effect and parameter
-    variant : int, which of the starting points of the coordinates is used
-    drops_alike : bool, whether all drops meet the same ground
+    effects : sequence of Effect, in the order in which they act; effects that no fitted drop can
+        show are omitted
+    drops : sequence of int, indices of the drops that are fitted
+    declared_effects : declared values of effects, by effect and parameter
+    variant : int, index of the starting point of each coordinate
+    is_same_ground : bool, whether all drops have the same ground
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class PointModel:
         declared_effects: Mapping[str, Values] | None = None,
         variant: int = 0,
         *,
-        drops_alike: bool = False,
+        is_same_ground: bool = False,
     ) -> None:
         self.point = point
         self.drops = tuple(drops)
@@ -95,10 +95,10 @@ class PointModel:
             for effect in effects
             if effect.name in declared or effect.parameters_for(self._context(effect))
         )
-        self.drops_alike = drops_alike or len(self.drops) == 1
+        self.is_same_ground = is_same_ground or len(self.drops) == 1
         self._declared_effects = declared
         self._has_ground = not any(effect.replaces_ground for effect in effects)
-        self.unknowns = (*self._of_point(), *self._of_drops())
+        self.unknowns = (*self._point_unknowns(), *self._drop_unknowns())
         self.keys = [unknown.key for unknown in self.unknowns]
         coordinates = [unknown.coordinate for unknown in self.unknowns]
         self.lower = np.array([c.lower for c in coordinates])
@@ -110,19 +110,19 @@ class PointModel:
 
     @property
     def last(self) -> int:
-        """Place of the last fitted drop."""
+        """Index of the last fitted drop."""
         return self.drops[-1]
 
     def apply_priors(self, priors: Mapping[Key, Prior]) -> None:
-        """Use other priors for the unknowns that have one, and begin fits at their means."""
+        """Replace the priors of the unknowns that are given, and start fits at their means."""
         for place, key in enumerate(self.keys):
             if key in priors:
                 self.mean[place], self.deviation[place] = priors[key]
                 self.start[place] = np.clip(self.mean[place], self.lower[place], self.upper[place])
 
-    def values_near(self, known: Mapping[Key, float]) -> FloatArray:
-        """Return the start with the values of another fit, as far as its unknowns are these."""
-        values = [known.get(key, start) for key, start in zip(self.keys, self.start, strict=True)]
+    def start_near(self, by_key: Mapping[Key, float]) -> FloatArray:
+        """Return the start, with the values of another fit for the unknowns that both have."""
+        values = [by_key.get(key, start) for key, start in zip(self.keys, self.start, strict=True)]
         result: FloatArray = np.clip(values, self.lower, self.upper)
         return result
 
@@ -139,7 +139,7 @@ class PointModel:
         model = self.point.drops[drop]
         return model.drop.peak_load / max(model.peak_in_contact, 1e-9)
 
-    def _of_point(self) -> list[Unknown]:
+    def _point_unknowns(self) -> list[Unknown]:
         """Return the unknowns that all drops of the point share."""
         shared: list[tuple[str, Coordinate]] = []
         if self._has_ground:
@@ -158,7 +158,7 @@ class PointModel:
         return next((c for c in contexts if effect.parameters_for(c)), contexts[0])
 
     def _soil(self) -> list[Coordinate]:
-        """Return ln of modulus over that of the peaks, of relaxation, and of density."""
+        """Return the unknowns of the soil: ln of modulus ratio, relaxation time and density."""
         start = self._reference_modulus_ratio()
         soil = [Coordinate("modulus", start, _MODULUS_DEVIATION)]
         if not self.point.records.elastic:
@@ -176,24 +176,24 @@ class PointModel:
         every = np.median([math.log(self._peak_modulus(d)) for d in range(len(self.point.drops))])
         return float(fitted - every)
 
-    def _of_drops(self) -> list[Unknown]:
-        """Return the deviations of single drops."""
-        found = []
+    def _drop_unknowns(self) -> list[Unknown]:
+        """Return the unknown deviations of single drops from the point."""
+        deviations = []
         for drop in self.drops:
             seating = self.is_seating(drop)
-            if drop != self.last and not self.drops_alike:
+            if drop != self.last and not self.is_same_ground:
                 deviation = _SEATING_DEVIATION if seating else _LATER_DEVIATION
-                found.append((*STIFFNESS, drop, deviation))
+                deviations.append((*STIFFNESS, drop, deviation))
             for effect in self.effects if len(self.drops) > 1 else ():
                 if effect.name in self._declared_effects:
                     continue
                 for name, (first, later) in effect.drop_deviations.items():
-                    found.append((effect.name, name, drop, first if seating else later))
+                    deviations.append((effect.name, name, drop, first if seating else later))
         return [
             Unknown(
                 effect, Coordinate(name, 0.0, deviation), drop, (effect, name, drop - self.last)
             )
-            for effect, name, drop, deviation in found
+            for effect, name, drop, deviation in deviations
         ]
 
     def ground_and_effects(
@@ -204,8 +204,8 @@ class PointModel:
         Parameters
         ----------
         values : (k,) ndarray of float, of the unknowns
-        drop : int or None, place of a fitted drop; None: a drop without deviations
-        stiffening : float, logarithm by which its ground is stiffer than the last fitted drop's
+        drop : int or None, index of a fitted drop; None: a drop without deviations
+        stiffening : float, ln of its stiffness over that of the last fitted drop
         """
         by_effect: dict[str, dict[str, float]] = {}
         change = stiffening
@@ -220,8 +220,10 @@ class PointModel:
                     by_effect[owner][coordinate] += value
         active: ActiveEffects = []
         for effect in self.effects:
-            known = self._declared_effects.get(effect.name)
-            parameters = effect.values_at(by_effect[effect.name]) if known is None else dict(known)
+            declared = self._declared_effects.get(effect.name)
+            parameters = (
+                effect.values_at(by_effect[effect.name]) if declared is None else dict(declared)
+            )
             if effect.replaces_ground:
                 parameters["stiffness"] *= math.exp(change)
             active.append((effect, parameters))
@@ -244,14 +246,14 @@ class PointModel:
         )
 
     def starting_deviation(self, drop: int | None) -> float:
-        """Return where the deviation of a drop's modulus begins: near that of the peaks."""
+        """Return the start of the deviation of a drop's modulus, near that of the peaks."""
         if drop is None:
             return 0.0
         share = 1.0 if self.is_seating(drop) else _LATER_SHARE
         return share * float(np.clip(self.peak_ratio(drop), *_STARTING_RATIOS))
 
     def take_off_speed(self, values: FloatArray, drop: int) -> float | None:
-        """Return the speed at which the plate leaves the ground, upward, m/s; None: it stays."""
+        """Return the upward speed at which the plate leaves the ground, m/s; None: it stays."""
         ground, active = self.ground_and_effects(values, drop)
         return take_off_speed(self.point.drops[drop], ground, active)
 
@@ -269,7 +271,7 @@ class PointModel:
         ----------
         values : (k,) ndarray of float
         drop : int
-        held : names of effects whose unknowns do not move: their slopes are zero
+        held : names of effects whose unknowns are fixed; their slopes are zero
         """
         model = self.point.drops[drop]
         start = self.ground_and_effects(values, drop)
@@ -283,10 +285,10 @@ class PointModel:
             step = self._step[column]
             if values[column] + step > self.upper[column]:
                 step = -step
-            there = values.copy()
-            there[column] += step
+            shifted = values.copy()
+            shifted[column] += step
             steps.append(step)
-            moved.append(_sharing(start, self.ground_and_effects(there, drop)))
+            moved.append(_share_unchanged(start, self.ground_and_effects(shifted, drop)))
         prediction, *nearby = model.predict_nearby(*start, moved)[:, :, model.before :]
         slopes = np.zeros((values.size, *prediction.shape))
         if columns:
@@ -317,10 +319,12 @@ def take_off_speed(
     return None
 
 
-def _sharing(
+def _share_unchanged(
     start: tuple[Ground, ActiveEffects], moved: tuple[Ground, ActiveEffects]
 ) -> tuple[Ground, ActiveEffects]:
-    """Return a ground and effects in which what equals the start is the same object."""
+    """Return a ground and effects, with the objects of the start wherever they are equal to it."""
     ground = start[0] if moved[0] == start[0] else moved[0]
     pairs = zip(start[1], moved[1], strict=True)
-    return ground, [here if here[1] == there[1] else there for here, there in pairs]
+    return ground, [
+        at_start if at_start[1] == at_step[1] else at_step for at_start, at_step in pairs
+    ]

@@ -1,8 +1,8 @@
-r"""What the points of an instrument have in common, and how drops follow each other.
+r"""Population of the points of an instrument, and the laws from one drop to the next.
 
-Points are draws from a population: each unknown but the modulus has a mean over the points and a
-spread, and these are the priors of a further point. Drops follow each other by two laws that are
-learnt on the other points:
+Points are draws from a population: each unknown except the modulus has a mean over the points and
+a spread, and these are the priors of a further point. Two laws lead from one drop to the next.
+They are learnt on the other points:
 
 .. math:: \ln E_{d+1} - \ln E_d = a + b \ln (F_{d+1} / F_d) + \epsilon
 
@@ -25,18 +25,17 @@ from inversion.inference.point_model import GROUND, STIFFNESS, Key, Name, PointM
 from inversion.inference.posterior import Posterior
 from inversion.inference.structures import Structure
 
-# Spread of a population about which nothing is known, in deviations of the prior, and the number
-# of points that this guess weighs as much as.
+# Guess of the spread of a population, in prior deviations, and its weight in points.
 _GUESSED_SPREAD, _GUESS_WEIGHT = 0.15, 1.0
-# A median deviation is this part of a standard deviation.
+# Median absolute deviation over standard deviation of a normal distribution.
 _MEDIAN_DEVIATION = 0.6745
-# Prior deviations about zero of the law of hardening: its constant after the first and after
-# later drops, its slope; its scatter, and the number of steps that this guess weighs as much as.
+# Law of hardening: prior deviations about zero of its constant after the first and after later
+# drops, and of its slope; guess of its scatter, and the weight of that guess in steps.
 _FIRST_STEP, _LATER_STEP = 0.4, 0.1
 _SLOPE_DEVIATION = 3.0
 _SCATTER, _SCATTER_WEIGHT = 0.05, 1.0
-# Ground and what is in it differ from place to place.
-_OF_THE_PLACE = frozenset(
+# Effects of the ground, which differ from point to point.
+_SITE_EFFECTS = frozenset(
     {
         GROUND,
         "bedrock",
@@ -47,8 +46,8 @@ _OF_THE_PLACE = frozenset(
         "rough_contact",
     }
 )
-# Of a coordinate whose value is given with a deviation.
-_LEAST_DEVIATION = 1e-6
+# Smallest deviation of a coordinate whose value is given with a deviation.
+_MIN_DEVIATION = 1e-6
 # Prior deviation of the logarithm of the step of take-off speeds.
 _SPEED_STEP_DEVIATION = 0.05
 
@@ -73,25 +72,23 @@ def summarise(posterior: Posterior) -> PointSummary:
     return PointSummary(values, deviations, stiffness, loads, speeds)
 
 
-def population_priors(other_points: Sequence[PointSummary], model: PointModel) -> dict[Key, Prior]:
+def population_priors(peer_points: Sequence[PointSummary], model: PointModel) -> dict[Key, Prior]:
     """Return priors for the unknowns of a point from the fits of other points."""
     priors: dict[Key, Prior] = {}
     for unknown in model.unknowns:
         name, drop = unknown.name, unknown.drop
         centre: float | None = None
         if drop is None:
-            sample = [
-                o.values[name] for o in other_points if name in o.values and name != STIFFNESS
-            ]
+            sample = [o.values[name] for o in peer_points if name in o.values and name != STIFFNESS]
         elif name == STIFFNESS:
             sample = [
                 o.stiffness[drop] - o.stiffness[model.last]
-                for o in other_points
+                for o in peer_points
                 if drop in o.stiffness and model.last in o.stiffness
             ]
         else:
             seating = model.is_seating(drop)
-            sample = [d for o in other_points for d in _deviations(o, name, seating=seating)]
+            sample = [d for o in peer_points for d in _deviations(o, name, seating=seating)]
             centre = None if seating else 0.0
         if sample:
             centre = float(np.median(sample)) if centre is None else centre
@@ -102,51 +99,51 @@ def population_priors(other_points: Sequence[PointSummary], model: PointModel) -
 
 @dataclass(frozen=True)
 class InstrumentKnowledge:
-    """What is known of the instrument of a point from elsewhere.
+    """Knowledge of an instrument from its other points and from declarations.
 
     Parameters
     ----------
-    declared_effects : values of effects that are held, by effect and parameter
+    declared_effects : fixed values of effects, by effect and parameter
     effects : names of effects that all points of the instrument have
     absent : names of effects that the instrument does not have
-    other_points : summaries of other points
-    given : means and deviations of the unknowns of effects, by effect and coordinate
-    nearby : structures at which the search begins, as the point by itself and the other points have
-        them; empty: anywhere
+    peer_points : summaries of other points
+    given_priors : means and deviations of the unknowns of effects, by effect and coordinate
+    starting_structures : structures at which the search starts, of the point itself and of other
+        points; empty: all single effects and candidates
     """
 
     declared_effects: DeviceValues = field(default_factory=dict)
     effects: Structure = frozenset()
     absent: Structure = frozenset()
-    other_points: tuple[PointSummary, ...] = ()
-    given: dict[Name, Prior] = field(default_factory=dict)
-    nearby: tuple[Structure, ...] = ()
+    peer_points: tuple[PointSummary, ...] = ()
+    given_priors: dict[Name, Prior] = field(default_factory=dict)
+    starting_structures: tuple[Structure, ...] = ()
 
     @classmethod
     def from_values(cls, values: DeviceValues, spread: DeviceValues | None) -> InstrumentKnowledge:
-        """Return what values of effects say; those with deviations may move by them."""
+        """Return the knowledge from declared values; values with deviations become priors."""
         spread = spread or {}
         movable = frozenset(name for name in values if spread.get(name))
-        given = {}
+        given_priors = {}
         for name in movable:
             effect = BY_NAME[name]
             for key, value in values[name].items():
                 place = effect.coordinate_at(key, value)
                 deviation = spread[name].get(key, 0.0)
                 reach = abs(effect.coordinate_at(key, value + deviation) - place)
-                given[name, key] = place, max(reach, _LEAST_DEVIATION)
+                given_priors[name, key] = place, max(reach, _MIN_DEVIATION)
         held = {name: numbers for name, numbers in values.items() if name not in movable}
-        return cls(declared_effects=held, effects=movable, given=given)
+        return cls(declared_effects=held, effects=movable, given_priors=given_priors)
 
     def priors(self, model: PointModel) -> dict[Key, Prior]:
-        """Return the priors of what does not belong to the place, as the other points say."""
-        priors = population_priors(self.other_points, model) if self.other_points else {}
-        shared = {key: prior for key, prior in priors.items() if key[0] not in _OF_THE_PLACE}
-        return shared | {(*name, None): prior for name, prior in self.given.items()}
+        """Return the priors from the other points for all unknowns except those of the ground."""
+        priors = population_priors(self.peer_points, model) if self.peer_points else {}
+        shared = {key: prior for key, prior in priors.items() if key[0] not in _SITE_EFFECTS}
+        return shared | {(*name, None): prior for name, prior in self.given_priors.items()}
 
 
 def _deviations(summary: PointSummary, name: Name, *, seating: bool) -> list[float]:
-    """Return by how much drops of one kind deviate from the mean of the point's later drops."""
+    """Return the deviations of the first or of later drops from the mean of later drops."""
     by_drop = summary.deviations.get(name, {})
     later = [value for drop, value in by_drop.items() if drop != 0]
     if not later:
@@ -156,32 +153,34 @@ def _deviations(summary: PointSummary, name: Name, *, seating: bool) -> list[flo
 
 
 def population_spread(sample: FloatArray, centre: float, guess: float) -> float:
-    """Return the standard deviation of a population about its centre, of a further point.
+    """Return the standard deviation of a further point about the centre of its population.
 
-    Robust against single points that ended elsewhere; few points leave the guess.
+    The estimate is robust against outliers. With few points it stays near the guess.
     """
     guessed = _GUESSED_SPREAD * guess
     if sample.size == 0:
         return guessed
-    away = np.abs(sample - centre)
-    typical = float(np.median(away)) / _MEDIAN_DEVIATION
-    size = max(typical, 0.5 * float(np.sqrt(np.mean(away**2))))
+    deviations = np.abs(sample - centre)
+    typical = float(np.median(deviations)) / _MEDIAN_DEVIATION
+    size = max(typical, 0.5 * float(np.sqrt(np.mean(deviations**2))))
     count = sample.size
     variance = (count * size**2 + _GUESS_WEIGHT * guessed**2) / (count + _GUESS_WEIGHT)
-    # The centre is known no better than by the sample.
+    # The centre itself is uncertain, as it is estimated from the sample.
     variance *= 1.0 + 1.0 / count
-    few = guess if count == 1 else 0.0
-    return float(np.sqrt(variance + few**2 * _GUESS_WEIGHT / (count + _GUESS_WEIGHT)))
+    single_point_spread = guess if count == 1 else 0.0
+    return float(
+        np.sqrt(variance + single_point_spread**2 * _GUESS_WEIGHT / (count + _GUESS_WEIGHT))
+    )
 
 
 @dataclass(frozen=True)
 class NextDropLaw:
-    """How the next drop of a point differs from the last one.
+    """Law by which the next drop of a point differs from the last one.
 
     Parameters
     ----------
-    constant, slope : float, of ln of the stiffness over ln of the ratio of peak loads
-    reach : (float, float), ln of the ratios of peak loads between which the law is known
+    constant, slope : float, of ln of the stiffness ratio over ln of the peak-load ratio
+    reach : (float, float), range of ln of the peak-load ratio on which the law was learnt
     scatter : float, standard deviation of ln of the stiffness
     speed_step : float, ln of the ratio of take-off speeds
     """
@@ -195,8 +194,8 @@ class NextDropLaw:
     def stiffening(self, load_ratio: float) -> float:
         """Return ln of the stiffness over that of the last drop, at a ratio of the peak loads.
 
-        A ratio beyond those of the law is that of another drop height and says nothing of the
-        ground: then the end of its reach counts.
+        A ratio outside the reach belongs to another drop height and carries no information on the
+        ground. It is clipped to the reach.
         """
         return self.constant + self.slope * float(np.clip(math.log(load_ratio), *self.reach))
 
@@ -236,8 +235,10 @@ def learn_next_drop(points: Sequence[PointSummary], *, first: bool) -> NextDropL
     reach = steps.loads
     if not first:
         after_first = _steps(points, first=True)
-        known = float(after_first.loads @ after_first.loads) + (_FIRST_STEP / _SLOPE_DEVIATION) ** 2
-        prior[1] = float(after_first.loads @ after_first.stiffness) / known
+        load_squares = (
+            float(after_first.loads @ after_first.loads) + (_FIRST_STEP / _SLOPE_DEVIATION) ** 2
+        )
+        prior[1] = float(after_first.loads @ after_first.stiffness) / load_squares
         if not steps.loads.size:
             reach = after_first.loads
     constant = _FIRST_STEP if first else _LATER_STEP
@@ -262,7 +263,7 @@ def learn_next_drop(points: Sequence[PointSummary], *, first: bool) -> NextDropL
 
 
 def _speed_step(speeds: FloatArray) -> float:
-    """Return the step of the take-off speeds that the points have in common, towards zero."""
+    """Return the common step of the take-off speeds, shrunk towards zero."""
     if speeds.size == 0:
         return 0.0
     centre = float(np.median(speeds))

@@ -1,4 +1,4 @@
-r"""The posterior of a point's unknowns: optimum, Laplace's approximation, size of the discrepancy.
+r"""Posterior of a point's unknowns: optimum, Laplace's approximation, size of the discrepancy.
 
 With residual r, its covariance C and priors :math:`x_k \sim N(m_k, s_k^2)` the optimum minimises
 
@@ -33,29 +33,30 @@ from inversion.inference.discrepancy import (
 )
 from inversion.inference.point_model import PointModel
 
-# A first fit weighs all samples nearly alike: with the discrepancy's memory from the start, fits
-# stop at 10 to 20 % of the contact phase.
+# A first fit gives all samples nearly the same weight. With the memory of the discrepancy from the
+# start, fits stop at 10 to 20 % of the contact phase.
 _ALMOST_WHITE = Discrepancy(scale=0.03, memory=3e-4)
-_NEARER = replace(_ALMOST_WHITE, scale=0.01)
-# Unknowns that explain too much while a fit is far from its optimum.
-_HELD_AT_FIRST = frozenset({"sensor_lag", "plate_inertia"})
+_FAIRLY_WHITE = replace(_ALMOST_WHITE, scale=0.01)
+# Effects whose unknowns are fixed at first: far from the optimum they explain too much.
+_FIXED_AT_FIRST = frozenset({"sensor_lag", "plate_inertia"})
 _THINNING = 3
-# Discrepancy: what is tried for each of its numbers, and priors on scale, memory (s) and drift.
+# Values that are tried for each number of the discrepancy, and its priors (memories in s).
 _SCALE_FACTORS = (0.3, 0.5, 0.7, 1.0 / 0.7, 2.0)
-_NEAR_FACTORS, _LARGE_STEP = (0.85, 1.0 / 0.85), 0.5
+_FINE_SCALE_FACTORS, _LARGE_STEP = (0.85, 1.0 / 0.85), 0.5
 _MEMORIES_S = (5e-4, 1e-3, 2e-3, 4e-3)
 _CORRELATIONS = (0.0, 0.3, 0.6, 0.85, 0.95)
 _FIRST_FACTORS = (1.0, 1.5, 2.5, 4.0)
 _DRIFTS = (0.001, 0.003, 0.01, 0.02)
-# With one sensor, drift of this size takes what ground and flight explain in the tail.
+# Only with several sensors: a single one lets such drift absorb the motion of ground and flight in
+# the tail.
 _DRIFTS_OF_SEVERAL = (*_DRIFTS, 0.05, 0.1)
 _MIN_SCALE = MODEL_FLOOR_FRACTION
 _MAX_ROUNDS = 6
 _ON_BOUND = 1e-9
-# Half of the 95 % quantile of chi-square with one degree of freedom; steps to where the
-# likelihood has fallen by it.
+# Half of the 95 % quantile of chi-square with one degree of freedom: the fall of the log likelihood
+# at the ends of an interval. Factor and number of the steps towards them.
 _HALF_CHI_SQUARE_95 = 1.92
-_SCALE_STEP, _MOST_SCALE_STEPS = 1.1, 40
+_SCALE_STEP, _MAX_SCALE_STEPS = 1.1, 40
 _TYPICAL_SCALE, _TYPICAL_DRIFT = 5e-3, 1e-2
 _TYPICAL_MEMORY_S, _MEMORY_DEVIATION = 4e-3, 0.5
 _TYPICAL_FIRST, _FIRST_DEVIATION = 2.0, 0.7
@@ -70,7 +71,7 @@ _Linearised = tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Where a fit of a point came to rest, and how well its unknowns are known.
+    """Optimum of a fit of a point, with the covariance of its unknowns.
 
     Parameters
     ----------
@@ -99,17 +100,17 @@ class Posterior:
         return dict(zip(self.model.keys, self.values.tolist(), strict=True))
 
     def occam_factor(self, effects: Collection[str]) -> float:
-        """Return by how much the log evidence rises at most without the unknowns of other effects.
+        """Return the largest gain of log evidence if the unknowns of all other effects are removed.
 
-        That is the logarithm of the largest density of their posterior over that of their prior.
+        It is the logarithm of the largest density of their posterior over that of their prior.
         """
-        other = [
+        places = [
             place
             for place, unknown in enumerate(self.model.unknowns)
             if unknown.effect and unknown.effect not in effects
         ]
-        covariance = self.covariance[np.ix_(other, other)]
-        prior = float(np.log(self.model.deviation[other]).sum())
+        covariance = self.covariance[np.ix_(places, places)]
+        prior = float(np.log(self.model.deviation[places]).sum())
         return prior - 0.5 * float(np.linalg.slogdet(covariance)[1])
 
     def drifts(self) -> tuple[FloatArray, ...]:
@@ -131,12 +132,12 @@ class Posterior:
 
 
 class PointFit:
-    """One fit of a point under way.
+    """Fit of a point, with its present values and discrepancy.
 
     Parameters
     ----------
     model : PointModel
-    values : (k,) ndarray of float, where it begins; None: at the model's start
+    values : (k,) ndarray of float, starting point; None: the model's start
     """
 
     def __init__(self, model: PointModel, values: FloatArray | None = None) -> None:
@@ -149,22 +150,22 @@ class PointFit:
         self._linearised: tuple[FloatArray, frozenset[str], _Linearised] | None = None
 
     def approach(self, iterations: int) -> None:
-        """Come near to an optimum with nearly white weights."""
-        self.maximise(2 * iterations, _TOLERANCE, _HELD_AT_FIRST)
+        """Move near to an optimum with nearly white weights."""
+        self.maximise(2 * iterations, _TOLERANCE, _FIXED_AT_FIRST)
 
     def run(self, held: Collection[str] = ()) -> Posterior:
-        """Return the posterior, by white weights first and then by those of the discrepancy.
+        """Return the posterior, first with white weights and then with those of the discrepancy.
 
         Parameters
         ----------
-        held : names of effects whose unknowns stay at their start in the first iterations
+        held : names of effects whose unknowns are fixed at their start in the first iterations
         """
-        held = _HELD_AT_FIRST | frozenset(held)
+        held = _FIXED_AT_FIRST | frozenset(held)
         self.maximise(24, _FINE_TOLERANCE, held)
-        self.discrepancy = _NEARER
-        self.maximise(12, _FINE_TOLERANCE, _HELD_AT_FIRST)
+        self.discrepancy = _FAIRLY_WHITE
+        self.maximise(12, _FINE_TOLERANCE, _FIXED_AT_FIRST)
         for first in (True, False, False):
-            self.maximise(8, _TOLERANCE, _HELD_AT_FIRST if first else ())
+            self.maximise(8, _TOLERANCE, _FIXED_AT_FIRST if first else ())
             self.estimate_discrepancy(self.posterior())
         self.maximise(12, _FINE_TOLERANCE)
         return self.posterior()
@@ -177,14 +178,14 @@ class PointFit:
         return self.posterior()
 
     def run_nearby(self, iterations: int, discrepancy: Discrepancy | None = None) -> Posterior:
-        """Return the posterior of a fit that begins near its optimum.
+        """Return the posterior of a fit that starts near its optimum.
 
         Parameters
         ----------
-        iterations : int, with each discrepancy, at most
-        discrepancy : Discrepancy, of a fit nearby; None: not known
+        iterations : int, largest number with each discrepancy
+        discrepancy : Discrepancy, of a similar fit; None: not available
         """
-        self.discrepancy = discrepancy or _NEARER
+        self.discrepancy = discrepancy or _FAIRLY_WHITE
         for _ in range(1 if discrepancy else 2):
             self.maximise(iterations, _TOLERANCE)
             self.estimate_discrepancy(self.posterior())
@@ -196,9 +197,9 @@ class PointFit:
 
         Parameters
         ----------
-        iterations : int, at most
-        tolerance : float, relative change of the cost that ends it
-        held : names of effects whose unknowns do not move
+        iterations : int, largest number
+        tolerance : float, relative change of the cost at which to stop
+        held : names of effects whose unknowns are fixed
         """
         model, drops = self.model, self.model.drops
         precision = 1.0 / model.deviation**2
@@ -230,7 +231,7 @@ class PointFit:
     def _step(
         self, normal: FloatArray, gradient: FloatArray, damping: float, movable: NDArray[np.bool_]
     ) -> FloatArray:
-        """Return a step that leaves unknowns on their bounds there."""
+        """Return a step that keeps unknowns on their bounds where the gradient points outward."""
         model, values = self.model, self.values
         on_lower = (values <= model.lower + _ON_BOUND) & (gradient < 0.0)
         on_upper = (values >= model.upper - _ON_BOUND) & (gradient > 0.0)
@@ -259,17 +260,17 @@ class PointFit:
         return total
 
     def _linearise(self, held: Collection[str] = ()) -> _Linearised:
-        """Return predictions and slopes at the present values, which several fits begin at."""
-        known = self._linearised
+        """Return predictions and slopes at present; cached, as several fits start there."""
+        cached = self._linearised
         if (
-            known is None
-            or not np.array_equal(known[0], self.values)
-            or not known[1] <= frozenset(held)
+            cached is None
+            or not np.array_equal(cached[0], self.values)
+            or not cached[1] <= frozenset(held)
         ):
             pairs = [self.model.linearise(self.values, d, held) for d in self.model.drops]
             predictions, slopes = zip(*pairs, strict=True)
-            self._linearised = known = self.values, frozenset(held), (predictions, slopes)
-        return known[2]
+            self._linearised = cached = self.values, frozenset(held), (predictions, slopes)
+        return cached[2]
 
     def _normal(
         self, whiteners: list[FloatArray], held: Collection[str] = ()
@@ -318,7 +319,7 @@ class PointFit:
 
         Parameters
         ----------
-        held : names of effects whose unknowns do not move
+        held : names of effects whose unknowns are fixed
         """
         model = self.model
         normal, gradient, misfit = self._normal(self._recorded.whiteners(self.discrepancy), held)
@@ -332,7 +333,7 @@ class PointFit:
         several = len(self.model.drops) > 1
         drifts = _DRIFTS_OF_SEVERAL if self._recorded.sensors > 1 else _DRIFTS
         best = self.discrepancy
-        most = marginal(best)
+        best_likelihood = marginal(best)
         factors: tuple[float, ...] = _SCALE_FACTORS
         for round_ in range(_MAX_ROUNDS):
             before = best
@@ -342,7 +343,7 @@ class PointFit:
                 *(("between_drops", rho) for rho in _CORRELATIONS if several),
             ]
             if round_:
-                # Drift must not take what is memory.
+                # Not in the first round, so that drift does not absorb what memory describes.
                 candidates += [("first", factor) for factor in _FIRST_FACTORS if several]
                 candidates += [("drift", drift) for drift in drifts]
             for name, value in candidates:
@@ -350,24 +351,24 @@ class PointFit:
                 if trial in (before, best):
                     continue
                 likelihood = marginal(trial)
-                if likelihood > most:
-                    best, most = trial, likelihood
+                if likelihood > best_likelihood:
+                    best, best_likelihood = trial, likelihood
             if round_ and best == before:
                 break
             if abs(math.log(best.scale / before.scale)) < _LARGE_STEP:
-                factors = _NEAR_FACTORS
+                factors = _FINE_SCALE_FACTORS
         self.discrepancy = best
 
     def scale_interval(self, posterior: Posterior) -> tuple[float, float]:
         """Return the 95 % interval of the discrepancy's scale about a posterior, over the peak."""
         marginal = _Marginal(self._thinned, posterior)
         best = posterior.discrepancy
-        least = marginal(best) - _HALF_CHI_SQUARE_95
+        min_likelihood = marginal(best) - _HALF_CHI_SQUARE_95
         ends = []
         for factor in (1.0 / _SCALE_STEP, _SCALE_STEP):
             scale = best.scale
-            for _ in range(_MOST_SCALE_STEPS):
-                if marginal(replace(best, scale=scale * factor)) < least:
+            for _ in range(_MAX_SCALE_STEPS):
+                if marginal(replace(best, scale=scale * factor)) < min_likelihood:
                     break
                 scale *= factor
             ends.append(scale)

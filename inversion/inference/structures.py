@@ -1,7 +1,7 @@
-"""Candidate models: which effects the drops of an instrument have, compared by evidence.
+"""Candidate models of the drops of an instrument, compared by evidence.
 
-A structure is a set of effects that stand or fall together. Within one, every unknown is free and
-its prior holds it near the absence of the effect; so evidence decides between structures alone.
+A structure is a set of effects. Within a structure every unknown is free, with a prior about the
+absence of its effect. Evidence only decides between structures.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from inversion.inference.posterior import PointFit, Posterior
 Structure = frozenset[str]
 """Names of the effects of a candidate model."""
 
-# In every structure, with priors about zero: what no declaration is exact in.
+# Effects of every structure, with priors about zero: no declaration is exact in these numbers.
 ALWAYS = frozenset({"sensor_lag", "plate_inertia"})
 _BEND = frozenset({"stress_dependence", "hysteretic_unloading"})
 _BRIEF_ITERATIONS = 8
@@ -32,7 +32,7 @@ def effects_of(structure: Structure, declared_effects: Collection[str] = ()) -> 
     Parameters
     ----------
     structure : Structure
-    declared_effects : names of effects of known values, which are in every model
+    declared_effects : names of effects with declared values, which are in every model
     """
     names = structure | frozenset(declared_effects)
     return tuple(effect for effect in CATALOGUE if effect.name in names)
@@ -44,10 +44,10 @@ def candidate_structures(contexts: Sequence[DropContext]) -> list[Structure]:
     grounds: list[Structure] = [frozenset()]
     if BY_NAME["bedrock"].offered(drops):
         grounds.append(frozenset({"bedrock"}))
-    beside_plate = bool((drops[0].offsets >= drops[0].plate_radius).any())
-    if beside_plate and BY_NAME["layer"].offered(drops):
+    has_outer_sensor = bool((drops[0].offsets >= drops[0].plate_radius).any())
+    if has_outer_sensor and BY_NAME["layer"].offered(drops):
         grounds += [ground | {"layer"} for ground in grounds]
-    growths = ("modulus_gradient_root", "modulus_gradient")[: 2 if beside_plate else 1]
+    growths = ("modulus_gradient_root", "modulus_gradient")[: 2 if has_outer_sensor else 1]
     grounds += [frozenset({name}) for name in growths if BY_NAME[name].offered(drops)]
     motions: list[Structure] = [frozenset(), _BEND, _BEND | {"rebound"}]
     sensors: list[Structure] = [
@@ -60,10 +60,10 @@ def candidate_structures(contexts: Sequence[DropContext]) -> list[Structure]:
         for ground, motion, sensor in itertools.product(grounds, motions, sensors)
     ]
     if BY_NAME["damping_law"].offered(drops):
-        # Not with the bend, which takes energy from each cycle too.
+        # Not together with stress dependence and hysteresis, which dissipate energy per cycle too.
         damped = [ground | {"damping_law"} for ground in grounds if "layer" not in ground]
         structures += [g | s | ALWAYS for g, s in itertools.product(damped, sensors)]
-    if not beside_plate:
+    if not has_outer_sensor:
         structures += [frozenset({"spring_rig"}) | sensor for sensor in sensors[:2]]
     return structures
 
@@ -93,13 +93,13 @@ def fit_briefly(
 def rank_structures(
     point: Point, drop: int, declared_effects: Mapping[str, Values]
 ) -> dict[Structure, float]:
-    """Return the log evidence of the candidate structures for one drop, or what it is at most.
+    """Return the log evidence of the candidate structures for one drop, or an upper bound of it.
 
     Parameters
     ----------
     point : Point
-    drop : int, place of the drop
-    declared_effects : values of effects that are known, by effect and parameter
+    drop : int, index of the drop
+    declared_effects : declared values of effects, by effect and parameter
     """
     candidates = candidate_structures([model.context for model in point.drops])
     return fit_richest_first(
@@ -110,50 +110,50 @@ def rank_structures(
 def fit_richest_first(
     candidates: Sequence[Structure], fit: Callable[[Structure], Posterior | None]
 ) -> dict[Structure, float]:
-    """Return the log evidence of structures, or what it is at most; fit those that could win.
+    """Return the log evidence of structures, or an upper bound of it; fit those that could win.
 
-    What effects have to gain at least is taken off (`Effect.least_gain`).
+    The minimum gain of the effects (`Effect.min_gain`) is subtracted.
 
-    Without some of its effects a structure gains their Occam factor at most. A structure is not
-    fitted if that cannot bring any of the next richer ones to the best; its evidence is then the
-    least of these bounds. A structure that contains the best one is no bound, however badly its
-    own fit ended.
+    Without some of its effects a structure gains at most their Occam factor. A structure is not
+    fitted if that cannot raise any of the next richer structures to the best one. Its evidence is
+    then the smallest of these bounds. A structure that contains the best one gives no bound, as
+    its own fit may have failed.
 
     Parameters
     ----------
     candidates : sequence of Structure
-    fit : returns the fit of a structure; None: it has none
+    fit : returns the fit of a structure; None: the fit failed
     """
     fits: dict[Structure, Posterior] = {}
     evidence: dict[Structure, float] = {}
     for structure in sorted(candidates, key=len, reverse=True):
         best = max(fits, key=lambda s: evidence[s], default=structure)
-        needed = least_gain(structure)
+        needed = min_gain(structure)
         bounds = {
-            richer: found.log_evidence + found.occam_factor(structure) - needed
-            for richer, found in fits.items()
+            richer: fit_of_richer.log_evidence + fit_of_richer.occam_factor(structure) - needed
+            for richer, fit_of_richer in fits.items()
             if structure < richer
         }
-        next_richer = [s for s in bounds if not any(other < s for other in bounds)]
+        next_richer = [s for s in bounds if not any(subset < s for subset in bounds)]
         if bounds and all(not best <= s and bounds[s] < evidence[best] for s in next_richer):
             evidence[structure] = min(bounds.values())
             continue
-        found = fit(structure)
-        if found is not None:
-            fits[structure] = found
-            evidence[structure] = found.log_evidence - needed
+        fit_of_richer = fit(structure)
+        if fit_of_richer is not None:
+            fits[structure] = fit_of_richer
+            evidence[structure] = fit_of_richer.log_evidence - needed
     return evidence
 
 
-def least_gain(structure: Structure) -> float:
+def min_gain(structure: Structure) -> float:
     """Return the log evidence by which a structure must exceed others to be preferred."""
-    return sum(effect.least_gain for effect in effects_of(structure))
+    return sum(effect.min_gain for effect in effects_of(structure))
 
 
 def fit_drops(
     point: Point, structure: Structure, drops: Sequence[int], declared_effects: Mapping[str, Values]
 ) -> Posterior:
-    """Return the fit of drops by the effects' own priors, begun at a fit of the last one."""
+    """Return the fit of drops with the effects' own priors, started at a fit of the last drop."""
     model = PointModel(point, effects_of(structure, declared_effects), drops, declared_effects)
     last = fit_briefly(point, structure, drops[-1], declared_effects)
     values = model.start.copy()

@@ -2,8 +2,8 @@ r"""Operators of the multi-population search: pure functions on arrays.
 
 Genes live in the unit box.  ``genes`` is (p, n, d): p populations of n individuals of d genes;
 ``misfit`` is (p, n), smaller is better, infinite where the objective could not be evaluated.
-Every function returns new arrays and draws only from the generator it is given, so a run is
-repeated by its seed alone.
+Every function returns new arrays and draws only from the generator passed to it, so the seed alone
+reproduces a run.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from inversion.errors import ModelError
 # Score of the fittest individual of a population, the 100 of Eq. 17.
 _FULL_SCORE = 100.0
 
-# Floor of the contrast fitness in parts of the median; from 0.003 to 0.3 makes no difference.
+# Floor of the contrast fitness over the median; values from 0.003 to 0.3 perform alike.
 _CONTRAST = 0.03
 
 # A differential child is made from its parent, the selected one and two others.
@@ -28,26 +28,26 @@ SMALLEST_POPULATION = 4
 _MUTATION_RANGE = 0.5
 _MUTATION_HALVINGS = 20.0
 
-# Intermediate recombination reaches this far beyond the two parents; without it (0) each
-# crossover shrinks the population by itself.
+# Reach of intermediate recombination beyond the two parents. Without it (0) every crossover shrinks
+# the population.
 _CROSSOVER_REACH = 0.25
 
 
 @dataclass(frozen=True)
 class PopulationRole:
-    """How one population makes its differential children.
+    """Rule by which one population makes its differential children.
 
-    Different roles side by side make the populations more than parts of one large one.
+    With different roles, several populations search better than one large one.
 
     Parameters
     ----------
     pull : float, 0 <= value <= 1
-        Part of the way towards a second parent, selected on the scaled fitness.
+        Fraction of the way towards a second parent, selected by scaled fitness.
     weight : pair of float, lowest and highest
         Each child draws the weight of its difference vector between these.
     crossover_rate : float, 0 < value <= 1
         Probability that a gene comes from the mutant.  Small values search along coordinates,
-        values near one do not mind a rotation of the axes.
+        values near one are nearly invariant to a rotation of the axes.
     """
 
     pull: float = 0.5
@@ -67,7 +67,7 @@ class PopulationRole:
 
 
 class RoleTable:
-    """The roles of p populations as columns (p, 1, 1), ready to broadcast against genes.
+    """Roles of p populations as columns (p, 1, 1), ready to broadcast against genes.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def _column(values: list[float]) -> FloatArray:
 
 
 def stratified_sample(count: int, size: int, rng: np.random.Generator) -> FloatArray:
-    """Points (count, size) of the unit box, one in each of ``count`` equal slices of every gene.
+    """Return points (count, size) of the unit box, one in each of ``count`` slices of every gene.
 
     Latin hypercube sampling; McKay, Beckman and Conover (1979), Technometrics 21.
     """
@@ -95,9 +95,9 @@ def stratified_sample(count: int, size: int, rng: np.random.Generator) -> FloatA
 
 
 def nearest_better_distance(points: FloatArray, misfit: FloatArray) -> FloatArray:
-    """Distance (n,) of each point to the nearest one of lower misfit, infinite for the best.
+    """Return the distance (n,) of each point to the nearest of lower misfit, inf for the best.
 
-    A large value marks a point at the bottom of a basin of its own: the idea of nearest-better
+    A large value marks an isolated point at the bottom of its basin: the idea of nearest-better
     clustering, Preuss (2010), GECCO companion.
     """
     order = np.argsort(misfit, kind="stable")
@@ -113,14 +113,14 @@ def nearest_better_distance(points: FloatArray, misfit: FloatArray) -> FloatArra
 def reciprocal_fitness(misfit: FloatArray, floor: float = 1e-12) -> FloatArray:
     r"""Fitness :math:`Q = 1/(f + \epsilon)` of misfits f >= 0, the form of Eq. 16.
 
-    The floor keeps a perfect fit finite.  A caller who wants Eq. 16 itself, with its peak term,
-    returns its reciprocal as the misfit.
+    The floor keeps a perfect fit finite. For Eq. 16 itself, with its peak term, pass its reciprocal
+    as the misfit.
     """
     return np.asarray(1.0 / (misfit + floor))
 
 
 def contrast_fitness(misfit: FloatArray) -> FloatArray:
-    r"""Fitness (p, n) that tells the best apart at every stage of a search.
+    r"""Fitness (p, n) that separates the best individuals at every stage of a search.
 
     .. math:: Q = \frac{1}{(f - f_{\min}) / m + c}, \quad c = 0.03
 
@@ -136,8 +136,8 @@ def contrast_fitness(misfit: FloatArray) -> FloatArray:
         worst = np.where(finite, misfit, -np.inf).max(axis=1, keepdims=True)
         misfit = np.where(finite, misfit, np.where(np.isfinite(worst), worst, 0.0))
     excess = misfit - misfit.min(axis=1, keepdims=True)
-    middle = np.partition(excess, excess.shape[1] // 2, axis=1)[:, excess.shape[1] // 2, None]
-    return np.asarray(1.0 / (excess / np.where(middle > 0.0, middle, 1.0) + _CONTRAST))
+    median = np.partition(excess, excess.shape[1] // 2, axis=1)[:, excess.shape[1] // 2, None]
+    return np.asarray(1.0 / (excess / np.where(median > 0.0, median, 1.0) + _CONTRAST))
 
 
 def scale_fitness(fitness: FloatArray) -> FloatArray:
@@ -152,27 +152,27 @@ def scale_fitness(fitness: FloatArray) -> FloatArray:
     if not usable.all():
         worst = np.where(usable, fitness, np.inf).min(axis=1, keepdims=True)
         fitness = np.where(usable, fitness, np.where(np.isfinite(worst), worst, 0.0))
-    least = fitness.min(axis=1, keepdims=True)
-    spread = fitness.max(axis=1, keepdims=True) - least
+    lowest = fitness.min(axis=1, keepdims=True)
+    spread = fitness.max(axis=1, keepdims=True) - lowest
     equal = spread <= 0.0
     if not equal.any():
-        return np.asarray((fitness - least) * (_FULL_SCORE / spread))
-    scores = (fitness - least) * (_FULL_SCORE / np.where(equal, 1.0, spread))
+        return np.asarray((fitness - lowest) * (_FULL_SCORE / spread))
+    scores = (fitness - lowest) * (_FULL_SCORE / np.where(equal, 1.0, spread))
     return np.where(equal, _FULL_SCORE, scores)
 
 
 def select(scores: FloatArray, rng: np.random.Generator) -> IntArray:
-    """Indices (p, n) of parents, each drawn in proportion to its score.
+    """Return indices (p, n) of parents, each drawn in proportion to its score.
 
     Stochastic universal sampling: one throw places n equally spaced pointers on the roulette
-    wheel, so that nobody is chosen less often than the whole part of its share; Baker (1987),
-    2nd International Conference on Genetic Algorithms.
-    The indices come in ascending order: whoever pairs parents shuffles them.
+    wheel, so that each individual is chosen at least as often as the integer part of its share;
+    Baker (1987), 2nd International Conference on Genetic Algorithms. The indices ascend, so they
+    must be shuffled before parents are paired.
     """
     populations, count = scores.shape
     wheel = np.add.accumulate(scores, axis=1)
     pointers = (rng.random((populations, 1)) + np.arange(count)) / count
-    # One search for all wheels, set end to end: wheel k covers k to k + 1.
+    # One search over all wheels placed end to end: wheel k covers k to k + 1.
     begin = np.arange(populations)[:, None]
     flat = np.searchsorted((wheel / wheel[:, -1:] + begin).ravel(), (pointers + begin).ravel())
     chosen = flat.reshape(populations, count) - begin * count
@@ -181,19 +181,19 @@ def select(scores: FloatArray, rng: np.random.Generator) -> IntArray:
 
 
 def shuffled(shape: tuple[int, int], rng: np.random.Generator) -> IntArray:
-    """A random order (p, n) of the individuals of each population."""
+    """Return a random order (p, n) of the individuals of each population."""
     return np.argsort(rng.random(shape), axis=1)
 
 
 def take(values: FloatArray, index: IntArray) -> FloatArray:
-    """Rows of each population: (p, n, d) or (p, n) values at (p, m) indices."""
+    """Return rows of each population: (p, n, d) or (p, n) values at (p, m) indices."""
     populations, count = values.shape[:2]
     flat = index + (np.arange(populations) * count)[:, None]
     return np.asarray(values.reshape(populations * count, *values.shape[2:])[flat])
 
 
 def reflect(genes: FloatArray) -> FloatArray:
-    """Genes from -1 to 2 folded back into the unit box at its faces."""
+    """Return genes between -1 and 2 reflected into the unit box at its faces."""
     return np.asarray(1.0 - np.abs(1.0 - np.abs(genes)))
 
 
@@ -208,9 +208,9 @@ def cross_intermediate(
     Parameters
     ----------
     parents : (p, n, d) ndarray of float
-        Individuals 0 and 1 mate, 2 and 3, and so on; an odd last one stays as it is.
+        Individuals 0 and 1 mate, 2 and 3, and so on; an odd last one is unchanged.
     probability : (p,) ndarray of float
-        Chance of each pair to cross at all.
+        Probability that a pair crosses.
     """
     populations, count, size = parents.shape
     pairs = count // 2
@@ -227,18 +227,18 @@ def cross_intermediate(
 def mutate(genes: FloatArray, probability: FloatArray, rng: np.random.Generator) -> FloatArray:
     r"""Genes moved with the given probability by :math:`\pm 0.5 \cdot 2^{-20 u}`, u uniform.
 
-    Steps of every size are equally likely on a logarithmic scale, which serves the search at
-    its start and at its end alike: the mutation of the breeder genetic algorithm, Muehlenbein
+    Steps of every size are equally likely on a logarithmic scale, which suits both the start and
+    the end of a search: the mutation of the breeder genetic algorithm, Muehlenbein
     and Schlierkamp-Voosen (1993), Evolutionary Computation 1, with steps drawn continuously.
 
     Parameters
     ----------
-    probability : (p,) ndarray of float, chance of each gene
+    probability : (p,) ndarray of float, of each gene
     """
     step = _MUTATION_RANGE * np.exp2(-_MUTATION_HALVINGS * rng.random(genes.shape))
     draw = rng.random(genes.shape)
     chance = probability[:, None, None]
-    # The same draw tells whether and, by its half, in which direction.
+    # One draw decides whether to mutate and, by its half, in which direction.
     sign = np.where(draw < 0.5 * chance, -1.0, np.where(draw < chance, 1.0, 0.0))
     return reflect(genes + sign * step)
 
@@ -246,7 +246,7 @@ def mutate(genes: FloatArray, probability: FloatArray, rng: np.random.Generator)
 def differential_children(
     ring: FloatArray, selected: FloatArray, roles: RoleTable, rng: np.random.Generator
 ) -> FloatArray:
-    r"""One child (p, n, d) of each individual, by differences of others.
+    r"""Return one child (p, n, d) of each individual, by differences of individuals.
 
     .. math:: v = x + K (s - x) + F (x_1 - x_2)
 
@@ -276,7 +276,7 @@ def differential_children(
 def keep_better(
     genes: FloatArray, misfit: FloatArray, children: FloatArray, child_misfit: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Each parent or its child, whichever fits better: the best can only stay or improve."""
+    """Return the better of each parent and its child, so that the best never gets worse."""
     better = child_misfit < misfit
     return np.where(better[:, :, None], children, genes), np.where(better, child_misfit, misfit)
 
@@ -284,21 +284,20 @@ def keep_better(
 def keep_elite(
     genes: FloatArray, misfit: FloatArray, children: FloatArray, child_misfit: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """The children, the worst of each population replaced by the best parent."""
+    """Return the children, with the worst of each population replaced by the best parent."""
     rows = np.arange(len(misfit))
     elite, worst = misfit.argmin(axis=1), child_misfit.argmax(axis=1)
-    genes_kept, misfit_kept = children.copy(), child_misfit.copy()
-    genes_kept[rows, worst], misfit_kept[rows, worst] = genes[rows, elite], misfit[rows, elite]
-    return genes_kept, misfit_kept
+    survivors, survivor_misfit = children.copy(), child_misfit.copy()
+    survivors[rows, worst], survivor_misfit[rows, worst] = genes[rows, elite], misfit[rows, elite]
+    return survivors, survivor_misfit
 
 
 def immigrate(
     genes: FloatArray, misfit: FloatArray, first: int, second: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Two populations after each sent a copy of its best to replace the worst of the other.
+    """Replace the worst of each of two populations by a copy of the other's best.
 
-    Sizes stay, and nobody's best is lost: the worst leaves, and in a population of one the
-    better of the two remains.
+    Sizes do not change and no best is lost: in a population of one the better of the two remains.
     """
     genes, misfit = genes.copy(), misfit.copy()
     best = misfit.argmin(axis=1)

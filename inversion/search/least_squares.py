@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from inversion.arrays import FloatArray
 
-# Points (m, d) of the unit box and the columns that are free -> weighted residuals (m, n) and
-# their derivatives (m, n, free) by these columns.
+# Function of points (m, d) of the unit box and of the free columns that returns weighted residuals
+# (m, n) and their derivatives (m, n, free).
 Linearise = Callable[[FloatArray, NDArray[np.intp]], tuple[FloatArray, FloatArray]]
 
 _LARGEST_DAMPING = 1e9
 # A step that lowers the misfit by less than this fraction ends the fit.
-_LEAST_GAIN = 1e-6
+_MIN_RELATIVE_GAIN = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class BatchFit:
-    """Where each start ended.
+    """Results of a fit from several starts.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class BatchFit:
 
     @property
     def best(self) -> int:
-        """Index of the start that ended lowest."""
+        """Index of the start with the lowest cost."""
         return int(np.argmin(self.cost))
 
 
@@ -51,27 +51,27 @@ def fit_batch(
 ) -> BatchFit:
     """Levenberg-Marquardt within the unit box, all starts advanced together.
 
-    A parameter on a bound whose gradient points outward is held there for the step.  A start has
-    converged when a step moves it by less than ``tolerance`` of the box or cannot be improved.
-    The derivatives come with every trial: they cost less than another call where it succeeds.
+    A parameter on a bound whose gradient points outward is fixed there for the step. A start has
+    converged when a step moves it by less than ``tolerance`` of the box or cannot be improved. The
+    derivatives are computed with every trial, which costs less than a second call after success.
 
     Parameters
     ----------
     linearise : Linearise
     starts : (k, d) ndarray of float
-    iterations : int, trials of each start, refused ones among them
-    frozen : int, optional, column that keeps its start (for a profile)
+    iterations : int, trials of each start, including rejected ones
+    frozen : int, optional, column that is fixed at its start (for a profile)
     """
     points = np.clip(np.array(starts, dtype=float), 0.0, 1.0)
     count, size = points.shape
     damping = np.full(count, 1e-3)
-    done = np.zeros(count, dtype=bool)
+    has_converged = np.zeros(count, dtype=bool)
     free = np.array([column for column in range(size) if column != frozen])
     values, slope = linearise(points, free)
     cost = np.mean(values**2, axis=1)
     solves = count
     for _ in range(iterations):
-        active = np.flatnonzero(~done)
+        active = np.flatnonzero(~has_converged)
         if active.size == 0:
             break
         proposed = points[active].copy()
@@ -82,14 +82,14 @@ def fit_batch(
         better = new_cost < cost[active]
         moved = np.max(np.abs(proposed - points[active]), axis=1)
         gain = 1.0 - new_cost / cost[active]
-        done[active] |= (moved < tolerance) | (better & (gain < _LEAST_GAIN))
+        has_converged[active] |= (moved < tolerance) | (better & (gain < _MIN_RELATIVE_GAIN))
         chosen = active[better]
         points[chosen], values[chosen] = proposed[better], new_values[better]
         slope[chosen], cost[chosen] = new_slope[better], new_cost[better]
         damping[chosen] = np.maximum(damping[chosen] * 0.2, 1e-12)
         damping[active[~better]] *= 8.0
-        done |= damping > _LARGEST_DAMPING
-    return BatchFit(points, cost, done, solves)
+        has_converged |= damping > _LARGEST_DAMPING
+    return BatchFit(points, cost, has_converged, solves)
 
 
 def _step(
@@ -101,7 +101,7 @@ def _step(
     held = ((points <= 0.0) & (gradient > 0.0)) | ((points >= 1.0) & (gradient < 0.0))
     places = np.arange(points.shape[1])
     diagonal = system[:, places, places]
-    # Marquardt's scaling with a floor, so that a parameter without influence stays where it is.
+    # Marquardt's scaling with a floor, so that a parameter without influence does not move.
     floor = 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-300
     system[:, places, places] += damping[:, None] * diagonal + floor
     if held.any():

@@ -5,16 +5,16 @@ populations, 80 individuals, 100 generations, real genes, selection on linearly 
 crossover, mutation, elitism, immigration between two populations drawn at random):
 
 ``paper_settings()``
-    Those steps as the paper lists them.  It leaves the operators open; here they are stochastic
-    universal sampling, intermediate recombination and breeder mutation.
+    The steps as listed in the paper. The paper does not specify the operators; here they are
+    stochastic universal sampling, intermediate recombination and breeder mutation.
 ``SearchSettings()``
-    The default.  A stratified sample, four times as many points as individuals, gives the first
-    populations; the points that stand alone at the bottom of a basin are polished a little
-    (scouts: a narrow basin is found although no population would settle there).  Populations
-    with different roles then breed by differences.  Once all have drawn together, another
-    round begins elsewhere if the evaluations last.  A local polish ends the search.
+    The default. The first populations come from a stratified sample of four times as many points
+    as individuals. Isolated points at the bottom of a basin are polished briefly (scouts), which
+    finds narrow basins where no population would settle. Populations with different roles then
+    breed by differences. After all have collapsed, another round starts with a new sample if
+    enough evaluations remain. A local polish ends the search.
 
-All evaluations count against individuals x generations: sample, scouts and polish included.
+All evaluations, including sample, scouts and polish, count against individuals x generations.
 
     search = MultiPopulationSearch(objective, lower, upper, rng)
     while search.has_next():
@@ -25,7 +25,9 @@ All evaluations count against individuals x generations: sample, scouts and poli
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
+from dataclasses import dataclass
 from itertools import cycle, islice
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,6 +35,8 @@ from numpy.typing import ArrayLike
 from inversion.arrays import FloatArray
 from inversion.errors import InversionError, ModelError
 from inversion.search.genetic_operators import (
+    SMALLEST_POPULATION,
+    PopulationRole,
     RoleTable,
     contrast_fitness,
     cross_intermediate,
@@ -49,28 +53,23 @@ from inversion.search.genetic_operators import (
     stratified_sample,
     take,
 )
-from inversion.search.minima import Minima
-from inversion.search.quadratic_polish import Objective, QuadraticPolish, iteration_cost, polish
-from inversion.search.settings import SearchResult, SearchSettings, paper_settings
-
-__all__ = [
-    "MultiPopulationSearch",
-    "SearchResult",
-    "SearchSettings",
-    "paper_settings",
-    "polish",
-]
+from inversion.search.quadratic_polish import (
+    Minima,
+    Objective,
+    QuadraticPolish,
+    iteration_cost,
+)
 
 Fitness = Callable[[FloatArray], FloatArray]
 # Yields points (n, d) of the unit box and is sent their misfits (n,).
 Batches = Generator[FloatArray, FloatArray, None]
 
-# Another round is worth its sample only with this many generations to follow.
-_LEAST_GENERATIONS_OF_A_ROUND = 20
+# Smallest number of generations of another round, for which its sample pays.
+_MIN_GENERATIONS_PER_ROUND = 20
 
-# Radii and the separation are parts of the box.  Two iterations tell the floor of a basin from
-# its walls: the narrow basin of the benchmark is found in 98 % of runs, with one iteration in
-# 84 %, without scouts in 38 %.  Places closer than the separation count as one minimum.
+# Radii and separation are in box widths. Two iterations distinguish the floor of a basin from its
+# walls: the narrow basin of the benchmark is found in 98 % of runs, with one iteration in 84 %,
+# without scouts in 38 %. Minima closer than the separation count as one.
 _SCOUTS = 16
 _SCOUT_RADIUS = 0.02
 _SCOUT_ITERATIONS = 2
@@ -78,9 +77,149 @@ _CANDIDATE_ITERATIONS = 3
 _SEPARATION = 0.05
 _FINEST_RADIUS = 1e-6
 
-# Without a polish to say so, the misfit has settled when it fell by less than this part over the
-# last fifth of the history.
+# Without a polish, the misfit has settled if it fell by less than this fraction over the last fifth
+# of the history.
 _SETTLED = 0.01
+
+# Crossover rates from nearly rotation-invariant to nearly along the coordinates. Of 200 searches in
+# four genes (benchmarks/search.py), 0.9 alone found the separable Rastrigin 170 times and the
+# rotated one 134 times, 0.3 alone 200 and 76, all four rates together 200 and 105.
+DEFAULT_ROLES = tuple(PopulationRole(crossover_rate=rate) for rate in (0.9, 0.7, 0.5, 0.3))
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Budget and breeding of the multi-population search.
+
+    Parameters
+    ----------
+    populations : int, >= 2
+    individuals : int
+        Total over all populations; a multiple of ``populations``.
+    generations : int, >= 1
+        The search spends at most individuals x generations evaluations, everything included.
+    breeding : "differential" or "generational"
+        Children by differences of individuals, each competing with its parent; or selection,
+        crossover and mutation of entire generations, as in the paper.
+    roles : tuple of PopulationRole
+        Roles of the populations in turn (differential breeding), repeated if there are fewer.
+    crossover_probability, mutation_probability : pair of float
+        Range from which each population draws its value (generational breeding).
+    immigration_interval : int, >= 1
+        Generations from one immigration to the next.
+    sample_factor : int, >= 1
+        Points of the start sample per individual.
+    scout_evaluations : int, >= 0
+        Evaluations for polishing lonely points of the sample, 0 for none.
+    polish_evaluations : int, >= 0
+        Reserved for the final polish, 0 for none (for callers with a better polish).
+    polish_candidates : int, >= 1
+        Number of distinct minima at the start of the polish and in the result.
+    collapse_width : float, box widths
+        A population narrower than this in every gene has collapsed; 0 for never.
+    rounds : int, >= 1
+        Largest number of rounds; another one starts after all populations have collapsed. One
+        round saves evaluations, more rounds find minima that the first start missed.
+    """
+
+    populations: int = 4
+    individuals: int = 80
+    generations: int = 100
+    breeding: Literal["differential", "generational"] = "differential"
+    roles: tuple[PopulationRole, ...] = DEFAULT_ROLES
+    crossover_probability: tuple[float, float] = (0.95, 1.0)
+    mutation_probability: tuple[float, float] = (0.02, 0.05)
+    immigration_interval: int = 5
+    sample_factor: int = 4
+    scout_evaluations: int = 512
+    polish_evaluations: int = 400
+    polish_candidates: int = 4
+    collapse_width: float = 0.02
+    rounds: int = 10
+
+    def __post_init__(self) -> None:
+        minimum = {
+            "populations": 2,
+            "generations": 1,
+            "immigration_interval": 1,
+            "sample_factor": 1,
+            "scout_evaluations": 0,
+            "polish_evaluations": 0,
+            "polish_candidates": 1,
+            "rounds": 1,
+        }
+        for name, value in minimum.items():
+            if getattr(self, name) < value:
+                raise ModelError(
+                    f"search settings: expected {name} >= {value}, came {getattr(self, name)}"
+                )
+        smallest = SMALLEST_POPULATION * self.populations
+        if self.individuals % self.populations or self.individuals < smallest:
+            raise ModelError(
+                f"search settings: expected individuals to be a multiple of {self.populations} "
+                f"populations and at least {smallest}, came {self.individuals}"
+            )
+        if self.breeding not in ("differential", "generational"):
+            raise ModelError(
+                "search settings: expected breeding 'differential' or 'generational', came "
+                f"{self.breeding!r}"
+            )
+        if not self.roles:
+            raise ModelError("search settings: expected at least one role, came none")
+
+    @property
+    def evaluations(self) -> int:
+        """Largest number of evaluations of the search."""
+        return self.individuals * self.generations
+
+
+def paper_settings() -> SearchSettings:
+    """Return the settings of doi 10.11835/j.issn.2096-6717.2022.021, section 2.2, step 2.
+
+    p_c = 0.95 + 0.05 rand and p_m = 0.02 + 0.03 rand for each population, immigration in every
+    generation, no sample beyond the first generation, no polish.
+    """
+    return SearchSettings(
+        breeding="generational",
+        immigration_interval=1,
+        sample_factor=1,
+        scout_evaluations=0,
+        polish_evaluations=0,
+        collapse_width=0.0,
+        rounds=1,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """Result of a search.
+
+    Parameters
+    ----------
+    parameters : (d,) ndarray of float, the best that were evaluated
+    misfit : float, their misfit; infinite if none could be evaluated
+    evaluations : int, total number
+    generations : int, number of steps, i.e. batches of the objective
+    success : bool
+        The polish converged or, without one, the misfit had settled.
+    message : str, why the search stopped
+    history : (generations,) ndarray of float, best misfit after each step
+    failed_evaluations : int, misfits that were infinite or not a number
+    candidates : (k, d) ndarray of float
+        Distinct minima, best first, as starts for a polish with derivatives.
+    candidate_misfits : (k,) ndarray of float
+    """
+
+    parameters: FloatArray
+    misfit: float
+    evaluations: int
+    generations: int
+    success: bool
+    message: str
+    history: FloatArray
+    failed_evaluations: int
+    candidates: FloatArray
+    candidate_misfits: FloatArray
 
 
 class MultiPopulationSearch:
@@ -92,14 +231,14 @@ class MultiPopulationSearch:
         Misfit of each row, to be minimised.  Infinity or not-a-number is allowed, counted, and
         treated as infinitely bad.
     lower, upper : (d,) array of float
-        Bounds, kept by every row.  Genes are scaled linearly: hand in logarithms where a
-        parameter spans decades.
-    rng : numpy.random.Generator, the only source of chance
+        Bounds of every row. Genes are scaled linearly; use logarithms for a parameter that spans
+        decades.
+    rng : numpy.random.Generator, the only source of random numbers
     settings : SearchSettings
     fitness : callable, (p, n) ndarray of misfit -> (p, n) ndarray of Q, optional
         Before the scaling of Eq. 17.  By default 1/misfit above a floor, the form of Eq. 16:
         a floor that follows the population with differential breeding, a tiny one with
-        generational breeding, which wants misfits >= 0.
+        generational breeding, which requires misfits >= 0.
     start : (k, d) array of float, optional
         Individuals of the first generation, moved into the bounds.
 
@@ -143,7 +282,7 @@ class MultiPopulationSearch:
         shape = (count, settings.individuals // count)
         self._genes: FloatArray = np.zeros((*shape, self._lower.size))
         self._misfit: FloatArray = np.full(shape, np.inf)
-        self._minima = Minima.none(self._lower.size)
+        self._minima = Minima.empty(self._lower.size)
         self._last_polish: QuadraticPolish | None = None
         self._best_point = np.full(self._lower.size, np.nan)
         self._history: list[float] = []
@@ -151,7 +290,7 @@ class MultiPopulationSearch:
         self.evaluations = 0
         self.failed_evaluations = 0
         self._plan = self._batches()
-        # Always one batch ahead, so that has_next() is known without an evaluation.
+        # Always one batch ahead, so that has_next() needs no evaluation.
         self._batch: FloatArray | None = next(self._plan)
 
     @property
@@ -170,7 +309,7 @@ class MultiPopulationSearch:
         return self._parameters(self._best_point)
 
     def has_next(self) -> bool:
-        """Whether there is a step left."""
+        """Return whether another step remains."""
         return self._batch is not None
 
     def next(self) -> None:
@@ -188,9 +327,9 @@ class MultiPopulationSearch:
             self._batch = None
 
     def result(self) -> SearchResult:
-        """What was found so far; ``success`` is false while steps are left."""
+        """Return the result so far; ``success`` is false while steps remain."""
         success, message = self._verdict()
-        found = self._candidates(self.settings.polish_candidates)
+        candidates = self._candidates(self.settings.polish_candidates)
         return SearchResult(
             parameters=self.best_parameters,
             misfit=self.best_misfit,
@@ -200,8 +339,8 @@ class MultiPopulationSearch:
             message=message,
             history=self.history,
             failed_evaluations=self.failed_evaluations,
-            candidates=self._parameters(found.points),
-            candidate_misfits=found.misfits,
+            candidates=self._parameters(candidates.points),
+            candidate_misfits=candidates.misfits,
         )
 
     # The plan.  These generators yield points to evaluate and are sent their misfits.
@@ -210,7 +349,7 @@ class MultiPopulationSearch:
         settings = self.settings
         yield from self._round(self._start)
         for _ in range(settings.rounds - 1):
-            if self._left() < self._cost_of_a_round():
+            if self._remaining() < self._cost_of_a_round():
                 break
             self._minima += self._population_minima()
             yield from self._round(self._start[:0])
@@ -218,15 +357,15 @@ class MultiPopulationSearch:
             yield from self._final_polish()
 
     def _round(self, start: FloatArray) -> Batches:
-        """Sample, scouts, and generations until the populations have drawn together."""
+        """Yield sample, scouts, and generations until the populations have collapsed."""
         settings = self.settings
         sample = stratified_sample(self._sample_size(), self._lower.size, self._rng)
         sample[: len(start)] = start
         misfit = yield sample
-        self._found_populations(sample, misfit, len(start))
+        self._create_populations(sample, misfit, len(start))
         yield from self._scout(sample, misfit)
         generation = 0
-        while self._left() >= settings.individuals:
+        while self._remaining() >= settings.individuals:
             generation += 1
             immigration = generation % settings.immigration_interval == 0
             yield from self._breed()
@@ -259,8 +398,8 @@ class MultiPopulationSearch:
         )
 
     def _scout(self, sample: FloatArray, misfit: FloatArray) -> Batches:
-        """Polish the loneliest points of a sample a little."""
-        budget = min(self.settings.scout_evaluations, self._left() // 4)
+        """Polish the most isolated points of a sample briefly."""
+        budget = min(self.settings.scout_evaluations, self._remaining() // 4)
         count = min(_SCOUTS, self._affordable(_SCOUT_ITERATIONS, budget))
         lonely = np.argsort(-nearest_better_distance(sample, misfit), kind="stable")[:count]
         radii = np.full(len(lonely), _SCOUT_RADIUS)
@@ -268,61 +407,63 @@ class MultiPopulationSearch:
         yield from self._polish(scouts, _SCOUT_ITERATIONS, budget)
 
     def _final_polish(self) -> Batches:
-        """A few iterations for each candidate, all that is left for the best of them."""
-        budget = self._left_in_all() // 2
+        """Polish each candidate by a few iterations, then the best with the remaining budget."""
+        budget = self._total_remaining() // 2
         count = self._affordable(_CANDIDATE_ITERATIONS, budget)
         work = QuadraticPolish(self._candidates(count))
         if len(work.misfits):
             yield from self._polish(work, _CANDIDATE_ITERATIONS, budget)
             work.keep_best()
-            yield from self._polish(work, self._left_in_all(), self._left_in_all())
+            yield from self._polish(work, self._total_remaining(), self._total_remaining())
             self._last_polish = work
 
     def _affordable(self, iterations: int, budget: int) -> int:
         return budget // (iterations * iteration_cost(self._lower.size))
 
     def _polish(self, work: QuadraticPolish, iterations: int, budget: int) -> Batches:
-        """Iterations within a budget; the minima are remembered."""
+        """Polish within a budget and store the minima."""
         end = self.evaluations + budget
         for _ in range(iterations):
             if work.iteration_cost == 0 or self.evaluations + work.iteration_cost > end:
                 break
             work.tell((yield work.ask()))
-            # There is nothing to model where no design could be evaluated.
+            # The second batch is missing if no design could be evaluated.
             if not work.between_iterations:
                 work.tell((yield work.ask()))
         self._minima += work.minima
 
-    # What the plan decides by.
+    # Budgets on which the plan is based.
 
-    def _left_in_all(self) -> int:
+    def _total_remaining(self) -> int:
         return self.settings.evaluations - self.evaluations
 
-    def _left(self) -> int:
-        """Evaluations left before the final polish, which takes half of a small budget at most."""
+    def _remaining(self) -> int:
+        """Return the evaluations before the final polish, which takes at most half of them."""
         budget = self.settings.evaluations
-        return self._left_in_all() - min(self.settings.polish_evaluations, budget // 2)
+        return self._total_remaining() - min(self.settings.polish_evaluations, budget // 2)
 
     def _sample_size(self) -> int:
-        """Points of the start sample: a quarter of a small budget at most."""
+        """Return the size of the start sample, at most a quarter of the remaining budget."""
         individuals = self.settings.individuals
-        return max(individuals, min(self.settings.sample_factor * individuals, self._left() // 4))
+        return max(
+            individuals, min(self.settings.sample_factor * individuals, self._remaining() // 4)
+        )
 
     def _cost_of_a_round(self) -> int:
         settings = self.settings
-        batches = settings.sample_factor + _LEAST_GENERATIONS_OF_A_ROUND
+        batches = settings.sample_factor + _MIN_GENERATIONS_PER_ROUND
         return batches * settings.individuals + settings.scout_evaluations
 
-    def _found_populations(self, sample: FloatArray, misfit: FloatArray, given: int) -> None:
-        """The given points and the best of the others, dealt to the populations at random."""
-        ranked = given + np.argsort(misfit[given:], kind="stable")
-        founders = np.concatenate([np.arange(given), ranked])[: self.settings.individuals]
+    def _create_populations(self, sample: FloatArray, misfit: FloatArray, n_start: int) -> None:
+        """Deal the start points and the best sampled points to the populations at random."""
+        ranked = n_start + np.argsort(misfit[n_start:], kind="stable")
+        founders = np.concatenate([np.arange(n_start), ranked])[: self.settings.individuals]
         founders = self._rng.permutation(founders)
         self._genes = sample[founders].reshape(self._genes.shape)
         self._misfit = misfit[founders].reshape(self._misfit.shape)
 
     def _widths(self) -> FloatArray:
-        """Range of each population in its widest gene, (p,)."""
+        """Return the range of each population in its widest gene, (p,)."""
         return np.asarray((self._genes.max(axis=1) - self._genes.min(axis=1)).max(axis=1))
 
     def _population_minima(self) -> Minima:
@@ -333,10 +474,10 @@ class MultiPopulationSearch:
             np.repeat(radii, self._misfit.shape[1]),
         )
 
-    def _candidates(self, most: int) -> Minima:
-        """The best places known, each apart from the better ones, best first."""
-        known = self._minima + self._population_minima()
-        return known.apart(min(most, self.settings.polish_candidates), _SEPARATION)
+    def _candidates(self, count: int) -> Minima:
+        """Return the best separated minima, best first."""
+        minima = self._minima + self._population_minima()
+        return minima.separated(min(count, self.settings.polish_candidates), _SEPARATION)
 
     def _verdict(self) -> tuple[bool, str]:
         spent = f"{self.evaluations} evaluations"
@@ -351,10 +492,10 @@ class MultiPopulationSearch:
             return False, f"still improving when {spent} were used up; allow more generations"
         return True, f"the misfit had settled after {spent}"
 
-    # Between the unit box and the caller.
+    # Conversion between the unit box and the caller's parameters.
 
     def _evaluate(self, points: FloatArray) -> FloatArray:
-        """Misfit (n,) of points (n, d) of the unit box, infinite where it failed."""
+        """Return the misfit (n,) of points (n, d) of the unit box, infinite where it failed."""
         misfit = np.asarray(self._objective(self._parameters(points)), dtype=np.float64)
         if misfit.shape != (len(points),):
             raise ModelError(
@@ -380,11 +521,11 @@ class MultiPopulationSearch:
         if start is None:
             return np.empty((0, self._lower.size))
         points = np.asarray(start, dtype=np.float64)
-        most = self.settings.individuals
-        if points.ndim != 2 or points.shape[1] != self._lower.size or len(points) > most:
+        max_count = self.settings.individuals
+        if points.ndim != 2 or points.shape[1] != self._lower.size or len(points) > max_count:
             raise ModelError(
-                f"search: expected start of shape (k, {self._lower.size}) with k <= {most}, came "
-                f"{points.shape}"
+                f"search: expected start of shape (k, {self._lower.size}) with k <= {max_count}, "
+                f"came {points.shape}"
             )
         if not np.isfinite(points).all():
             raise ModelError("search: expected finite start individuals, came infinity or nan")

@@ -1,80 +1,130 @@
-r"""Local polish of a minimum by full quadratic models, a few batches of evaluations each.
+r"""Local polish of minima by full quadratic models, in a few batches of evaluations.
 
-One iteration evaluates a small design around the best point (batch one), reads gradient and
-Hessian off it, and tries Newton points at several lengths (batch two).  Two models are read from
-the same values: one of f and one of f^2.  A root-mean-square misfit without noise is a cone at
-its minimum, where a quadratic model of f is of no use and one of f^2 is exact; with noise the
-first is.  The directions of the next design are the principal axes of the model, so a long
-curved valley is followed along its bottom.
+One iteration evaluates a small design around the best point (batch one), computes gradient and
+Hessian from it, and tries Newton points at several lengths (batch two). Two models are made from
+the same values: one of f and one of f^2. A root-mean-square misfit without noise is a cone at its
+minimum, where a quadratic model of f^2 is exact and one of f is useless; with noise the reverse
+holds. The directions of the next design are the principal axes of the model, so that the iterations
+follow a long curved valley along its bottom.
 
 With three genes an iteration takes 16 evaluations; four to eight iterations reach machine
-precision on what is smooth, whatever its condition.
+precision on a smooth function, whatever its condition.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from inversion.arrays import FloatArray, IntArray
 from inversion.errors import ModelError
-from inversion.search.minima import Minima
 
 Objective = Callable[[FloatArray], FloatArray]
 
-# Newton steps tried: of the model of f (the full step, shorter ones where it was too bold, twice
-# of it where the valley opens) and of the model of f^2.
+# Lengths of the Newton steps that are tried, for the model of f (a full step, shorter ones, and a
+# double one for valleys that widen) and for the model of f^2.
 _STEPS = np.array([1.0, 0.5, 0.2, 2.0])
 _STEPS_SQUARED = np.array([1.0, 0.5])
 
-# A step goes at most this many design lengths away: further out the model means nothing.
+# Longest step in design lengths: beyond it the model is not valid.
 _LONGEST_STEP = 8.0
 
-# Next design: this part of the move just made, within bounds, or a quarter after no progress.
+# Next design: this fraction of the last move, within bounds, or a quarter if there was no progress.
 _DESIGN_PER_MOVE = 0.3
 _SMALLEST_DESIGN, _LARGEST_DESIGN = 0.05, 2.0
 _DESIGN_AFTER_FAILURE = 0.25
 
-# Most by which one iteration may stretch one axis of the design against another.
+# Largest factor by which one iteration may stretch one axis of the design against another.
 _LARGEST_STRETCH = 30.0
 
-# Thinnest design, in parts of its length.
+# Smallest width of a design over its length.
 _THINNEST = 1e-8
 
-# Widest design, and the one at which the minimum counts as found, in parts of the box.
+# Widest design, and the width at which the minimum counts as converged, in box widths.
 _WIDEST_RADIUS = 0.1
 _FINEST_RADIUS = 1e-10
 
-# Curvatures below these parts of the steepest and of the slope are rounding.
+# Curvatures below these fractions of the steepest one and of the slope are rounding errors.
 _SMALLEST_CURVATURE = 1e-10
 _SMALLEST_CURVATURE_OF_SLOPE = 1e-12
 
-# Differences of a design smaller than this part of the misfit are rounding.
+# Differences of a design below this fraction of the misfit are rounding errors.
 _FLAT = 1e-14
 
 
+@dataclass(frozen=True, eq=False)
+class Minima:
+    """Candidate minima of a search.
+
+    Parameters
+    ----------
+    points : (k, d) ndarray of float in the unit box
+    misfits : (k,) ndarray of float, finite
+    radii : (k,) ndarray of float, half-width of the neighbourhood already searched, in box widths
+    """
+
+    points: FloatArray
+    misfits: FloatArray
+    radii: FloatArray
+
+    @classmethod
+    def empty(cls, size: int) -> Minima:
+        """Return no candidates, of ``size`` genes."""
+        return cls(np.empty((0, size)), np.empty(0), np.empty(0))
+
+    @classmethod
+    def finite(cls, points: FloatArray, misfits: FloatArray, radii: FloatArray) -> Minima:
+        """Return the candidates whose misfit is finite."""
+        usable = np.isfinite(misfits)
+        return cls(points[usable], misfits[usable], radii[usable])
+
+    def __len__(self) -> int:
+        return len(self.misfits)
+
+    def __add__(self, more: Minima) -> Minima:
+        return Minima(
+            np.concatenate([self.points, more.points]),
+            np.concatenate([self.misfits, more.misfits]),
+            np.concatenate([self.radii, more.radii]),
+        )
+
+    def separated(self, count: int, separation: float) -> Minima:
+        """Return the best candidates, at most ``count``, each separated from every better one.
+
+        Two are separated if they differ by more than ``separation`` box widths in one gene.
+        """
+        order = np.argsort(self.misfits, kind="stable")
+        chosen: list[int] = []
+        while len(order) and len(chosen) < count:
+            chosen.append(int(order[0]))
+            distance = np.abs(self.points[order] - self.points[order[0]]).max(axis=1)
+            order = order[distance > separation]
+        return Minima(self.points[chosen], self.misfits[chosen], self.radii[chosen])
+
+
 def iteration_cost(size: int) -> int:
-    """Evaluations of one iteration for one minimum of ``size`` genes."""
+    """Return the number of evaluations of one iteration for one minimum of ``size`` genes."""
     design = 1 + 2 * size + size * (size - 1) // 2
     return design + len(_STEPS) + len(_STEPS_SQUARED)
 
 
 class QuadraticPolish:
-    """Several minima of the unit box being polished; asks for points and is told their misfits.
+    """Polish of several minima of the unit box, which share the batches of the objective.
 
-    All advance together, so that they share the batches of the objective.
+    The caller evaluates the points of `ask` and passes their misfits to `tell`.
 
     Parameters
     ----------
     starts : Minima
-        Each first design is as large as the radius of its place.
+        The first design of each has the size of its radius.
 
     Attributes
     ----------
     points, misfits : (k, d) and (k,) ndarray of float, best so far
     converged : (k,) ndarray of bool
-        The design has shrunk to nothing or is flat to rounding; no more points are asked for it.
+        The design has shrunk to nothing or is flat to rounding; it needs no more points.
     """
 
     def __init__(self, starts: Minima) -> None:
@@ -90,42 +140,42 @@ class QuadraticPolish:
         # Columns of each matrix are the directions of that design.
         self._directions = starts.radii[:, None, None] * unit
         self._active = np.arange(len(starts))
-        self._asked: FloatArray = np.empty((0, 0, size))
+        self._requested: FloatArray = np.empty((0, 0, size))
         self._iteration: _Iteration | None = None
 
     @property
     def minima(self) -> Minima:
-        """The best points so far; their radii are the sizes of the present designs."""
+        """Best points so far; their radii are the sizes of the present designs."""
         return Minima(self.points, self.misfits, np.abs(self._directions).max(axis=(1, 2)))
 
     @property
     def iteration_cost(self) -> int:
-        """Evaluations that the next iteration asks for, in its two batches."""
+        """Evaluations of the next iteration, in its two batches."""
         return iteration_cost(self.points.shape[1]) * int(np.count_nonzero(~self.converged))
 
     @property
     def between_iterations(self) -> bool:
-        """The next batch begins an iteration."""
+        """True if the next batch starts an iteration."""
         return self._iteration is None
 
     def keep_best(self) -> None:
-        """Go on with the best minimum only; between iterations."""
+        """Drop all minima except the best one; call it between iterations."""
         best = np.array([self.misfits.argmin()])
         self.points, self.misfits = self.points[best], self.misfits[best]
         self.converged, self._directions = self.converged[best], self._directions[best]
 
     def ask(self) -> FloatArray:
-        """Points (m, d) of the unit box to evaluate next."""
+        """Return the points (m, d) of the unit box to evaluate next."""
         if self._iteration is None:
             self._active = np.flatnonzero(~self.converged)
-            self._asked = self._design_points()
+            self._requested = self._design_points()
         else:
-            self._asked = self._iteration.newton_points()
-        return self._asked.reshape(-1, self.points.shape[1])
+            self._requested = self._iteration.newton_points()
+        return self._requested.reshape(-1, self.points.shape[1])
 
     def tell(self, misfits: FloatArray) -> None:
-        """Take the misfits (m,) of the points asked for; infinite ones are allowed."""
-        values = misfits.reshape(self._asked.shape[:2])
+        """Process the misfits (m,) of the points of `ask`; infinite ones are allowed."""
+        values = misfits.reshape(self._requested.shape[:2])
         if self._iteration is None:
             self._begin_iteration(values)
         else:
@@ -135,7 +185,7 @@ class QuadraticPolish:
 
     def _design_points(self) -> FloatArray:
         offsets = np.einsum("mj,kij->kmi", self._design, self._directions[self._active])
-        # The design moves away from a face it would cross; a step may still end on it.
+        # The design moves away from a face that it would cross; a step may still end on the face.
         margin = np.minimum(np.abs(offsets).max(axis=1), 0.5)
         centres = np.clip(self.points[self._active], margin, 1.0 - margin)
         points: FloatArray = np.clip(centres[:, None, :] + offsets, 0.0, 1.0)
@@ -158,7 +208,7 @@ class QuadraticPolish:
             self._iteration = _Iteration(
                 starts=starts[self._active],
                 start_misfits=start_misfits[self._active],
-                centres=self._asked[modelled, 0],
+                centres=self._requested[modelled, 0],
                 directions=self._directions[self._active],
                 heights=heights,
                 pairs=self._pairs,
@@ -169,7 +219,7 @@ class QuadraticPolish:
         best = values.argmin(axis=1)
         better = values[rows, best] < self.misfits[self._active]
         index = self._active[better]
-        self.points[index] = self._asked[rows, best][better]
+        self.points[index] = self._requested[rows, best][better]
         self.misfits[index] = values[rows, best][better]
 
     def _resize(self, iteration: _Iteration) -> None:
@@ -189,7 +239,7 @@ class QuadraticPolish:
 
 
 class _Iteration:
-    """Models of f and f^2 from one design of each of k minima, and what follows from them."""
+    """Models of f and f^2 from one design of each of k minima, with Newton points and axes."""
 
     def __init__(
         self,
@@ -210,7 +260,7 @@ class _Iteration:
         self.axes = _principal_axes(directions, self._hessians[0])
 
     def newton_points(self) -> FloatArray:
-        """Points (k, m, d) towards the minima of both models."""
+        """Return points (k, m, d) towards the minima of both models."""
         turned = np.swapaxes(self.inverse, 1, 2)
         gradients = np.einsum("kij,qkj->qki", turned, self._gradients)
         hessians = turned @ self._hessians @ self.inverse
@@ -236,46 +286,45 @@ class _Iteration:
 def _derivatives(
     heights: FloatArray, pairs: tuple[IntArray, IntArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """Gradients (..., d) and Hessians (..., d, d) along the directions, exact for a quadratic."""
+    """Return gradients (..., d) and Hessians (..., d, d) along the directions of a design."""
     size = (heights.shape[-1] - 1 - len(pairs[0])) // 2
-    here, ahead, behind, sums = np.split(heights, [1, 1 + size, 1 + 2 * size], axis=-1)
+    centre, ahead, behind, sums = np.split(heights, [1, 1 + size, 1 + 2 * size], axis=-1)
     gradient = 0.5 * (ahead - behind)
-    curvature = ahead + behind - 2.0 * here
+    curvature = ahead + behind - 2.0 * centre
     hessian = curvature[..., None] * np.eye(size)
     i, j = pairs
     # f(e_i + e_j) - f(0) holds both slopes, half of both curvatures and the mixed derivative.
     alone = gradient + 0.5 * curvature
-    hessian[..., i, j] = hessian[..., j, i] = sums - here - alone[..., i] - alone[..., j]
+    hessian[..., i, j] = hessian[..., j, i] = sums - centre - alone[..., i] - alone[..., j]
     return gradient, hessian
 
 
 def _principal_axes(directions: FloatArray, hessians: FloatArray) -> FloatArray:
-    """Directions (k, d, d) along each model's axes that all change it alike.
+    """Return directions (k, d, d) along each model's axes, each with the same change of the model.
 
-    The middle axis keeps its length, none becomes longer than the shortest by more than the
-    largest stretch.
+    The median axis keeps its length. The ratio of lengths is at most the largest stretch.
     """
     curvature, axes = np.linalg.eigh(hessians)
     curvature = np.abs(curvature)
     steepest = curvature.max(axis=1, keepdims=True)
-    least = np.where(steepest > 0.0, steepest / _LARGEST_STRETCH**2, 1.0)
-    lengths = 1.0 / np.sqrt(np.maximum(curvature, least))
-    middle = np.sort(lengths, axis=1)[:, lengths.shape[1] // 2, None]
-    stretched = directions @ (axes * (lengths / middle)[:, None, :])
-    # The same ellipsoid by its own axes, which stay at right angles however often it is
-    # stretched, so that the directions can always be inverted.
-    own_axes, own_lengths, _ = np.linalg.svd(stretched)
-    own_lengths = np.maximum(own_lengths, _THINNEST * own_lengths[:, :1])
-    return np.asarray(own_axes * own_lengths[:, None, :])
+    min_curvature = np.where(steepest > 0.0, steepest / _LARGEST_STRETCH**2, 1.0)
+    lengths = 1.0 / np.sqrt(np.maximum(curvature, min_curvature))
+    median = np.sort(lengths, axis=1)[:, lengths.shape[1] // 2, None]
+    stretched = directions @ (axes * (lengths / median)[:, None, :])
+    # The principal axes of the same ellipsoid, which remain orthogonal after many stretches, so
+    # that the directions can always be inverted.
+    point_axes, point_lengths, _ = np.linalg.svd(stretched)
+    point_lengths = np.maximum(point_lengths, _THINNEST * point_lengths[:, :1])
+    return np.asarray(point_axes * point_lengths[:, None, :])
 
 
 def bounded_newton_step(
     gradients: FloatArray, hessians: FloatArray, points: FloatArray
 ) -> FloatArray:
-    """Steps (n, d) to the minima of quadratic models within the unit box.
+    """Return steps (n, d) to the minima of quadratic models within the unit box.
 
-    Negative curvature counts by its size, so that a step always descends.  Where the way leaves
-    the box, the gene that meets its face first stays there and the others go on.
+    Negative curvature is replaced by its absolute value, so that a step always descends. If a step
+    leaves the box, the first gene to reach a face is fixed there and the others continue.
 
     Parameters
     ----------
@@ -286,12 +335,12 @@ def bounded_newton_step(
     unit = np.eye(size)
     curvature, axes = np.linalg.eigh(hessians)
     curvature = np.abs(curvature)
-    # On a plain slope the step is long, not infinite.
-    least = np.maximum(
+    # A lower limit of the curvature keeps the step on a plane slope finite.
+    min_curvature = np.maximum(
         _SMALLEST_CURVATURE * curvature.max(axis=1, keepdims=True),
         _SMALLEST_CURVATURE_OF_SLOPE * np.abs(gradients).max(axis=1, keepdims=True),
     )
-    curvature = np.maximum(curvature, np.maximum(least, np.finfo(float).tiny))
+    curvature = np.maximum(curvature, np.maximum(min_curvature, np.finfo(float).tiny))
     hessians = (axes * curvature[:, None, :]) @ np.swapaxes(axes, 1, 2)
     rows = np.arange(count)
     steps = np.zeros_like(points)

@@ -122,7 +122,7 @@ def _draw_ladder(axis: Any, diagnosed: Diagnosed) -> None:
     before, after = diagnosed.diagnosis.before, diagnosed.diagnosis.after
     axis.set_title(
         "\n".join(
-            f"{when} {_modulus(state)}, {significant(100 * state.left_over_peak, 2)} % left"
+            f"{when} {_modulus(state)}, {significant(100 * state.residual_over_peak, 2)} % left"
             for when, state in (("before", before), ("after", after))
         ),
         fontsize=9,

@@ -9,7 +9,7 @@ from inversion import InversionError
 from inversion.calibration import Rig, RigDrop, describe
 from inversion.diagnosis import PointDiagnosis
 from inversion.effects import BY_NAME
-from inversion.notices import Notice, Value, other
+from inversion.notices import Notice, Value, text_notice
 from inversion.records import known
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint
 from pfwd.analysis.results import (
@@ -78,7 +78,7 @@ def diagnosis_result(entry: DiagnosisPoint, diagnosis: PointDiagnosis | None) ->
 
 def _open_modulus_warning(after: FittedState) -> list[Notice]:
     """Return the warning that there is ground and no modulus."""
-    if not after.left_open:
+    if not after.is_undetermined:
         return []
     low, high = known(after.modulus_interval_pa)
     return [Notice("modulus-left-open", {"low_pa": low, "high_pa": high})]
@@ -145,7 +145,7 @@ def _rig_result(
     after, verdict = None, "unexplained"
     warnings = list(entry.warnings)
     if fit is None:
-        warnings += [*rejected, Notice("no-measured-drop") if fault is None else other(fault)]
+        warnings += [*rejected, Notice("no-measured-drop") if fault is None else text_notice(fault)]
     else:
         rig, residual = fit
         numbers_of = (

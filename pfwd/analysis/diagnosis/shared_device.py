@@ -93,12 +93,12 @@ def diagnose_device(
         InstrumentKnowledge(
             effects=shared,
             absent=absent,
-            other_points=tuple(
+            peer_points=tuple(
                 diagnosis.summary
                 for name, diagnosis in individual.items()
                 if name != point.name and diagnosis.summary is not None
             ),
-            nearby=_nearby(point.name, individual),
+            starting_structures=_nearby(point.name, individual),
         )
         for point in points
     ]

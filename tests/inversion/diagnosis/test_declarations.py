@@ -11,7 +11,11 @@ import pytest
 
 from inversion import Record, Sensor, SurrogateLibrary
 from inversion.diagnosis import PointDiagnosis, PointRecords
-from inversion.diagnosis.declarations import Doubt, contradiction, doubts
+from inversion.diagnosis.declarations import (
+    SuspectDeclaration,
+    contradiction,
+    find_suspect_declarations,
+)
 from inversion.diagnosis.problem import Point
 from inversion.errors import RecordError
 from inversion.forward.model import Instrument
@@ -130,13 +134,13 @@ def test_a_doubt_that_makes_no_drop_of_the_records_is_none(
     monkeypatch.setattr(module, "diagnose_point", again)
     point = Point(PointRecords("test", (too_shallow(record),), (1,)), library)
     known = InstrumentKnowledge()
-    assert module._contradicted(point, diagnosis(0.08), library, known) is None
+    assert module._find_contradicted_declaration(point, diagnosis(0.08), library, known) is None
     assert asked == [False]
 
 
 def declared(record: Record, library: SurrogateLibrary) -> list[tuple[Value, ...]]:
     point = Point(PointRecords("test", (record,), (1,)), library)
-    return [(doubt.code, *doubt.values.values()) for doubt in doubts(point)]
+    return [(doubt.code, *doubt.values.values()) for doubt in find_suspect_declarations(point)]
 
 
 def test_only_what_looks_wrong_is_doubted(record: Record, library: SurrogateLibrary) -> None:
@@ -161,12 +165,14 @@ def diagnosis(
     left: float,
     verdict: str = "unexplained",
     *,
-    left_open: bool = False,
+    is_undetermined: bool = False,
     rock: float = 1.2,
     score: float = math.nan,
 ) -> PointDiagnosis:
-    modulus = None if left_open else 123e6
-    after = SimpleNamespace(left_over_peak=left, left_open=left_open, modulus_pa=modulus)
+    modulus = None if is_undetermined else 123e6
+    after = SimpleNamespace(
+        residual_over_peak=left, is_undetermined=is_undetermined, modulus_pa=modulus
+    )
     depth = SimpleNamespace(name="bedrock", value=rock)
     found: Any = SimpleNamespace(after=after, verdict=verdict, effects=(depth,), score=score)
     return found  # type: ignore[no-any-return]
@@ -174,7 +180,7 @@ def diagnosis(
 
 def test_half_of_the_residual_has_to_go() -> None:
     records: Any = None
-    doubt = Doubt("bedrock-contradicted", {"declared_m": 1.0}, records, depth=1.0)
+    doubt = SuspectDeclaration("bedrock-contradicted", {"declared_m": 1.0}, records, depth=1.0)
     assert contradiction(doubt, diagnosis(0.02), diagnosis(0.0101)) is None
     assert contradiction(doubt, diagnosis(0.02), diagnosis(0.0099)) == (
         "bedrock at 1 m: with the depth left open, 0.99 % of the peak is left in place of 2 %, "
@@ -183,7 +189,7 @@ def test_half_of_the_residual_has_to_go() -> None:
     # Explained already: only what was left open is worth another word.
     known = diagnosis(0.02, "explained")
     assert contradiction(doubt, known, diagnosis(0.0099, "explained")) is None
-    open_one = diagnosis(0.02, "explained", left_open=True)
+    open_one = diagnosis(0.02, "explained", is_undetermined=True)
     assert contradiction(doubt, open_one, diagnosis(0.02, "explained")) is not None
     assert contradiction(doubt, open_one, diagnosis(0.0099)) is None
     # Likelier by far without the declared depth, or hardly.
@@ -192,14 +198,14 @@ def test_half_of_the_residual_has_to_go() -> None:
     assert contradiction(doubt, above, diagnosis(0.003, "explained", score=109.0)) is None
     assert contradiction(doubt, above, diagnosis(0.003, score=111.0)) is None
     # What leaves the modulus open, or has none, is no better.
-    assert contradiction(doubt, diagnosis(0.02), diagnosis(0.001, left_open=True)) is None
+    assert contradiction(doubt, diagnosis(0.02), diagnosis(0.001, is_undetermined=True)) is None
     rig = diagnosis(0.001)
     rig.after.modulus_pa = None  # type: ignore[misc]
     assert contradiction(doubt, diagnosis(0.02), rig) is None
     # The depth that was declared is no contradiction to it.
     assert contradiction(doubt, diagnosis(0.02), diagnosis(0.001, rock=1.04)) is None
     assert contradiction(doubt, diagnosis(0.02), diagnosis(0.001, rock=0.94)) is not None
-    turned_one = Doubt("sensor-upside-down", {"offset_m": 0.3}, records)
+    turned_one = SuspectDeclaration("sensor-upside-down", {"offset_m": 0.3}, records)
     turned = contradiction(turned_one, diagnosis(0.02), diagnosis(0.001))
     assert turned is not None
     assert turned.code == "sensor-upside-down"

@@ -130,7 +130,7 @@ def test_an_interval_that_reaches_back_to_the_modulus_before_corrects_nothing() 
 def test_what_leaves_the_modulus_open_corrects_nothing(factor: float, corrected: bool) -> None:
     before = replace(BEFORE, fitted_modulus=42e6)
     found = after(modulus_pa=3e6, modulus_interval_pa=(1e6, factor * 1e6))
-    assert found.left_open is not corrected
+    assert found.is_undetermined is not corrected
     assert diagnosis(before=before, after=found).corrected is corrected
 
 
@@ -164,4 +164,4 @@ def test_an_effect_is_certain_unless_it_is_told_otherwise() -> None:
 @pytest.mark.parametrize(("left", "most"), [(0.5, True), (0.51, False)])
 def test_most_is_half_of_what_was_left_of_the_peak(left: float, most: bool) -> None:
     state = after(residual_rms_over_peak=left * BEFORE.residual_rms_over_peak)
-    assert diagnosis(after=state).takes_most == most
+    assert diagnosis(after=state).explains_majority == most

@@ -84,7 +84,7 @@ def test_other_soils_are_those_of_the_forward_model(
     expected = transfer_function(surrogate, instrument, S, grounds)[0]
     np.testing.assert_allclose(under_plate.compliance(ground, S), expected, rtol=1e-12)
     steps = moved(ground, 1e-4)
-    under_plate.look_ahead([ground], S, nearby=True)
+    under_plate.solve_together([ground], S, nearby=True)
     here, *others = under_plate.nearby(ground, steps, S)
     for other, step in zip(others, steps, strict=True):
         change = GroundResponse.compliance(under_plate, step, S) - here
@@ -144,7 +144,7 @@ def test_a_depth_that_is_given_is_not_moved(library: SurrogateLibrary) -> None:
     given = GroundResponse(one, Instrument(RADIUS), OFFSETS)
     ground = replace(BELOW, inverse_depth=float(node[0]) / RADIUS)
     near = [replace(ground, modulus=ground.modulus * (1 + 1e-3))]
-    given.look_ahead([ground, *near], S, nearby=True)
+    given.solve_together([ground, *near], S, nearby=True)
     here, there = given.nearby(ground, near, S)
     change = given.compliance(near[0], S) - given.compliance(ground, S)
     assert np.abs(there - here - change).max() < 0.012 * np.abs(change).max()
@@ -154,9 +154,9 @@ def test_grounds_that_are_looked_ahead_for_are_those_asked_for(response: GroundR
     grounds = [replace(BELOW, modulus=m * 1e7) for m in (3.0, 4.0)]
     grounds += [replace(g, inverse_depth=1.0) for g in grounds] + [replace(BELOW, plate_mass=9.0)]
     alone = GroundResponse(response.surrogate, Instrument(RADIUS), OFFSETS)
-    response.look_ahead([*grounds, LAYERED], S, nearby=False)
-    response.look_ahead([*grounds, LAYERED], S, nearby=True)
-    assert len(response._known) == len(grounds)
+    response.solve_together([*grounds, LAYERED], S, nearby=False)
+    response.solve_together([*grounds, LAYERED], S, nearby=True)
+    assert len(response._cache) == len(grounds)
     for ground in grounds:
         near = [replace(ground, modulus=ground.modulus * 1.001)]
         expected, moved_too = alone.nearby(ground, near, S)
@@ -164,7 +164,7 @@ def test_grounds_that_are_looked_ahead_for_are_those_asked_for(response: GroundR
         size = np.abs(expected).max()
         assert np.abs(found - expected).max() < 1e-12 * size
         assert np.abs(other - moved_too).max() < 1e-12 * size
-    assert len(response._known) == len(grounds)
+    assert len(response._cache) == len(grounds)
 
 
 def test_one_call_serves_all_steps(
@@ -205,9 +205,9 @@ def test_a_medium_like_the_ground_below_is_that_ground(response: GroundResponse)
 
 
 def test_what_is_remembered_is_bounded(response: GroundResponse) -> None:
-    for number in range(module._REMEMBERED + 20):
+    for number in range(module._MAX_CACHED + 20):
         response.compliance(replace(BELOW, modulus=4e7 + number), S)
-    assert len(response._known) == module._REMEMBERED
+    assert len(response._cache) == module._MAX_CACHED
 
 
 def test_another_record_length_is_another_response(response: GroundResponse) -> None:

@@ -7,7 +7,7 @@ from scipy.signal import lfilter
 from inversion import Record, Sensor
 from inversion.diagnosis import PointRecords
 from inversion.diagnosis.mains_line import Hum, find_line, hum_before
-from inversion.diagnosis.rest import drops_at_rest
+from inversion.diagnosis.rest import estimate_pre_trigger_noise
 from inversion.forward.model import Instrument
 from inversion.inference.diagnose import diagnose_point
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
@@ -41,8 +41,8 @@ def test_a_line_is_found_with_its_harmonics(frequency: float, velocity: bool) ->
         line, small = displaced(time, 3e-3, frequency), 3e-9
     found = find_line(3e-3 + 0.1 * time + line + small * noise, STEP, velocity=velocity)
     assert found is not None
-    assert np.sqrt(np.mean(found.left**2)) == pytest.approx(small, rel=0.3)
-    amplitude, hertz, turns = found.told
+    assert np.sqrt(np.mean(found.residual**2)) == pytest.approx(small, rel=0.3)
+    amplitude, hertz, turns = found.as_tuple
     assert (amplitude, hertz) == pytest.approx((3e-3, frequency), rel=0.02)
     # `hum` has its phase at the first sample, half a time before the pulse earlier.
     expected = 0.7 / (2 * np.pi) + frequency * 0.5 * STEP * (time.size - 1)
@@ -80,7 +80,7 @@ def test_how_large_hum_is_by_the_time_before_the_pulse(
     if not velocity:
         line = -3e-3 / (2 * np.pi * frequency) * np.cos(2 * np.pi * frequency * time + 0.4)
     found = hum_before(0.2 + line, STEP, velocity=velocity)
-    assert found.most == pytest.approx(3e-3, rel=rel)
+    assert found.max_amplitude == pytest.approx(3e-3, rel=rel)
     (right,) = [line for line in found.lines if line[1] == frequency]
     assert right[0] == pytest.approx(3e-3, rel=1e-6)
     turns = 0.4 / (2 * np.pi) + frequency * time.mean()
@@ -96,12 +96,14 @@ def test_hum_is_asked_only_of_samples_that_show_it(rate: float, shown: int) -> N
 def test_a_quiet_time_before_the_pulse_leaves_no_room_for_hum() -> None:
     # Ten samples of a record at 3.7 kHz that move by 10 nm.
     step, noise = 2.667e-4, np.random.default_rng(5).standard_normal((50, 10))
-    most = [hum_before(1e-8 * row, step, velocity=False).most for row in noise]
+    most = [hum_before(1e-8 * row, step, velocity=False).max_amplitude for row in noise]
     assert max(most) < 2e-4
     # More noise leaves more, a longer time less.
-    assert hum_before(1e-6 * noise[0], step, velocity=False).most == pytest.approx(100 * most[0])
+    assert hum_before(1e-6 * noise[0], step, velocity=False).max_amplitude == pytest.approx(
+        100 * most[0]
+    )
     longer = np.random.default_rng(5).standard_normal(60)
-    assert hum_before(1e-8 * longer, step, velocity=False).most < 0.1 * np.median(most)
+    assert hum_before(1e-8 * longer, step, velocity=False).max_amplitude < 0.1 * np.median(most)
 
 
 @pytest.mark.parametrize("samples", [0, 3])
@@ -129,7 +131,7 @@ def test_hum_before_the_pulse_tells_where_its_fit_begins(
         values = moved + displaced(time, 0.02, 60.0)
     load = np.concatenate([np.zeros(before), drop.load])
     sensor = Sensor(0.0, "velocity" if velocity else "displacement", values)
-    (at_rest,) = drops_at_rest([Record(time, load, (sensor,), Instrument(0.15))])
+    (at_rest,) = estimate_pre_trigger_noise([Record(time, load, (sensor,), Instrument(0.15))])
     turns = (0.3 if velocity else 0.7) / (2 * np.pi) + 60.0 * at_rest.drop.start
     # The line that was found, and the one of the right mains whether one was found or not.
     assert len(at_rest.hum) == 3

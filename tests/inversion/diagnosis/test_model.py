@@ -9,7 +9,7 @@ import pytest
 
 from inversion import SurrogateLibrary
 from inversion.diagnosis.model import (
-    MOST_SAMPLES,
+    MAX_SAMPLES,
     DropModel,
     PointRecords,
 )
@@ -57,8 +57,8 @@ def test_the_pulse_stands_between_what_is_before_and_at_most_so_many_samples(
     assert model.observed.shape == (1, model.rows.size)
     assert np.abs(model.predict(GROUND, [])[:, : model.before]).max() < 1e-8
     long = made(library, Scene(length=0.1))
-    assert long.rows.size <= MOST_SAMPLES
-    assert long.rows.size > MOST_SAMPLES / 2
+    assert long.rows.size <= MAX_SAMPLES
+    assert long.rows.size > MAX_SAMPLES / 2
 
 
 @pytest.mark.parametrize(
@@ -71,8 +71,8 @@ def test_sensors_beside_a_plate_are_solved_for_as_far_as_the_load_reaches(
     point = Point(PointRecords("a", (drop,), (1,)), library)
     model, coarse = point.drops[0], point.coarse().drops[0]
     before = model.predict(GROUND, [])
-    assert least <= model.least_band <= most
-    assert _band(coarse) == pytest.approx(model.least_band, abs=20)
+    assert least <= model.min_band_hz <= most
+    assert _band(coarse) == pytest.approx(model.min_band_hz, abs=20)
     # The record was computed with a wider band.
     found = coarse.predict(GROUND, [])[:, coarse.before :]
     for one, expected in zip(found, model.observed, strict=True):
@@ -87,7 +87,7 @@ def test_the_band_of_a_coarse_point_is_that_of_its_widest_load(library: Surrogat
     drops = tuple(record(library, scene) for scene in scenes)
     point = Point(PointRecords("a", drops, (1, 2)), library)
     first, second = point.coarse().drops
-    assert _band(first) == _band(second) == pytest.approx(point.drops[1].least_band, abs=20)
+    assert _band(first) == _band(second) == pytest.approx(point.drops[1].min_band_hz, abs=20)
     # A single sensor is never solved for in layers.
     alone = Point(PointRecords("a", (record(library, Scene(pulse=0.035)),), (1,)), library)
     assert alone.coarse() is alone

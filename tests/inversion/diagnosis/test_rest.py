@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from inversion import Record, Sensor
-from inversion.diagnosis.rest import drops_at_rest
+from inversion.diagnosis.rest import estimate_pre_trigger_noise
 from inversion.forward.model import Instrument
 from inversion.measured.record import NoiseModel, prepare
 
@@ -28,7 +28,7 @@ def drop(seed: int, loudness: float, correlation: float = 0.8) -> Record:
 
 def noisy(records: list[Record]) -> list[NoiseModel]:
     """Of the sensor at the plate, which stands last in the records."""
-    return [one.drop.channels[0].model for one in drops_at_rest(records)]
+    return [one.drop.channels[0].model for one in estimate_pre_trigger_noise(records)]
 
 
 def test_the_noise_of_drops_that_are_as_loud_is_one() -> None:
@@ -73,14 +73,14 @@ def test_a_louder_drop_has_a_noise_of_its_own(times: float, one: bool) -> None:
 
 def test_the_displacements_noise_is_that_of_the_common_model() -> None:
     records = [drop(seed, 1e-3) for seed in range(3)]
-    together = [one.drop.noise[0] for one in drops_at_rest(records)]
+    together = [one.drop.noise[0] for one in estimate_pre_trigger_noise(records)]
     assert together == pytest.approx([together[0]] * 3)
     alone = [prepare(record.nearest_first()).with_tail().noise[0] for record in records]
     assert min(alone) < together[0] < max(alone)
 
 
 def test_a_channel_without_noise_stays_without() -> None:
-    found = drops_at_rest([drop(seed, 1e-3) for seed in range(2)])
+    found = estimate_pre_trigger_noise([drop(seed, 1e-3) for seed in range(2)])
     assert all(one.drop.noise[1] == 0.0 for one in found)
 
 

@@ -91,10 +91,10 @@ def test_starts_lie_between_the_bounds_and_are_told_with_a_unit(effect: Effect) 
 
 
 def test_what_is_not_fitted_is_told_with_the_values() -> None:
-    ((name, unit, value),) = BY_NAME["stress_dependence"].held(context())
+    ((name, unit, value),) = BY_NAME["stress_dependence"].fixed_values(context())
     assert (name, unit) == ("sigma_ref", "Pa")
     assert value == pytest.approx(8000.0 / (np.pi * 0.15**2))
-    assert BY_NAME["acquisition_filter"].held(context()) == (("order", "-", 4.0),)
+    assert BY_NAME["acquisition_filter"].fixed_values(context()) == (("order", "-", 4.0),)
 
 
 def test_names_are_unique() -> None:
@@ -220,12 +220,12 @@ def test_no_other_effect_makes_the_modulus_one_of_the_stress(effect: Effect) -> 
 @pytest.mark.parametrize("effect", CATALOGUE, ids=lambda effect: effect.name)
 def test_what_treats_rows_alike_may_see_those_of_many_records(effect: Effect) -> None:
     """Records one below the other come out as one by one."""
-    drop = context(flat=(0.02, None), load_left=0.0 * TIME)
+    drop = context(flat=(0.02, None), unmodelled_load=0.0 * TIME)
     parameters = [p for p in effect.parameters_for(drop) if p.name != "cap"]
     values = {p.name: p.starts[-1] for p in parameters}
     many = np.stack([MOTION, 1.7 * MOTION, MOTION[::-1]])
     each = np.stack([effect.record(record, values, drop) for record in many])
-    if effect.rows_alike:
+    if effect.is_identical_for_all_sensors:
         together = effect.record(many.reshape(6, -1), values, drop)
         np.testing.assert_allclose(together.reshape(many.shape), each, atol=1e-15)
     else:
@@ -238,7 +238,9 @@ def test_what_treats_rows_alike_may_see_those_of_many_records(effect: Effect) ->
     "effect", [e for e in CATALOGUE if type(e).motion is not Effect.motion], ids=lambda e: e.name
 )
 def test_many_motions_are_each_that_of_its_own_values(effect: Effect) -> None:
-    drop = context(flat_load=6400.0, load_left=-0.2 * 8000.0 * PULSE, offsets=np.array([0.0, 0.1]))
+    drop = context(
+        flat_load=6400.0, unmodelled_load=-0.2 * 8000.0 * PULSE, offsets=np.array([0.0, 0.1])
+    )
     rows = np.stack([MOTION, -2.0 * MOTION, 4 * MOTION, 4 * MOTION, 9 * MOTION])
     impulses = 1e-6 * np.stack([MOTION + k * MOTION[:, ::-1] for k in range(5)]) / 5e-4
     parts = np.linspace(0.1, 0.45, 5)
@@ -339,7 +341,7 @@ def test_the_cap_of_a_clipped_load_goes_on_where_it_was_cut() -> None:
     impulse[:, 0] = 1.0 / drop.step
     added = BY_NAME["saturation"].motion(0 * MOTION, {"cap": 1600.0}, drop, lambda: impulse)
     np.testing.assert_allclose(added[0], full - drop.load, atol=0.02 * 8000.0)
-    assert BY_NAME["saturation"].known(drop) == (("level", "N", 6400.0),)
+    assert BY_NAME["saturation"].recorded_values(drop) == (("level", "N", 6400.0),)
 
 
 def test_a_filter_lets_slow_things_through_and_takes_fast_ones() -> None:
@@ -432,7 +434,7 @@ def test_a_top_of_given_density_or_without_dashpot_has_no_ratio_of_it() -> None:
 
     assert of() == ["modulus_ratio", "thickness", "relaxation_ratio", "density_ratio"]
     assert of(elastic=True) == ["modulus_ratio", "thickness", "density_ratio"]
-    assert of(density_given=True) == ["modulus_ratio", "thickness", "relaxation_ratio"]
+    assert of(is_density_declared=True) == ["modulus_ratio", "thickness", "relaxation_ratio"]
 
 
 def test_thicknesses_are_what_the_plate_can_feel() -> None:
@@ -457,7 +459,7 @@ def test_hum_begins_at_either_mains_with_every_phase() -> None:
 
 def test_hum_begins_where_the_time_before_the_pulse_tells() -> None:
     told = ((4e-3, 59.75, 0.3), (3e-3, 50.0, 0.8))
-    own = BY_NAME["mains_hum"].parameters_for(context(hum=told, most_hum=5e-3))
+    own = BY_NAME["mains_hum"].parameters_for(context(hum=told, max_hum=5e-3))
     begun = list(zip(*(parameter.starts for parameter in own), strict=True))
     assert tuple(begun[:2]) == told
     # Or anywhere.
@@ -471,6 +473,6 @@ def test_hum_begins_where_the_time_before_the_pulse_tells() -> None:
     ("before", "most"), [(np.inf, 0.02), (0.5, 0.02), (3e-3, 3e-3), (1e-6, 1e-4)]
 )
 def test_hum_is_no_larger_than_it_was_before_the_pulse(before: float, most: float) -> None:
-    amplitude = BY_NAME["mains_hum"].parameters_for(context(most_hum=before))[0]
+    amplitude = BY_NAME["mains_hum"].parameters_for(context(max_hum=before))[0]
     assert amplitude.prior == (0.0, most)
     assert len(BY_NAME["mains_hum"].parameters_for(context())) == 3

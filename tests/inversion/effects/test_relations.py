@@ -72,7 +72,7 @@ def drops_of_all_kinds() -> list[DropContext]:
         context(plate_radius=0.225, plate_mass=250.0),
         context(quantities=("velocity", "velocity"), flat=(0.05, None)),
         context(load=clipped, flat_load=6400.0, peak_load=6400.0),
-        context(elastic=True, density_given=True),
+        context(elastic=True, is_density_declared=True),
     ]
 
 

@@ -130,7 +130,8 @@ def test_effects_of_the_instrument_stay_and_absent_ones_are_not_tried() -> None:
 def test_a_search_begins_at_the_structures_of_points_nearby() -> None:
     near: Structure = frozenset({"bedrock", "sensor_lag"})
     toy = searched(
-        by_gains({"bedrock": 50.0, "sensor_lag": 20.0}), InstrumentKnowledge(nearby=(near,))
+        by_gains({"bedrock": 50.0, "sensor_lag": 20.0}),
+        InstrumentKnowledge(starting_structures=(near,)),
     )
     assert toy.best == near
     assert toy.order[:2] == [NOTHING, near]
@@ -169,11 +170,13 @@ def test_weights_are_probabilities_over_that_of_the_best() -> None:
 
 def test_one_point_by_itself_does_not_tell_more_than_three_effects_apart() -> None:
     three = {"bedrock": 50.0, "sensor_lag": 40.0, "baseline_drift": 30.0}
-    assert not searched(by_gains(three)).says_too_much
+    assert not searched(by_gains(three)).is_overparameterised
     four = three | {"geophone_response": 20.0}
-    assert searched(by_gains(four)).says_too_much
+    assert searched(by_gains(four)).is_overparameterised
     # What the device is known to have does not count, and other points tell what is likely.
     shared = InstrumentKnowledge(effects=frozenset({"geophone_response"}))
-    assert not searched(by_gains(four), shared).says_too_much
+    assert not searched(by_gains(four), shared).is_overparameterised
     others: Any = (object(),)
-    assert not searched(by_gains(four), InstrumentKnowledge(other_points=others)).says_too_much
+    assert not searched(
+        by_gains(four), InstrumentKnowledge(peer_points=others)
+    ).is_overparameterised

@@ -8,7 +8,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[3]
 MODULES = (
     *(f"inversion/inference/{name}.py" for name in (
-        "selection", "structures", "diagnose", "effects_found", "instrument", "modulus",
+        "selection", "structures", "diagnose", "effect_results", "instrument", "modulus",
     )),
     *(f"inversion/diagnosis/{name}.py" for name in ("declarations", "findings")),
     *(f"pfwd/analysis/{name}.py" for name in (
@@ -18,7 +18,7 @@ MODULES = (
 # Steps of derivatives, the end of a bisection, halves, the stress that moduli are compared at, and
 # percent: none of them decides anything. Priors and bounds are those of the effects.
 NO_DECISION = {
-    "inversion/inference/effects_found.py": (1e-3, 1e-6, 2e5, 3),
+    "inversion/inference/effect_results.py": (1e-3, 1e-6, 2e5, 3),
     "inversion/inference/modulus.py": (0.05, 1e-9, 1e-9, 9.0, 0.025, 0.975, 0.5, 0.5),
     "inversion/inference/diagnose.py": (100e3,),
     "pfwd/analysis/results.py": (100, 10),

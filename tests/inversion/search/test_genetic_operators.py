@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from inversion.arrays import FloatArray
 from inversion.search import genetic_operators as operators
 from inversion.search.genetic_operators import PopulationRole, RoleTable
-from inversion.search.settings import DEFAULT_ROLES
+from inversion.search.multi_population import DEFAULT_ROLES
 from tests.inversion.search.objectives import seeds, sphere
 
 

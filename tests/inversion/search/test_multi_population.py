@@ -12,13 +12,13 @@ from inversion.arrays import FloatArray
 from inversion.errors import InversionError, ModelError
 from inversion.search import genetic_operators as operators
 from inversion.search.genetic_operators import PopulationRole
-from inversion.search.minima import Minima
 from inversion.search.multi_population import (
     MultiPopulationSearch,
     SearchResult,
     SearchSettings,
     paper_settings,
 )
+from inversion.search.quadratic_polish import Minima
 from tests.inversion.search.objectives import Objective, ackley_at, rastrigin_at, seeds, sphere
 
 PRESETS = [SearchSettings(), paper_settings()]
@@ -338,6 +338,6 @@ def test_roles_that_make_no_sense_raise(wrong: dict[str, object], message: str) 
 def test_minima_apart_are_the_best_of_each_place() -> None:
     points = np.array([[0.10, 0.1], [0.12, 0.1], [0.9, 0.1], [0.9, 0.9]])
     minima = Minima(points, np.array([2.0, 1.0, 3.0, 4.0]), np.ones(4))
-    np.testing.assert_array_equal(minima.apart(2, 0.05).misfits, [1.0, 3.0])
-    np.testing.assert_array_equal(minima.apart(9, 0.05).misfits, [1.0, 3.0, 4.0])
-    assert len(Minima.none(2).apart(3, 0.05)) == 0
+    np.testing.assert_array_equal(minima.separated(2, 0.05).misfits, [1.0, 3.0])
+    np.testing.assert_array_equal(minima.separated(9, 0.05).misfits, [1.0, 3.0, 4.0])
+    assert len(Minima.empty(2).separated(3, 0.05)) == 0

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from inversion.arrays import FloatArray
 from inversion.errors import ModelError
-from inversion.search.multi_population import polish
-from inversion.search.quadratic_polish import bounded_newton_step, iteration_cost
+from inversion.search.quadratic_polish import bounded_newton_step, iteration_cost, polish
 from tests.inversion.search.objectives import Objective, seeds, sphere
 
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from inversion import SurrogateLibrary
-from inversion.notices import Notice, other
+from inversion.notices import Notice, text_notice
 from inversion.records import is_number, stored_fields
 from pfwd.analysis.analyse import analyse_drop
 from pfwd.analysis.drop_result import drop_result
@@ -94,7 +94,7 @@ DIAGNOSIS_DOCUMENTED = [
 
 numbers = st.floats(allow_nan=False, allow_infinity=False) | st.integers(-(10**12), 10**12)
 texts = st.text(max_size=5)
-warnings = texts.map(other) | st.builds(
+warnings = texts.map(text_notice) | st.builds(
     lambda low, high: Notice("depth-not-unique", {"depth_low_m": low, "depth_high_m": high}),
     numbers,
     numbers,

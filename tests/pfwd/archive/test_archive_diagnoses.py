@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from inversion.diagnosis import LeaveOut
-from inversion.notices import other
+from inversion.notices import text_notice
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint
 from pfwd.analysis.options import AnalysisOptions
@@ -46,7 +46,7 @@ def told(point: DiagnosisPoint) -> DiagnosisResult:
         ),
         effects=(EffectResult(name="sensor_lag"), EffectResult(name="bedrock")),
         held_out=HeldOut(mode="drop", before=0.2, after=0.02),
-        warnings=(other("a warning"),),
+        warnings=(text_notice("a warning"),),
     )
 
 

@@ -156,13 +156,17 @@ def test_every_point_is_diagnosed_with_what_the_others_say(monkeypatch: pytest.M
         assert known.absent == {"geophone_response"}
         assert known.declared_effects == {}
     # A point hears of the others; one without a summary tells them nothing.
-    assert first.other_points == (summaries[1],)
-    assert second.other_points == (summaries[0],)
-    assert failed.other_points == third.other_points == tuple(summaries)
+    assert first.peer_points == (summaries[1],)
+    assert second.peer_points == (summaries[0],)
+    assert failed.peer_points == third.peer_points == tuple(summaries)
     # The effects that most points have, and its own structure or those of the others.
     common = frozenset({"sensor_lag", "seating"})
-    assert first.nearby == (common,)
-    assert second.nearby == failed.nearby == (common, frozenset({"geophone_response"}))
+    assert first.starting_structures == (common,)
+    assert (
+        second.starting_structures
+        == failed.starting_structures
+        == (common, frozenset({"geophone_response"}))
+    )
     assert [[e.name for e in d.effects] for d in list(found.values())[:3]] == [
         ["sensor_lag", "seating"]
     ] * 3

@@ -16,21 +16,22 @@ from inversion.inference.posterior import Posterior
 from inversion.inference.selection import Selection
 from inversion.records import known
 
-# A number is not told if its deviation is more than this part of its prior's.
-_NO_MORE_THAN_PRIOR = 0.8
+# A number counts as not determined if its posterior deviation exceeds this fraction of its prior's.
+_MAX_POSTERIOR_OVER_PRIOR = 0.8
 # Step of derivatives, in deviations of the posterior.
 _STEP = 1e-3
-# Structures without an effect whose log evidence is at most so much below the best one's: what
-# they have in its place would do as well. And how many of these are named.
-_ALIKE, _MOST_ALTERNATIVES = 5.0, 2
-# In prior deviations, and times that: how near a bound is, and how near it absence lies.
-_ON_BOUND, _NEAR_ABSENCE = 1e-6, 2e5
-# Ratio of peak loads up to which a hammer fell from one height. Drops from several heights differ
-# by seating or by the stress.
+# Largest loss of log evidence with which another effect counts as an alternative, and the largest
+# number of alternatives that are named.
+_MAX_EVIDENCE_LOSS, _MAX_ALTERNATIVES = 5.0, 2
+# Distance to a bound, in prior deviations, at which a number is on it; and the multiple of that
+# distance within which the prior mean, the absence of the effect, lies on the bound too.
+_ON_BOUND, _ABSENCE_REACH = 1e-6, 2e5
+# Largest ratio of peak loads of drops from one height. Drops from several heights may differ by
+# seating or by stress.
 _SAME_HEIGHT = 1.1
 
 
-def effects_found(
+def effect_results(
     posterior: Posterior, selection: Selection, seating_evidence: float
 ) -> tuple[EffectResult, ...]:
     """Return the effects of a point, strongest first.
@@ -44,14 +45,14 @@ def effects_found(
     structure = selection.best
     weights = selection.weights()
     total = sum(weights.values())
-    found = []
+    results = []
     for effect in posterior.model.effects:
         if effect.name not in structure:
-            continue  # declared, and told with the instrument
-        parameters = _parameters(posterior, effect)
+            continue  # declared, and reported with the instrument
+        parameters = _effect_parameters(posterior, effect)
         without = structure - {effect.name}
-        one = effect_result(
-            effect.told_as or effect.name,
+        result = effect_result(
+            effect.result_name or effect.name,
             effect.scope,
             effect.advice,
             parameters,
@@ -60,15 +61,15 @@ def effects_found(
         )
         fit = selection.fits.get(without)
         if fit is not None:
-            one = replace(
-                one,
+            result = replace(
+                result,
                 evidence=selection.fits[structure].log_evidence - fit.log_evidence,
                 residual_without_over_peak=fit.residuals_over_peak()[-1],
             )
-        found.append(one)
-    if not posterior.model.drops_alike:
-        found.append(_seating(posterior, seating_evidence))
-    return tuple(sorted(found, key=lambda effect: -_sortable(known(effect.evidence))))
+        results.append(result)
+    if not posterior.model.is_same_ground:
+        results.append(_seating_result(posterior, seating_evidence))
+    return tuple(sorted(results, key=lambda effect: -_sortable(known(effect.evidence))))
 
 
 def _sortable(evidence: float) -> float:
@@ -77,47 +78,53 @@ def _sortable(evidence: float) -> float:
 
 
 def _alternatives(selection: Selection, name: str) -> tuple[str, ...]:
-    """Return effects that would do in the place of one, the likeliest first."""
+    """Return effects that explain the record nearly as well in place of one, likeliest first."""
     best = selection.best
-    least = selection.fits[best].log_evidence - _ALIKE
-    others: dict[str, float] = {}
+    min_evidence = selection.fits[best].log_evidence - _MAX_EVIDENCE_LOSS
+    alternatives: dict[str, float] = {}
     for structure, fit in selection.fits.items():
         exchanged = structure - best
-        if name in structure or len(exchanged) != 1 or fit.log_evidence < least:
+        if name in structure or len(exchanged) != 1 or fit.log_evidence < min_evidence:
             continue
-        (other,) = exchanged
-        other = BY_NAME[other].told_as or other
-        if other == (BY_NAME[name].told_as or name):
+        (alternative,) = exchanged
+        alternative = BY_NAME[alternative].result_name or alternative
+        if alternative == (BY_NAME[name].result_name or name):
             continue
-        others[other] = max(others.get(other, -math.inf), selection.score(structure))
-    return tuple(sorted(others, key=lambda other: -others[other])[:_MOST_ALTERNATIVES])
+        alternatives[alternative] = max(
+            alternatives.get(alternative, -math.inf), selection.score(structure)
+        )
+    return tuple(
+        sorted(alternatives, key=lambda alternative: -alternatives[alternative])[:_MAX_ALTERNATIVES]
+    )
 
 
-def _parameters(posterior: Posterior, effect: Effect) -> list[EffectParameter]:
-    """Return what the record itself tells, the fitted numbers, and what is held."""
+def _effect_parameters(posterior: Posterior, effect: Effect) -> list[EffectParameter]:
+    """Return the numbers read from the record, the fitted ones, and the fixed ones."""
     model = posterior.model
     of_drops = any(u.effect == effect.name and u.drop is not None for u in model.unknowns)
     by_drop = effect.scope == "drop"
     numbers = model.point.records.numbers
-    found = {
+    recorded = {
         (name, unit, value, numbers[drop] if by_drop else None)
         for drop in model.drops
-        for name, unit, value in effect.known(model.point.drops[drop].context)
+        for name, unit, value in effect.recorded_values(model.point.drops[drop].context)
     }
     parameters = [
         EffectParameter(name=name, unit=unit, value=value, sd=0.0, drop=number)
-        for name, unit, value, number in sorted(found, key=lambda one: (one[3] or 0, one[0]))
+        for name, unit, value, number in sorted(recorded, key=lambda row: (row[3] or 0, row[0]))
     ]
     for drop in model.drops if of_drops else (model.last,):
-        parameters += _fitted(posterior, effect, drop, numbers[drop] if of_drops else None)
+        parameters += _fitted_parameters(
+            posterior, effect, drop, numbers[drop] if of_drops else None
+        )
     parameters += [
         EffectParameter(name=name, unit=unit, value=value, sd=0.0)
-        for name, unit, value in effect.held(model.point.drops[0].context)
+        for name, unit, value in effect.fixed_values(model.point.drops[0].context)
     ]
     return parameters
 
 
-def _fitted(
+def _fitted_parameters(
     posterior: Posterior, effect: Effect, drop: int, number: int | None
 ) -> list[EffectParameter]:
     """Return the fitted numbers of an effect in a drop."""
@@ -130,36 +137,38 @@ def _fitted(
 
     context = model.point.drops[drop].context
 
-    def told_with(place: int | None, step: float) -> dict[str, tuple[str, float]]:
+    def values_after_step(place: int | None, step: float) -> dict[str, tuple[str, float]]:
         values = posterior.values.copy()
         if place is not None:
             values[place] += step
         _, active = model.ground_and_effects(values, drop)
-        numbers = next(numbers for other, numbers in active if other.name == effect.name)
-        return effect.told(numbers, context)
+        numbers = next(numbers for candidate, numbers in active if candidate.name == effect.name)
+        return effect.reported_values(numbers, context)
 
     natural = {p.name for p in effect.parameters_for(context) if p.natural}
-    here = told_with(None, 0.0)
+    values_at_fit = values_after_step(None, 0.0)
     covariance = posterior.covariance[np.ix_(places, places)]
     steps = _STEP * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    moved = [told_with(place, float(step)) for place, step in zip(places, steps, strict=True)]
+    moved = [
+        values_after_step(place, float(step)) for place, step in zip(places, steps, strict=True)
+    ]
     parameters = []
-    for name, (unit, value) in here.items():
+    for name, (unit, value) in values_at_fit.items():
         slopes = np.array(
             [
-                (there[name][1] - value) / step if step > 0.0 else 0.0
-                for there, step in zip(moved, steps, strict=True)
+                (stepped[name][1] - value) / step if step > 0.0 else 0.0
+                for stepped, step in zip(moved, steps, strict=True)
             ]
         )
-        own = [
+        own_places = [
             place
             for place in places
             if model.unknowns[place].coordinate.name == name and model.unknowns[place].drop is None
         ]
-        is_known = all(
+        is_determined = all(
             math.sqrt(max(float(posterior.covariance[place, place]), 0.0))
-            < _NO_MORE_THAN_PRIOR * float(model.deviation[place])
-            for place in own
+            < _MAX_POSTERIOR_OVER_PRIOR * float(model.deviation[place])
+            for place in own_places
         )
         deviation = math.sqrt(max(float(slopes @ covariance @ slopes), 0.0))
         parameters.append(
@@ -167,27 +176,27 @@ def _fitted(
                 name=name,
                 unit=unit,
                 value=value,
-                sd=deviation if is_known else math.nan,
+                sd=deviation if is_determined else math.nan,
                 drop=number,
-                at_bound=any(_is_on_bound(posterior, place, natural) for place in own),
+                at_bound=any(_is_on_bound(posterior, place, natural) for place in own_places),
             )
         )
     return parameters
 
 
 def _is_on_bound(posterior: Posterior, place: int, natural: Collection[str]) -> bool:
-    """Return whether a number ended on a bound where neither nature nor absence puts it."""
+    """Return whether a number is on a bound that is neither natural nor the effect's absence."""
     model, value = posterior.model, posterior.values[place]
     reach = _ON_BOUND * model.deviation[place]
     if model.unknowns[place].coordinate.name in natural:
         return False
     return any(
-        abs(value - bound) <= reach and abs(model.mean[place] - bound) > _NEAR_ABSENCE * reach
+        abs(value - bound) <= reach and abs(model.mean[place] - bound) > _ABSENCE_REACH * reach
         for bound in (model.lower[place], model.upper[place])
     )
 
 
-def _seating(posterior: Posterior, evidence: float) -> EffectResult:
+def _seating_result(posterior: Posterior, evidence: float) -> EffectResult:
     """Return the effect of drops that met ground of another stiffness than the last one."""
     effect, model = BY_NAME["seating"], posterior.model
     parameters = []
@@ -206,7 +215,12 @@ def _seating(posterior: Posterior, evidence: float) -> EffectResult:
             )
     loads = [model.point.drops[drop].drop.peak_load for drop in model.drops]
     heights_differ = max(loads) > _SAME_HEIGHT * min(loads)
-    others = ("stress_dependence",) if heights_differ else ()
+    alternatives = ("stress_dependence",) if heights_differ else ()
     return effect_result(
-        effect.name, effect.scope, effect.advice, parameters, evidence=evidence, alternatives=others
+        effect.name,
+        effect.scope,
+        effect.advice,
+        parameters,
+        evidence=evidence,
+        alternatives=alternatives,
     )
