@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from inversion.arrays import FloatArray
+from inversion.arrays import ComplexArray, FloatArray
 from inversion.fitting.ground_fit import GroundFit, Minimum, allowed_cost
 from inversion.fitting.misfit import WeightedDrop
 from inversion.fitting.parameters import DEPTH, MODULUS
@@ -133,13 +133,27 @@ def _load_noise(
     drop = item.drop
     if drop.load_noise.samples == 0:
         return np.zeros((weights.shape[0], weights.shape[0]))
-    wanted = drop.time[rows]
-    transform = DampedTransform(float(wanted[-1]), min(FULL_BAND_HZ, 0.5 / drop.step))
+    transform = DampedTransform(float(drop.time[rows[-1]]), min(FULL_BAND_HZ, 0.5 / drop.step))
     grounds = fit.misfit.space.grounds(fit.best.point[None])
     transfer = transfer_function(item.surrogate, item.instrument, transform.s, grounds)[0]
     transfer = transfer[-drop.offsets.size :] * item.instrument.response(transform.s)
+    return load_noise_covariance(drop, rows, weights, transform, transfer)
+
+
+def load_noise_covariance(
+    drop: PreparedDrop,
+    rows: FloatArray,
+    weights: FloatArray,
+    transform: DampedTransform,
+    transfer: ComplexArray,
+) -> FloatArray:
+    """Return the covariance (d, d) from the load's noise, carried through a transfer function.
+
+    ``weights`` (d, n_sensors, n) act on the displacement at ``rows``; ``transfer`` (n_sensors,
+    n_frequencies) leads from the load to the sensors.
+    """
     # (d, n_sensors, n_frequencies), the slow sum over time first.
-    parts = weights @ transform.synthesis(wanted).T
+    parts = weights @ transform.synthesis(drop.time[rows]).T
     spectrum = np.einsum("dks,ks->ds", parts, transfer)
     native = transform.adjoint_of_samples(drop.time[: int(rows[-1]) + 1], spectrum)
     return drop.load_noise.quadratic_form(native)

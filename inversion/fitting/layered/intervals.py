@@ -21,7 +21,7 @@ from inversion.arrays import FloatArray
 from inversion.fitting.layered.fit import CORRELATION_CONTACTS, LayeredFit
 from inversion.fitting.layered.misfit import LayeredDrop, LayeredMisfit
 from inversion.fitting.parameters import on_bound
-from inversion.fitting.uncertainty import NORMAL_95, sensor_noise
+from inversion.fitting.uncertainty import NORMAL_95, load_noise_covariance, sensor_noise
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.layered import layered_transfer
 from inversion.measured.record import NoiseModel
@@ -125,18 +125,14 @@ def _load_noise(
     drop = item.drop
     if drop.load_noise.samples == 0:
         return np.zeros((weights.shape[0], weights.shape[0]))
-    wanted = drop.time[rows]
-    transform = DampedTransform(float(wanted[-1]), misfit.transform.band)
+    transform = DampedTransform(float(drop.time[rows[-1]]), misfit.transform.band)
     grounds = fit.space.grounds(fit.best.point[None])
     transfer = layered_transfer(
         misfit.setup, item.instrument.plate_mass, transform.s, grounds, misfit.rule
     )[0]
     response, _ = misfit.response(fit.best.point[None], transform.s)
     transfer = transfer * response[0] * item.instrument.response(transform.s)
-    parts = weights @ transform.synthesis(wanted).T
-    spectrum = np.einsum("dks,ks->ds", parts, transfer)
-    native = transform.adjoint_of_samples(drop.time[: int(rows[-1]) + 1], spectrum)
-    return drop.load_noise.quadratic_form(native)
+    return load_noise_covariance(drop, rows, weights, transform, transfer)
 
 
 def _linear(place: float, spread: float) -> tuple[float, float]:
