@@ -616,6 +616,14 @@ def _add_open(commands: "Commands") -> None:
         help="as a page for a browser, read only (default: 127.0.0.1:8765; on another host a code "
         "lets one browser in)",
     )
+    opened.add_argument(
+        "--photos",
+        nargs="?",
+        const="strip",
+        choices=("strip", "keep"),
+        help="with --serve: the page takes photos of points; strip (default) removes the position "
+        "that the camera wrote into them",
+    )
     opened.add_argument("--json", action="store_true", help="one JSON object a point, SI units")
 
 

@@ -1,10 +1,12 @@
 """One row per point: where, when, what it is judged by, its value and its verdict."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from pfwd.analysis.result_columns import ResultColumn
 from pfwd.export.rows import LONGEST_CELL, Order, Row
+from pfwd.files.photos import photos_of
 from pfwd.judging import PointView
 from pfwd.judging.places import Place, number
 from pfwd.judging.stations import chainage_of_point
@@ -42,6 +44,7 @@ POINT_COLUMNS = (
     ResultColumn("modulus_in_force_interval_high_pa", "number", "95 %, Pa"),
     ResultColumn("modulus_source", "text", "of the modulus in force: diagnosed or fitted"),
     ResultColumn("modulus_not_supported", "text", "why the data do not support modulus_pa"),
+    ResultColumn("photos", "text", "files within the survey; empty: none"),
 )
 """What a point has in every export."""
 
@@ -55,7 +58,16 @@ texts, ISO 8601."""
 
 def point_rows(order: Order) -> list[PointValues]:
     """Return the values of all points of a survey, in their order."""
-    return [_row(point, rows) for point, rows in order.points]
+    folder = Path(order.content.path)
+    return [
+        {**_row(point, rows), "photos": _photo_files(folder, point.name)}
+        for point, rows in order.points
+    ]
+
+
+def _photo_files(folder: Path, point: str) -> str | None:
+    files = [photo.relative_to(folder).as_posix() for photo in photos_of(folder, point)]
+    return "; ".join(files) or None
 
 
 def place_of_row(row: PointValues) -> Place | None:

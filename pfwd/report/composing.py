@@ -27,7 +27,7 @@ from pfwd.report.fonts import Letters
 from pfwd.report.localising import localised
 from pfwd.report.lot_blocks import lot_blocks
 from pfwd.report.peaks_blocks import basin_of_drop
-from pfwd.report.point_blocks import point_blocks
+from pfwd.report.point_blocks import photo_blocks, point_blocks
 from pfwd.report.procedure_blocks import procedure_blocks
 from pfwd.report.summary_blocks import common_warnings, summary_blocks, warning_blocks
 from pfwd.report.texts import Texts
@@ -76,7 +76,10 @@ def compose(
     keep = {texts[name] for name in _AS_THEY_ARE}
     # Names of documents (TP BF-StB part B 8.3) have dots that are no decimal signs.
     keep |= {block.text for block in certificate if isinstance(block, Paragraph)}
-    pages = [Together(tuple(point_blocks(p, report, texts, common))) for p in report.points]
+    pages = [
+        Together((*point_blocks(p, report, texts, common), *photo_blocks(p, report.survey, texts)))
+        for p in report.points
+    ]
     found = localised(blocks, texts, keep)
     found += procedure_blocks(report.procedure, texts) if report.chosen else []
     found += device_blocks(report, texts)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,12 @@ _FEW_STEPS = 4
 
 MOST_NAMED = 5
 """Sensors that the legend of a picture names; more hide the curves, and a table has them."""
+
+MAX_PHOTOS = 4
+"""Photos of a point in a report; more are in the survey."""
+
+PHOTO_PIXELS = 500
+"""Longest side of a photo in a report, which is 45 mm wide there."""
 
 MOST_DOTS = 260
 """Of a trace; more cannot be told apart and make a file large."""
@@ -243,9 +250,9 @@ def draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts) -> None:
 
 def _draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts, right: float) -> None:
     wide = right - 0.09
-    residual = figure.add_axes((0.09, 0.16, wide, 0.2))
-    moved = figure.add_axes((0.09, 0.39, wide, 0.35), sharex=residual)
-    load = figure.add_axes((0.09, 0.77, wide, 0.215), sharex=residual)
+    residual = figure.add_axes((0.09, 0.16, wide, 0.235))
+    moved = figure.add_axes((0.09, 0.42, wide, 0.33), sharex=residual)
+    load = figure.add_axes((0.09, 0.775, wide, 0.21), sharex=residual)
     for axes in (load, moved):
         axes.tick_params(labelbottom=False)
     ends = []
@@ -280,9 +287,10 @@ def _draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts, right: fl
             residual.plot(time[few], left[few] * 1e6, color=colour, linewidth=0.9)
         moved.axvline(curves.window_end * 1e3, color="0.5", linewidth=0.8, linestyle=":")
         residual.axvline(curves.window_end * 1e3, color="0.5", linewidth=0.8, linestyle=":")
-    load.set_ylabel(texts["load_axis"], fontsize=6)
-    moved.set_ylabel(texts["deflection_axis"], fontsize=6)
-    residual.set_ylabel(texts["residual_axis"], fontsize=6)
+    titles = ("load_axis", "deflection_axis", "residual_axis")
+    for axes, title in zip((load, moved, residual), titles, strict=True):
+        axes.set_ylabel(texts[title], fontsize=5.5)  # longer words would run into each other
+        axes.yaxis.set_label_coords(-0.078 / wide, 0.5)
     residual.set_xlabel(texts["time_axis"], fontsize=7, labelpad=1)
     for axes in (load, moved, residual):
         axes.axhline(0.0, color="0.7", linewidth=0.6)
@@ -299,7 +307,6 @@ def _draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts, right: fl
         if (several or left_out) and most <= MOST_NAMED:
             moved.legend(fontsize=6, loc="upper right")
         load.set_xlim(right=max(ends) * 1e3)
-    figure.align_ylabels([load, moved, residual])
 
 
 def _end(curves: TimeHistories) -> float:
@@ -527,6 +534,21 @@ def draw_logo(figure: Any, image: Any) -> None:
     axes.imshow(image)
     axes.set_anchor("W")
     axes.set_axis_off()
+
+
+def draw_photos(figure: Any, files: Sequence[Path]) -> None:
+    """Draw photos side by side, each the right way up and no larger than it is printed."""
+    from PIL import Image, ImageOps
+
+    for place, file in enumerate(files):
+        axes = figure.add_axes((place / MAX_PHOTOS, 0.0, 0.97 / MAX_PHOTOS, 1.0))
+        axes.set_axis_off()
+        axes.set_anchor("NW")
+        with Image.open(file) as image:
+            image.thumbnail((2 * PHOTO_PIXELS, 2 * PHOTO_PIXELS))
+            upright = ImageOps.exif_transpose(image)
+            upright.thumbnail((PHOTO_PIXELS, PHOTO_PIXELS))
+            axes.imshow(np.asarray(upright.convert("RGB")))
 
 
 def draw_lot(figure: Any, lot: Lot, unit: str, target: float | None, texts: Texts) -> None:

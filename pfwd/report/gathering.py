@@ -6,7 +6,7 @@ import importlib.metadata
 import json
 import shlex
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -165,18 +165,65 @@ def gather(
         failed = store_drop_results(str(folder), _new_results(points), counting=not options.anew)
         if failed is not None:
             tell(failed)
+    otherwise = (
+        *_said_otherwise(own, job.procedure_in_force, options.target, points),
+        *changed_verdicts(survey, point_views(survey, job)),
+    )
+    report = _report(survey, job, points, options)
+    return replace(
+        report,
+        instruments=tuple(found.instruments.values()),
+        checksums=dict(_checksums(survey)),
+        own_procedure=own,
+        otherwise=otherwise,
+    )
+
+
+def gather_stored(folder: str | Path, point: str | None = None) -> Report:
+    """Return what is stored of a survey; nothing is inverted.
+
+    Parameters
+    ----------
+    folder : path of a survey
+    point : str, optional
+        Name of the only point to return, with the curves of its drops. None: all points without
+        curves, and no trace is read.
+
+    Raises
+    ------
+    SurveyError, RecordingError
+        If it is no survey, or has no such point.
+    """
+    options = ReportOptions(store=False)
+    refuse_no_survey(folder)
+    survey = read_survey(folder)
+    job = job_of(survey)
+    if point is None:
+        return _report(survey, job, point_views(survey, job), options)
+    stored = next((one for one in survey.points if one.name == point), None)
+    if stored is None:
+        raise SurveyError(refusal(str(folder), f"a point named {point}", "none"))
+    gatherer = _Gatherer(survey, options, job, {}, _silent, only_stored=True)
+    return _report(survey, job, gatherer.points(stored), options)
+
+
+def _report(
+    survey: Survey, job: Job, points: Iterable[PointView], options: ReportOptions
+) -> Report:
+    points = tuple(points)
+    folder = str(survey.folder)
     return Report(
         title=options.title or _title(survey, points),
-        survey=str(folder),
+        survey=folder,
         survey_id=survey.survey_id,
         made=datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
         software={name: _version(name) for name in PACKAGES},
         procedure=job.procedure_in_force,
         chosen=job.procedure is not None,
-        instruments=tuple(found.instruments.values()),
+        instruments=(),
         check=survey.checks[-1] if survey.checks else None,
-        points=tuple(points),
-        checksums=dict(_checksums(survey)),
+        points=points,
+        checksums={},
         damage=survey.damage,
         settings={
             "method": "mpga",
@@ -186,12 +233,7 @@ def gather(
             **_layer_settings(options),
             "seed": options.seed,
         },
-        command=_command(str(folder), options),
-        own_procedure=own,
-        otherwise=(
-            *_said_otherwise(own, job.procedure_in_force, options.target, points),
-            *changed_verdicts(survey, point_views(survey, job)),
-        ),
+        command=_command(folder, options),
     )
 
 
@@ -329,8 +371,16 @@ class _Gatherer:
     """Works through the points of a survey."""
 
     def __init__(
-        self, survey: Survey, options: ReportOptions, job: Job, new: Diagnoses, tell: Progress
+        self,
+        survey: Survey,
+        options: ReportOptions,
+        job: Job,
+        new: Diagnoses,
+        tell: Progress,
+        *,
+        only_stored: bool = False,
     ) -> None:
+        self.only_stored = only_stored
         self.survey = survey
         self.options = options
         self.job = job
@@ -411,6 +461,8 @@ class _Gatherer:
             drop = replace(drop, screening=said)
         if result is not None:
             result = replace(result, stored=True)
+        elif self.only_stored:
+            return drop.with_result(None)
         else:
             self.tell(f"  drop {drop.number} is inverted")
             analysis = analyse_drop(traces, setup, screening, options, self._library)

@@ -1,7 +1,6 @@
 """A report as one HTML file: pictures inside, no script, nothing fetched."""
 
 from collections.abc import Iterator, Sequence
-from importlib import resources
 from typing import Any
 
 import jinja2
@@ -31,14 +30,38 @@ def render_html(
         Everything from a survey is escaped; the pictures are SVG in data addresses, in which a
         browser runs and loads nothing.
     """
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    return (
+        _environment()
+        .get_template("report.html.j2")
+        .render(blocks=_with_pictures(blocks, second), code=texts.code, title=title, signs=SIGNS)
     )
-    template = environment.from_string(
-        resources.files(__package__)
-        .joinpath("templates/report.html.j2")
-        .read_text(encoding="utf-8")
+
+
+def render_part(blocks: Sequence[Block]) -> str:
+    """Return blocks as a part of a page that has the style of `style_sheet`."""
+    template = _environment().get_template("blocks.html.j2")
+    return template.render(blocks=_with_pictures(blocks), signs=SIGNS)
+
+
+def style_sheet() -> str:
+    """Return the style of reports, CSS."""
+    return _environment().get_template("style.css").render()
+
+
+def _environment() -> jinja2.Environment:
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader("pfwd.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
+
+
+def _with_pictures(
+    blocks: Sequence[Block], second: SecondDrawer | None = None
+) -> list[dict[str, Any]]:
+    """Return the values of the template: kind and block, of a picture its address too."""
     shown: list[dict[str, Any]] = [
         {"kind": type(block).__name__, "block": block} for block in _flat(blocks)
     ]
@@ -47,7 +70,7 @@ def render_html(
         drawn, data_addresses([item["block"] for item in drawn], second), strict=True
     ):
         item["data"] = data
-    return template.render(blocks=shown, code=texts.code, title=title, signs=SIGNS)
+    return shown
 
 
 def _flat(blocks: Sequence[Block]) -> Iterator[Block]:

@@ -70,13 +70,19 @@ def data_addresses(
 
 
 def data_address(picture: Picture) -> str:
-    """A picture as SVG, in an address that holds it."""
+    """Return a picture as SVG, in an address that holds it."""
     svg = svg_of(picture).encode("utf-8")
     return "data:image/svg+xml;base64," + base64.b64encode(svg).decode("ascii")
 
 
-def svg_of(picture: Picture) -> str:
-    """Return a picture as SVG."""
+def svg_of(picture: Picture, width: float = WIDTH) -> str:
+    """Return a picture as SVG.
+
+    Parameters
+    ----------
+    picture : Picture
+    width : float, mm
+    """
     start_matplotlib()
     from matplotlib import rc_context
     from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -84,9 +90,13 @@ def svg_of(picture: Picture) -> str:
 
     # Letters as outlines: the reader's computer may have other fonts.
     with rc_context({"svg.fonttype": "path", "svg.hashsalt": "pfwd", "font.family": families()}):
-        figure: Any = Figure(figsize=(WIDTH / _MM_PER_INCH, picture.height / _MM_PER_INCH))
+        figure: Any = Figure(figsize=(width / _MM_PER_INCH, picture.height / _MM_PER_INCH))
         FigureCanvasSVG(figure)
         picture.draw(figure)
         stream = io.StringIO()
-        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+        # What margins in parts of the width leave no room for is not cut on a narrow picture.
+        box = "tight" if width < WIDTH else None
+        figure.savefig(
+            stream, format="svg", metadata={"Date": None, "Creator": None}, bbox_inches=box
+        )
     return stream.getvalue()

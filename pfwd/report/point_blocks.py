@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 from pfwd.analysis.results import DropResult, relative_spread
+from pfwd.files.photos import photos_of
 from pfwd.judging import DropView, PointView
 from pfwd.message_groups import as_ranges, group_messages
 from pfwd.procedures import Quantity, Verdict
@@ -21,7 +22,7 @@ from pfwd.report.blocks import (
 )
 from pfwd.report.content import Report
 from pfwd.report.diagnosis_blocks import diagnosis_blocks
-from pfwd.report.drawing import draw_point
+from pfwd.report.drawing import MAX_PHOTOS, draw_photos, draw_point
 from pfwd.report.ground_blocks import effective_of, ground_blocks
 from pfwd.report.peaks_blocks import peaks_blocks
 from pfwd.report.point_facts import (
@@ -59,6 +60,9 @@ _COLUMNS = (
 _EMPTY = f"{shown.NOTHING}; "
 """Letters of a value that says nothing."""
 
+_PHOTO_HEIGHT = 45.0
+"""mm, of a row of photos."""
+
 _HEIGHT, _DROPS_HEIGHT = 50.0, 30.0
 """mm, of the picture of a point, and of one without traces: two points fit on a page."""
 
@@ -88,6 +92,23 @@ def point_blocks(
     if diagnosis_of(point) is not None:
         blocks += diagnosis_blocks(point, texts)
     return blocks
+
+
+def photo_blocks(point: PointView, survey: str, texts: Texts) -> list[Block]:
+    """Return the first photos of a point, and how many more there are.
+
+    Parameters
+    ----------
+    point : PointView
+    survey : path of the survey
+    texts : Texts
+    """
+    files = photos_of(survey, point.name)
+    if not files:
+        return []
+    drawn = files[:MAX_PHOTOS]
+    caption = texts["photos"] if len(files) == len(drawn) else f"{texts['photos']}: {len(files)}"
+    return [Picture(partial(draw_photos, files=drawn), _PHOTO_HEIGHT, caption, texts["photos"])]
 
 
 def _rows(point: PointView, report: Report, texts: Texts) -> list[tuple[str, str]]:

@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 
+from pfwd.errors import OptionError, refusal
 from pfwd.files.folders import refuse_no_survey
 from tui.output import on_terminal, say
 
@@ -12,6 +13,8 @@ USAGE = 2
 def run(args: argparse.Namespace) -> int:
     """Show the survey until the reader leaves."""
     refuse_no_survey(args.survey)
+    if args.photos is not None and args.serve is None:
+        raise OptionError(refusal("--photos", "--serve beside it", "no --serve"))
     if args.serve is not None:
         return _serve(args)
     if args.json:
@@ -38,12 +41,13 @@ def _lines(args: argparse.Namespace) -> int:
 
 
 def _serve(args: argparse.Namespace) -> int:
+    from tui.page.server import SurveyServer, parse_place
     from tui.screen.opened.rows import OpenedSurvey
-    from tui.screen.opened.serving import SurveyServer, parse_place
 
     host, port = parse_place(args.serve)
-    with SurveyServer(OpenedSurvey(args.survey), host, port, say) as server:
-        say(f"{args.survey} at {server.url}, read only; ctrl+c ends it")
+    with SurveyServer(OpenedSurvey(args.survey), host, port, say, args.photos) as server:
+        access = "read only" if args.photos is None else "read only, photos can be added"
+        say(f"{args.survey} at {server.url}, {access}; ctrl+c ends it")
         if server.needs_code:
             say(f"code, for one browser: {server.code}")
         with contextlib.suppress(KeyboardInterrupt):

@@ -3,6 +3,7 @@
 import contextlib
 import csv
 import datetime
+import io
 import json
 import re
 import sqlite3
@@ -14,12 +15,14 @@ import geojson
 import numpy as np
 import openpyxl
 import pytest
+from PIL import Image
 from python_calamine import CalamineWorkbook
 
 from pfwd.errors import OptionError, SurveyError
 from pfwd.export import geopackage, workbook
 from pfwd.export.export import export_survey
 from pfwd.export.tables import cell
+from pfwd.files.photos import store_photo
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.export.conftest import result_of
 
@@ -30,7 +33,7 @@ COLUMNS = [
     *("modulus_interval_high_pa", "diagnosis", "discarded", "note"),
     *("verdict_reason", "verdict_reason_code", "value_not_supported", "modulus_in_force_pa"),
     *("modulus_in_force_interval_low_pa", "modulus_in_force_interval_high_pa"),
-    *("modulus_source", "modulus_not_supported"),
+    *("modulus_source", "modulus_not_supported", "photos"),
 ]
 
 
@@ -70,6 +73,15 @@ def test_a_point_has_value_interval_target_and_verdict(judged: Path, tmp_path: P
     assert first["time_utc"] == "2024-05-06T08:01:00+00:00"
     assert first["note"] == "'=1+1 wet"
     assert (second["point"], second["value"], second["verdict"]) == ("CON", "", "none")
+
+
+def test_photos_are_named_within_the_survey(judged: Path, tmp_path: Path) -> None:
+    stream = io.BytesIO()
+    Image.new("RGB", (8, 6)).save(stream, "PNG")
+    file = store_photo(judged, "A/1", stream.getvalue())
+    first, second = points_of(judged, tmp_path / "p.csv")
+    assert first["photos"] == file.relative_to(judged).as_posix()
+    assert second["photos"] == ""
 
 
 def test_a_verdict_follows_the_target(judged: Path, tmp_path: Path) -> None:

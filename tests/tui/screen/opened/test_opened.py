@@ -25,13 +25,13 @@ from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
 from tests.tui.screen.scripted import until
 from tui.cli import main
+from tui.page.server import SurveyServer, is_here, parse_place
 from tui.screen.drawing.glyphs import BRAILLE
 from tui.screen.drawing.lines import text_of
 from tui.screen.opened.app import PAGE, OpenApp, Plot
 from tui.screen.opened.keys import KeysLine
 from tui.screen.opened.plots import map_lines, profile_figure
 from tui.screen.opened.rows import OpenedSurvey, PointRow, in_order, matching, pages, shares
-from tui.screen.opened.serving import SurveyServer, is_here, parse_place
 from tui.screen.opened.table import PlainTable
 
 MODULI = {"0+000": 60e6, "0+020": 40e6, "0+100": 50.2e6, "10": 55e6, "9": 41e6}

@@ -13,8 +13,8 @@ import pytest
 from pfwd.errors import SurveyError
 from pfwd_device import Drop
 from pfwd_device.recording import DropRecord, SurveyWriter
+from tui.page.server import MOST_WRONG, MOST_WRONG_IN_ALL, SurveyServer
 from tui.screen.opened.rows import OpenedSurvey
-from tui.screen.opened.serving import MOST_WRONG, MOST_WRONG_IN_ALL, SurveyServer
 
 CODE = "12345678"
 

@@ -1,7 +1,8 @@
-"""The points of a survey as a page for a browser: read only, for a phone or a tablet beside it.
+"""A survey as pages for a browser, for a phone or a tablet beside it.
 
-Nothing but one page, its data and nothing of the disk. Away from this computer only who knows the
-code is let in, once: the browser that used it keeps a cookie, and the code is void from then on.
+The pages, their data and pictures of the points are served, and nothing else of the disk. The only
+input are pictures, where the owner allows them. Away from this computer a browser needs the code
+once: it keeps a cookie, and the code is void from then on.
 
 A page of another site may send requests from the reader's own browser. On this computer, where no
 code is needed, only requests to a name of this computer are answered (the site may have its name
@@ -9,7 +10,7 @@ lead here), and everywhere only those that no page of another origin has sent.
 """
 
 import hmac
-import html
+import io
 import json
 import os
 import re
@@ -27,9 +28,19 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from pfwd.errors import DeviceError, OptionError, SurveyError, refusal
-from pfwd.judging.job import target_text
-from tui.screen.opened.rows import OpenedSurvey, PointRow, shares, shown_value
-from tui.screen.units import figures
+from pfwd.files.photos import MAX_PHOTO_BYTES, photos_of, store_photo
+from tui.page.pages import (
+    FORM,
+    PICTURE_NAMES,
+    Photos,
+    draw_overview_picture,
+    overview_page,
+    parse_point_address,
+    plain_row,
+    point_address,
+    point_page,
+)
+from tui.screen.opened.rows import OpenedSurvey, PointRow
 
 HOST, PORT = "127.0.0.1", 8765
 
@@ -44,7 +55,10 @@ MOST_WRONG_IN_ALL = 1000
 
 _PLACE = re.compile(r"(?:\[(?P<six>[^\[\]]+)\]|(?P<name>[^:\[\]]*))(?::(?P<port>[0-9]{1,5}))?")
 
-_COLOURS = {"PASS": "#004d12", "FAIL": "#8f0000", "UNDECIDED": "#6b3d00"}
+MAX_UPLOAD_BYTES = 5 * MAX_PHOTO_BYTES
+"""Size of one upload, which may hold several pictures."""
+
+_PHOTO_TYPES = {".jpg": "image/jpeg", ".png": "image/png"}
 
 
 def parse_place(text: str | None) -> tuple[str, int]:
@@ -100,6 +114,8 @@ class SurveyServer(ThreadingHTTPServer):
         0: a free one.
     tell : callable, optional
         Receives one line for the owner when a client is refused or a request fails.
+    photos : {"keep", "strip"}, optional
+        Accept pictures of points, with or without the position in them. None: accept none.
 
     Raises
     ------
@@ -117,8 +133,11 @@ class SurveyServer(ThreadingHTTPServer):
         host: str,
         port: int,
         tell: Callable[[str], None] = lambda _text: None,
+        photos: Photos | None = None,
     ) -> None:
         self.survey = survey
+        self.folder = os.fspath(survey.folder)
+        self.photos = photos
         self._tell = tell
         self.code = "" if is_here(host) else _code()
         """Lets one browser in; empty: none is needed, or it was used."""
@@ -127,6 +146,10 @@ class SurveyServer(ThreadingHTTPServer):
         self._token = ""
         self._wrong: Counter[str] = Counter()
         self._lock = threading.Lock()
+        self.drawing = threading.Lock()
+        """Held while pictures are drawn: settings of matplotlib are those of the process."""
+        self._pictures: dict[str, str] = {}
+        self._pictures_of: list[PointRow] = []
         if ":" in host:
             self.address_family = socket.AF_INET6
         try:
@@ -178,6 +201,10 @@ class SurveyServer(ThreadingHTTPServer):
         wrong = self._wrong
         return wrong[_network(client)] >= MOST_WRONG or wrong.total() >= MOST_WRONG_IN_ALL
 
+    def report(self, text: str) -> None:
+        """Show the owner one line."""
+        self._tell(text)
+
     def answers_to(self, host: str) -> bool:
         """Whether a request to this name, a ``Host`` header, may be answered."""
         return not self.only_here or is_here(_host_name(host))
@@ -192,6 +219,16 @@ class SurveyServer(ThreadingHTTPServer):
         """Whether a browser was let in."""
         known = self._token
         return bool(known) and hmac.compare_digest(token.encode(), known.encode())
+
+    def draw(self, name: str) -> str:
+        """Return a picture of all points, SVG, drawn again once the points have changed."""
+        rows = self.rows()
+        with self.drawing:
+            if self._pictures_of != rows:
+                self._pictures, self._pictures_of = {}, rows
+            if name not in self._pictures:
+                self._pictures[name] = draw_overview_picture(self.folder, name)
+            return self._pictures[name]
 
     def rows(self) -> list[PointRow]:
         """The points as they are on the disk now."""
@@ -219,6 +256,40 @@ def _host_name(host: str) -> str:
     return "" if parts is None else parts["six"] or parts["name"]
 
 
+_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src 'self' data:; form-action 'self'; "
+    "frame-ancestors 'none'; base-uri 'none'"
+)
+"""Content security policy: no script at all, and nothing from another place."""
+
+
+def _uploaded_files(content_type: str, body: bytes) -> list[bytes]:
+    """Return the files of a form.
+
+    Raises
+    ------
+    OptionError
+        If the body is no such form, or no file is in it.
+    """
+    from python_multipart import parse_form
+    from python_multipart.exceptions import FormParserError
+
+    files: list[bytes] = []
+
+    def take(file: Any) -> None:
+        file.file_object.seek(0)
+        if data := file.file_object.read():  # a form without a chosen file sends an empty one
+            files.append(data)
+
+    try:
+        parse_form({"Content-Type": content_type.encode()}, io.BytesIO(body), None, take)
+    except (FormParserError, ValueError) as err:
+        raise OptionError(refusal("upload", "a form with pictures", str(err))) from err
+    if not files:
+        raise OptionError("No picture was chosen. Go back and choose one.")
+    return files
+
+
 class _Handler(BaseHTTPRequestHandler):
     server: SurveyServer
     server_version, sys_version = "pfwd", ""
@@ -243,7 +314,7 @@ class _Handler(BaseHTTPRequestHandler):
                     text = "Too many wrong codes. Whoever started this page sees what to do."
                     self._answer(HTTPStatus.TOO_MANY_REQUESTS, text, "text/plain")
                 else:
-                    self._answer(HTTPStatus.FORBIDDEN, _FORM, "text/html")
+                    self._answer(HTTPStatus.FORBIDDEN, FORM, "text/html")
                 return
             self.send_response(HTTPStatus.SEE_OTHER)
             self.send_header("Set-Cookie", f"pfwd={token}; HttpOnly; SameSite=Strict; Path=/")
@@ -251,20 +322,79 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_header("Content-Length", "0")
             self.end_headers()
             return
-        if where.path not in ("/", "/points.json"):
-            self._answer(HTTPStatus.NOT_FOUND, "not there", "text/plain")
-            return
+        self._send_page(where.path)
+
+    def _send_page(self, path: str) -> None:
+        server = self.server
+        point, rest = parse_point_address(path)
         try:
-            rows = self.server.rows()
+            rows = server.rows()
+            row = next((row for row in rows if row.name == point), None)
+            if path == "/":
+                title = server.survey.folder.resolve().name
+                self._answer(HTTPStatus.OK, overview_page(server.folder, title, rows), "text/html")
+            elif path == "/points.json":
+                data = json.dumps([plain_row(row) for row in rows])
+                self._answer(HTTPStatus.OK, data, "application/json")
+            elif path in [f"/{name}.svg" for name in PICTURE_NAMES]:
+                self._answer(HTTPStatus.OK, server.draw(path[1:-4]), "image/svg+xml")
+            elif row is not None and rest == "":
+                with server.drawing:
+                    text = point_page(server.folder, row, rows, server.photos)
+                self._answer(HTTPStatus.OK, text, "text/html")
+            elif row is not None and rest.startswith("photos/"):
+                self._send_photo(row.name, rest.removeprefix("photos/"))
+            else:
+                self._answer(HTTPStatus.NOT_FOUND, "not there", "text/plain")
         except (SurveyError, DeviceError, OSError) as err:
             self._answer(HTTPStatus.INTERNAL_SERVER_ERROR, str(err), "text/plain")
+
+    def _send_photo(self, point: str, name: str) -> None:
+        # Only names that are in the point's folder: nothing else of the disk can be asked for.
+        files = {photo.name: photo for photo in photos_of(self.server.folder, point)}
+        if name not in files:
+            self._answer(HTTPStatus.NOT_FOUND, "not there", "text/plain")
             return
-        if where.path == "/points.json":
-            self._answer(
-                HTTPStatus.OK, json.dumps([_plain(row) for row in rows]), "application/json"
-            )
+        kind = _PHOTO_TYPES[files[name].suffix]
+        self._answer(HTTPStatus.OK, files[name].read_bytes(), kind)
+
+    def do_POST(self) -> None:
+        """Store the pictures that are sent to a point."""
+        point, rest = parse_point_address(urlsplit(self.path).path)
+        size = self.headers.get("Content-Length", "")
+        # A form of another site sends its origin; one without it is no browser of today.
+        if not self._is_own() or self.headers.get("Origin") is None:
+            self._answer(HTTPStatus.FORBIDDEN, f"Open {self.server.url}", "text/plain")
+        elif self.server.needs_code and not self._is_known():
+            self._answer(HTTPStatus.FORBIDDEN, FORM, "text/html")
+        elif self.server.photos is None or rest != "photos":
+            self._answer(HTTPStatus.NOT_FOUND, "not there", "text/plain")
+        elif not (size.isascii() and size.isdigit()):
+            self._answer(HTTPStatus.LENGTH_REQUIRED, "no length", "text/plain")
+        elif int(size) > MAX_UPLOAD_BYTES:
+            text = f"Send at most {MAX_UPLOAD_BYTES / 1e6:.0f} MB at once."
+            self._answer(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, text, "text/plain")
+        else:
+            self._store_photos(point, int(size))
+
+    def _store_photos(self, point: str, size: int) -> None:
+        server = self.server
+        try:
+            if point not in (row.name for row in server.rows()):
+                self._answer(HTTPStatus.NOT_FOUND, "not there", "text/plain")
+                return
+            pictures = _uploaded_files(self.headers.get("Content-Type", ""), self.rfile.read(size))
+            keep = server.photos == "keep"
+            for picture in pictures:
+                file = store_photo(server.folder, point, picture, keep_position=keep)
+                server.report(f"picture of {point}: {file.name}")
+        except (OptionError, SurveyError) as err:
+            self._answer(HTTPStatus.BAD_REQUEST, str(err), "text/plain")
             return
-        self._answer(HTTPStatus.OK, page(self.server.survey.folder.name, rows), "text/html")
+        self.send_response(HTTPStatus.SEE_OTHER)
+        self.send_header("Location", point_address(point))
+        self.send_header("Content-Length", "0")
+        self.end_headers()
 
     def do_HEAD(self) -> None:
         """The same without its text."""
@@ -283,70 +413,18 @@ class _Handler(BaseHTTPRequestHandler):
         said = cookies.get("pfwd")
         return said is not None and self.server.knows(said.value)
 
-    def _answer(self, status: HTTPStatus, text: str, kind: str) -> None:
-        data = text.encode()
+    def _answer(self, status: HTTPStatus, content: str | bytes, kind: str) -> None:
+        data = content.encode() if isinstance(content, str) else content
         self.send_response(status)
-        self.send_header("Content-Type", f"{kind}; charset=utf-8")
+        charset = "; charset=utf-8" if isinstance(content, str) else ""
+        self.send_header("Content-Type", f"{kind}{charset}")
         self.send_header("Content-Length", str(len(data)))
         self.send_header("Cache-Control", "no-store")
         self.send_header("X-Content-Type-Options", "nosniff")
-        self.send_header("Content-Security-Policy", "default-src 'none'; style-src 'unsafe-inline'")
+        self.send_header("Content-Security-Policy", _POLICY)
         self.end_headers()
         if self.command != "HEAD":
             self.wfile.write(data)
 
     def log_message(self, format: str, *args: Any) -> None:
         """Nothing is printed: the terminal shows the address."""
-
-
-def _plain(row: PointRow) -> dict[str, Any]:
-    return {
-        "point": row.title,
-        "chainage_m": row.chainage_m,
-        "latitude": row.latitude,
-        "longitude": row.longitude,
-        "quantity": row.quantity,
-        "value": row.value,
-        "interval": None if row.low is None else [row.low, row.high],
-        "unit": row.unit,
-        "target": row.target,
-        "verdict": row.verdict,
-        "drops": row.drops,
-        "discarded": row.discarded,
-    }
-
-
-def page(title: str, rows: list[PointRow]) -> str:
-    """The points as a page that needs no script."""
-    counts = ", ".join(f"{count} {state}" for state, count in shares(rows))
-    lines = []
-    for row in rows:
-        colour = _COLOURS.get(row.state, "#303030")
-        unit = "mm" if row.unit == "m" else "MPa"
-        value = "-" if row.value is None else f"{figures(shown_value(row))} {unit}"
-        target = "-" if row.target is None else target_text(row.target)
-        cells = "".join(
-            f"<td>{html.escape(text)}</td>" for text in (row.title, value, target, row.notes)
-        )
-        state = html.escape(row.state)
-        lines.append(f'<tr>{cells}<td style="color:{colour};font-weight:bold">{state}</td></tr>')
-    return _PAGE.format(title=html.escape(title), counts=html.escape(counts), rows="\n".join(lines))
-
-
-_PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="refresh" content="10">
-<style>body{{font:18px sans-serif;margin:1em}}table{{border-collapse:collapse;width:100%}}
-td,th{{border-bottom:1px solid #999;padding:.4em;text-align:left}}</style></head>
-<body><h1>{title}</h1><p>{counts}</p>
-<table><tr><th>point</th><th>judged</th><th>target</th><th>notes</th><th>verdict</th></tr>
-{rows}
-</table></body></html>
-"""
-_FORM = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>pfwd</title>
-<meta name="viewport" content="width=device-width, initial-scale=1"></head>
-<body><form><p>Code that the terminal shows: <input name="code" inputmode="numeric" autofocus>
-<button>look</button></p></form></body></html>
-"""

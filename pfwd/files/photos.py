@@ -1,0 +1,210 @@
+"""Pictures of test points, in the folder ``photos`` of a survey, checked before they are stored.
+
+A picture is a JPEG or PNG file. It is stored byte for byte, or without what a camera writes beside
+the picture: position, serial numbers, comments, films behind the picture.
+"""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import io
+import os
+import struct
+import urllib.parse
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+from pfwd.errors import OptionError, SurveyError, refusal
+
+MAX_PHOTO_BYTES = 20_000_000
+"""A phone's largest pictures have half of it."""
+
+MAX_PHOTO_PIXELS = 200_000_000
+
+MAX_PHOTOS_OF_A_POINT = 100
+"""More are a mistake, or somebody who fills the disk."""
+
+_ENDINGS = {"JPEG": ".jpg", "PNG": ".png"}
+
+_ORIENTATION = 0x0112
+"""Exif tag that says which side of the picture is up."""
+
+# ISO/IEC 10918-1, table B.1: markers without a length. A scan's data end before any other marker.
+_JPEG_START, _JPEG_END, _JPEG_SCAN = 0xD8, 0xD9, 0xDA
+_JPEG_IN_SCAN = {0x00, *range(0xD0, 0xD8)}
+_JPEG_APPLICATION = range(0xE0, 0xF0)
+_JPEG_COMMENT = 0xFE
+
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_PNG_CHUNKS_OF_THE_PICTURE = {
+    *(b"IHDR", b"PLTE", b"IDAT", b"IEND", b"tRNS", b"gAMA", b"cHRM", b"sRGB", b"iCCP", b"sBIT"),
+    *(b"bKGD", b"pHYs"),
+}
+
+
+def store_photo(
+    survey: str | os.PathLike[str], point: str, data: bytes, *, keep_position: bool = False
+) -> Path:
+    """Store a picture of a test point and return its file once it is on the disk.
+
+    Parameters
+    ----------
+    survey : path of a survey
+    point : str
+        Name of a test point as its drops have it.
+    data : bytes of a JPEG or PNG file
+    keep_position : bool
+        Store the file as it is. Otherwise position and all else that is not the picture go.
+
+    Returns
+    -------
+    Path
+        The same for the same picture, which is stored once.
+
+    Raises
+    ------
+    OptionError
+        If it is no picture that can be shown, or the point has too many.
+    SurveyError
+        If it cannot be stored.
+    """
+    kind, orientation = _inspect(data)
+    if not keep_position:
+        data = _stripped_jpeg(data, orientation) if kind == "JPEG" else _stripped_png(data)
+    checksum = hashlib.sha256(data).hexdigest()[:16]
+    folder = _folder(survey, point)
+    present = photos_of(survey, point)
+    same = next((photo for photo in present if photo.stem.endswith(checksum)), None)
+    if same is not None:
+        return same
+    if len(present) >= MAX_PHOTOS_OF_A_POINT:
+        expected = f"at most {MAX_PHOTOS_OF_A_POINT} pictures of a point"
+        raise OptionError(refusal(point, expected, "one more"))
+    moment = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
+    file = folder / f"{moment}-{checksum}{_ENDINGS[kind]}"
+    draft = folder / f".{checksum}.{os.getpid()}.tmp"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with open(draft, "xb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(draft, file)
+    except OSError as err:
+        draft.unlink(missing_ok=True)
+        raise SurveyError(f"{file}: {err.strerror or err}; the picture is not stored") from err
+    return file
+
+
+def photos_of(survey: str | os.PathLike[str], point: str) -> list[Path]:
+    """Return the files of a point's pictures, the oldest first.
+
+    Parameters
+    ----------
+    survey : path of a survey
+    point : str
+    """
+    try:
+        with os.scandir(_folder(survey, point)) as entries:
+            names = [e.name for e in entries if e.is_file(follow_symlinks=False)]
+    # ValueError: no file has such a name.
+    except (OSError, ValueError):
+        return []
+    endings = tuple(_ENDINGS.values())
+    return [
+        _folder(survey, point) / name
+        for name in sorted(names)
+        if name.endswith(endings) and not name.startswith(".")
+    ]
+
+
+def _folder(survey: str | os.PathLike[str], point: str) -> Path:
+    # Names of points may hold anything and may be long: no separator, no leading dot and no name
+    # that Windows reserves reaches the disk. The checksum keeps "P1" and "p1" apart where the
+    # disk does not.
+    quoted = urllib.parse.quote(point, " ()+=,", errors="surrogatepass").replace(".", "%2E")[:100]
+    checksum = hashlib.sha256(point.encode("utf-8", "surrogatepass")).hexdigest()[:8]
+    return Path(survey) / "photos" / f"point {quoted}-{checksum}"
+
+
+def _inspect(data: bytes) -> tuple[str, int]:
+    """Return format and Exif orientation (1 to 8) of a picture that can be decoded."""
+    if not 0 < len(data) <= MAX_PHOTO_BYTES:
+        expected = f"a picture of at most {MAX_PHOTO_BYTES / 1e6:.0f} MB"
+        raise OptionError(refusal("picture", expected, f"{len(data) / 1e6:.1f} MB"))
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with warnings.catch_warnings(), Image.open(io.BytesIO(data), formats=[*_ENDINGS]) as image:
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            kind, pixels = str(image.format), image.width * image.height
+            if pixels <= MAX_PHOTO_PIXELS:
+                orientation = image.getexif().get(_ORIENTATION, 1)
+                image.draft("L", (64, 64))  # decodes a JPEG small
+                image.load()
+                return kind, orientation if orientation in range(1, 9) else 1
+    except UnidentifiedImageError as err:
+        expected = "a JPEG or PNG file"
+        raise OptionError(refusal("picture", expected, "another kind of file")) from err
+    # Pillow raises what its decoders meet: OSError, SyntaxError, ValueError, struct.error ...
+    except Exception as err:
+        reason = f"{type(err).__name__}: {err}"
+        raise OptionError(refusal("picture", "a JPEG or PNG file", reason)) from err
+    expected = f"at most {MAX_PHOTO_PIXELS // 10**6} million pixels"
+    raise OptionError(refusal("picture", expected, f"{pixels / 1e6:.0f} million"))
+
+
+def _stripped_jpeg(data: bytes, orientation: int) -> bytes:
+    """Return the picture without comments and application data but colour and orientation."""
+    exif = b""
+    if orientation != 1:
+        # TIFF header and one entry: big-endian, SHORT, count 1 (Exif 2.32, 4.6).
+        entry = struct.pack(">HHIHH", _ORIENTATION, 3, 1, orientation, 0)
+        body = b"Exif\0\0MM\0*" + struct.pack(">IH", 8, 1) + entry + struct.pack(">I", 0)
+        exif = b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body
+    parts = [b"\xff\xd8", exif]
+    for marker, part in _jpeg_parts(data):
+        is_colour = (marker == 0xE2 and part[4:].startswith(b"ICC_PROFILE\0")) or marker == 0xEE
+        is_beside = marker in _JPEG_APPLICATION or marker == _JPEG_COMMENT
+        if not is_beside or is_colour:
+            parts.append(part)
+    return b"".join(parts)
+
+
+def _jpeg_parts(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield marker and bytes of each part after the first marker, to the end of the picture."""
+    at = 2
+    while at + 2 <= len(data):
+        marker = data[at + 1]
+        if data[at] != 0xFF or marker == 0xFF:
+            at += 1  # fill bytes
+            continue
+        if marker == _JPEG_END:
+            break
+        end = at + 2 + int.from_bytes(data[at + 2 : at + 4])
+        if marker == _JPEG_SCAN:
+            while end < len(data) and (data[end] != 0xFF or data[end + 1 : end + 2] in _IN_SCAN):
+                following = data.find(b"\xff", end + 1)
+                end = len(data) if following < 0 else following
+        yield marker, data[at:end]
+        at = end
+    yield _JPEG_END, b"\xff\xd9"
+
+
+_IN_SCAN = {bytes([marker]) for marker in (*_JPEG_IN_SCAN, 0xFF)}
+
+
+def _stripped_png(data: bytes) -> bytes:
+    """Return the picture without texts, Exif and what follows its end."""
+    parts, at = [_PNG_SIGNATURE], len(_PNG_SIGNATURE)
+    while at + 12 <= len(data):
+        end = at + 12 + int.from_bytes(data[at : at + 4])
+        name = data[at + 4 : at + 8]
+        if name in _PNG_CHUNKS_OF_THE_PICTURE:
+            parts.append(data[at:end])
+        if name == b"IEND":
+            break
+        at = end
+    return b"".join(parts)

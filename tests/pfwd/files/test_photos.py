@@ -1,0 +1,143 @@
+"""Pictures of test points: what is stored, what is stripped, what is refused."""
+
+import io
+import os
+from pathlib import Path
+
+import pytest
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
+from pfwd.errors import OptionError, SurveyError
+from pfwd.files import photos
+from pfwd.files.photos import photos_of, store_photo
+
+ORIENTATION, GPS, LATITUDE = 0x0112, 0x8825, 2
+
+
+def picture(kind: str = "JPEG", *, orientation: int = 6, progressive: bool = False) -> bytes:
+    """A picture of noise with a position, a comment and something behind its end."""
+    image = Image.frombytes("RGB", (64, 48), os.urandom(64 * 48 * 3))
+    exif = Image.Exif()
+    exif[ORIENTATION] = orientation
+    exif.get_ifd(GPS)[LATITUDE] = (52.0, 31.0, 12.0)
+    stream = io.BytesIO()
+    if kind == "PNG":
+        text = PngInfo()
+        text.add_text("Comment", "SECRET PLACE")
+        image.save(stream, "PNG", exif=exif, pnginfo=text)
+    else:
+        more = {"comment": b"SECRET PLACE", "progressive": progressive}
+        image.save(stream, "JPEG", exif=exif, icc_profile=b"profile of colours", **more)
+    return stream.getvalue() + b"SECRET FILM"
+
+
+def pixels(data: bytes) -> bytes:
+    with Image.open(io.BytesIO(data)) as image:
+        return image.convert("RGB").tobytes()
+
+
+def position(data: bytes) -> dict[int, object]:
+    with Image.open(io.BytesIO(data)) as image:
+        return dict(image.getexif().get_ifd(GPS))
+
+
+@pytest.mark.parametrize("progressive", [False, True])
+@pytest.mark.parametrize("orientation", [1, 6])
+def test_a_stripped_jpeg_is_the_same_picture_the_same_side_up(
+    progressive: bool, orientation: int, tmp_path: Path
+) -> None:
+    data = picture(orientation=orientation, progressive=progressive)
+    assert position(data)
+    stored = store_photo(tmp_path, "P1", data).read_bytes()
+    assert pixels(stored) == pixels(data)
+    assert position(stored) == {}
+    assert b"SECRET" not in stored
+    with Image.open(io.BytesIO(stored)) as image:
+        assert image.getexif().get(ORIENTATION, 1) == orientation
+        assert image.info["icc_profile"] == b"profile of colours"
+
+
+def test_a_stripped_png_is_the_same_picture(tmp_path: Path) -> None:
+    data = picture("PNG")
+    stored = store_photo(tmp_path, "P1", data).read_bytes()
+    assert pixels(stored) == pixels(data)
+    assert position(stored) == {}
+    assert b"SECRET" not in stored
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG"])
+def test_a_picture_can_be_kept_as_it_is(kind: str, tmp_path: Path) -> None:
+    data = picture(kind)
+    file = store_photo(tmp_path, "P1", data, keep_position=True)
+    assert file.read_bytes() == data
+    assert file.suffix == {"JPEG": ".jpg", "PNG": ".png"}[kind]
+
+
+def test_the_same_picture_is_stored_once(tmp_path: Path) -> None:
+    data = picture()
+    assert store_photo(tmp_path, "P1", data) == store_photo(tmp_path, "P1", data)
+    assert len(photos_of(tmp_path, "P1")) == 1
+    store_photo(tmp_path, "P2", data)
+    assert len(photos_of(tmp_path, "P2")) == 1
+
+
+NAMES = ["\ud800", "../../x", "..", "/etc/passwd", "CON", "a:b", "x" * 64, "点" * 64, ".h", "P1 "]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_any_name_of_a_point_has_a_folder_within_the_survey(name: str, tmp_path: Path) -> None:
+    survey = tmp_path / "survey"
+    survey.mkdir()
+    file = store_photo(survey, name, picture())
+    assert file.resolve().parent.parent == (survey / "photos").resolve()
+    assert photos_of(survey, name) == [file]
+    assert photos_of(survey, name + "x") == []
+    assert photos_of(survey, f"{name.swapcase()}.") == []
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"", "a picture of at most 20 MB"),
+        (b"<svg onload='alert(1)'>", "a JPEG or PNG file"),
+        (b"GIF89a" + bytes(200), "a JPEG or PNG file"),
+        (picture()[:900], "a JPEG or PNG file"),
+        (b"\xff\xd8\xff\xe1" + bytes(50), "a JPEG or PNG file"),
+    ],
+    ids=["empty", "svg", "gif", "cut", "no picture"],
+)
+def test_what_is_no_picture_is_refused(data: bytes, reason: str, tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match=reason):
+        store_photo(tmp_path, "P1", data)
+    assert list(tmp_path.rglob("*.*")) == []
+
+
+def test_too_large_pictures_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(photos, "MAX_PHOTO_PIXELS", 1000)
+    with pytest.raises(OptionError, match="million pixels"):
+        store_photo(tmp_path, "P1", picture())
+    monkeypatch.setattr(photos, "MAX_PHOTO_BYTES", 1000)
+    with pytest.raises(OptionError, match="a picture of at most"):
+        store_photo(tmp_path, "P1", picture())
+
+
+def test_a_point_has_a_hundred_pictures_at_most(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(photos, "MAX_PHOTOS_OF_A_POINT", 1)
+    store_photo(tmp_path, "P1", picture())
+    with pytest.raises(OptionError, match="P1: expected at most 1 pictures of a point"):
+        store_photo(tmp_path, "P1", picture())
+
+
+def test_a_disk_that_refuses_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_number: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(SurveyError, match="No space left on device; the picture is not stored"):
+        store_photo(tmp_path, "P1", picture())
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []

@@ -1,0 +1,1 @@
+"""The page of a survey for a browser: server, pages, pictures."""
