@@ -162,7 +162,7 @@ POINT_TITLES = [
     *("Modulus interval high (MPa)", "Diagnosis", "Discarded", "Note", "Verdict reason"),
     *("Verdict reason code", "Value not supported", "Modulus in force (MPa)"),
     *("Modulus in force interval low (MPa)", "Modulus in force interval high (MPa)"),
-    *("Modulus source", "Modulus not supported"),
+    *("Modulus source", "Modulus not supported", "Photos"),
 ]
 
 
@@ -206,7 +206,7 @@ def test_a_workbook_has_filters_frozen_heads_formats_and_a_chart(
     book = openpyxl.load_workbook(tmp_path / "p.xlsx")
     points, drops = book["points"], book["drops"]
     assert (points.freeze_panes, drops.freeze_panes) == ("B2", "B2")
-    assert (points.auto_filter.ref, drops.auto_filter.ref[:3]) == ("A1:AD3", "A1:")
+    assert (points.auto_filter.ref, drops.auto_filter.ref[:3]) == ("A1:AE3", "A1:")
     formats = {cell.value: points.cell(2, cell.column).number_format for cell in points[1]}
     assert formats["Latitude (°)"] == "0.0000000"
     assert formats["Modulus (MPa)"] == formats["Value"] == "#,##0.0"
