@@ -35,7 +35,7 @@ VENV = Path(os.environ.get("PFWD_VENV") or TOP / ".venv").resolve()
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 STEPS = {
-    "": "what the program needs (86 MB to download, 310 MB on the disk, about half a minute)",
+    "": "what the program needs (120 MB to download, 400 MB on the disk, about half a minute)",
     "dev": "program and tools of the tests (up to 240 MB to download, 1 GB on the disk, 2 minutes)",
     "docs": "the tools of the site (the first time 25 MB to download, half a minute)",
     "app": "the tools of the one-folder program (the first time 2 MB to download, half a minute)",
