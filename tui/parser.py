@@ -271,7 +271,11 @@ def _add_store(parser: "argparse.ArgumentParser | argparse._ArgumentGroup") -> N
 
 def _add_ports(commands: "Commands") -> None:
     ports = commands.add_parser(
-        "ports", help="serial ports, with what answers as a PFWD", allow_abbrev=False
+        "ports",
+        help="serial ports, with what answers as a PFWD",
+        description="Lists the serial ports of this computer and asks each for an instrument. What "
+        "does not answer is listed with the reason and what to try.",
+        allow_abbrev=False,
     )
     ports.add_argument(
         "urls",
@@ -284,7 +288,14 @@ def _add_ports(commands: "Commands") -> None:
 
 
 def _add_simulate(commands: "Commands") -> None:
-    simulate = commands.add_parser("simulate", help="a mock instrument", allow_abbrev=False)
+    simulate = commands.add_parser(
+        "simulate",
+        help="a mock instrument",
+        description="Runs a simulated instrument on a virtual serial port or on TCP until ctrl+c. "
+        "Its drops come from finite elements; scenarios add faults. Connect pfwd live or pfwd log "
+        "to the address that it prints.",
+        allow_abbrev=False,
+    )
     simulate.add_argument(
         "--listen",
         metavar="WHERE",
@@ -393,10 +404,11 @@ def _add_import(commands: "Commands") -> None:
     importing = commands.add_parser(
         "import",
         help="trace files and other programs' files into a survey",
-        description="Reads trace files, exported surveys (.h5), projects of Rincent Minidyn, "
-        "Maxidyn and Heavydyn (.dynz, .prjz, .mpvz), JILS time histories (.THY), and any delimited "
-        "text whose columns a TOML file describes. Nothing is imported twice; a refused file does "
-        "not keep the others out.",
+        description="Reads trace files (.csv) and exported surveys (.h5); time histories of "
+        "Rincent Minidyn, Maxidyn and Heavydyn (.dynz, .prjz, .mpvz) and JILS (.thy); peaks of "
+        "JILS (.dat), Dynatest (.f25, .fwd), Sweco (.fwd) and PDDX (.pdx, .pddx); and any delimited text whose "
+        "columns a TOML file describes (--map). Nothing is imported twice; a refused file does not "
+        "keep the others out.",
         allow_abbrev=False,
     )
     importing.set_defaults(command="import_")  # import is a word of Python
@@ -704,14 +716,28 @@ def _add_procedures(commands: "Commands") -> None:
 
 
 def _add_recover(commands: "Commands") -> None:
-    recover = commands.add_parser("recover", help="whatever a crash left", allow_abbrev=False)
+    recover = commands.add_parser(
+        "recover",
+        help="whatever a crash left",
+        description="Repairs a survey after a crash, a full disk or a pulled drive: every drop that "
+        "was acknowledged gets its file again, and what is damaged is moved aside byte for byte. "
+        "Nothing is deleted.",
+        allow_abbrev=False,
+    )
     recover.add_argument("survey", metavar="SURVEY", help="folder")
     _add_spare(recover)
     recover.add_argument("--json", action="store_true", help="one JSON object")
 
 
 def _add_check(commands: "Commands") -> None:
-    check = commands.add_parser("check", help="is this recording whole?", allow_abbrev=False)
+    check = commands.add_parser(
+        "check",
+        help="is this recording whole?",
+        description="Reads every record of a survey, its drop files or an exported survey, and "
+        "compares checksums and recorded peaks with the traces. Changes nothing. Exit status 1 "
+        "when something is damaged or missing.",
+        allow_abbrev=False,
+    )
     check.add_argument("survey", metavar="SURVEY", help="folder, or an exported survey (.h5)")
     _add_spare(check)
     check.add_argument("--json", action="store_true", help="one JSON object")

@@ -369,3 +369,10 @@ def test_benchmarks_get_their_arguments_and_hand_back_their_status(
     monkeypatch.chdir(decoy.parent)
     assert main(["bench", "--json", "speed", "-n", "3"]) == 5
     assert capfd.readouterr().out.strip() == "['--json', 'speed', '-n', '3']"
+
+
+def test_every_command_says_what_it_is_for() -> None:
+    parser = build_parser()
+    (commands,) = (a.choices for a in parser._actions if isinstance(a.choices, dict))
+    silent = [name for name, command in commands.items() if not command.description]
+    assert silent == ["bench"], "bench hands its options on to a benchmark"

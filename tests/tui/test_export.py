@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from pfwd.files.foreign.registry import OWN
 from tests.pfwd.files.foreign.builders import dynz, prjz, pulse, thy, viewed
 from tests.tui.console import pfwd, records
 
@@ -42,6 +43,27 @@ def test_a_refused_file_is_one_line_and_the_others_come(tmp_path: Path) -> None:
     assert len(refused) == 1
     assert "expected" in refused[0]
     assert "came" in refused[0]
+
+
+def test_an_import_ends_with_what_it_did_and_the_next_command(tmp_path: Path) -> None:
+    (tmp_path / "a.mpvz").write_bytes(prjz(DROPS, viewed(DROPS), folder="rawdata/"))
+    command = ("import", tmp_path / "a.mpvz", "-o", tmp_path / "road")
+    done = pfwd(*command)
+    lines = done.stdout.splitlines()
+    assert lines[0] == "a.mpvz, point east 1: 3 drops saved"
+    assert lines[1] == f"{tmp_path / 'road'}: 3 drops at 1 point"
+    assert lines[2].startswith("next: pfwd open ")
+    assert len(lines) == 3
+    again = pfwd(*command).stdout.splitlines()
+    assert again[0] == "a.mpvz, point east 1: 3 drops there before"
+    assert again[1].endswith("3 drops at 1 point, 3 of them were there before")
+
+
+def test_the_help_of_import_names_every_format() -> None:
+    text = pfwd("import", "--help").stdout
+    for form in OWN:
+        assert form.name.split()[0] in text
+        assert all(suffix in text for suffix in form.suffixes)
 
 
 def test_a_missing_map_is_wrong_use(tmp_path: Path) -> None:

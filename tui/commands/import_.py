@@ -2,11 +2,13 @@
 
 import argparse
 import os
+from collections import Counter
 
 from pfwd.errors import OptionError, refusal
 from pfwd.export.json_text import json_text
+from pfwd.files.imported import Imported
 from pfwd.files.importing import import_files
-from tui.output import clean, say
+from tui.output import clean, counted, next_commands, say
 
 _KINDS = {"peaks": "peaks only", "stiffness": "stiffness test"}
 
@@ -14,16 +16,18 @@ _KINDS = {"peaks": "peaks only", "stiffness": "stiffness test"}
 def run(args: argparse.Namespace) -> int:
     """Import what can be imported; 1 when a file was refused."""
     refused = False
-    told: set[tuple[str, str]] = set()
+    reported: set[tuple[str, str]] = set()
     for option, path in (("--header", args.header), ("--map", args.map)):
         if path is not None and not os.path.isfile(path):
             raise OptionError(refusal(f"{option} {path}", "a TOML file", "no such file"))
     imported = import_files(
         args.files, args.output, args.header, column_map=args.map, channels=args.channels
     )
+    points = _PointLines(show=not args.json)
     for drop in imported:
         if drop.error is not None:
             refused = True
+            points.end()
             say(f"import: {drop.error}")
         elif drop.remark is not None:
             say(f"import: {drop.remark}")
@@ -41,10 +45,51 @@ def run(args: argparse.Namespace) -> int:
             print(json_text(line), flush=True)
         else:
             for text in drop.remarks:
-                if (drop.file, text) not in told:
-                    told.add((drop.file, text))
+                if (drop.file, text) not in reported:
+                    reported.add((drop.file, text))
                     say(f"import: {drop.point}: {text}")
-            how = "was there before" if drop.before else "saved"
-            kind = "" if drop.kind == "traces" else f" ({_KINDS[drop.kind]})"
-            print(clean(f"{drop.file}: {drop.point}/{drop.number} {how}{kind}"), flush=True)
+            points.add(drop)
+    points.end()
+    if points.n_points and not args.json:
+        drops = counted(points.n_drops, "drop")
+        before = f", {points.n_before} of them were there before" if points.n_before else ""
+        print(clean(f"{args.output}: {drops} at {counted(points.n_points, 'point')}{before}"))
+        print(clean(f"next: {', or '.join(next_commands(args.output))}"), flush=True)
     return 1 if refused else 0
+
+
+class _PointLines:
+    """Prints a line for each point of a file once its drops are imported."""
+
+    def __init__(self, *, show: bool) -> None:
+        self.n_points = self.n_drops = self.n_before = 0
+        self._show = show
+        self._point: tuple[str, str, str] | None = None
+        self._drops: Counter[bool] = Counter()
+
+    def add(self, drop: Imported) -> None:
+        """Count a drop; print the line of the point before, if this is another one."""
+        point = (drop.file, drop.point, drop.kind)
+        if point != self._point:
+            self.end()
+            self._point = point
+            self.n_points += 1
+        self._drops[drop.before] += 1
+        self.n_drops += 1
+        self.n_before += drop.before
+
+    def end(self) -> None:
+        """Print the line of the present point."""
+        if self._point is not None and self._show:
+            file, point, kind = self._point
+            counts = [(False, "saved"), (True, "there before")]
+            texts = [
+                f"{counted(self._drops[before], 'drop')} {word}"
+                for before, word in counts
+                if self._drops[before]
+            ]
+            note = "" if kind == "traces" else f" ({_KINDS[kind]})"
+            line = f"{os.path.basename(file)}, point {point}: {', '.join(texts)}{note}"
+            print(clean(line), flush=True)
+        self._point = None
+        self._drops.clear()
