@@ -406,9 +406,9 @@ def _add_import(commands: "Commands") -> None:
         help="trace files and other programs' files into a survey",
         description="Reads trace files (.csv) and exported surveys (.h5); time histories of "
         "Rincent Minidyn, Maxidyn and Heavydyn (.dynz, .prjz, .mpvz) and JILS (.thy); peaks of "
-        "JILS (.dat), Dynatest (.f25, .fwd), Sweco (.fwd) and PDDX (.pdx, .pddx); and any delimited text whose "
-        "columns a TOML file describes (--map). Nothing is imported twice; a refused file does not "
-        "keep the others out.",
+        "JILS (.dat), Dynatest (.f25, .fwd), Sweco (.fwd) and PDDX (.pdx, .pddx); and any "
+        "delimited text whose columns a TOML file describes (--map). Nothing is imported twice; a "
+        "refused file does not keep the others out.",
         allow_abbrev=False,
     )
     importing.set_defaults(command="import_")  # import is a word of Python
@@ -719,9 +719,9 @@ def _add_recover(commands: "Commands") -> None:
     recover = commands.add_parser(
         "recover",
         help="whatever a crash left",
-        description="Repairs a survey after a crash, a full disk or a pulled drive: every drop that "
-        "was acknowledged gets its file again, and what is damaged is moved aside byte for byte. "
-        "Nothing is deleted.",
+        description="Repairs a survey after a crash, a full disk or a pulled drive: every drop "
+        "that was acknowledged gets its file again, and what is damaged is moved aside byte for "
+        "byte. Nothing is deleted.",
         allow_abbrev=False,
     )
     recover.add_argument("survey", metavar="SURVEY", help="folder")
