@@ -20,7 +20,7 @@ from pfwd.files.imported import on_rig
 from pfwd.judging import DropView, Job, PointView, job_of, point_view
 from pfwd.judging.places import Place, local_of, number, place_of, utc_of
 from pfwd.notice_texts import STIFFNESS_TEST
-from pfwd.peaks.basin import ASSUMED_POISSON_RATIO, RIGID, basin_of
+from pfwd.peaks.basin import ASSUMED_POISSON_RATIO, RIGID_PLATE_FACTOR, basin_of
 from pfwd.peaks.stiffness import stiffness_of
 from pfwd.procedures import Kind as DropKind
 from pfwd.procedures import unit_of
@@ -317,15 +317,15 @@ def _peak_values(
     ratio = ASSUMED_POISSON_RATIO if declared_ratio is None else declared_ratio
     basin = basin_of(drop.peaks, radius, ratio)
     warnings = list(values[WARNINGS])
-    if basin.left_out:
-        places = tuple(f"{offset:g} m" for offset in basin.left_out)
+    if basin.rejected_offsets_m:
+        places = tuple(f"{offset:g} m" for offset in basin.rejected_offsets_m)
         warnings.append(Notice("sensors-without-index", {"places": places}))
     return {
         "kind": "peaks",
         "poisson_ratio": ratio,
         "plate_radius_m": radius,
         "peak_modulus_pa": basin.peak_modulus_pa,
-        "peak_factor": RIGID,
+        "peak_factor": RIGID_PLATE_FACTOR,
         "sci_m": basin.sci_m,
         "bdi_m": basin.bdi_m,
         "bci_m": basin.bci_m,

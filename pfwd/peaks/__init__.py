@@ -1,1 +1,1 @@
-"""What peaks alone say: peak and surface moduli, basin indices, stiffness of a rig."""
+"""Results from peaks without time histories: moduli, basin indices, stiffness of a rig."""

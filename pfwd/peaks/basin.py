@@ -11,7 +11,7 @@ r"""Moduli and indices of a deflection basin, from peaks of the load and of the 
   Thompson, *Mechanistic interpretation of nondestructive pavement testing deflections*, University
   of Illinois 1981): the area of the basin over its centre, by trapezoids; here in m.
 
-All of them take peaks that are not simultaneous for a static basin.
+All of them treat peaks that are not simultaneous as a static basin.
 """
 
 from collections.abc import Mapping
@@ -22,48 +22,52 @@ from math import pi
 from pfwd_device.drop import Peaks
 
 ASSUMED_POISSON_RATIO = 0.35
-"""Where none is declared, as in the inversion, which is not loaded here."""
+"""Poisson's ratio of undeclared ground, as in the inversion, which is not loaded here."""
 
-RIGID = pi / 2
+RIGID_PLATE_FACTOR = pi / 2
 """Plate factor of a rigid plate."""
 
-POINT_LOAD_FROM = 2.0
-"""Radii of the plate: nearer than that the deflection of a point load is more than 5 % off."""
+MIN_POINT_LOAD_RADII = 2.0
+"""Least distance of a surface modulus, in radii of the plate: at smaller distances the deflection
+of a point load is more than 5 % off."""
 
-SAME_DISTANCE = 0.011
-"""m; sensors at 12, 24 and 36 in stand for those at 0.3, 0.6 and 0.9 m, 14 mm off at the last:
-that one counts by a part of its distance."""
+INDEX_DISTANCES_M = (0.0, 0.3, 0.6, 0.9)
+"""Distances of the sensors of the indices."""
 
-SAME_PART = 0.02
-"""Part of the distance."""
+CENTRE_TOLERANCE_M = 1e-3
+"""Distance within which a sensor counts as the one in the centre."""
 
-STILL = 0.5
-"""Part of the deflection of the next sensor outward below which a sensor has stood still."""
+INDEX_DISTANCE_TOLERANCE_M = 0.011
+"""Distance between an index and its sensor: 12, 24 and 36 in stand for 0.3, 0.6 and 0.9 m. The
+last is 14 mm off, hence the relative tolerance."""
 
-AGAINST = 1.1
-"""Part of the deflection of the sensors nearer to the plate above which one is not believed."""
+INDEX_DISTANCE_TOLERANCE_SHARE = 0.02
+"""The same as a share of the distance; the larger of the two counts."""
 
-INDEX_SENSORS = (0.0, 0.3, 0.6, 0.9)
-"""m; of the indices."""
+STUCK_SENSOR_RATIO = 0.5
+"""Share of the next sensor's deflection, going outward, below which a sensor did not move."""
+
+MAX_OUTWARD_RATIO = 1.1
+"""Largest deflection of a sensor over the smallest one nearer to the plate; more is rejected."""
 
 
 @dataclass(frozen=True, slots=True)
 class Basin:
-    """What the peaks of a drop say. None: a sensor that it needs is missing."""
+    """Moduli and indices from the peaks of a drop; None where a sensor is missing."""
 
     peak_modulus_pa: float | None
     surface_moduli_pa: Mapping[float, float]
-    """By distance from the centre, m."""
+    """Surface moduli by distance from the centre, m."""
     sci_m: float | None
     bdi_m: float | None
     bci_m: float | None
     area_m: float | None
-    left_out: tuple[float, ...]
-    """Sensors that are not believed, m."""
+    rejected_offsets_m: tuple[float, ...]
+    """Offsets of the sensors whose peaks are implausible."""
 
 
 def basin_of(peaks: Peaks, plate_radius: float, poisson_ratio: float) -> Basin:
-    """Moduli and indices of a drop.
+    """Return moduli and indices of a drop.
 
     Parameters
     ----------
@@ -75,61 +79,62 @@ def basin_of(peaks: Peaks, plate_radius: float, poisson_ratio: float) -> Basin:
     -------
     Basin
     """
-    bad = unbelievable(peaks)
-    found = {offset: peak for offset, peak in peaks.displacements if offset not in bad}
+    rejected = implausible_offsets(peaks)
+    deflections = {offset: peak for offset, peak in peaks.displacements if offset not in rejected}
     stress = (1 - poisson_ratio**2) * peaks.load / (pi * plate_radius**2)
-    centre = found.get(0.0)
+    centre = deflections.get(0.0)
     sound = peaks.load > 0
-    modulus = RIGID * stress * plate_radius / centre if centre and sound else None
+    modulus = RIGID_PLATE_FACTOR * stress * plate_radius / centre if centre and sound else None
     surface = {
         offset: stress * plate_radius**2 / (offset * peak)
-        for offset, peak in sorted(found.items())
-        if offset >= POINT_LOAD_FROM * plate_radius and peak > 0 and sound
+        for offset, peak in sorted(deflections.items())
+        if offset >= MIN_POINT_LOAD_RADII * plate_radius and peak > 0 and sound
     }
-    four = [_at(found, offset) for offset in INDEX_SENSORS]
-    d0, d300, d600, d900 = (None if one is None else one[1] for one in four)
+    sensors = [_sensor_at(deflections, distance) for distance in INDEX_DISTANCES_M]
+    d0, d300, d600, d900 = (None if sensor is None else sensor[1] for sensor in sensors)
     area = None
-    whole = [one for one in four if one is not None]
-    if len(whole) == len(four) and d0:
-        steps = pairwise(whole)
+    present = [sensor for sensor in sensors if sensor is not None]
+    if len(present) == len(sensors) and d0:
+        steps = pairwise(present)
         area = sum((b[0] - a[0]) * (a[1] + b[1]) / 2 for a, b in steps) / d0
-    return Basin(modulus, surface, _less(d0, d300), _less(d300, d600), _less(d600, d900), area, bad)
+    sci, bdi, bci = (_difference(*pair) for pair in ((d0, d300), (d300, d600), (d600, d900)))
+    return Basin(modulus, surface, sci, bdi, bci, area, rejected)
 
 
-def unbelievable(peaks: Peaks) -> tuple[float, ...]:
-    """Sensors with a peak that no basin has.
+def implausible_offsets(peaks: Peaks) -> tuple[float, ...]:
+    """Return the offsets, m, of sensors with a peak that no basin has.
 
-    Going outward on each side of the plate: not positive; less than half of the next sensor's,
-    which is not larger than those before (it stood still); more than 1.1 times that of a sensor
-    nearer to the plate.
+    Going outward on each side of the plate, these are a peak that is not positive; one of less than
+    half of the next sensor's, unless that one is too large itself (the sensor did not move); and
+    one of more than 1.1 times that of a sensor nearer to the plate.
     """
-    found = []
+    offsets = []
     for side in (1.0, -1.0):
         ordered = sorted((side * offset, peak) for offset, peak in peaks.displacements)
         ordered = [(distance, peak) for distance, peak in ordered if distance >= 0]
-        least = float("inf")
-        for place, (distance, peak) in enumerate(ordered):
-            after = ordered[place + 1][1] if place + 1 < len(ordered) else 0.0
-            stood = peak < STILL * after and after <= AGAINST * least
-            if peak <= 0 or stood or peak > AGAINST * least:
-                found.append(side * distance + 0.0)
+        smallest = float("inf")
+        for index, (distance, peak) in enumerate(ordered):
+            following = ordered[index + 1][1] if index + 1 < len(ordered) else 0.0
+            limit = MAX_OUTWARD_RATIO * smallest
+            stuck = peak < STUCK_SENSOR_RATIO * following and following <= limit
+            if peak <= 0 or stuck or peak > limit:
+                offsets.append(side * distance + 0.0)
             else:
-                least = min(least, peak)
-    return tuple(dict.fromkeys(found))
+                smallest = min(smallest, peak)
+    return tuple(dict.fromkeys(offsets))
 
 
-def _at(found: Mapping[float, float], wanted: float) -> tuple[float, float] | None:
-    """Distance and peak of the sensor that stands there."""
-    near = [offset for offset in found if abs(offset - wanted) <= _tolerance(wanted)]
-    if not near:
+def _sensor_at(deflections: Mapping[float, float], distance: float) -> tuple[float, float] | None:
+    """Return offset and peak of the sensor that stands for a distance from the centre."""
+    tolerance = CENTRE_TOLERANCE_M
+    if distance:
+        tolerance = max(INDEX_DISTANCE_TOLERANCE_M, INDEX_DISTANCE_TOLERANCE_SHARE * distance)
+    off = {offset: abs(offset - distance) for offset in deflections}
+    offset = min(off, key=off.__getitem__, default=None)
+    if offset is None or off[offset] > tolerance:
         return None
-    offset = min(near, key=lambda one: abs(one - wanted))
-    return offset, found[offset]
+    return offset, deflections[offset]
 
 
-def _tolerance(wanted: float) -> float:
-    return max(SAME_DISTANCE, SAME_PART * wanted) if wanted else 1e-3
-
-
-def _less(first: float | None, second: float | None) -> float | None:
+def _difference(first: float | None, second: float | None) -> float | None:
     return None if first is None or second is None else first - second

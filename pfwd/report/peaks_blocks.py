@@ -48,7 +48,7 @@ def _basins(point: PointView, texts: Texts) -> list[Block]:
     ratio = point.setup.poisson_ratio
     basis = f"a = {point.setup.plate_radius:g} m, ν = "
     basis += f"{ASSUMED_POISSON_RATIO if ratio is None else ratio:g}"
-    out = sorted({offset for _, basin in found for offset in basin.left_out})
+    out = sorted({offset for _, basin in found for offset in basin.rejected_offsets_m})
     blocks: list[Block] = [
         Heading(texts["basin"], 3),
         Table(columns, tuple(rows), tuple(range(len(columns)))),

@@ -4,7 +4,7 @@ from math import pi
 
 import pytest
 
-from pfwd.peaks.basin import basin_of, unbelievable
+from pfwd.peaks.basin import basin_of, implausible_offsets
 from pfwd_device.drop import Peaks
 
 MIL = 2.54e-5
@@ -23,7 +23,7 @@ def test_a_half_space_has_one_modulus() -> None:
     assert basin.peak_modulus_pa == pytest.approx(80e6)
     assert list(basin.surface_moduli_pa) == [0.3, 0.6, 0.9, 1.5]
     assert list(basin.surface_moduli_pa.values()) == pytest.approx([80e6] * 4)
-    assert basin.left_out == ()
+    assert basin.rejected_offsets_m == ()
 
 
 def test_indices_by_hand() -> None:
@@ -47,7 +47,7 @@ def test_what_no_sensor_stands_for_is_not_known() -> None:
 
 
 @pytest.mark.parametrize(
-    ("pairs", "wanted"),
+    ("pairs", "expected"),
     [
         ([(0.0, 10.0), (0.3, 5.0), (0.6, 2.0)], ()),
         ([(0.0, 10.0), (0.3, 0.0), (0.6, 2.0)], (0.3,)),
@@ -63,15 +63,15 @@ def test_what_no_sensor_stands_for_is_not_known() -> None:
     ],
 )
 def test_sensors_that_no_basin_has(
-    pairs: list[tuple[float, float]], wanted: tuple[float, ...]
+    pairs: list[tuple[float, float]], expected: tuple[float, ...]
 ) -> None:
-    assert unbelievable(Peaks(50e3, tuple(pairs))) == wanted
+    assert implausible_offsets(Peaks(50e3, tuple(pairs))) == expected
 
 
 def test_bad_sensors_take_no_part() -> None:
     peaks = Peaks(50e3, ((0.0, 1e-3), (0.3, 4e-4), (0.6, 5e-4), (0.9, 1e-4)))
     basin = basin_of(peaks, 0.15, 0.35)
-    assert basin.left_out == (0.6,)
+    assert basin.rejected_offsets_m == (0.6,)
     assert basin.sci_m == pytest.approx(6e-4)
     assert (basin.bdi_m, basin.bci_m, basin.area_m) == (None, None, None)
     assert list(basin.surface_moduli_pa) == [0.3, 0.9]
