@@ -362,7 +362,7 @@ class DropResult(InversionResult, StoredRecord):
     def not_supported(self) -> str | None:
         """Reason why the data do not support the modulus, by the usual limit; None: they do."""
         from pfwd.procedures.profile import OUR_TOLERANCES
-        from pfwd.procedures.valuing import residual_fault
+        from pfwd.procedures.values import residual_fault
 
         if self.modulus_pa is None:
             return None

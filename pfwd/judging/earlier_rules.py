@@ -13,9 +13,8 @@ from pfwd.analysis.results import DiagnosisResult
 from pfwd.judging.verdicts import PointView
 from pfwd.procedures import PointDrop, PointValue, Quantity, Verdict
 from pfwd.procedures.judging import RULES_EVENT, RULES_VERSION
-from pfwd.procedures.moduli import e_lwd, e_vd, half_width_95, mean
 from pfwd.procedures.point import ReasonCode
-from pfwd.procedures.valuing import known
+from pfwd.procedures.values import e_lwd, e_vd, half_width_95, mean, recorded_values
 from pfwd_device.recording.survey_content import SurveyContent
 
 
@@ -83,7 +82,7 @@ def _earlier_interval(
         after = None if diagnosis is None else diagnosis.after
         if diagnosis is not None and diagnosis.corrected and after and after.modulus_pa:
             return after.modulus_interval_pa
-        moduli = known(used, "modulus")
+        moduli = recorded_values(used, "modulus")
         if not moduli:
             return None
         intervals = [drop.modulus_interval for drop in used if drop.modulus_interval is not None]
@@ -98,7 +97,10 @@ def _earlier_interval(
 def _peak_values(used: list[PointDrop], value: PointValue) -> list[float]:
     """Return the judged quantity of every drop, from its peaks."""
     drops = [drop for drop in used if drop.peak_deflection]
-    deflections, loads = known(drops, "peak_deflection"), known(drops, "peak_load")
+    deflections, loads = (
+        recorded_values(drops, "peak_deflection"),
+        recorded_values(drops, "peak_load"),
+    )
     if value.quantity is Quantity.DEFLECTION:
         return deflections
     radius, factor = value.plate_radius or 0.0, value.factor or 1.0

@@ -215,7 +215,7 @@ class JobRequest:
         events: list[tuple[str, dict[str, Any]]] = []
         procedure = declared.pop("procedure", None)
         if procedure is not None:
-            events.append((PROCEDURE_EVENT, procedure.as_kept()))
+            events.append((PROCEDURE_EVENT, procedure.as_recorded()))
         if declared:
             events.append((JOB_EVENT, {key: _plain(value) for key, value in declared.items()}))
         return events
@@ -360,9 +360,9 @@ MAX_OFFSET_HOURS = 14
 
 def target_text(target: float) -> str:
     """A target with its unit; its size decides which quantity it belongs to."""
-    from pfwd.procedures.judging import LARGEST_DEFLECTION
+    from pfwd.procedures.judging import MAX_DEFLECTION_M
 
-    if target < LARGEST_DEFLECTION:
+    if target < MAX_DEFLECTION_M:
         return f"{target * 1e3:g} mm"
     return f"{target / 1e6:g} MPa"
 

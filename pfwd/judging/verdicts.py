@@ -23,10 +23,10 @@ from pfwd.procedures import (
     Verdict,
     judge,
 )
-from pfwd.procedures.judging import is_for
+from pfwd.procedures.judging import is_target_for
 from pfwd.procedures.point import in_force_as_dict
 from pfwd.procedures.profile import OUR_TOLERANCES
-from pfwd.procedures.valuing import moduli_of, residual_fault, value_of
+from pfwd.procedures.values import moduli_of, residual_fault, value_of
 from pfwd_device.recording.survey_content import SurveyPoint
 
 DEFAULT_RADIUS = 0.15
@@ -200,7 +200,7 @@ def _judge(point: PointView) -> PointProgress:
         moisture=None if setup is None else setup.moisture,
         material=None if setup is None or setup.material is None else str(setup.material),
         diagnosed=_diagnosed(point),
-        found_before=faults,
+        earlier_violations=faults,
     )
     if progress.target is not None and progress.target == target:
         progress = dataclasses.replace(progress, target_source=source)
@@ -227,7 +227,7 @@ def _target_of(point: PointView) -> tuple[float | None, str]:
     declared = [(value, source) for value, source in candidates if value is not None]
     if not declared:
         return None, ""
-    fitting = [pair for pair in declared if is_for(job.procedure_in_force, pair[0])]
+    fitting = [pair for pair in declared if is_target_for(job.procedure_in_force, pair[0])]
     # A target of another quantity is passed on: the judgement reports that it does not count.
     return (fitting or declared)[0]
 

@@ -1,7 +1,7 @@
-"""Measuring procedures: what a standard asks of the drops of a point, and what follows from them.
+"""Measuring procedures: the requirements of a standard on the drops of a point, and the verdict.
 
-Pure Python on small frozen dataclasses: no files but the profiles, no ports, no terminal. A screen,
-the headless logger, the report and a script use the same two calls::
+Pure functions of small frozen dataclasses; the profiles are the only files. A screen, the headless
+logger, the report and a script use the same two calls::
 
     from pfwd.procedures import Kind, PointDrop, find_procedure, judge
 
@@ -13,28 +13,25 @@ the headless logger, the report and a script use the same two calls::
     progress = judge(procedure, drops, plate_radius=0.15, target=45e6)
 
     progress.next_kind          # Kind.SEATING, Kind.MEASURED, or None: the point is done
-    progress.instruction        # one sentence: what is to be done next
+    progress.instruction        # one sentence: the next step
     progress.seating_done, progress.seating_wanted      # 3, 3 (wanted None: not stated)
     progress.measured_done, progress.measured_wanted    # 2, 3
-    progress.excluded           # every drop that takes no part, with why
+    progress.excluded           # every drop that takes no part, with the reason
     progress.used               # numbers of the drops that are averaged
     progress.value              # PointValue (quantity, value, interval, factor, ...) or None
     progress.verdict            # Verdict.PASS, FAIL, UNDECIDED or NONE, with verdict_reason
-    progress.notes              # what the profile says but is not verified, hence not enforced
+    progress.notes              # numbers of the profile that are not verified, hence not enforced
 
-`pfwd.analysis.drop_facts.point_drop` makes a `PointDrop` of a recorded drop, its
-declared geophone response taken out of the peak. ``judge`` is called anew after every drop with all
-drops of the point; it keeps nothing. ``kind_of`` says which kind the next drop is when only the
-rejected ones are known. ``None`` in a field of `PointDrop` means: not known (yet); a check that
-needs it is left out, never failed.
+`pfwd.analysis.drop_facts.point_drop` makes a `PointDrop` of a recorded drop, and removes the
+declared geophone response from the peak. Call ``judge`` after every drop with all drops of the
+point; it has no state. ``kind_of`` returns the kind of the next drop from the rejected ones alone.
+``None`` in a field of `PointDrop` means unknown; a check that needs the field is skipped.
 
-A profile says for every number where it is from. A number whose source could not be confirmed is
-marked ``verified = false``: it is shown, and not enforced unless the user says so
-(``enforce_unverified``).
+A profile names the source of every number. A number whose source could not be confirmed is marked
+``verified = false``: it is shown, and enforced only on request (``enforce_unverified``).
 """
 
 from pfwd.procedures.judging import judge
-from pfwd.procedures.plain import NO_PROCEDURE, PLAIN, plain_procedure
 from pfwd.procedures.point import (
     DiagnosedModulus,
     ExcludedDrop,
@@ -51,7 +48,14 @@ from pfwd.procedures.point import (
 )
 from pfwd.procedures.profile import Number, Procedure, Quantity, Target
 from pfwd.procedures.reading import parse_procedure, read_procedure
-from pfwd.procedures.shipped import find_procedure, shipped_names, shipped_procedures
+from pfwd.procedures.shipped import (
+    NO_PROCEDURE,
+    PLAIN,
+    find_procedure,
+    plain_procedure,
+    shipped_names,
+    shipped_procedures,
+)
 from pfwd.procedures.sorting import kind_of
 
 __all__ = [

@@ -1,4 +1,7 @@
-"""Judges the drops of a point by a procedure. Pure: the same drops give the same answer."""
+"""Judgement of the drops of a point by a procedure: value, verdict and next step.
+
+`judge` is a pure function.
+"""
 
 import dataclasses
 import math
@@ -6,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pfwd.errors import OptionError, refusal
-from pfwd.procedures.instructing import next_step
-from pfwd.procedures.moduli import mean, spread
 from pfwd.procedures.point import (
     DiagnosedModulus,
+    ExcludedDrop,
+    Exclusion,
     Kind,
     PointDrop,
     PointModulus,
@@ -21,46 +24,52 @@ from pfwd.procedures.point import (
 from pfwd.procedures.preconditions import violated_preconditions
 from pfwd.procedures.profile import CHECKS, OUR_TOLERANCES, Procedure, Quantity
 from pfwd.procedures.sorting import SortedDrops, sort_drops
-from pfwd.procedures.valuing import (
+from pfwd.procedures.values import (
     MIN_DROPS_FOR_INTERVAL,
-    known,
+    mean,
     moduli_of,
+    recorded_values,
+    spread,
     stress_of,
     unsupported_records,
     value_of,
 )
 
 RULES_EVENT = "verdict_rules"
-"""Event of a survey that names the rules its verdicts were first made by, in ``version``."""
+"""Event of a survey with the version of the rules of its first verdicts, in ``version``."""
 
 RULES_VERSION = 2
-"""1: version 0.1, which compared no load, took every fit and spread intervals evenly."""
+"""Version of the rules. Those of version 1 (program 0.1) compare no load, accept every fit and make
+symmetric intervals."""
 
-LARGEST_DEFLECTION = 1.0
-"""m; what is larger is a modulus in Pa."""
-
+MAX_DEFLECTION_M = 1.0
+"""Largest target that is a deflection; a larger number is a modulus in Pa."""
 
 _ALWAYS_ENFORCED = frozenset({"nominal_load_n", "plate_radius_m", *OUR_TOLERANCES})
-"""Keys of preconditions and of their tolerances, which apply without a verified source, too."""
+"""Keys of preconditions and of their tolerances, which apply with or without a verified source."""
+
+
+_REPEATED = frozenset({Exclusion.REJECTED, Exclusion.DISCARDED, Exclusion.FAULT})
+"""Exclusions after which a drop has to be repeated."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Scatter:
-    """How the drops that are averaged compare with each other. None: too few to tell."""
+    """Scatter of the averaged drops; None: too few drops."""
 
     deflection: float | None
-    """Largest less smallest over mean; the same below."""
+    """Largest less smallest deflection over the mean; the same for load and modulus."""
     load: float | None
     modulus: float | None
     change: float | None
-    """Deflection of the last over the first less 1."""
+    """Deflection of the last drop over the first, less 1."""
     s_over_v: float | None
     """Mean deflection over mean peak velocity, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Goal:
-    """What the point has to reach."""
+    """Value that the point has to reach."""
 
     target: float | None
     """Pa, or m for a deflection; None: there is none."""
@@ -77,7 +86,7 @@ def judge(
     moisture: float | None = None,
     material: str | None = None,
     diagnosed: DiagnosedModulus | None = None,
-    found_before: Sequence[str] = (),
+    earlier_violations: Sequence[str] = (),
 ) -> PointProgress:
     """Judge the drops of a point by a procedure.
 
@@ -85,19 +94,19 @@ def judge(
     ----------
     procedure : Procedure
     drops : sequence of PointDrop
-        All of the point, in the order they fell.
+        All drops of the point, in the order they fell.
     plate_radius : float, m
-        0: there was no plate, which goes with rejected drops alone.
+        0: no plate, which is allowed when all drops are rejected.
     poisson_ratio : float, optional
-        As declared; the procedure's own wins.
+        Declared value; that of the procedure wins.
     target : float, Pa (m for a deflection), optional
-        Of the point; wins over the procedure's.
+        Target of the point; it wins over those of the procedure.
     moisture : float, percent, optional
-        Chooses among the procedure's targets.
+        Selects one of the procedure's targets.
     material : str, optional
-        The same.
+        Selects one of the procedure's targets.
     diagnosed : DiagnosedModulus, optional
-        Counts in place of the fitted modulus where its diagnosis allows a use.
+        Replaces the fitted modulus where its diagnosis permits a use.
     found_before : sequence of str
         Violated preconditions besides those that the procedure states.
 
@@ -116,7 +125,7 @@ def judge(
     notes = _notes(procedure)
     sorted_drops = sort_drops(procedure, drops, notes)
     used = sorted_drops.used
-    violated = [*found_before, *violated_preconditions(procedure, used, plate_radius)]
+    violated = [*earlier_violations, *violated_preconditions(procedure, used, plate_radius)]
     record_fault = unsupported_records(used)
     modulus, other_modulus = moduli_of(procedure, used, diagnosed)
     if modulus is not None and record_fault is not None:
@@ -138,7 +147,7 @@ def judge(
     return PointProgress(
         next_kind=next_kind,
         instruction=instruction,
-        seating_done=sorted_drops.seating_done,
+        seating_done=sorted_drops.seating,
         seating_wanted=procedure.seating_drops,
         measured_done=len(sorted_drops.usable),
         measured_wanted=procedure.measured_drops,
@@ -177,15 +186,15 @@ def _notes(procedure: Procedure) -> list[str]:
     in_formula = [key for key in unverified if key in ("factor", "nominal_pressure_pa")]
     if in_formula:
         notes.append(f"used in the formula without being verified: {', '.join(in_formula)}")
-    others = [key for key in unverified if key not in in_formula and key not in _ALWAYS_ENFORCED]
-    if others:
-        notes.append(f"not verified, hence not enforced: {', '.join(others)}")
+    ignored = [key for key in unverified if key not in in_formula and key not in _ALWAYS_ENFORCED]
+    if ignored:
+        notes.append(f"not verified, hence not enforced: {', '.join(ignored)}")
     return notes
 
 
 def _modulus_notes(
     modulus: PointModulus | None,
-    other: PointModulus | None,
+    unused: PointModulus | None,
     diagnosed: DiagnosedModulus | None,
 ) -> list[str]:
     """Return notes on which modulus of the point counts."""
@@ -193,20 +202,23 @@ def _modulus_notes(
         return []
     if modulus.source == "fitted":
         return [f"the diagnosed modulus is not used: {diagnosed.use_reason}"]
-    if other is None:
+    if unused is None:
         return [f"the modulus is the diagnosed one, {modulus.value / 1e6:.3g} MPa"]
     return [
         f"the modulus is the diagnosed one, {modulus.value / 1e6:.3g} MPa; that of the fits is "
-        f"{other.value / 1e6:.3g} MPa"
+        f"{unused.value / 1e6:.3g} MPa"
     ]
 
 
 def _scatter(used: Sequence[PointDrop]) -> _Scatter:
-    deflections, velocities = known(used, "peak_deflection"), known(used, "peak_velocity")
+    deflections, velocities = (
+        recorded_values(used, "peak_deflection"),
+        recorded_values(used, "peak_velocity"),
+    )
     return _Scatter(
         deflection=spread(deflections),
-        load=spread(known(used, "peak_load")),
-        modulus=spread(known(used, "modulus")),
+        load=spread(recorded_values(used, "peak_load")),
+        modulus=spread(recorded_values(used, "modulus")),
         change=deflections[-1] / deflections[0] - 1 if len(deflections) > 1 else None,
         s_over_v=(
             mean(deflections) / mean(velocities)
@@ -222,18 +234,18 @@ def _point_faults(
     value: PointValue | None,
     notes: list[str],
 ) -> list[str]:
-    """What enforced checks find wrong with the point; what others find goes to the notes."""
+    """Return the faults that enforced checks report; those of the remaining checks go to notes."""
     spreads = {
         "most_load_spread": scatter.load,
         "most_deflection_spread": scatter.deflection,
         "most_modulus_spread": scatter.modulus,
     }
     faults = []
-    for key, found in spreads.items():
+    for key, scattered in spreads.items():
         number = procedure.checks.get(key)
-        if number is None or found is None or found <= number.value:
+        if number is None or scattered is None or scattered <= number.value:
             continue
-        text = f"{CHECKS[key].words} is {found:.1%}, at most {number.value:.1%} is allowed"
+        text = f"{CHECKS[key].words} is {scattered:.1%}, at most {number.value:.1%} is allowed"
         if procedure.enforced(number) is None:
             notes.append(f"{text} (not verified, not enforced)")
         else:
@@ -249,28 +261,29 @@ def _point_faults(
 
 def _goal(
     procedure: Procedure,
-    given: float | None,
+    target: float | None,
     moisture: float | None,
     material: str | None,
     notes: list[str],
 ) -> _Goal:
-    """The target of the point where it is of the quantity that is judged, or the procedure's."""
-    if given is not None and not is_for(procedure, given):
-        judged, other = "a deflection", "a modulus"
-        if procedure.quantity is not Quantity.DEFLECTION:
-            judged, other = other, judged
-        notes.append(f"the target is {other}, the procedure judges {judged}: not compared")
-        given = None
-    if given is not None:
-        return _Goal(given, "of the point")
-    found = procedure.target_for(moisture, material)
-    return _Goal(None, "") if found is None else _Goal(found.value.value, found.value.source)
+    """Return the target of the point if it is of the judged quantity, else the procedure's."""
+    if target is not None and is_target_for(procedure, target):
+        return _Goal(target, "of the point")
+    if target is not None:
+        judged, compared = "a modulus", "a deflection"
+        if procedure.quantity is Quantity.DEFLECTION:
+            judged, compared = compared, judged
+        notes.append(f"the target is {compared}, the procedure judges {judged}: not compared")
+    default = procedure.target_for(moisture, material)
+    return _Goal(None, "") if default is None else _Goal(default.value.value, default.value.source)
 
 
-def is_for(procedure: Procedure, target: float) -> bool:
-    """Whether a target is of the quantity that is judged: moduli begin at 100 kPa, deflections
-    end at a plate's radius."""
-    return (procedure.quantity is Quantity.DEFLECTION) == (target < LARGEST_DEFLECTION)
+def is_target_for(procedure: Procedure, target: float) -> bool:
+    """Return whether a target is of the judged quantity.
+
+    Moduli begin at 100 kPa, and deflections are smaller than the radius of a plate.
+    """
+    return (procedure.quantity is Quantity.DEFLECTION) == (target < MAX_DEFLECTION_M)
 
 
 def _note_s_over_v(procedure: Procedure, s_over_v: float | None, notes: list[str]) -> None:
@@ -300,12 +313,17 @@ def _verdict(
         text = "a measured drop lacks what is judged: discard and repeat it"
         return undecided, text, ReasonCode.VALUE_MISSING
     if value.not_supported is not None:
-        text = f"{_subject(value)} is not supported by the data: {value.not_supported}"
+        subject = "the modulus" if value.quantity is Quantity.MODULUS else value.quantity
+        text = f"{subject} is not supported by the data: {value.not_supported}"
         return undecided, text, ReasonCode.NOT_SUPPORTED
     if faults:
         return undecided, faults[0], ReasonCode.SCATTER
     if value.interval is None:
-        return undecided, _too_few(value), ReasonCode.DROPS_MISSING
+        text = "the modulus has no interval"
+        if value.quantity is not Quantity.MODULUS:
+            text = f"an interval needs {MIN_DROPS_FOR_INTERVAL} measured drops, "
+            text += f"the point has {value.drops}"
+        return undecided, text, ReasonCode.DROPS_MISSING
     low, high = value.interval
     if value.quantity is Quantity.DEFLECTION:  # smaller is better
         reached, missed = high <= target, low > target
@@ -318,20 +336,64 @@ def _verdict(
     return undecided, "the target lies within the 95 % interval", ReasonCode.INTERVAL
 
 
-def _subject(value: PointValue) -> str:
-    return "the modulus" if value.quantity is Quantity.MODULUS else str(value.quantity)
-
-
-def _too_few(value: PointValue) -> str:
-    """Return why a value has no interval."""
-    if value.quantity is Quantity.MODULUS:
-        return "the modulus has no interval"
-    return f"an interval needs {MIN_DROPS_FOR_INTERVAL} measured drops, the point has {value.drops}"
-
-
 def _compaction(sorted_drops: SortedDrops) -> tuple[tuple[int, str, float], ...]:
     return tuple(
         (drop.number, sorted_drops.kinds[drop.number].value, drop.peak_deflection)
         for drop in sorted_drops.drops
         if drop.kind is not Kind.REJECTED and drop.peak_deflection is not None
     )
+
+
+def next_step(
+    procedure: Procedure,
+    sorted_drops: SortedDrops,
+    violated: Sequence[str],
+    faults: Sequence[str],
+) -> tuple[Kind | None, str]:
+    """Return the kind of the next drop, None when the point is done, and an instruction.
+
+    Parameters
+    ----------
+    procedure : Procedure
+    sorted_drops : SortedDrops
+    violated : sequence of str
+        Preconditions of the procedure that the point violates.
+    faults : sequence of str
+        Faults that other checks of the procedure report.
+    """
+    seating, measured = procedure.seating_drops, procedure.measured_drops
+    repeated = _drop_to_repeat(sorted_drops)
+    prefix, request = "", "Lift the weight for "
+    if repeated is not None:
+        prefix = request = f"Drop {repeated.number} does not count ({repeated.reason}): "
+    if seating is not None and sorted_drops.seating < seating:
+        return Kind.SEATING, f"{request}seating drop {sorted_drops.seating + 1} of {seating}."
+    if measured is None:
+        if prefix:
+            return Kind.MEASURED, f"{prefix}a measured drop."
+        if sorted_drops.complete:
+            return Kind.MEASURED, "Enough for a mean; another measured drop makes it surer."
+        return Kind.MEASURED, "Lift the weight."
+    if not sorted_drops.complete:
+        number = len(sorted_drops.used) + 1
+        return Kind.MEASURED, f"{request}measured drop {number} of {measured}."
+    if violated:
+        sentence = f"{violated[0][0].upper()}{violated[0][1:]}"
+        return None, f"{sentence}: correct it and measure the point again beside this place."
+    if faults:
+        return None, (
+            f"{faults[0][0].upper()}{faults[0][1:]}: see that the plate lies flat, and measure the "
+            "point anew beside this place."
+        )
+    return None, "The point is done: walk to the next."
+
+
+def _drop_to_repeat(sorted_drops: SortedDrops) -> ExcludedDrop | None:
+    """Return the last drop if it has to be repeated, else None."""
+    drops = sorted_drops.drops
+    if not drops or drops[-1].kind is Kind.SEATING:
+        return None
+    for excluded in sorted_drops.excluded:
+        if excluded.number == drops[-1].number and excluded.why in _REPEATED:
+            return excluded
+    return None

@@ -1,4 +1,4 @@
-"""What is known of the drops of a point, and what a procedure says of them. All are immutable."""
+"""Facts of the drops of a point, and the judgement of a procedure. All are immutable."""
 
 import math
 from collections.abc import Mapping
@@ -10,20 +10,20 @@ from pfwd.procedures.profile import Quantity
 
 
 class Kind(StrEnum):
-    """What a drop counts as."""
+    """Role of a drop at its point."""
 
     SEATING = "seating"
     """Brings the plate into full contact; takes no part in the mean."""
     MEASURED = "measured"
     REJECTED = "rejected"
-    """By the screening: a rebound, a false trigger; it did not load the ground as a drop does."""
+    """Refused by the screening: a rebound or a false trigger, which loads the ground otherwise."""
     DISCARDED = "discarded"
-    """By a person: it loaded the ground, and takes no part in the mean."""
+    """Refused by a person; it loaded the ground, and takes no part in the mean."""
 
 
 @dataclass(frozen=True, slots=True)
 class PointDrop:
-    """One drop, as a procedure sees it. None: not known (yet)."""
+    """One drop with the values that a procedure needs; None: unknown."""
 
     number: int
     """Within the point."""
@@ -51,7 +51,7 @@ class PointDrop:
     return_over_peak: float | None = None
     """Deflection left at the end of the record over its peak, absolute."""
     reason: str | None = None
-    """Why it was rejected or discarded."""
+    """Reason for which it was rejected or discarded."""
 
 
 class ReasonCode(StrEnum):
@@ -73,7 +73,7 @@ class ReasonCode(StrEnum):
 
 
 class Verdict(StrEnum):
-    """How a point stands against its target."""
+    """Result of the comparison of a point with its target."""
 
     PASS = "pass"
     """The whole interval is on the right side."""
@@ -86,13 +86,13 @@ class Verdict(StrEnum):
 
     @property
     def word(self) -> str:
-        """For a sentence."""
+        """Text in a sentence."""
         return "no verdict" if self is Verdict.NONE else self.value
 
 
 @dataclass(frozen=True, slots=True)
 class PointValue:
-    """The quantity of the procedure for a point, with all it rests on."""
+    """Judged quantity of a point, with the values from which it was computed."""
 
     quantity: Quantity
     value: float
@@ -101,7 +101,7 @@ class PointValue:
     """95 %: scatter of the drops (Student), the model's error for the modulus of the inversion.
     Calibration and the plate factor are not in it. None: too few drops for one."""
     drops: int
-    """Number of drops that were averaged."""
+    """Number of averaged drops."""
     drop_range: tuple[float, float] | None = None
     """Smallest and largest value of single drops where there is no interval; None: one drop."""
     not_supported: str | None = None
@@ -111,13 +111,13 @@ class PointValue:
     mean_load: float | None = None
     """N."""
     factor: float | None = None
-    """Plate factor; None: none in the formula."""
+    """Plate factor; None: the formula has no such factor."""
     plate_radius: float | None = None
     """m."""
     poisson_ratio: float | None = None
-    """None: not in the formula."""
+    """Poisson's ratio; None: the formula does not use it."""
     pressure: float | None = None
-    """Pa, in the formula: nominal for E_vd, measured for E_LWD."""
+    """Pressure in the formula, Pa: nominal for E_vd, measured for E_LWD."""
 
     @property
     def unit(self) -> str:
@@ -126,15 +126,15 @@ class PointValue:
 
 
 def unit_of(quantity: Quantity) -> str:
-    """SI unit of what a procedure judges."""
+    """Return the SI unit of a quantity."""
     return "m" if quantity is Quantity.DEFLECTION else "Pa"
 
 
 UNSUPPORTED_MARK = "*"
-"""Stands behind a number that the data do not support, wherever it is shown."""
+"""Mark behind a number that the data do not support, wherever it is shown."""
 
 Use = Literal["design", "with-care", "do-not-use"]
-"""What the modulus of a diagnosis may be used for."""
+"""Permitted use of the modulus of a diagnosis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +184,7 @@ class Exclusion(StrEnum):
 
     SEATING = "seating"
     BEYOND = "beyond"
-    """There are as many measured drops as the procedure wants without it."""
+    """The point had the required number of measured drops before it."""
     REJECTED = "rejected"
     DISCARDED = "discarded"
     FAULT = "fault"
@@ -193,43 +193,48 @@ class Exclusion(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ExcludedDrop:
-    """A drop that takes no part."""
+    """Drop that takes no part, with the reason."""
 
     number: int
     why: Exclusion
     reason: str
-    """For people."""
+    """Reason as a text for people."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PointProgress:
-    """What a procedure says of a point, drop by drop."""
+    """Judgement of a point by a procedure, after each of its drops.
+
+    The fields are the keys of `as_dict`.
+    """
 
     next_kind: Kind | None
-    """Of the next drop; None: the point is done."""
+    """Kind of the next drop; None: the point is complete."""
     instruction: str
-    """One sentence: what is to be done next."""
+    """The next step, in one sentence."""
     seating_done: int
+    """Number of seating drops."""
     seating_wanted: int | None
-    """None: the procedure does not say, or it is not verified."""
+    """Required number; None: the procedure does not state it, or it is not verified."""
     measured_done: int
-    """Measured drops that can be used."""
+    """Number of measured drops that can be used."""
     measured_wanted: int | None
+    """Required number, as for seating."""
     complete: bool
-    """Whether enough drops are in."""
+    """True when the required number of drops is reached."""
     used: tuple[int, ...]
     """Numbers of the drops that are averaged."""
     kinds: tuple[tuple[int, Kind], ...]
-    """Number of every drop and what it counts as by the procedure."""
+    """Number of every drop, and its kind by the procedure."""
     excluded: tuple[ExcludedDrop, ...]
     """Every drop that takes no part, by number."""
     faults: tuple[str, ...]
-    """What an enforced check found wrong with the point, one sentence each."""
+    """Faults of the point by enforced checks, one sentence each."""
     notes: tuple[str, ...]
-    """What should be known: checks that are not verified and not enforced, assumptions."""
+    """Remarks: assumptions, and checks that are not verified and not enforced."""
     value: PointValue | None
     modulus: PointModulus | None
-    """The modulus that counts; in force unless the data do not support it. None: none is known."""
+    """The modulus that counts; in force unless the data do not support it. None: unknown."""
     other_modulus: PointModulus | None
     """The fitted modulus where the diagnosed one counts, and the reverse; for details only."""
     deflection_spread: float | None
@@ -241,7 +246,7 @@ class PointProgress:
     compaction: tuple[tuple[int, str, float], ...]
     """Number, kind and deflection (m) of every drop that loaded the ground, in order."""
     compaction_change: float | None
-    """Deflection of the last used drop over the first less 1; negative: it still stiffens."""
+    """Deflection of the last used drop over the first, less 1; negative: the ground stiffens."""
     stress: StressDependence | None
     target: float | None
     """Pa, or m for a deflection."""
@@ -249,7 +254,7 @@ class PointProgress:
     verdict: Verdict
     verdict_reason: str
     verdict_reason_code: ReasonCode | None
-    """None: there is no target."""
+    """Kind of the reason; None: there is no target."""
 
     @property
     def modulus_in_force(self) -> PointModulus | None:
@@ -260,20 +265,20 @@ class PointProgress:
     @property
     def fitted_modulus(self) -> PointModulus | None:
         """The modulus of the fits of the averaged drops, whether or not it counts."""
-        known = (self.modulus, self.other_modulus)
-        return next((item for item in known if item and item.source == "fitted"), None)
+        moduli = (self.modulus, self.other_modulus)
+        return next((modulus for modulus in moduli if modulus and modulus.source == "fitted"), None)
 
     def as_dict(self) -> Mapping[str, Any]:
-        """As JSON knows it; SI units."""
-        known = {key: _plain(value) for key, value in asdict(self).items()}
+        """Return the judgement as JSON values in SI units."""
+        values = {key: _plain(value) for key, value in asdict(self).items()}
         if self.value is not None:
-            known["value"]["unit"] = self.value.unit
+            values["value"]["unit"] = self.value.unit
         excluded = [[drop.number, drop.reason] for drop in self.excluded]
-        return known | {"excluded": excluded} | in_force_as_dict(self.modulus_in_force)
+        return values | {"excluded": excluded} | in_force_as_dict(self.modulus_in_force)
 
 
 def in_force_as_dict(modulus: PointModulus | None) -> dict[str, Any]:
-    """The modulus in force as JSON keys, SI units."""
+    """Return the modulus in force as JSON values in SI units."""
     interval = None if modulus is None else modulus.interval
     return {
         "modulus_in_force_pa": None if modulus is None else modulus.value,

@@ -1,4 +1,4 @@
-"""What a procedure presumes of plate and load, and where a point violates it.
+"""Preconditions of a procedure on plate and load, and their violations at a point.
 
 A formula with a nominal load (E_vd) is wrong in proportion when another weight or height was used,
 and limits found with one plate do not hold for another. A point that violates a precondition gets
@@ -9,17 +9,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pfwd.procedures.moduli import mean
 from pfwd.procedures.point import PointDrop
 from pfwd.procedures.profile import Procedure
+from pfwd.procedures.values import mean
 
-ROUNDING = 1e-9
-"""Relative; a value on the limit of a tolerance is within it."""
+TOLERANCE_SLACK = 1e-9
+"""Relative allowance for rounding: a value on the limit of a tolerance is within it."""
 
 
 @dataclass(frozen=True, slots=True)
 class PresumedLoad:
-    """The load that a procedure presumes beside the one that was measured."""
+    """Load that a procedure presumes, and the measured load."""
 
     load: float
     """N."""
@@ -35,7 +35,7 @@ class PresumedLoad:
     """Pa; mean contact stress of that load under the plate in use."""
 
     def is_met_by(self, load: float) -> bool:
-        """Whether a load (N) is within the tolerance."""
+        """Return whether a load (N) is within the tolerance."""
         return _is_within(load, self.load, self.tolerance)
 
 
@@ -50,7 +50,7 @@ def presumed_load(
     used : sequence of PointDrop
         The drops that are averaged.
     plate_radius : float, m
-        Of the plate in use.
+        Radius of the plate in use.
     """
     radius = plate_radius if procedure.plate_radius is None else procedure.plate_radius.value
     area, presumed_area = math.pi * plate_radius**2, math.pi * radius**2
@@ -126,7 +126,7 @@ def _load_violation(
 
 
 def _is_within(value: float, needed: float, tolerance: float) -> bool:
-    return abs(value - needed) <= (tolerance + ROUNDING) * needed
+    return abs(value - needed) <= (tolerance + TOLERANCE_SLACK) * needed
 
 
 def _kilonewton(load: float) -> str:

@@ -1,4 +1,4 @@
-"""A procedure as it was read: numbers with their sources, nothing computed."""
+"""Procedure as it was read: numbers with their sources, nothing computed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,38 +8,38 @@ from typing import NamedTuple
 
 
 class Quantity(StrEnum):
-    """What a procedure judges a point by. None of them is another's synonym."""
+    """Quantity by which a procedure judges a point. The four are different quantities."""
 
     E_VD = "E_vd"
     """Dynamic modulus of deformation: factor x radius x nominal pressure over mean deflection."""
     E_LWD = "E_LWD"
     """Surface modulus: factor x (1 - nu^2) x measured pressure x radius over mean deflection."""
     MODULUS = "modulus"
-    """Modulus of the ground from the full time history, as the inversion finds it."""
+    """Modulus of the ground from the inversion of the full time history."""
     DEFLECTION = "deflection"
     """Mean peak deflection itself; smaller is better."""
 
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number of a procedure and where it is from."""
+    """Number of a procedure with its source."""
 
     value: float
-    """SI unit, named in the key."""
+    """Value in the SI unit that the key names."""
     source: str
-    """Where the number can be read."""
+    """Document and place that state the number."""
     verified: bool
-    """Whether a public text was found that says so."""
+    """True when a public text confirms the number."""
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What a point has to reach."""
+    """Value that a point has to reach."""
 
     value: Number
     """Pa, or m for a deflection."""
     material: str | None = None
-    """What it applies to; None: everything."""
+    """Material that it applies to; None: any."""
     moisture_from: float | None = None
     """Percent by mass, inclusive; None: from any."""
     moisture_to: float | None = None
@@ -47,14 +47,14 @@ class Target:
 
 
 class Check(NamedTuple):
-    """One check that a profile can ask for."""
+    """Check that a profile can require."""
 
     unit: str
-    """Of the limit, as shown to people."""
+    """Unit in which people read the limit."""
     scale: float
-    """Shown value over SI value."""
+    """Value in that unit over SI value."""
     words: str
-    """What is limited."""
+    """Description of the limited quantity."""
 
 
 CHECKS: Mapping[str, Check] = MappingProxyType(
@@ -79,7 +79,7 @@ CHECKS: Mapping[str, Check] = MappingProxyType(
         "most_s_over_v_s": Check("ms", 1e3, "s/v, above which more compaction is possible"),
     }
 )
-"""By the key of the profile."""
+"""Checks by their keys in a profile."""
 
 
 OUR_TOLERANCES: Mapping[str, float] = MappingProxyType(
@@ -96,7 +96,7 @@ OUR_TOLERANCES: Mapping[str, float] = MappingProxyType(
 
 
 class Tolerance(NamedTuple):
-    """A relative tolerance and whether this program chose it."""
+    """Relative tolerance, and whether this program chose it."""
 
     value: float
     is_ours: bool
@@ -117,43 +117,43 @@ class Tolerance(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Procedure:
-    """What a standard or a contract asks of the drops of a point."""
+    """Requirements of a standard or a contract on the drops of a point."""
 
     name: str
-    """Short name, as it is chosen by."""
+    """Short name, by which a user chooses the procedure."""
     title: str
     source: str
     """The document."""
     about: str = ""
-    """What a user should know of the profile, above all what could not be verified."""
+    """Remarks for the user, above all on numbers that could not be verified."""
     seating: Number | None = None
-    """Drops before the measured ones; None: the document does not say."""
+    """Number of drops before the measured ones; None: the document does not state it."""
     measured: Number | None = None
-    """Drops that are averaged; None: the document does not say."""
+    """Number of drops that are averaged; None: the document does not state it."""
     quantity: Quantity = Quantity.MODULUS
-    """What is judged."""
+    """The judged quantity."""
     average: str = "deflection"
     """"deflection": the modulus of the mean deflection; "modulus": the mean of the moduli."""
     factor: Number | None = None
     """Plate factor: 1.5 in E_vd; 2 (uniform), pi/2 (rigid), 8/3 (parabolic) in E_LWD."""
     nominal_pressure: Number | None = None
-    """Pa; the stress that the procedure presumes. E_vd takes it in place of the measured one."""
+    """Pa; the stress that the procedure presumes. E_vd uses it in place of the measured one."""
     nominal_load: Number | None = None
     """N; the peak load that the procedure presumes."""
     poisson_ratio: Number | None = None
-    """None: what the setup declares."""
+    """Poisson's ratio of the formula; None: that of the setup."""
     plate_radius: Number | None = None
     """m; the plate that the procedure presumes."""
     checks: Mapping[str, Number] = field(default_factory=dict)
     """Limits by the keys of `CHECKS`."""
     targets: tuple[Target, ...] = ()
-    """To choose from by material and moisture."""
+    """Targets by material and moisture."""
     enforce_unverified: bool = False
-    """Whether numbers that are not verified are enforced too."""
+    """True: numbers that are not verified are enforced, too."""
     text: str = field(default="", repr=False)
-    """The TOML it was read from, to be kept with a survey."""
+    """The TOML from which it was read; a survey records it."""
     file: str | None = None
-    """Where that stands; None: shipped with the program."""
+    """Path of that text; None: shipped with the program."""
 
     def tolerance(self, check: str) -> "Tolerance":
         """Return a tolerance, which applies whether or not its source is verified.
@@ -169,29 +169,29 @@ class Procedure:
         return Tolerance(number.value, is_ours=not number.verified)
 
     def enforced(self, number: Number | None) -> float | None:
-        """The value of a number that is enforced; None: there is none, or it is not verified."""
+        """Return the value of a number that is enforced; None: absent or not verified."""
         if number is None or not (number.verified or self.enforce_unverified):
             return None
         return number.value
 
     def limit(self, check: str) -> float | None:
-        """An enforced limit by its key, SI; None: not checked."""
+        """Return an enforced limit by its key, SI unit; None: not checked."""
         return self.enforced(self.checks.get(check))
 
     @property
     def seating_drops(self) -> int | None:
-        """Drops before the measured ones, as enforced."""
+        """Enforced number of drops before the measured ones; None: no number is enforced."""
         value = self.enforced(self.seating)
         return None if value is None else int(value)
 
     @property
     def measured_drops(self) -> int | None:
-        """Drops that are averaged, as enforced."""
+        """Enforced number of drops that are averaged; None: no number is enforced."""
         value = self.enforced(self.measured)
         return None if value is None else int(value)
 
-    def as_kept(self) -> dict[str, object]:
-        """What a survey keeps of it: everything that is needed to judge its points again."""
+    def as_recorded(self) -> dict[str, object]:
+        """Return the values that a survey records, from which its points can be judged again."""
         return {
             "name": self.name,
             "text": self.text,
@@ -200,8 +200,8 @@ class Procedure:
         }
 
     def numbers(self) -> dict[str, Number]:
-        """Every number of the profile by its key."""
-        found: dict[str, Number | None] = {
+        """Return every number of the profile by its key."""
+        numbers: dict[str, Number | None] = {
             "seating": self.seating,
             "measured": self.measured,
             "factor": self.factor,
@@ -212,14 +212,14 @@ class Procedure:
             **self.checks,
         }
         for index, target in enumerate(self.targets, 1):
-            found[f"target {index}"] = target.value
-        return {key: number for key, number in found.items() if number is not None}
+            numbers[f"target {index}"] = target.value
+        return {key: number for key, number in numbers.items() if number is not None}
 
     def target_for(self, moisture: float | None, material: str | None) -> Target | None:
-        """The enforced target for a moisture (percent) and a material; None: there is none.
+        """Return the enforced target for a moisture (percent) and a material, or None.
 
-        A target that is limited to a moisture or a material is never taken for a point of which
-        these are not known.
+        A target that is limited to a moisture or a material applies only to a point that declares
+        them.
         """
         for target in self.targets:
             if self.enforced(target.value) is None:

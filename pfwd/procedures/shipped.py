@@ -1,12 +1,30 @@
-"""The procedures that come with the program, and how a procedure is found by its name."""
+"""Procedures that come with the program, and the lookup of a procedure by its name or file."""
 
 import os
 from functools import cache
 from importlib import resources
 
 from pfwd.errors import OptionError, quote, refusal
-from pfwd.procedures.profile import Procedure
+from pfwd.procedures.profile import Procedure, Quantity
 from pfwd.procedures.reading import parse_procedure, read_procedure
+
+NO_PROCEDURE = Procedure(
+    name="none",
+    title="",
+    source="",
+    about="",
+    quantity=Quantity.MODULUS,
+    average="modulus",
+)
+"""Procedure that averages every measured drop and judges the modulus of the inversion."""
+
+PLAIN = "plain"
+"""Name of the default procedure, which follows no document."""
+
+DEFAULT_SEATING_DROPS, DEFAULT_MEASURED_DROPS = 3, 3
+"""Common practice with portable deflectometers: three drops seat the plate, three are averaged."""
+
+_CHOSEN = "chosen for this survey, after no document"
 
 
 @cache
@@ -20,19 +38,19 @@ def _texts() -> dict[str, str]:
 
 
 def shipped_names() -> tuple[str, ...]:
-    """Names of the procedures that come with the program, sorted."""
+    """Return the names of the procedures that come with the program, sorted."""
     return tuple(_texts())
 
 
 def shipped_procedures() -> tuple[Procedure, ...]:
-    """The procedures that come with the program, by name."""
+    """Return the procedures that come with the program, sorted by name."""
     return tuple(
         parse_procedure(text, f"procedure {name}", shipped=True) for name, text in _texts().items()
     )
 
 
 def find_procedure(name: str, *, enforce_unverified: bool = False) -> Procedure:
-    """A shipped procedure by its name, or the one that a TOML file holds.
+    """Return a shipped procedure by its name, or the one that a TOML file holds.
 
     Parameters
     ----------
@@ -44,7 +62,7 @@ def find_procedure(name: str, *, enforce_unverified: bool = False) -> Procedure:
     Raises
     ------
     OptionError
-        If there is none of this name, or its file is refused.
+        If no procedure has this name, or its file is refused.
     """
     text = _texts().get(name)
     if text is not None:
@@ -55,3 +73,28 @@ def find_procedure(name: str, *, enforce_unverified: bool = False) -> Procedure:
         return read_procedure(name, enforce_unverified=enforce_unverified)
     expected = f"one of {', '.join(shipped_names())}, or a file .toml"
     raise OptionError(refusal("procedure", expected, quote(name), "pfwd procedures lists them"))
+
+
+def plain_procedure(
+    seating: int = DEFAULT_SEATING_DROPS, measured: int = DEFAULT_MEASURED_DROPS
+) -> Procedure:
+    """Return the procedure that compares the mean modulus of the measured drops with a target.
+
+    Parameters
+    ----------
+    seating, measured : int
+        Number of seating drops and of measured drops.
+    """
+    source = f'source = "{_CHOSEN}"'
+    text = (
+        "pfwd-procedure = 1\n"
+        f'name = "{PLAIN}"\n'
+        'title = "seating drops, then measured drops"\n'
+        f"{source}\n"
+        'quantity = "modulus"\n'
+        'average = "modulus"\n'
+        "[drops]\n"
+        f"seating = {{ value = {seating}, {source}, verified = true }}\n"
+        f"measured = {{ value = {measured}, {source}, verified = true }}\n"
+    )
+    return parse_procedure(text, f"procedure {PLAIN}", shipped=True)

@@ -78,7 +78,7 @@ def test_every_fit_was_taken() -> None:
 def recorded(folder: Path, peak: float, *events: tuple[str, dict[str, Any]]) -> Path:
     declared = declared_values(SETUP)
     with SurveyWriter.open(folder, publish=False) as writer:
-        writer.note_event("procedure", GERMAN.as_kept())
+        writer.note_event("procedure", GERMAN.as_recorded())
         writer.note_event("job", {"target": 45e6})
         for kind, details in events:
             writer.note_event(kind, details)

@@ -24,7 +24,7 @@ from pfwd.procedures import (
     judge,
     kind_of,
 )
-from pfwd.procedures.moduli import e_lwd, e_vd, half_width_95, mean, stress_dependence
+from pfwd.procedures.values import e_lwd, e_vd, half_width_95, mean, stress_dependence
 
 GERMAN = find_procedure("tp-bf-stb-b8.3")
 MM = 1e-3

@@ -288,7 +288,7 @@ def test_who_does_not_ask_enforces_nothing_unverified() -> None:
         name=careful.name, title=careful.title, source=careful.source, seating=careful.seating
     )
     assert rebuilt.seating_drops is None
-    assert careful.as_kept()["enforce_unverified"] is False
+    assert careful.as_recorded()["enforce_unverified"] is False
 
 
 def test_only_those_of_the_program_have_no_file(tmp_path: Path) -> None:

@@ -19,8 +19,7 @@ from pfwd.procedures import (
     find_procedure,
     judge,
 )
-from pfwd.procedures.moduli import half_width_95, mean, spread, stress_dependence
-from pfwd.procedures.valuing import known
+from pfwd.procedures.values import half_width_95, mean, recorded_values, spread, stress_dependence
 
 GERMAN = dataclasses.replace(find_procedure("tp-bf-stb-b8.3"), seating=Number(0, "here", True))
 BRITISH = dataclasses.replace(find_procedure("mchw-885"), seating=Number(0, "here", True))
@@ -237,4 +236,4 @@ def test_heights_differ_from_a_quarter_on() -> None:
 
 def test_what_is_not_known_is_left_out_in_order() -> None:
     found = drops(0.5, 0.6, 0.7, pulse_duration=[0.018, None, 0.017])
-    assert known(found, "pulse_duration") == [0.018, 0.017]
+    assert recorded_values(found, "pulse_duration") == [0.018, 0.017]

@@ -13,7 +13,7 @@ from pfwd.judging import JobRequest
 from pfwd.judging.job import target_fault
 from pfwd.judging.stations import read_stations
 from pfwd.procedures import PLAIN, Procedure, find_procedure, plain_procedure
-from pfwd.procedures.plain import MEASURED, SEATING
+from pfwd.procedures.shipped import DEFAULT_MEASURED_DROPS, DEFAULT_SEATING_DROPS
 from pfwd.session.plan import SessionPlan
 from pfwd.session.setup_file import with_procedure
 from tui.screen.units import QuantityName, Units, figures, judged_quantity
@@ -86,7 +86,8 @@ def chosen_procedure(name: str, values: Mapping[str, Any], known: Procedure | No
     if name == PLAIN:
         seating, measured = values.get("seating_drops"), values.get("measured")
         return plain_procedure(
-            SEATING if seating is None else int(seating), MEASURED if measured is None else measured
+            DEFAULT_SEATING_DROPS if seating is None else int(seating),
+            DEFAULT_MEASURED_DROPS if measured is None else measured,
         )
     return known if known is not None and known.name == name else find_procedure(name)
 

@@ -1,15 +1,8 @@
-"""The quantity of a procedure for a point, from the drops that are averaged."""
+"""Value of a point by a procedure: moduli as the standards define them, mean, scatter, stress."""
 
 import math
 from collections.abc import Sequence
 
-from pfwd.procedures.moduli import (
-    e_lwd,
-    e_vd,
-    half_width_95,
-    mean,
-    stress_dependence,
-)
 from pfwd.procedures.point import (
     DiagnosedModulus,
     PointDrop,
@@ -20,10 +13,17 @@ from pfwd.procedures.point import (
 from pfwd.procedures.profile import Procedure, Quantity
 
 ASSUMED_POISSON_RATIO = 0.35
-"""Where neither procedure nor setup says one: the usual value of subgrades; said so in a note."""
+"""Common value of subgrades, for a procedure and a setup without one; a note reports it."""
 
 MIN_DROPS_FOR_INTERVAL = 3
-"""Measured drops; Student's interval of two is twelve standard deviations wide and says nothing."""
+"""Measured drops; Student's interval of two is twelve standard deviations wide."""
+
+_STUDENT_95 = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228)
+"""Two-sided 95 % quantiles of Student's t for 1 to 10 degrees of freedom (any table of them)."""
+
+MIN_STRESS_RATIO = 1.25
+"""Ratio of the largest to the smallest pressure above which drops count as from several heights;
+drops from one height repeat within a few percent."""
 
 
 def value_of(
@@ -34,7 +34,7 @@ def value_of(
     notes: list[str],
     modulus: PointModulus | None = None,
 ) -> PointValue | None:
-    """Return the quantity that a procedure judges; None: the drops do not give it.
+    """Return the quantity that a procedure judges; None: the drops lack it.
 
     Parameters
     ----------
@@ -47,12 +47,15 @@ def value_of(
     notes : list of str
         Receives the assumptions that were made.
     modulus : PointModulus, optional
-        Of the point, see `moduli_of`; judged where the procedure judges a modulus.
+        Modulus of the point, see `moduli_of`, for a procedure that judges a modulus.
     """
     if procedure.quantity is Quantity.MODULUS:
         return _judged_modulus(used, plate_radius, modulus)
     measured = [drop for drop in used if drop.peak_deflection]
-    deflections, loads = known(measured, "peak_deflection"), known(measured, "peak_load")
+    deflections, loads = (
+        recorded_values(measured, "peak_deflection"),
+        recorded_values(measured, "peak_load"),
+    )
     if not deflections:
         return None
     if procedure.quantity is Quantity.DEFLECTION:
@@ -154,7 +157,7 @@ def _e_lwd(
 
 
 def _mean_load(deflections: Sequence[float], loads: Sequence[float]) -> float | None:
-    """None when the load of a drop is not known."""
+    """Return the mean load, N; None: the load of a drop is unknown."""
     return mean(loads) if len(loads) == len(deflections) else None
 
 
@@ -203,7 +206,7 @@ def _fitted_modulus(procedure: Procedure, used: Sequence[PointDrop]) -> PointMod
         only = fitted[0]
         assert only.modulus is not None
         return PointModulus(only.modulus, only.modulus_interval, "fitted", fault)
-    logarithms = [math.log(value) for value in known(fitted, "modulus")]
+    logarithms = [math.log(value) for value in recorded_values(fitted, "modulus")]
     average, scatter = mean(logarithms), half_width_95(logarithms) or 0.0
     below, above = [], []
     for drop, logarithm in zip(fitted, logarithms, strict=True):
@@ -244,7 +247,7 @@ def unsupported_fit(procedure: Procedure, drop: PointDrop) -> str | None:
 
 
 def residual_fault(residual: float | None, limit: float) -> str | None:
-    """Return what is wrong with a residual over the peak; None: nothing, or it is not known."""
+    """Return the fault of a residual over the peak; None: no fault, or it is unknown."""
     if residual is None or residual <= limit:
         return None
     return (
@@ -259,7 +262,9 @@ def _judged_modulus(
     if modulus is None:
         return None
     fitted = [drop for drop in used if drop.modulus is not None] or used
-    deflections, loads = (known(fitted, name) for name in ("peak_deflection", "peak_load"))
+    deflections, loads = (
+        recorded_values(fitted, name) for name in ("peak_deflection", "peak_load")
+    )
     return PointValue(
         Quantity.MODULUS,
         modulus.value,
@@ -272,16 +277,16 @@ def _judged_modulus(
     )
 
 
-def known(drops: Sequence[PointDrop], attribute: str) -> list[float]:
-    """What is known of an attribute of drops, in their order."""
+def recorded_values(drops: Sequence[PointDrop], attribute: str) -> list[float]:
+    """Return the recorded values of an attribute of drops, in their order."""
     values = (getattr(drop, attribute) for drop in drops)
     return [float(value) for value in values if value is not None]
 
 
 def _poisson_ratio(procedure: Procedure, declared: float | None, notes: list[str]) -> float:
-    own = procedure.enforced(procedure.poisson_ratio)
-    if own is not None:
-        return own
+    enforced = procedure.enforced(procedure.poisson_ratio)
+    if enforced is not None:
+        return enforced
     if declared is not None:
         return declared
     text = f"Poisson's ratio {ASSUMED_POISSON_RATIO:g} is assumed"
@@ -296,7 +301,10 @@ def stress_of(
     plate_radius: float,
     declared_ratio: float | None,
 ) -> StressDependence | None:
-    """From all usable drops: those beyond the mean may have fallen from other heights."""
+    """Return the stress dependence of the modulus.
+
+    All usable drops count: those that are not averaged may have fallen from other heights.
+    """
     area = math.pi * plate_radius**2
     if procedure.quantity is Quantity.MODULUS:
         pairs = [
@@ -316,3 +324,117 @@ def stress_of(
             if drop.peak_load and drop.peak_deflection
         ]
     return stress_dependence([pair[0] for pair in pairs], [pair[1] for pair in pairs])
+
+
+def e_vd(
+    deflection: float, plate_radius: float, factor: float = 1.5, nominal_pressure: float = 1e5
+) -> float:
+    r"""Return the dynamic modulus of deformation.
+
+    .. math:: E_{vd} = 1.5 \, r \, \sigma / s
+
+    with the nominal pressure :math:`\sigma` = 0.1 MPa that the device was calibrated to (7.07 kN on
+    a plate of 0.3 m), whatever the load was; 22.5 / s for s in mm. Public manuals of light drop
+    weight testers after TP BF-StB B 8.3 print it.
+
+    Parameters
+    ----------
+    deflection : float, m, > 0
+        Mean of the measured drops.
+    plate_radius : float, m
+    factor : float
+    nominal_pressure : float, Pa
+
+    Returns
+    -------
+    float, Pa
+
+    Examples
+    --------
+    >>> round(e_vd(0.5e-3, 0.15) / 1e6, 6)
+    45.0
+    """
+    return factor * plate_radius * nominal_pressure / deflection
+
+
+def e_lwd(
+    load: float, deflection: float, plate_radius: float, poisson_ratio: float, factor: float
+) -> float:
+    r"""Return the surface modulus of a half-space under a plate, from the peaks.
+
+    .. math:: E_{LWD} = k (1 - \nu^2) \, \sigma \, r / s, \qquad \sigma = F / (\pi r^2)
+
+    with the stress distribution factor k: 2 uniform, pi/2 rigid, 8/3 parabolic (static Boussinesq
+    solutions for the centre).
+
+    Parameters
+    ----------
+    load : float, N
+        Peak, measured.
+    deflection : float, m, > 0
+    plate_radius : float, m
+    poisson_ratio : float
+    factor : float
+
+    Returns
+    -------
+    float, Pa
+    """
+    pressure = load / (math.pi * plate_radius**2)
+    return factor * (1 - poisson_ratio**2) * pressure * plate_radius / deflection
+
+
+def mean(values: Sequence[float]) -> float:
+    """Return the arithmetic mean."""
+    return math.fsum(values) / len(values)
+
+
+def spread(values: Sequence[float]) -> float | None:
+    """Return the largest less the smallest value over the mean; None: fewer than two values."""
+    if len(values) < 2 or mean(values) == 0:
+        return None
+    return (max(values) - min(values)) / abs(mean(values))
+
+
+def half_width_95(values: Sequence[float]) -> float | None:
+    """Return half of the 95 % interval of the mean (Student); None: fewer than two values."""
+    count = len(values)
+    if count < 2:
+        return None
+    average = mean(values)
+    variance = math.fsum((value - average) ** 2 for value in values) / (count - 1)
+    # Beyond the table the quantile falls by 12 % at most, to 1.96 of the normal distribution; the
+    # last one of the table gives the wider interval.
+    quantile = _STUDENT_95[min(count - 1, len(_STUDENT_95)) - 1]
+    return quantile * math.sqrt(variance / count)
+
+
+def stress_dependence(
+    pressures: Sequence[float], moduli: Sequence[float]
+) -> StressDependence | None:
+    """Return the exponent of E over p, by least squares in the logarithms.
+
+    Parameters
+    ----------
+    pressures : sequence of float, Pa, > 0
+    moduli : sequence of float, Pa, > 0
+
+    Returns
+    -------
+    StressDependence or None
+        None when the pressures differ too little.
+    """
+    if len(pressures) < 2 or max(pressures) < MIN_STRESS_RATIO * min(pressures):
+        return None
+    x = [math.log(value) for value in pressures]
+    y = [math.log(value) for value in moduli]
+    mean_x, mean_y = mean(x), mean(y)
+    squares = math.fsum((value - mean_x) ** 2 for value in x)
+    slope = math.fsum((a - mean_x) * (b - mean_y) for a, b in zip(x, y, strict=True)) / squares
+    deviation = None
+    if len(x) > 2:
+        residual = math.fsum(
+            (b - mean_y - slope * (a - mean_x)) ** 2 for a, b in zip(x, y, strict=True)
+        )
+        deviation = math.sqrt(residual / (len(x) - 2) / squares)
+    return StressDependence(slope, deviation, (min(pressures), max(pressures)))
