@@ -39,7 +39,7 @@ def main(arguments: list[str]) -> int:
     if arguments and not arguments[0].startswith("-"):
         name, *rest = arguments
         if name not in PARTS:
-            print(f"pfwd bench: expected one of {', '.join(PARTS)}, came {name}", file=sys.stderr)
+            print(f"pfwd bench: expected one of {', '.join(PARTS)}, got {name}", file=sys.stderr)
             return 2
         return _run(name, rest)
     if "--help" in arguments or "-h" in arguments:

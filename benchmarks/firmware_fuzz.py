@@ -29,7 +29,7 @@ def fuzz(seconds: int, folder: Path | None = None) -> tuple[bool, int, str]:
     """
     clang = shutil.which("clang")
     if clang is None:
-        raise FirmwareError("firmware: expected clang, which has libFuzzer, came none")
+        raise FirmwareError("firmware: expected clang, which has libFuzzer, got none")
     source = firmware_folder() / "host" / "steps.c"
     with tempfile.TemporaryDirectory(prefix="pfwd-fuzz-", dir=folder) as work:
         program, corpus = Path(work) / "fuzz", Path(work) / "corpus"

@@ -103,7 +103,7 @@ def run(arguments: list[str]) -> int:
         free, wanted = shutil.disk_usage(folder).free, larger * BYTES_OF_A_DROP + SPARE_BYTES
         if free < wanted:
             print(
-                f"pfwd bench scale: expected {wanted / 1e9:.1f} GB free in {folder}, came "
+                f"pfwd bench scale: expected {wanted / 1e9:.1f} GB free in {folder}, got "
                 f"{free / 1e9:.1f} GB; name another folder with --folder",
                 file=sys.stderr,
             )

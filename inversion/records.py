@@ -107,7 +107,7 @@ class JsonRecord:
         """
         if not isinstance(written, Mapping):
             found = type(written).__name__
-            raise RecordFormatError(f"{where}: expected a record with its keys, came {found}")
+            raise RecordFormatError(f"{where}: expected a record with its keys, got {found}")
         readers = _readers(cls)
         known: dict[str, Any] = {}
         more: dict[str, Any] = {}

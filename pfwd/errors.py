@@ -29,23 +29,23 @@ class OptionError(SurveyError, ValueError):
     """The options of an analysis are outside their range or contradict each other."""
 
 
-def refusal(where: str, expected: str, came: str, hint: str = "") -> str:
+def refusal(where: str, expected: str, got: str, hint: str = "") -> str:
     """One line for an error, in the form that all messages of the survey share.
 
     Parameters
     ----------
     where : str
         File and line, or the option.
-    expected, came : str
+    expected, got : str
     hint : str
         What to try; may be empty.
 
     Returns
     -------
     str
-        ``where: expected ..., came ...; hint``
+        ``where: expected ..., got ...; hint``
     """
-    return f"{where}: expected {expected}, came {came}" + (f"; {hint}" if hint else "")
+    return f"{where}: expected {expected}, got {got}" + (f"; {hint}" if hint else "")
 
 
 def quote(value: object) -> str:

@@ -62,7 +62,7 @@ def load_channel(identity: Identity) -> int:
     found = [i for i, channel in enumerate(identity.channels) if channel.role is Role.LOAD]
     if len(found) != 1:
         raise SetupError(
-            f"channels of {identity.serial_number!r}: expected one with the role load, came "
+            f"channels of {identity.serial_number!r}: expected one with the role load, got "
             f"{len(found)}; give the roles in [[channels]] of the setup file"
         )
     return found[0]
@@ -81,7 +81,7 @@ def sensor_channels(identity: Identity) -> list[int]:
     if not found:
         raise SetupError(
             f"channels of {identity.serial_number!r}: expected at least one with the role geophone "
-            "or displacement, came none; give the roles in [[channels]] of the setup file"
+            "or displacement, got none; give the roles in [[channels]] of the setup file"
         )
     return sorted(found, key=lambda i: nearest_first(channels[i].offset))
 

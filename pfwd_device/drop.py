@@ -79,13 +79,13 @@ class Drop:
             self._check_peaks(self.only_peaks)
         elif self.time.size < 2:
             raise ValueError(
-                f"drop {self.number}: expected at least 2 samples, came {self.time.size}"
+                f"drop {self.number}: expected at least 2 samples, got {self.time.size}"
             )
         lengths = [self.load.size, *(channel.values.size for channel in self.channels)]
         if any(length != self.time.size for length in lengths):
             raise ValueError(
                 f"drop {self.number}: expected {self.time.size} samples as in the time axis in the "
-                f"load and every channel, came {lengths}"
+                f"load and every channel, got {lengths}"
             )
 
     def _check_peaks(self, peaks: Peaks) -> None:
@@ -119,6 +119,6 @@ def _read_only_vector(values: NDArray[np.float64], name: str) -> NDArray[np.floa
     # A copy: the caller's array neither changes the drop later nor is locked by it.
     vector = np.array(values, dtype=np.float64)
     if vector.ndim != 1:
-        raise ValueError(f"{name}: expected one dimension, came shape {vector.shape}")
+        raise ValueError(f"{name}: expected one dimension, got shape {vector.shape}")
     vector.flags.writeable = False
     return vector

@@ -145,7 +145,7 @@ class Identity:
 
 def _require(holds: bool, where: str, expected: str, came: object) -> None:
     if not holds:
-        raise SetupError(f"{where}: expected {expected}, came {came}")
+        raise SetupError(f"{where}: expected {expected}, got {came}")
 
 
 _DATES = ("calibrated", "due")

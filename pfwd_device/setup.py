@@ -172,7 +172,7 @@ class DeviceSetup:
         if entry is None:
             came = clean(ascii(self.dialect))
             expected = _alternatives(dialect_names())
-            raise SetupError(f"setup, dialect: expected {expected}, came {came}")
+            raise SetupError(f"setup, dialect: expected {expected}, got {came}")
         return entry
 
     @property
@@ -196,7 +196,7 @@ class DeviceSetup:
             name = said["name"]
             if names.count(name) != 1:
                 has = ", ".join(map(repr, names))
-                raise SetupError(f"setup, channels: expected a name among {has}, came {name!r}")
+                raise SetupError(f"setup, channels: expected a name among {has}, got {name!r}")
             fields = {key: value for key, value in said.items() if key in _CHANNEL_FIELDS}
             index = names.index(name)
             channels[index] = dataclasses.replace(channels[index], **fields)
@@ -250,10 +250,10 @@ class DeviceSetup:
             for said in self.channels
         ]
         if sum(channel.role is Role.LOAD for channel in channels) != 1:
-            raise SetupError('channels: expected one with role = "load", came none or several')
+            raise SetupError('channels: expected one with role = "load", got none or several')
         if not any(channel.role in (Role.GEOPHONE, Role.DISPLACEMENT) for channel in channels):
             raise SetupError(
-                'channels: expected one with role = "geophone" or "displacement", came none'
+                'channels: expected one with role = "geophone" or "displacement", got none'
             )
         about = {"serial_number": "unknown", "model": title, "firmware": ""}
         return Identity(
@@ -296,7 +296,7 @@ def read_device_setup(table: Table, where: str) -> DeviceSetup:
         place = f"{where}, [[channels]] {number}"
         said = _read(entry, CHANNEL_KEYS, place)
         if "name" not in said:
-            raise SetupError(f"{place}: expected a name, came none; `pfwd ports` shows the names")
+            raise SetupError(f"{place}: expected a name, got none; `pfwd ports` shows the names")
         if "role" in said:
             said["role"] = Role(said["role"])
         channels.append(said)
@@ -317,18 +317,18 @@ def read_device_setup(table: Table, where: str) -> DeviceSetup:
 
 def _read(table: Any, rules: Mapping[str, SetupKey], where: str) -> dict[str, Any]:
     if not isinstance(table, Mapping):
-        raise SetupError(f"{where}: expected a table, came {clean(ascii(table))}")
+        raise SetupError(f"{where}: expected a table, got {clean(ascii(table))}")
     values = {}
     for key, value in table.items():
         if key not in rules:
             near = difflib.get_close_matches(key, rules, 1)
             hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(rules)}"
-            raise SetupError(f"{where}: expected a key of it, came {clean(ascii(key))}; {hint}")
+            raise SetupError(f"{where}: expected a key of it, got {clean(ascii(key))}; {hint}")
         rule = rules[key]
         if not rule.accepts(value):
             came = clean(ascii(value))
             expected = rule.expected if isinstance(rule.expected, str) else rule.expected()
-            raise SetupError(f"{where}: {key}: expected {expected}, came {came}")
+            raise SetupError(f"{where}: {key}: expected {expected}, got {came}")
         values[rule.attribute] = value
     return values
 
@@ -338,8 +338,8 @@ def _refuse_twice(values: Sequence[object], where: str) -> None:
     for value in said:
         if said.count(value) > 1:
             came = clean(ascii(value))
-            raise SetupError(f"{where}: expected each value once, came {came} twice")
+            raise SetupError(f"{where}: expected each value once, got {came} twice")
 
 
 def _missing(what: str, title: str) -> str:
-    return f"{what}: expected a value, came none; {title} say nothing of the instrument"
+    return f"{what}: expected a value, got none; {title} say nothing of the instrument"

@@ -83,7 +83,7 @@ def load(group: str, name: str, kind: type[T]) -> T | None:
     if extension is _BROKEN:
         return None
     value, actual = _offers(group)[name].entry.value, type(extension).__name__
-    remark(group, name, f"a {kind.__name__} at {value}, came a {actual}")
+    remark(group, name, f"a {kind.__name__} at {value}, got a {actual}")
     return None
 
 
@@ -100,7 +100,7 @@ def load_all(group: str, kind: type[T], taken: Collection[str] = ()) -> Iterator
     """
     for name in names(group):
         if name in taken:
-            remark(group, name, "a name of its own, came one that this program has")
+            remark(group, name, "a name of its own, got one that this program has")
         elif (extension := load(group, name, kind)) is not None:
             yield name, extension
 
@@ -147,7 +147,7 @@ def _object(group: str, name: str) -> object:
         return _offers(group)[name].entry.load()
     # An error in the code of another package must not end the command.
     except (Exception, SystemExit) as err:
-        remark(group, name, f"an object that can be imported, came {type(err).__name__}: {err}")
+        remark(group, name, f"an object that can be imported, got {type(err).__name__}: {err}")
         return _BROKEN
 
 

@@ -54,7 +54,7 @@ def cross_compile(
     compiler = zig_command("cc")
     if compiler is None:
         raise FirmwareError(
-            "firmware: expected zig, which compiles for other processors, came none; "
+            "firmware: expected zig, which compiles for other processors, got none; "
             "`pip install ziglang` brings it (400 MB)"
         )
     common = [*STRICT, "-Os", "-ffreestanding", "-fno-sanitize=all", "-ffunction-sections"]
@@ -176,7 +176,7 @@ def section_sizes(image: Path) -> dict[str, int]:
     """Bytes of the sections of a 32-bit ELF file that take room in the processor's memory."""
     data = image.read_bytes()
     if data[:6] != b"\x7fELF\x01\x01":
-        raise FirmwareError(f"{image}: expected a 32-bit ELF file, came something else")
+        raise FirmwareError(f"{image}: expected a 32-bit ELF file, got something else")
     (offset,) = struct.unpack_from("<I", data, 32)
     size, count, names = struct.unpack_from("<HHH", data, 46)
     headers = [struct.unpack_from("<IIIIII", data, offset + k * size) for k in range(count)]
@@ -207,7 +207,7 @@ class EmulatedBoard:
         program = emulator()
         if program is None or os.name == "nt":
             raise FirmwareError(
-                f"firmware: expected {EMULATOR}, came none; install QEMU (Debian: "
+                f"firmware: expected {EMULATOR}, got none; install QEMU (Debian: "
                 "qemu-system-arm); on Windows the emulated board is not run"
             )
         self._process = subprocess.Popen(
@@ -232,7 +232,7 @@ class EmulatedBoard:
         finally:
             timer.cancel()
         self.close()
-        raise FirmwareError(f"{EMULATOR}: expected a serial port, came {' '.join(said) or 'none'}")
+        raise FirmwareError(f"{EMULATOR}: expected a serial port, got {' '.join(said) or 'none'}")
 
     def close(self) -> None:
         """End it."""

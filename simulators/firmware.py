@@ -75,7 +75,7 @@ def firmware_folder() -> Path:
         if (folder / "core" / "pfwd.h").is_file():
             return folder
     raise FirmwareError(
-        "firmware: expected the sources of the core, came none; install pfwd from its wheel or use "
+        "firmware: expected the sources of the core, got none; install pfwd from its wheel or use "
         "a checkout of the project"
     )
 
@@ -123,7 +123,7 @@ def build_host(*flags: str, main: str = "host/board.c") -> Path:
     compiler = find_compiler()
     if compiler is None:
         raise FirmwareError(
-            "firmware: expected a C compiler (cc, gcc, clang, or the variable CC), came none; "
+            "firmware: expected a C compiler (cc, gcc, clang, or the variable CC), got none; "
             "`pip install ziglang` brings one (400 MB)"
         )
     folder = firmware_folder()
@@ -152,10 +152,10 @@ def run_compiler(command: Sequence[str]) -> None:
             command, capture_output=True, text=True, timeout=LONGEST_BUILD, check=False
         )
     except (OSError, subprocess.TimeoutExpired) as err:
-        raise FirmwareError(f"firmware: {command[0]}: expected it to compile, came {err}") from err
+        raise FirmwareError(f"firmware: {command[0]}: expected it to compile, got {err}") from err
     if done.returncode:
         said = [line for line in done.stderr.splitlines() if "error" in line] or ["nothing"]
-        raise FirmwareError(f"firmware: {command[0]}: expected it to compile, came {said[0]}")
+        raise FirmwareError(f"firmware: {command[0]}: expected it to compile, got {said[0]}")
 
 
 def _cache() -> Path:
@@ -498,7 +498,7 @@ def serve_firmware(
     ...     measure(board.url, "survey", print)
     """
     if not (math.isfinite(rate) and rate > 0):
-        raise FirmwareError(f"firmware: rate: expected a number > 0, came {rate:g}")
+        raise FirmwareError(f"firmware: rate: expected a number > 0, got {rate:g}")
     loaded = load_scenario(scenario)
     if loaded.link.dialect != "pfwd" or loaded.faults:
         raise FirmwareError(

@@ -215,7 +215,7 @@ def test_an_import_format_is_read(folder: Path, survey: Path) -> None:
     (folder / "cut.toy").write_text("toy 1\n150\n0 1\n")
     done = pfwd(folder, "invert", "cut.toy")
     assert done.returncode == 1
-    assert "cut.toy, line 3: expected three numbers, came 0 1" in done.stderr
+    assert "cut.toy, line 3: expected three numbers, got 0 1" in done.stderr
 
 
 def test_an_export_format_is_written(folder: Path, survey: Path) -> None:
@@ -227,7 +227,7 @@ def test_an_export_format_is_written(folder: Path, survey: Path) -> None:
     assert 0.1 < float(deflection) < 2
     done = pfwd(folder, "export", survey, "--format", "peak", "-o", "other.txt")
     assert done.returncode == 2
-    assert "pddx, peaks, came 'peak'" in done.stderr
+    assert "pddx, peaks, got 'peak'" in done.stderr
 
 
 CLICK = """
@@ -337,7 +337,7 @@ def test_without_the_package_nothing_of_it_is_known(folder: Path, tmp_path: Path
             timeout=PATIENCE,
         )
         assert done.returncode == 2
-        assert "gpx, pddx, came 'peaks'" in done.stderr
+        assert "gpx, pddx, got 'peaks'" in done.stderr
 
 
 def test_a_package_that_cannot_be_loaded_costs_one_remark(folder: Path, survey: Path) -> None:

@@ -83,4 +83,4 @@ def plot_file(text: str) -> str:
 
 
 def _refused(expected: str, came: str) -> argparse.ArgumentTypeError:
-    return argparse.ArgumentTypeError(f"expected {expected}, came {came}")
+    return argparse.ArgumentTypeError(f"expected {expected}, got {came}")

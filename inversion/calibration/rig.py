@@ -161,7 +161,7 @@ def calibrate(drops: Sequence[RigDrop]) -> Calibration:
     """
     if len(drops) < FEWEST_DROPS:
         raise CalibrationError(
-            f"expected at least {FEWEST_DROPS} drops on rigs of known stiffness, came {len(drops)}"
+            f"expected at least {FEWEST_DROPS} drops on rigs of known stiffness, got {len(drops)}"
         )
     _refuse_no_pulse(drops)
     fits = [_fit(drops, _start(drops, frequency, damping)) for frequency, damping in STARTS]
@@ -231,7 +231,7 @@ def describe(drops: Sequence[RigDrop]) -> Rig:
 def _refuse_no_pulse(drops: Sequence[RigDrop]) -> None:
     for drop in drops:
         if not (drop.load.max() > 0 and np.abs(drop.velocity).max() > 0 and drop.stiffness > 0):
-            raise CalibrationError(f"{drop.name}: expected a pulse of load and velocity, came none")
+            raise CalibrationError(f"{drop.name}: expected a pulse of load and velocity, got none")
 
 
 def _start(drops: Sequence[RigDrop], frequency: float, damping: float) -> FloatArray:

@@ -71,11 +71,11 @@ def plugin_effects() -> tuple[Effect, ...]:
     for entry, effect in pfwd_plugins.load_all(pfwd_plugins.EFFECTS, Effect, built_in_names):
         name, parameters = getattr(effect, "name", None), getattr(effect, "parameters", ())
         if name != entry:
-            expected = f"an effect with the name of its entry point, came {name!r}"
+            expected = f"an effect with the name of its entry point, got {name!r}"
             pfwd_plugins.remark(pfwd_plugins.EFFECTS, entry, expected)
         elif not parameters or getattr(effect, "scope", None) not in get_args(Scope):
             scopes = ", ".join(get_args(Scope))
-            expected = f"an effect with parameters and a scope ({scopes}), came none"
+            expected = f"an effect with parameters and a scope ({scopes}), got none"
             pfwd_plugins.remark(pfwd_plugins.EFFECTS, entry, expected)
         else:
             by_name[entry] = effect

@@ -57,13 +57,13 @@ class PopulationRole:
     def __post_init__(self) -> None:
         # Within these, children leave the box by less than its width, which reflect() undoes.
         if not 0.0 <= self.pull <= 1.0:
-            raise ModelError(f"role: expected 0 <= pull <= 1, came {self.pull}")
+            raise ModelError(f"role: expected 0 <= pull <= 1, got {self.pull}")
         if not 0.0 <= self.weight[0] <= self.weight[1] <= 1.0:
             raise ModelError(
-                f"role: expected 0 <= lowest <= highest weight <= 1, came {self.weight}"
+                f"role: expected 0 <= lowest <= highest weight <= 1, got {self.weight}"
             )
         if not 0.0 < self.crossover_rate <= 1.0:
-            raise ModelError(f"role: expected 0 < crossover_rate <= 1, came {self.crossover_rate}")
+            raise ModelError(f"role: expected 0 < crossover_rate <= 1, got {self.crossover_rate}")
 
 
 class RoleTable:

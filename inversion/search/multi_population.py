@@ -151,21 +151,21 @@ class SearchSettings:
         for name, value in minimum.items():
             if getattr(self, name) < value:
                 raise ModelError(
-                    f"search settings: expected {name} >= {value}, came {getattr(self, name)}"
+                    f"search settings: expected {name} >= {value}, got {getattr(self, name)}"
                 )
         smallest = SMALLEST_POPULATION * self.populations
         if self.individuals % self.populations or self.individuals < smallest:
             raise ModelError(
                 f"search settings: expected individuals to be a multiple of {self.populations} "
-                f"populations and at least {smallest}, came {self.individuals}"
+                f"populations and at least {smallest}, got {self.individuals}"
             )
         if self.breeding not in ("differential", "generational"):
             raise ModelError(
-                "search settings: expected breeding 'differential' or 'generational', came "
+                "search settings: expected breeding 'differential' or 'generational', got "
                 f"{self.breeding!r}"
             )
         if not self.roles:
-            raise ModelError("search settings: expected at least one role, came none")
+            raise ModelError("search settings: expected at least one role, got none")
 
     @property
     def evaluations(self) -> int:
@@ -316,7 +316,7 @@ class MultiPopulationSearch:
         """Make one step: evaluate one batch and decide on the next."""
         if self._batch is None:
             raise InversionError(
-                "search: expected next() only while has_next(), came one after the last of "
+                "search: expected next() only while has_next(), got one after the last of "
                 f"{self.generation} steps; take result()"
             )
         misfit = self._evaluate(self._batch)
@@ -499,7 +499,7 @@ class MultiPopulationSearch:
         misfit = np.asarray(self._objective(self._parameters(points)), dtype=np.float64)
         if misfit.shape != (len(points),):
             raise ModelError(
-                f"search: expected misfits of shape ({len(points)},) from the objective, came "
+                f"search: expected misfits of shape ({len(points)},) from the objective, got "
                 f"{misfit.shape} in step {self.generation + 1}; return one number per row"
             )
         self.evaluations += len(points)
@@ -525,10 +525,10 @@ class MultiPopulationSearch:
         if points.ndim != 2 or points.shape[1] != self._lower.size or len(points) > max_count:
             raise ModelError(
                 f"search: expected start of shape (k, {self._lower.size}) with k <= {max_count}, "
-                f"came {points.shape}"
+                f"got {points.shape}"
             )
         if not np.isfinite(points).all():
-            raise ModelError("search: expected finite start individuals, came infinity or nan")
+            raise ModelError("search: expected finite start individuals, got infinity or nan")
         return np.clip((points - self._lower) / self._span, 0.0, 1.0)
 
 
@@ -536,14 +536,14 @@ def _checked_bounds(lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, Flo
     low, high = np.array(lower, dtype=np.float64), np.array(upper, dtype=np.float64)
     if low.ndim != 1 or low.shape != high.shape or low.size == 0:
         raise ModelError(
-            f"search: expected bounds of one shape (d,), came lower {low.shape} and upper "
+            f"search: expected bounds of one shape (d,), got lower {low.shape} and upper "
             f"{high.shape}"
         )
     with np.errstate(invalid="ignore", over="ignore"):
         usable = np.isfinite(high - low) & (low < high)
     if not usable.all():
         raise ModelError(
-            f"search: expected finite lower < upper in every gene, came lower {low} and upper "
+            f"search: expected finite lower < upper in every gene, got lower {low} and upper "
             f"{high}; leave a parameter that is known out of the search"
         )
     return low, high

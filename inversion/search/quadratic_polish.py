@@ -390,14 +390,14 @@ def polish(
         If there are no evaluations to spend or the objective returns a wrong shape.
     """
     if evaluations < 1:
-        raise ModelError(f"polish: expected at least one evaluation, came {evaluations}")
+        raise ModelError(f"polish: expected at least one evaluation, got {evaluations}")
     lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
 
     def misfit_of(points: FloatArray) -> FloatArray:
         values = np.asarray(objective(np.minimum(lower + (upper - lower) * points, upper)))
         if values.shape != (len(points),):
             raise ModelError(
-                f"polish: expected misfits of shape ({len(points)},) from the objective, came "
+                f"polish: expected misfits of shape ({len(points)},) from the objective, got "
                 f"{values.shape}; it must return one number per row"
             )
         return np.where(np.isfinite(values), values, np.inf)

@@ -38,7 +38,7 @@ class Batch:
                 failures=[
                     Failure(
                         "worker",
-                        f"{source.path}: expected an outcome, came the end of the worker process, "
+                        f"{source.path}: expected an outcome, got the end of the worker process, "
                         f"{MOST_DEATHS} times; it may need more memory than there is",
                     )
                 ],

@@ -67,7 +67,7 @@ def _nothing_to_export(path: str, notes: Sequence[str]) -> str:
     if any(ONLY_PEAKS in note for note in notes):
         expected = "drops with a time history, which trace files hold, got peaks only"
         return f"{path}: expected {expected}; export them with --format table, jsonl or pddx"
-    return f"{path}: expected drops to export, came none"
+    return f"{path}: expected drops to export, got none"
 
 
 def safe_name(text: str) -> str:

@@ -165,7 +165,7 @@ def _remark(file: str, skipped: Counter[str]) -> str:
     named = [f"{name} ({times})" for name, times in skipped.most_common(MOST_NAMED)]
     more = [f"{len(skipped) - MOST_NAMED} other kinds"] if len(skipped) > MOST_NAMED else []
     return (
-        f"{file}: expected what this version knows, came {count} times something else, which is "
+        f"{file}: expected what this version knows, got {count} times something else, which is "
         f"left out: {', '.join([*named, *more])}; a newer version of this program may know it"
     )
 

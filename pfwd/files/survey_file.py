@@ -113,12 +113,12 @@ def write_survey_file(path: str | os.PathLike[str], content: SurveyContent, jobs
         except RecordingError:
             raise
         except Exception as err:  # as above; a full disk is one of them
-            raise RecordingError(f"{path}: expected room to write, came {err}") from err
+            raise RecordingError(f"{path}: expected room to write, got {err}") from err
         # HDF5 may report success on a full disk.
         damaged = _check(os.fspath(path), kept, jobs)[0]["damaged"]
         if not damaged:
             return
-    raise RecordingError(f"{path}: expected what was written, came {'; '.join(damaged)}")
+    raise RecordingError(f"{path}: expected what was written, got {'; '.join(damaged)}")
 
 
 class ExportedSurvey:
@@ -248,7 +248,7 @@ def read_survey_file(path: str | os.PathLike[str]) -> ExportedSurvey:
     try:
         return ExportedSurvey(name, survey_id, said, there)
     except (KeyError, TypeError, ValueError, AttributeError) as err:
-        raise RecordingError(f"{name}: expected points and drops, came others: {err!r}") from err
+        raise RecordingError(f"{name}: expected points and drops, got others: {err!r}") from err
 
 
 def check_survey_file(
@@ -343,7 +343,7 @@ def _drop_damage(
     try:
         record = _read_drop(file, number, name, facts.get("sha256"))
         if kept is not None and drop_digest(record, number) != kept:
-            found[0] = f"{name}, drop {number}: expected what the survey holds, came another drop"
+            found[0] = f"{name}, drop {number}: expected what the survey holds, got another drop"
     except RecordingError as err:
         found[0] = str(err)
     try:
@@ -376,11 +376,11 @@ def _strangers(file: Place, path: str, drops: Mapping[int, Any]) -> list[str]:
     try:
         for name in member_names(file, path):
             if name not in expected:
-                found.append(f"{path}, {clean(name)}: expected nothing, came something")
+                found.append(f"{path}, {clean(name)}: expected nothing, got something")
             elif name != "survey":
                 group = find(file, name, path)
                 if group is None or read_attributes(group, f"{path}, {name}"):
-                    found.append(f"{path}, {name}: expected no attributes, came some")
+                    found.append(f"{path}, {name}: expected no attributes, got some")
                 for member in _names(file, name, path, MOST_DROPS):
                     allowed = expected[name]
                     if allowed is not None and member not in allowed:
@@ -388,7 +388,7 @@ def _strangers(file: Place, path: str, drops: Mapping[int, Any]) -> list[str]:
     except RecordingError as err:
         found.append(str(err))
     except Exception as err:  # as above
-        found.append(f"{path}: expected groups, came damage: {err}")
+        found.append(f"{path}: expected groups, got damage: {err}")
     return found
 
 
@@ -409,7 +409,7 @@ def _names(file: Place, group: str, path: str, most: int = MOST_RESULTS) -> list
     except RecordingError:
         raise
     except Exception as err:  # as above
-        raise RecordingError(f"{where}: expected a group, came damage: {err}") from err
+        raise RecordingError(f"{where}: expected a group, got damage: {err}") from err
     return sorted(names, key=lambda name: (len(name), name))
 
 
@@ -420,16 +420,14 @@ def _opened(path: str) -> Iterator[Place]:
             file = stack.enter_context(opened(path))
             version = read_attribute(file, "format_version", path)
         except Exception as err:  # as above
-            raise RecordingError(
-                f"{path}: expected an exported survey, came damage: {err}"
-            ) from err
+            raise RecordingError(f"{path}: expected an exported survey, got damage: {err}") from err
         if isinstance(version, int) and version > FORMAT_VERSION:
             raise RecordingError(
-                f"{path}: expected format version {FORMAT_VERSION}, came {version}; a newer "
+                f"{path}: expected format version {FORMAT_VERSION}, got {version}; a newer "
                 "version of this program reads it"
             )
         if version not in (1, FORMAT_VERSION):
-            raise RecordingError(f"{path}: expected a format version, came {version!r:.40}")
+            raise RecordingError(f"{path}: expected a format version, got {version!r:.40}")
         yield file
 
 
@@ -442,16 +440,16 @@ def _survey(file: Place, path: str) -> dict[str, Any]:
         if attributes["format_version"] == 1:
             # Neither can be told from the other by the number alone, which is an attribute.
             if written is not None or "format_version" in said:
-                raise RecordingError(f"{path}: expected format version 1, came a file of another")
+                raise RecordingError(f"{path}: expected format version 1, got a file of another")
             return said
         survey = Group({"survey": read_dataset(file, "survey", path)}, attributes)
     except RecordingError as err:
         raise _placed(err, path) from err
     except Exception as err:  # as above
-        raise RecordingError(f"{path}: expected a survey, came damage: {err}") from err
+        raise RecordingError(f"{path}: expected a survey, got damage: {err}") from err
     if written != digest(survey):
         raise RecordingError(
-            f"{path}: expected the attributes and the survey that were written, came others"
+            f"{path}: expected the attributes and the survey that were written, got others"
         )
     return said
 
@@ -567,7 +565,7 @@ def _edit(said: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _no_drop(path: str, number: int) -> NoReturn:
-    raise RecordingError(f"{path}, drop {number}: expected its group, came none")
+    raise RecordingError(f"{path}, drop {number}: expected its group, got none")
 
 
 def _read_drop(file: Place, number: int, path: str, written: str | None) -> DropRecord:
@@ -578,14 +576,14 @@ def _read_drop(file: Place, number: int, path: str, written: str | None) -> Drop
     except RecordingError:
         raise
     except Exception as err:  # as above
-        raise RecordingError(f"{where}: expected its group, came damage: {err}") from err
+        raise RecordingError(f"{where}: expected its group, got damage: {err}") from err
     if group is None:
         _no_drop(path, number)
     found = read_drop(group, where)
     if found.number != number:
-        raise RecordingError(f"{where}: expected its number, came {found.number}")
+        raise RecordingError(f"{where}: expected its number, got {found.number}")
     if (found.digest if found.version > 1 else None) != written:
-        raise RecordingError(f"{where}: expected the content that was written, came another")
+        raise RecordingError(f"{where}: expected the content that was written, got another")
     return found.record
 
 
@@ -596,7 +594,7 @@ def _read_results(
     folder = f"results/{number:06d}"
     names = _names(file, folder, path)
     if written is not None and names != [str(n) for n in range(1, len(written) + 1)]:
-        raise RecordingError(f"{path}, {folder}: expected {len(written)} results, came others")
+        raise RecordingError(f"{path}, {folder}: expected {len(written)} results, got others")
     if not names:
         return ()
     results = []
@@ -605,7 +603,7 @@ def _read_results(
         results.append(_text(file, f"{folder}/{name}", path, digest_of))
     group = find(file, folder, path)
     if written is not None and group is not None and read_attributes(group, folder):
-        raise RecordingError(f"{path}, {folder}: expected no attributes, came some")
+        raise RecordingError(f"{path}, {folder}: expected no attributes, got some")
     return tuple(results)
 
 
@@ -628,23 +626,23 @@ def _text(file: Place, name: str, path: str, written: str | None = None) -> dict
         dataset = read_dataset(file, name, path)
         text = dataset.value
         if not isinstance(text, str):
-            raise RecordingError(f"{where}: expected a text, came numbers")
+            raise RecordingError(f"{where}: expected a text, got numbers")
         expected = _text_dataset(text).attributes
     except RecordingError as err:
         raise _placed(err, where) from err
     except Exception as err:  # as above
-        raise RecordingError(f"{where}: expected a text, came damage: {err}") from err
+        raise RecordingError(f"{where}: expected a text, got damage: {err}") from err
     found = expected["sha256"]
     if dataset.attributes.get("sha256") != found or written not in (None, found):
-        raise RecordingError(f"{where}: expected the text that was written, came another")
+        raise RecordingError(f"{where}: expected the text that was written, got another")
     if written is not None and dataset.attributes != expected:
-        raise RecordingError(f"{where}: expected the attributes that were written, came others")
+        raise RecordingError(f"{where}: expected the attributes that were written, got others")
     try:
         said = decode_json(text)
     except RecordingError as err:
         raise _placed(err, where) from err
     if not isinstance(said, dict):
-        raise RecordingError(f"{where}: expected an object of JSON, came another thing")
+        raise RecordingError(f"{where}: expected an object of JSON, got another thing")
     return said
 
 
@@ -658,7 +656,7 @@ def _write_capture(file: Any, capture: Path) -> str:
     """Write the bytes of a link; their digest."""
     size = capture.stat().st_size
     if size > LARGEST_CAPTURE:
-        raise RecordingError(f"{capture}: expected a capture of at most 2 GiB, came {size} bytes")
+        raise RecordingError(f"{capture}: expected a capture of at most 2 GiB, got {size} bytes")
     dataset = file.create_dataset(
         f"captures/{capture.name}",
         shape=(size,),

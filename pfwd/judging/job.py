@@ -310,7 +310,7 @@ def target_fault(target: float, procedure: Procedure, unit: tuple[str, float] | 
     Examples
     --------
     >>> target_fault(0.045, find_procedure("mndot")).partition(";")[0]
-    'expected a deflection of 0.01 to 10 mm, came 45 mm'
+    'expected a deflection of 0.01 to 10 mm, got 45 mm'
     """
     name, scale = unit or target_unit(procedure)[:2]
     if procedure.quantity is Quantity.DEFLECTION:
@@ -328,7 +328,7 @@ def target_fault(target: float, procedure: Procedure, unit: tuple[str, float] | 
     rule = f"procedure {procedure.name} judges a {kind} in {name}"
     if procedure.name == NO_PROCEDURE.name:
         rule = f"without a procedure a {kind} is judged, in {name}"
-    return f"expected {expected}, came {target / scale:.6g} {name}; {question} {rule}"
+    return f"expected {expected}, got {target / scale:.6g} {name}; {question} {rule}"
 
 
 def time_zone_of(text: str, where: str = "--time-zone") -> str:

@@ -95,7 +95,7 @@ class Diagnosis(Shown):
 
     def __getitem__(self, key: str) -> Any:
         if key not in self._record:
-            raise KeyError(f"expected one of {', '.join(self._record)}, came {key!r}")
+            raise KeyError(f"expected one of {', '.join(self._record)}, got {key!r}")
         return self._record[key]
 
     def __repr__(self) -> str:

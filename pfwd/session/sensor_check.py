@@ -169,7 +169,7 @@ class SensorChecker:
         faults = _zero_faults(zero, identity)
         if self._has_shunt and _length(self._shunted) < (SETTLING + SHUNTED) * self._rate:
             faults.append(
-                "span of the load cell: expected samples with the shunt on, came none; the "
+                "span of the load cell: expected samples with the shunt on, got none; the "
                 "instrument did not switch it"
             )
         elif load.shunt is not None:
@@ -184,7 +184,7 @@ class SensorChecker:
             ratio = reading / load.shunt
             if not abs(ratio - 1) <= SPAN_TOLERANCE:
                 faults.append(
-                    f"span of the load cell: expected {load.shunt:.0f} N from the shunt, came "
+                    f"span of the load cell: expected {load.shunt:.0f} N from the shunt, got "
                     f"{reading:.0f} N; the calibration does not hold any more"
                 )
         channels = []
@@ -195,7 +195,7 @@ class SensorChecker:
             )
             if channel.role is not Role.UNUSED and np.ptp(column) == 0:
                 faults.append(
-                    f"channel {channel.name}: expected at least the noise of the converter, came "
+                    f"channel {channel.name}: expected at least the noise of the converter, got "
                     f"the same value {column[0]} all the time; check its cable"
                 )
         details = {"zero_n": zero, "span_ratio": ratio, "channels": channels}
@@ -208,7 +208,7 @@ def _zero_faults(zero: float, identity: Identity) -> list[str]:
     if abs(zero) <= limit:
         return []
     return [
-        f"zero of the load cell: expected at most {limit:.0f} N at rest, came {zero:.0f} N; take "
+        f"zero of the load cell: expected at most {limit:.0f} N at rest, got {zero:.0f} N; take "
         "everything off the plate, then check the cell and its cable"
     ]
 

@@ -212,7 +212,7 @@ class Session:
             If nothing is saved here, or the disk does not take it.
         """
         if self._recorder is None:
-            raise RecordingError("job: expected a survey that is written, came a replay")
+            raise RecordingError("job: expected a survey that is written, got a replay")
         news = request.news(self.job)
         for kind, details in news.events():
             self._recorder.writer.note_event(kind, details)
@@ -246,7 +246,7 @@ class Session:
             If nothing is saved here, it is not known, or the disk does not take it.
         """
         if self._recorder is None:
-            raise RecordingError("edit: expected a survey that is written, came a replay")
+            raise RecordingError("edit: expected a survey that is written, got a replay")
         if edit.what == "restore" and number is not None:
             self._restore_drop(self._recorder.writer, number)
             return
@@ -264,7 +264,7 @@ class Session:
             If nothing is saved here, it is not known, or the disk does not take it.
         """
         if self._recorder is None:
-            raise RecordingError("move: expected a survey that is written, came a replay")
+            raise RecordingError("move: expected a survey that is written, got a replay")
         writer = self._recorder.writer
         drop = _drop_of(writer, number, "move")
         to = point_called(writer.contents(), to)
@@ -885,7 +885,7 @@ def _drop_of(writer: SurveyWriter, number: int, where: str) -> SurveyDrop:
     for drop in writer.contents().drops:
         if drop.number == number:
             return drop
-    raise RecordingError(f"{where}: expected a drop of the survey, came number {number}")
+    raise RecordingError(f"{where}: expected a drop of the survey, got number {number}")
 
 
 def _count(unkept: int) -> dict[str, int]:

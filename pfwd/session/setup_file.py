@@ -102,7 +102,7 @@ class MeasuringSetup:
         }
         if said["plate_radius_m"] is None:
             raise SetupError(
-                "plate radius: expected it from the instrument or the setup file, came none; "
+                "plate radius: expected it from the instrument or the setup file, got none; "
                 "nothing is armed: write plate_radius_m = 0.15 (in m) into a file and give it "
                 "with --setup"
             )

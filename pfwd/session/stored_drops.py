@@ -62,4 +62,4 @@ def _find(survey: Survey, record: int) -> SurveyDrop:
     for drop in survey.drops:
         if drop.number == record:
             return drop
-    raise SurveyError(f"{survey.folder}: expected drop {record} of the survey, came none")
+    raise SurveyError(f"{survey.folder}: expected drop {record} of the survey, got none")

@@ -317,7 +317,7 @@ class Conversation:
         came = self._last_refusal or "nothing of the kind"
         hint = "is it a PFWD, and switched on?"
         seconds = f"{self._answer_time:g} s"
-        self.failure = Failure(f"expected {expected}, came {came} within {seconds}; {hint}")
+        self.failure = Failure(f"expected {expected}, got {came} within {seconds}; {hint}")
 
     def _greet(self, now: float) -> None:
         self._enter(Stage.GREETING, now, 0.0, self._answer_time)

@@ -127,7 +127,7 @@ class Decoder:
             If there is no identity yet; a mistake in the program.
         """
         if self.identity is None:
-            raise RuntimeError("expected an identity before its samples, came none")
+            raise RuntimeError("expected an identity before its samples, got none")
         self.accepted = self.identity
         self.kept.channels = len(self.identity.channels)
         if self._assembler is None:

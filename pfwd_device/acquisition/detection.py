@@ -48,12 +48,12 @@ class DetectionSettings:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if not 0 < value < 1e9:
-                raise SetupError(f"detection: {field.name}: expected a number > 0, came {value}")
+                raise SetupError(f"detection: {field.name}: expected a number > 0, got {value}")
         if not self.hysteresis < 1:
-            raise SetupError(f"detection: hysteresis: expected below 1, came {self.hysteresis}")
+            raise SetupError(f"detection: hysteresis: expected below 1, got {self.hysteresis}")
         longest = max(self.pre_trigger, self.post_trigger, self.rebound_window)
         if longest > 10:
-            raise SetupError(f"detection: expected times up to 10 s, came {longest}")
+            raise SetupError(f"detection: expected times up to 10 s, got {longest}")
 
 
 @dataclass(frozen=True, slots=True)

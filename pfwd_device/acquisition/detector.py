@@ -119,7 +119,7 @@ class Detector:
         if self._before + self._after < FEWEST_SAMPLES:
             raise SetupError(
                 f"sampling rate: expected at least {FEWEST_SAMPLES} samples in the "
-                f"{settings.pre_trigger + settings.post_trigger:g} s of a record, came "
+                f"{settings.pre_trigger + settings.post_trigger:g} s of a record, got "
                 f"{self._before + self._after} at {rate:g} Hz; sampling_rate_hz under [link] of "
                 "the setup file asks for another rate"
             )
@@ -195,7 +195,7 @@ class Detector:
     def feed(self, item: Samples | Gap) -> list[Found]:
         """Drops and rebounds that are complete with these samples, and reports, in order."""
         if item.stream != self._stream:
-            raise ValueError(f"expected samples of stream {self._stream}, came {item.stream}")
+            raise ValueError(f"expected samples of stream {self._stream}, got {item.stream}")
         if isinstance(item, Gap):
             self._note_hole(self._window.end, self._window.end + item.length)
             return list(self._skip(item.length))

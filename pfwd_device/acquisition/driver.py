@@ -360,7 +360,7 @@ class Driver:
     def _require_commands(self) -> None:
         if not self._takes_commands:
             raise DeviceRefused(
-                f"{self.url or 'the instrument'}: expected one that takes commands, came one that "
+                f"{self.url or 'the instrument'}: expected one that takes commands, got one that "
                 "only sends lines; set it at the instrument itself"
             )
 

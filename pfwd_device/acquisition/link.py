@@ -262,7 +262,7 @@ class Link:
             if received is not None and empty > 2 and now - received > self._silence:
                 return (
                     f"{transport.url}: silent: expected to hear from the instrument at least "
-                    f"every {self._silence:g} s, came nothing; is it switched on and within reach?"
+                    f"every {self._silence:g} s, got nothing; is it switched on and within reach?"
                 )
 
 

@@ -44,13 +44,13 @@ def greeting(talk: Talk) -> str:
 def versions(talk: Talk) -> str:
     """P-4."""
     agreed = talk.answer(Hello(1, 255), Identity).protocol_version
-    require(agreed >= 1, f"expected a version from 1 on, came {agreed}")
+    require(agreed >= 1, f"expected a version from 1 on, got {agreed}")
     talk.say(Hello(250, 255))
     refusal = talk.until(Refusal, which=lambda said: said.code == RefusalCode.VERSION)
     if refusal is None:
-        raise Failed(f"expected Refusal (version) of Hello (250 to 255), came {talk.lately()}")
+        raise Failed(f"expected Refusal (version) of Hello (250 to 255), got {talk.lately()}")
     lowest = talk.answer(Hello(1, 1), Identity).protocol_version
-    require(lowest == 1, f"expected version 1 for a host that speaks 1 alone, came {lowest}")
+    require(lowest == 1, f"expected version 1 for a host that speaks 1 alone, got {lowest}")
     talk.answer(Hello(), Identity)
     return f"speaks up to {agreed}"
 
@@ -63,7 +63,7 @@ def same_identity(talk: Talk) -> str:
             raise Failed(f"Identity: {message.text}")
     first = talk.answer(Hello(), Identity)
     other = talk.answer(Hello(), Identity)
-    require(first == other, "expected the same Identity twice, came two that differ")
+    require(first == other, "expected the same Identity twice, got two that differ")
     return f"{len(first.channels)} channels at {first.sampling_rate:g} Hz, {first.adc_bits} bits"
 
 
@@ -75,14 +75,14 @@ def configure(talk: Talk) -> str:
     nearly = talk.answer(Configure(wanted * 1.0001), Identity).sampling_rate
     require(
         abs(nearly / wanted - 1) < 0.01,
-        f"expected the nearest rate to {wanted * 1.0001:g} Hz, came {nearly:g} Hz",
+        f"expected the nearest rate to {wanted * 1.0001:g} Hz, got {nearly:g} Hz",
     )
     again = talk.answer(Hello(), Identity).sampling_rate
-    require(again == nearly, f"expected {nearly:g} Hz after it was set, came {again:g} Hz")
+    require(again == nearly, f"expected {nearly:g} Hz after it was set, got {again:g} Hz")
     lowest = talk.answer(Configure(1e-3), Identity).sampling_rate
     highest = talk.answer(Configure(50_000.0), Identity).sampling_rate
     back = talk.answer(Configure(wanted), Identity).sampling_rate
-    require(back == wanted, f"expected {wanted:g} Hz again, came {back:g} Hz")
+    require(back == wanted, f"expected {wanted:g} Hz again, got {back:g} Hz")
     require(lowest <= wanted <= highest, f"expected {lowest:g} <= {wanted:g} <= {highest:g} Hz")
     return f"{lowest:g} to {highest:g} Hz"
 
@@ -95,7 +95,7 @@ def wrong_rates(talk: Talk) -> str:
         said = talk.until(Refusal)
         if said is None or said.code != RefusalCode.ARGUMENT:
             came = talk.lately() if said is None else f"code {said.code}"
-            raise Failed(f"expected Refusal (argument) of {rate:g} Hz, came {came}")
+            raise Failed(f"expected Refusal (argument) of {rate:g} Hz, got {came}")
     return "refused"
 
 
@@ -105,7 +105,7 @@ def unknown(talk: Talk) -> str:
     said = talk.until(Refusal)
     if said is None or said.code != RefusalCode.UNKNOWN:
         came = talk.lately() if said is None else f"code {said.code}"
-        raise Failed(f"expected Refusal (unknown) of type 0x{_UNKNOWN_TYPE:02x}, came {came}")
+        raise Failed(f"expected Refusal (unknown) of type 0x{_UNKNOWN_TYPE:02x}, got {came}")
     return "refused"
 
 
@@ -127,7 +127,7 @@ def damaged(talk: Talk) -> str:
             if not isinstance(heard.message, Status | Event)
         ]
         others = [type(message).__name__ for message in said if _is_an_answer(message)]
-        require(not others, f"expected no answer to damaged bytes, came {', '.join(others)}")
+        require(not others, f"expected no answer to damaged bytes, got {', '.join(others)}")
         talk.answer(Hello(), Identity)
     return "noise is passed over"
 
@@ -140,7 +140,7 @@ def bytes_behind(talk: Talk) -> str:
     """P-19."""
     talk.say_frame(HELLO, MAGIC + bytes([1, VERSION]) + b"said by a newer version")
     if talk.until(Identity) is None:
-        raise Failed(f"expected an Identity for a longer Hello, came {talk.lately()}")
+        raise Failed(f"expected an Identity for a longer Hello, got {talk.lately()}")
     return "ignored"
 
 
@@ -155,7 +155,7 @@ def shunt(talk: Talk) -> str:
         if identity.streams:
             flagged = talk.until(SampleBlock, which=lambda block, on=on: block.shunt == on)  # type: ignore[misc]
             word = "with the flag of the shunt" if on else "without it"
-            require(flagged is not None, f"expected samples {word}, came none")
+            require(flagged is not None, f"expected samples {word}, got none")
     talk.answer(Stop(), Status)
     return "switches, and samples tell"
 
@@ -167,7 +167,7 @@ def shunt_by_itself(talk: Talk) -> str:
     off = talk.until(Event, SHUNT_LIMIT + 2, lambda event: event.kind == EventKind.SHUNT_OFF)
     if off is None:
         talk.say(Shunt(False))
-        raise Failed(f"expected the shunt to go off after {SHUNT_LIMIT:g} s, came nothing")
+        raise Failed(f"expected the shunt to go off after {SHUNT_LIMIT:g} s, got nothing")
     return "goes off"
 
 
@@ -206,7 +206,7 @@ def any_order(talk: Talk) -> str:
     stopped = talk.answer(Stop(), Status, lambda status: not status.sampling)
     require(
         after.serial_number == identity.serial_number and not stopped.sampling,
-        "expected it to answer after 60 commands in any order, came another instrument",
+        "expected it to answer after 60 commands in any order, got another instrument",
     )
     talk.answer(Configure(identity.sampling_rate), Identity)
     return "60 commands in any order"
@@ -223,7 +223,7 @@ def new_link(talk: Talk) -> str:
     again = talk.answer(Hello(), Identity)
     require(
         again.serial_number == identity.serial_number,
-        f"expected {identity.serial_number} again, came {again.serial_number}",
+        f"expected {identity.serial_number} again, got {again.serial_number}",
     )
     if stream is None:
         return "answers"
@@ -232,7 +232,7 @@ def new_link(talk: Talk) -> str:
     silent = any(isinstance(each.message, Status) and not each.message.sampling for each in heard)
     require(
         bool(going_on) or silent,
-        "expected the stream to go on or a Status that says that it does not, came neither",
+        "expected the stream to go on or a Status that says that it does not, got neither",
     )
     talk.answer(Stop(), Status)
     return "goes on" if going_on else "has stopped, and says so"
@@ -245,8 +245,8 @@ def heartbeat(talk: Talk) -> str:
     for sampling in (False, True) if identity.streams else (False,):
         talk.answer(Start() if sampling else Stop(), SampleBlock if sampling else Status)
         times = [heard.at for heard in talk.listen(2.5) if isinstance(heard.message, Status)]
-        require(len(times) >= 4, f"expected a Status every 0.5 s, came {len(times)} within 2.5 s")
+        require(len(times) >= 4, f"expected a Status every 0.5 s, got {len(times)} within 2.5 s")
         longest = max(longest, float(np.diff(times).max()))
     talk.answer(Stop(), Status)
-    require(longest <= 0.7, f"expected a Status every 0.5 s, came one after {longest:.2f} s")
+    require(longest <= 0.7, f"expected a Status every 0.5 s, got one after {longest:.2f} s")
     return f"every {longest:.2f} s at the latest"

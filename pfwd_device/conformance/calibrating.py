@@ -43,7 +43,7 @@ def stores(talk: Talk) -> str:
     try:
         said = answer(talk, other)
         if isinstance(said, Refusal):
-            raise Failed(f"expected an Identity, came Refusal ({said.code}): {said.text}")
+            raise Failed(f"expected an Identity, got Refusal ({said.code}): {said.text}")
         _require_same(said, expected, "Calibrate")
         wrongs = (
             replace(other, channel=len(before.channels)),
@@ -58,7 +58,7 @@ def stores(talk: Talk) -> str:
         for wrong in wrongs:
             refused = answer(talk, wrong)
             if not isinstance(refused, Refusal) or refused.code != RefusalCode.ARGUMENT:
-                raise Failed(f"expected Refusal (argument) of {wrong}, came {talk.lately()}")
+                raise Failed(f"expected Refusal (argument) of {wrong}, got {talk.lately()}")
         _require_same(talk.answer(Hello(), Identity), expected, "what was refused")
     finally:
         answer(talk, found)
@@ -106,10 +106,10 @@ def _require_busy(talk: Talk, found: Calibrate, when: str) -> None:
     if not isinstance(said, Refusal) or said.code != RefusalCode.BUSY:
         came = f"Refusal ({said.code})" if isinstance(said, Refusal) else "an Identity"
         talk.say(Stop())
-        raise Failed(f"expected Refusal (busy) of Calibrate while {when}, came {came}")
+        raise Failed(f"expected Refusal (busy) of Calibrate while {when}, got {came}")
 
 
 def _require_same(came: Identity, expected: Identity, after: str) -> None:
     pairs = zip(came.channels, expected.channels, strict=False)
     differ = next((f"{one}, not {other}" for one, other in pairs if one != other), "others")
-    require(came == expected, f"expected an Identity with it after {after}, came {differ}")
+    require(came == expected, f"expected an Identity with it after {after}, got {differ}")

@@ -78,7 +78,7 @@ def waiting(talk: Talk) -> str:
     status = talk.answer(Stop(), Status)
     require(
         status.drops_waiting is not None,
-        "expected the drops that wait in a Status of version 2, came one of version 1",
+        "expected the drops that wait in a Status of version 2, got one of version 1",
     )
     return f"{status.drops_waiting} wait"
 
@@ -90,11 +90,11 @@ def arms(talk: Talk) -> str:
     set_ = talk.answer(Arm(wanted), Armed).trigger
     require(
         (set_.on, set_.channel, set_.threshold) == (True, wanted.channel, wanted.threshold),
-        f"expected channel {wanted.channel} and {wanted.threshold} counts, came {set_}",
+        f"expected channel {wanted.channel} and {wanted.threshold} counts, got {set_}",
     )
     require(
         set_.before + set_.after <= identity.drop_samples,
-        f"expected at most {identity.drop_samples} samples, came {set_.before} + {set_.after}",
+        f"expected at most {identity.drop_samples} samples, got {set_.before} + {set_.after}",
     )
     for wrong in (
         Trigger(True, len(identity.channels), 100, 2, 10, 100, 0),
@@ -104,7 +104,7 @@ def arms(talk: Talk) -> str:
         talk.say(Arm(wrong))
         said = talk.until(Refusal)
         if said is None or said.code != RefusalCode.ARGUMENT:
-            raise Failed(f"expected Refusal (argument) of {wrong}, came {talk.lately()}")
+            raise Failed(f"expected Refusal (argument) of {wrong}, got {talk.lately()}")
     talk.answer(Arm(OFF), Armed, lambda armed: not armed.trigger.on)
     return f"{set_.before} samples before and {set_.after} after the trigger"
 
@@ -122,7 +122,7 @@ def run_goes_on(talk: Talk) -> str:
     talk.answer(Stop(), Status)
     require(
         first.stream == other.stream and other.first_sample > first.first_sample,
-        "expected the same run to go on while armed, came another",
+        "expected the same run to go on while armed, got another",
     )
     return "goes on"
 
@@ -163,7 +163,7 @@ class BufferedDropCheck:
         talk.answer(Arm(OFF), Armed, lambda armed: not armed.trigger.on)
         again = talk.until(DropOffer, 2 * ANSWER_TIME)
         if again is None:
-            raise Failed("expected the Offer again while the drop waits, came none")
+            raise Failed("expected the Offer again while the drop waits, got none")
         if identity.streams:
             talk.answer(Stop(), Status)
         return f"{offer.samples} samples after {took:.1f} s"
@@ -176,7 +176,7 @@ class BufferedDropCheck:
         expected = armed.before, armed.before + armed.after
         require(
             (offer.trigger, offer.samples) == expected,
-            f"expected {expected[0]} samples before the trigger of {expected[1]}, came "
+            f"expected {expected[0]} samples before the trigger of {expected[1]}, got "
             f"{offer.trigger} of {offer.samples}",
         )
         counts = self._counts(talk)[:, armed.channel].astype(float)
@@ -185,7 +185,7 @@ class BufferedDropCheck:
         # Its own rest differs from this one by its noise.
         require(
             at > 0.9 * armed.threshold and (offer.trigger < 2 or before < 1.1 * armed.threshold),
-            f"expected the first sample beyond {armed.threshold} counts at the trigger, came "
+            f"expected the first sample beyond {armed.threshold} counts at the trigger, got "
             f"{before:g} before it and {at:g} at it",
         )
         return f"{offer.trigger} before, {offer.samples - offer.trigger} from the trigger on"
@@ -204,10 +204,10 @@ class BufferedDropCheck:
         count = min(3, offer.blocks - first)
         found = self._fetch(talk, first, count)
         for number in range(first, first + count):
-            require(number in found, f"expected block {number} again, came none")
+            require(number in found, f"expected block {number} again, got none")
             require(
                 found[number] == self._data[number],
-                f"expected the same bytes in block {number} again, came others",
+                f"expected the same bytes in block {number} again, got others",
             )
         return f"blocks {first} to {first + count - 1}"
 
@@ -221,7 +221,7 @@ class BufferedDropCheck:
             talk.say(wrong)
             said = talk.until(Refusal)
             if said is None or said.code != RefusalCode.ARGUMENT:
-                raise Failed(f"expected Refusal (argument) of {wrong}, came {talk.lately()}")
+                raise Failed(f"expected Refusal (argument) of {wrong}, got {talk.lately()}")
         return "refused"
 
     def kept(self, talk: Talk) -> str:
@@ -238,12 +238,12 @@ class BufferedDropCheck:
             same = [
                 other for other in offers if isinstance(other, DropOffer) and self._is_it(other)
             ]
-            require(bool(same), f"expected the same Offer after {what}, came none")
-            require(same[0].crc == offer.crc, f"expected the same drop after {what}, came another")
+            require(bool(same), f"expected the same Offer after {what}, got none")
+            require(same[0].crc == offer.crc, f"expected the same drop after {what}, got another")
         status = talk.status()
         require(
             status is not None and bool(status.drops_waiting),
-            "expected a Status that counts the drop that waits, came 0",
+            "expected a Status that counts the drop that waits, got 0",
         )
         return "over Hello and a new link"
 
@@ -262,7 +262,7 @@ class BufferedDropCheck:
         talk.listen(1.5)
         later = [each.message for each in talk.heard[since:]]
         offers = [said for said in later if isinstance(said, DropOffer) and self._is_it(said)]
-        require(not offers, "expected no Offer of a drop that was acknowledged, came one")
+        require(not offers, "expected no Offer of a drop that was acknowledged, got one")
         return "let go of"
 
     def _is_it(self, offer: DropOffer) -> bool:
@@ -287,7 +287,7 @@ class BufferedDropCheck:
             not missing, f"expected blocks 0 to {offer.blocks - 1}, {len(missing)} did not come"
         )
         data = b"".join(self._data[number] for number in range(offer.blocks))
-        require(zlib.crc32(data) == offer.crc, "expected the CRC of the Offer, came another")
+        require(zlib.crc32(data) == offer.crc, "expected the CRC of the Offer, got another")
         return unpack_int24(data).reshape(offer.samples, offer.channels)
 
     def _fetch(self, talk: Talk, first: int, count: int) -> dict[int, bytes]:
@@ -310,11 +310,11 @@ class BufferedDropCheck:
             length = 3 * offer.channels * min(offer.block_samples, left)
             require(
                 first <= block.number < first + count,
-                f"expected blocks {first} to {first + count - 1}, came {block.number}",
+                f"expected blocks {first} to {first + count - 1}, got {block.number}",
             )
             require(
                 len(block.data) == length,
-                f"expected {length} bytes in block {block.number}, came {len(block.data)}",
+                f"expected {length} bytes in block {block.number}, got {len(block.data)}",
             )
             found[block.number] = block.data
         return found
@@ -331,7 +331,7 @@ def spoken_to_in_version_1(talk: Talk) -> str:
     talk.answer(Hello(), Identity)
     require(
         said is not None and said.code == RefusalCode.UNKNOWN,
-        "expected Refusal (unknown) of Arm in version 1, came something else",
+        "expected Refusal (unknown) of Arm in version 1, got something else",
     )
     newer = [
         type(each.message).__name__
@@ -339,6 +339,6 @@ def spoken_to_in_version_1(talk: Talk) -> str:
         if isinstance(each.message, DropOffer | Armed)
         or (isinstance(each.message, Status) and each.message.drops_waiting is not None)
     ]
-    require(not newer, f"expected nothing of version 2, came {', '.join(dict.fromkeys(newer))}")
-    require(not blocks(heard) or old.streams, "expected no samples, came some")
+    require(not newer, f"expected nothing of version 2, got {', '.join(dict.fromkeys(newer))}")
+    require(not blocks(heard) or old.streams, "expected no samples, got some")
     return "nothing of version 2"

@@ -185,7 +185,7 @@ def frames_whole(talk: Talk) -> str:
     counters = talk.counters
     frames = counters.frames_good + counters.frames_damaged
     if counters.frames_damaged > max(3, MOST_DAMAGED * frames):
-        raise Failed(f"expected whole frames, came {counters.frames_damaged} damaged of {frames}")
+        raise Failed(f"expected whole frames, got {counters.frames_damaged} damaged of {frames}")
     return f"{counters.frames_damaged} damaged of {frames}"
 
 
@@ -201,7 +201,7 @@ def frames_counted(talk: Talk) -> str:
     wrong = sum(step != 1 for step in steps)
     # Damaged frames leave their numbers out; the number of another instrument's reset is one more.
     if wrong > talk.counters.frames_damaged + MOST_DAMAGED * len(steps):
-        raise Failed(f"expected one more for each frame, came {wrong} other steps of {len(steps)}")
+        raise Failed(f"expected one more for each frame, got {wrong} other steps of {len(steps)}")
     return f"{len(steps) + 1} frames"
 
 
@@ -213,7 +213,7 @@ def _refuse_waiting(talk: Talk) -> None:
         return  # what is wrong with it is told by its number
     if status.drops_waiting:
         raise DeviceRefused(
-            f"expected an instrument in which no drop waits, came one with {status.drops_waiting}; "
+            f"expected an instrument in which no drop waits, got one with {status.drops_waiting}; "
             "`pfwd log` records them first"
         )
 

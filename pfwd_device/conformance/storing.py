@@ -80,7 +80,7 @@ def answer(talk: Talk, calibration: Calibrate) -> Identity | Refusal:
         said = talk.until(object, which=lambda said: isinstance(said, Identity | Refusal))
         if isinstance(said, Identity | Refusal):
             return said
-    raise Failed(f"expected Identity or Refusal of Calibrate, came {talk.lately()}")
+    raise Failed(f"expected Identity or Refusal of Calibrate, got {talk.lately()}")
 
 
 def _store(talk: Talk, calibration: Calibrate) -> Identity:
@@ -88,5 +88,5 @@ def _store(talk: Talk, calibration: Calibrate) -> Identity:
     if isinstance(said, Identity):
         return said
     hint = _HINTS.get(said.code, "see `pfwd conform`")
-    text = f"expected the instrument to keep it, came a refusal (code {said.code}): {said.text}"
+    text = f"expected the instrument to keep it, got a refusal (code {said.code}): {said.text}"
     raise DeviceRefused(f"calibration of channel {calibration.channel}: {text}; {hint}")

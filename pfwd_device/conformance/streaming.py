@@ -65,10 +65,10 @@ def new_streams(talk: Talk) -> str:
         talk.say(Start())
         block = talk.until(SampleBlock, which=lambda block, known=known: block.stream not in known)  # type: ignore[misc]
         if block is None:
-            raise Failed("expected another stream number after Start, came the same")
+            raise Failed("expected another stream number after Start, got the same")
         require(
             block.first_sample == 0,
-            f"expected a stream to begin with index 0, came {block.first_sample}",
+            f"expected a stream to begin with index 0, got {block.first_sample}",
         )
         numbers.append(block.stream)
     return "three numbers"
@@ -103,7 +103,7 @@ def indices(talk: Talk) -> str:
         assert isinstance(later.message, SampleBlock)
         expected = earlier.message.first_sample + len(earlier.message.counts)
         first = later.message.first_sample
-        require(first >= expected, f"expected index {expected} or later, came {first} again")
+        require(first >= expected, f"expected index {expected} or later, got {first} again")
         if first > expected:
             between = [each for each in heard if earlier.at <= each.at <= later.at]
             counters = [each.counter for each in between]
@@ -114,7 +114,7 @@ def indices(talk: Talk) -> str:
                 lost_frames += 1  # on the way: not the instrument's
     require(
         left_out <= overruns,
-        f"expected every sample left out to be an overrun, came {left_out} and {overruns}",
+        f"expected every sample left out to be an overrun, got {left_out} and {overruns}",
     )
     return f"{len(samples)} frames, {left_out} samples left out, {lost_frames} gaps of the link"
 
@@ -125,16 +125,16 @@ def frames(talk: Talk) -> str:
     samples = [each for each in heard if isinstance(each.message, SampleBlock)]
     longest = max(len(block.counts) for block in blocks(samples))
     most = LONGEST_FRAME * identity.sampling_rate
-    require(longest <= most + 1, f"expected up to {most:g} samples in a frame, came {longest}")
+    require(longest <= most + 1, f"expected up to {most:g} samples in a frame, got {longest}")
     channels = {block.counts.shape[1] for block in blocks(samples)}
     require(
         channels == {len(identity.channels)},
-        f"expected {len(identity.channels)} channels, came {channels}",
+        f"expected {len(identity.channels)} channels, got {channels}",
     )
     pause = max((b.at - a.at for a, b in pairwise(samples)), default=0.0)
     require(
         pause <= LONGEST_PAUSE + ON_THE_WAY,
-        f"expected samples every {LONGEST_PAUSE:g} s, came a pause of {pause:.2f} s",
+        f"expected samples every {LONGEST_PAUSE:g} s, got a pause of {pause:.2f} s",
     )
     return f"up to {longest} samples a frame"
 
@@ -146,21 +146,19 @@ def rate(talk: Talk) -> str:
     taken = blocks(samples)
     index = np.array([block.first_sample + len(block.counts) for block in taken], float)
     host = np.array([each.at for each in samples])
-    require(len(samples) > 20, f"expected samples for 4 s, came {len(samples)} frames")
+    require(len(samples) > 20, f"expected samples for 4 s, got {len(samples)} frames")
     # The fastest arrivals of the first and of the last quarter: what came late says nothing of the
     # converter, and what came in the middle is too near to either.
     lag = host - index / identity.sampling_rate
     quarter = len(lag) // 4
     first, last = int(np.argmin(lag[:quarter])), int(np.argmin(lag[-quarter:])) - quarter
     apart = float(host[last] - host[first])
-    require(
-        apart > 0.5, f"expected samples for 4 s, came {apart:.2g} s between first and last ones"
-    )
+    require(apart > 0.5, f"expected samples for 4 s, got {apart:.2g} s between first and last ones")
     by_host = float((index[last] - index[first]) / (host[last] - host[first]))
     differs = by_host / identity.sampling_rate - 1
     require(
         abs(differs) < CLOCKS_DIFFER,
-        f"expected {identity.sampling_rate:g} Hz, came {by_host:.5g} Hz by the host's clock",
+        f"expected {identity.sampling_rate:g} Hz, got {by_host:.5g} Hz by the host's clock",
     )
     timed = [block for block in taken if block.clock_us is not None]
     if len(timed) < 10:
@@ -172,9 +170,9 @@ def rate(talk: Talk) -> str:
     by_clock = 1 / float(slope)
     require(
         abs(by_clock / identity.sampling_rate - 1) < CLOCKS_DIFFER,
-        f"expected {identity.sampling_rate:g} Hz, came {by_clock:.5g} Hz by the device clock",
+        f"expected {identity.sampling_rate:g} Hz, got {by_clock:.5g} Hz by the device clock",
     )
-    require(jitter < 0.02, f"expected clocks on a line, came {jitter * 1e3:.0f} ms off it")
+    require(jitter < 0.02, f"expected clocks on a line, got {jitter * 1e3:.0f} ms off it")
     drift = (by_clock / by_host - 1) * 1e6
     return f"{by_clock:.5g} Hz, jitter {jitter * 1e3:.1f} ms, clocks {drift:+.0f} ppm apart"
 
@@ -187,13 +185,13 @@ def clock(talk: Talk) -> str:
         for each in talk.listen(3.0)
         if isinstance(each.message, Status)
     ]
-    require(len(said) >= 4, f"expected a Status every 0.5 s, came {len(said)} within 3 s")
+    require(len(said) >= 4, f"expected a Status every 0.5 s, got {len(said)} within 3 s")
     steps = [(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(said)]
-    require(all(device >= 0 for _, device in steps), "expected a clock that goes on, came one back")
+    require(all(device >= 0 for _, device in steps), "expected a clock that goes on, got one back")
     host, device = (sum(step[k] for step in steps) for k in (0, 1))
     require(
         abs(device - host) < CLOCKS_DIFFER * host + ON_THE_WAY / 2,
-        f"expected the clock to go on by {host:.2f} s, came {device:.2f} s",
+        f"expected the clock to go on by {host:.2f} s, got {device:.2f} s",
     )
     return f"{device:.2f} s in {host:.2f} s"
 
@@ -204,7 +202,7 @@ def stops(talk: Talk) -> str:
     talk.answer(Start(), SampleBlock)
     talk.answer(Stop(), Status, lambda status: not status.sampling)
     later = blocks(talk.listen(0.5))
-    require(not later, f"expected no samples after that Status, came {len(later)} frames")
+    require(not later, f"expected no samples after that Status, got {len(later)} frames")
     return "stops"
 
 
@@ -216,9 +214,9 @@ def undisturbed(talk: Talk) -> str:
     talk.answer(Hello(), Identity)
     after = blocks(talk.listen(0.5))
     talk.say(Stop())
-    require(bool(after), "expected the stream to go on after Hello, came no samples")
+    require(bool(after), "expected the stream to go on after Hello, got no samples")
     numbers = {block.stream for block in after}
-    require(numbers == {first.stream}, "expected the same stream after Hello, came another")
+    require(numbers == {first.stream}, "expected the same stream after Hello, got another")
     return "goes on"
 
 
@@ -245,7 +243,7 @@ def sent_again(talk: Talk) -> str:
     seen = _collected(blocks(talk.listen(0.6)), first.stream)
     count = min(len(seen) // 2, identity.ring_samples // 4, 1000)
     wanted = sorted(seen)[-2 * count : -count]
-    require(count > 10, "expected samples to ask for again, came too few")
+    require(count > 10, "expected samples to ask for again, got too few")
     since = len(talk.heard)
     talk.say(Resend(first.stream, wanted[0], wanted[-1] - wanted[0] + 1))
     talk.listen(ANSWER_TIME)
@@ -277,7 +275,7 @@ def gone(talk: Talk) -> str:
         )
         require(
             (said.first_sample, said.count) == (index, 10),
-            f"expected Gone of 10 from {index}, came {said.count} from {said.first_sample}",
+            f"expected Gone of 10 from {index}, got {said.count} from {said.first_sample}",
         )
     talk.answer(Stop(), Status)
     return "said"
@@ -310,7 +308,7 @@ def ring_length(talk: Talk) -> str:
     expected = 0.8 * identity.ring_samples - IN_FLIGHT * identity.sampling_rate
     require(
         reach >= expected,
-        f"expected samples from {seconds:.2f} s ago, came some from "
+        f"expected samples from {seconds:.2f} s ago, got some from "
         f"{reach / identity.sampling_rate:.2f} s ago",
     )
     return f"{seconds:.2f} s, {reach / identity.sampling_rate:.2f} s of them seen"

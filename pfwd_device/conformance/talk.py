@@ -135,7 +135,7 @@ class Talk:
                 return found
         seconds = f"{ANSWER_TIME:g} s"
         raise Failed(
-            f"expected {kind.__name__} within {seconds} of {type(message).__name__}, came "
+            f"expected {kind.__name__} within {seconds} of {type(message).__name__}, got "
             f"{self.lately()}"
         )
 
@@ -152,7 +152,7 @@ class Talk:
 
     def _link(self) -> Transport:
         if self._transport is None:
-            raise DeviceLost("expected an open link, came none")
+            raise DeviceLost("expected an open link, got none")
         return self._transport
 
     def _read(self, timeout: float) -> None:

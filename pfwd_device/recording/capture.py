@@ -89,7 +89,7 @@ class CaptureWriter:
             self._flush()
         except OSError as err:
             self._shut()
-            raise RecordingError(f"{path}: expected a new file, came {err}") from err
+            raise RecordingError(f"{path}: expected a new file, got {err}") from err
 
     def write(self, direction: Direction, data: bytes) -> None:
         """Keep bytes; they are on the disk a second later."""
@@ -202,7 +202,7 @@ class CaptureReader:
                     else:
                         yield item
         except OSError as err:
-            raise RecordingError(f"{self.path}: expected a capture, came {err}") from err
+            raise RecordingError(f"{self.path}: expected a capture, got {err}") from err
 
 
 def decode_capture(kind: int, payload: bytes) -> dict[str, Any] | CapturedBytes | None:

@@ -57,7 +57,7 @@ def check(folder: str | os.PathLike[str], *, spare: SpareFolder | None = None) -
     layout = Layout(Path(folder).absolute())
     if not layout.exists():
         raise RecordingError(
-            f"{layout.folder}: expected the folder of a survey, came none; is the path right?"
+            f"{layout.folder}: expected the folder of a survey, got none; is the path right?"
         )
     refuse_special_files(layout)
     written = is_locked(layout)

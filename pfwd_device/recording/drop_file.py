@@ -138,10 +138,10 @@ def stored_drop(path: Path) -> StoredDrop:
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise RecordingError(
-                f"{path}: expected the file of a drop, came one of over {LARGEST_FILE // 2**20} MiB"
+                f"{path}: expected the file of a drop, got one of over {LARGEST_FILE // 2**20} MiB"
             )
     except OSError as err:
-        raise RecordingError(f"{path}: expected a readable drop file, came {err}") from err
+        raise RecordingError(f"{path}: expected a readable drop file, got {err}") from err
     return _stored(path, str(path))
 
 
@@ -160,7 +160,7 @@ def _stored(source: Path | bytes, where: str) -> StoredDrop:
             raise
         raise RecordingError(f"{where}: {err}") from err
     except Exception as err:  # what h5py raises on damage is not documented: OSError to SystemError
-        raise RecordingError(f"{where}: expected the file of a drop, came damage: {err}") from err
+        raise RecordingError(f"{where}: expected the file of a drop, got damage: {err}") from err
 
 
 def write_drop(group: Any, record: DropRecord, number: int, survey: bytes) -> str:
@@ -196,11 +196,11 @@ def read_drop(group: Place, where: str) -> StoredDrop:
         version = read_attribute(group, "format_version", where)
         if isinstance(version, int) and version > PEAKS_VERSION:
             raise RecordingError(
-                f"{where}: expected format version {FILE_VERSION} or {PEAKS_VERSION}, came "
+                f"{where}: expected format version {FILE_VERSION} or {PEAKS_VERSION}, got "
                 f"{version}; a newer version of this program reads it"
             )
         if version not in (1, FILE_VERSION, PEAKS_VERSION):
-            raise RecordingError(f"{where}: expected a format version, came {version!r:.40}")
+            raise RecordingError(f"{where}: expected a format version, got {version!r:.40}")
         tree = read_group(group, where)
         written = _checked(tree, int(version), where)
         record, number = _record(tree, where)
@@ -210,9 +210,9 @@ def read_drop(group: Place, where: str) -> StoredDrop:
             raise
         raise RecordingError(f"{where}: {err}") from err
     except Exception as err:  # as above
-        raise RecordingError(f"{where}: expected a drop, came damage: {err}") from err
+        raise RecordingError(f"{where}: expected a drop, got damage: {err}") from err
     if version == 1 and drop_digest(record, number) != written:
-        raise RecordingError(f"{where}: expected the content that was written, came another")
+        raise RecordingError(f"{where}: expected the content that was written, got another")
     return StoredDrop(record, number, survey, int(version), written)
 
 
@@ -222,9 +222,9 @@ def _checked(tree: Group, version: int, where: str) -> str:
     attributes = dict(tree.attributes)
     written = attributes.pop(name, None)
     if not isinstance(written, str) or other in attributes:
-        raise RecordingError(f"{where}: expected the digest {name} alone, came none or another")
+        raise RecordingError(f"{where}: expected the digest {name} alone, got none or another")
     if version > 1 and digest(Group(tree.members, attributes)) != written:
-        raise RecordingError(f"{where}: expected the content that was written, came another")
+        raise RecordingError(f"{where}: expected the content that was written, got another")
     return written
 
 
@@ -300,7 +300,7 @@ def _record(tree: Group, where: str) -> tuple[DropRecord, int]:
     sensors, rebounds = _groups(tree, "sensors"), _groups(tree, "rebounds")
     if len(sensors) > MOST_SENSORS or len(rebounds) > MOST_REBOUNDS:
         raise RecordingError(
-            f"{where}: expected at most {MOST_SENSORS} sensors and rebounds, came more"
+            f"{where}: expected at most {MOST_SENSORS} sensors and rebounds, got more"
         )
     channels = []
     for sensor in sensors:
@@ -335,7 +335,7 @@ def _record(tree: Group, where: str) -> tuple[DropRecord, int]:
 def _read_peaks(tree: Group) -> Peaks:
     group = tree.members["peaks"]
     if not isinstance(group, Group):
-        raise RecordingError("peaks: expected a group, came a dataset")
+        raise RecordingError("peaks: expected a group, got a dataset")
     (load,) = _array(group, "load").tolist()
     pairs = zip(
         _array(group, "offsets").tolist(), _array(group, "displacements").tolist(), strict=True
@@ -347,12 +347,12 @@ def _groups(tree: Group, name: str) -> list[Group]:
     """The groups ``1``, ``2`` ... of a group, which may be missing."""
     parent = tree.members.get(name, Group())
     if not isinstance(parent, Group):
-        raise RecordingError(f"{name}: expected a group, came a dataset")
+        raise RecordingError(f"{name}: expected a group, got a dataset")
     found = []
     for index in range(1, len(parent.members) + 1):
         member = parent.members[str(index)]
         if not isinstance(member, Group):
-            raise RecordingError(f"{name}/{index}: expected a group, came a dataset")
+            raise RecordingError(f"{name}/{index}: expected a group, got a dataset")
         found.append(member)
     return found
 
@@ -360,17 +360,17 @@ def _groups(tree: Group, name: str) -> list[Group]:
 def _array(tree: Group, name: str) -> Array:
     member = tree.members[name]
     if not isinstance(member, Dataset) or isinstance(member.value, str):
-        raise RecordingError(f"{name}: expected an array, came another thing")
+        raise RecordingError(f"{name}: expected an array, got another thing")
     return member.value
 
 
 def _said(tree: Group, name: str) -> dict[str, Any]:
     member = tree.members[name]
     if not isinstance(member, Dataset) or not isinstance(member.value, str):
-        raise RecordingError(f"{name}: expected a JSON text, came another thing")
+        raise RecordingError(f"{name}: expected a JSON text, got another thing")
     said = decode_json(member.value)
     if not isinstance(said, dict):
-        raise RecordingError(f"{name}: expected an object of JSON, came another thing")
+        raise RecordingError(f"{name}: expected an object of JSON, got another thing")
     return said
 
 

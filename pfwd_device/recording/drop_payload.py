@@ -130,7 +130,7 @@ def peaks_problem(payload: bytes) -> str | None:
     if said == found:  # nearly always
         return None
     if peaks_data(drop) is None:
-        return "expected no peaks beside traces with missing samples, came some"
+        return "expected no peaks beside traces with missing samples, got some"
     largest = [float(np.abs(values).max()) for values in (drop.load, *_values(drop))]
     lasts = float(drop.time[-1] - drop.time[0])
     scales = [
@@ -144,8 +144,7 @@ def peaks_problem(payload: bytes) -> str | None:
     for name, unit, there, expected, scale in pairs:
         if not abs(there - expected) <= SAME_PEAKS * scale:
             return (
-                f"expected the peak {name} of its traces, {expected:g} {unit}, "
-                f"came {there:g} {unit}"
+                f"expected the peak {name} of its traces, {expected:g} {unit}, got {there:g} {unit}"
             )
     return None
 
@@ -155,7 +154,7 @@ def drop_from_parts(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> Dro
     try:
         sensors, rebounds = list(data["sensors"]), list(data["rebounds"])
         if len(sensors) > MOST_SENSORS or len(rebounds) > MOST_REBOUNDS:
-            raise RecordingError(f"expected at most {MOST_SENSORS} sensors and rebounds, came more")
+            raise RecordingError(f"expected at most {MOST_SENSORS} sensors and rebounds, got more")
         number = _whole(data["drop"])
         if "only_peaks" in data:
             drop = Drop.of_peaks(number, _only_peaks(data["only_peaks"], sensors))
@@ -177,7 +176,7 @@ def drop_from_parts(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> Dro
             ),
         )
     except (KeyError, TypeError, ValueError) as err:
-        raise RecordingError(f"expected the data of a drop, came others: {err}") from err
+        raise RecordingError(f"expected the data of a drop, got others: {err}") from err
 
 
 def _only_peaks(said: Any, sensors: list[Any]) -> Peaks:
@@ -213,7 +212,7 @@ def rebound_from_payload(payload: bytes) -> Rebound:
     try:
         return _rebound_from(data, arrays["counts"])
     except (KeyError, TypeError, ValueError) as err:
-        raise RecordingError(f"expected the data of a rebound, came others: {err}") from err
+        raise RecordingError(f"expected the data of a rebound, got others: {err}") from err
 
 
 def with_rebounds(record: DropRecord, later: tuple[Rebound, ...]) -> DropRecord:

@@ -47,7 +47,7 @@ class DropPlace(NamedTuple):
         refuse_another(expected, data.get("number"), data.get("point"), data.get("drop"))
         declared, metadata = data.get("declared"), data.get("metadata")
         if not isinstance(declared, dict) or not isinstance(metadata, dict):
-            raise RecordingError(f"expected what is known of drop {self.number}, came others")
+            raise RecordingError(f"expected what is known of drop {self.number}, got others")
         return DropFacts(declared, metadata, found, None)
 
     def read_traces(self) -> DropRecord:
@@ -66,11 +66,11 @@ def drop_frame(layout: Layout, entry: Entry, number: int) -> Frame:
     """Return the record of the drop of this survey-wide number, or raise RecordingError."""
     frame = read_record(layout, entry.segment, entry.offset)
     if (frame.kind, frame.sequence) != (Kind.DROP, entry.sequence):
-        raise RecordingError(f"expected drop {number}, came another record")
+        raise RecordingError(f"expected drop {number}, got another record")
     return frame
 
 
 def refuse_another(expected: tuple[int, str, int], *found: object) -> None:
     """Raise RecordingError unless number, point and number within the point are as expected."""
     if found != expected:
-        raise RecordingError(f"expected drop {expected[0]}, came another one")
+        raise RecordingError(f"expected drop {expected[0]}, got another one")

@@ -149,7 +149,7 @@ class FileRepair:
                 return
             try:
                 if path.stat().st_size > LARGEST_RESULT:
-                    raise RecordingError("expected a result, came a larger file")
+                    raise RecordingError("expected a result, got a larger file")
                 decode_json(path.read_bytes())
             except RecordingError:
                 set_aside(self._layout, self._storage, path)

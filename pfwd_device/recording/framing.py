@@ -94,7 +94,7 @@ def encode_frame(kind: int, identity: bytes, sequence: int, payload: bytes) -> b
     """
     if len(payload) > LARGEST_PAYLOAD:
         raise RecordingError(
-            f"record {sequence}: expected at most {LARGEST_PAYLOAD} bytes, came {len(payload)}; "
+            f"record {sequence}: expected at most {LARGEST_PAYLOAD} bytes, got {len(payload)}; "
             "shorten the recording window"
         )
     crc = zlib.crc32(payload)

@@ -53,7 +53,7 @@ class StoredTexts:
                 continue
             name, value = _attribute(data)
             if flags & ~0x04 or name in found:  # 0x04: not to be shared
-                raise RecordingError("expected plain attributes, each once, came others")
+                raise RecordingError("expected plain attributes, each once, got others")
             found[name] = value
         return found
 
@@ -70,11 +70,11 @@ class StoredTexts:
             If it is not there, or has another length.
         """
         if len(place) < _TEXT.size:
-            raise RecordingError("expected the place of a text, came less")
+            raise RecordingError("expected the place of a text, got less")
         length, address, index = _TEXT.unpack_from(place)
         if length == 0:
             if address or index:
-                raise RecordingError("expected no place of an empty text, came one")
+                raise RecordingError("expected no place of an empty text, got one")
             return b""
         heap = self._heaps.get(address)
         if heap is None:
@@ -83,21 +83,21 @@ class StoredTexts:
             heap = self._heaps[address] = self._heap(address)
         text = heap.get(index)
         if text is None or len(text) != length:
-            raise RecordingError(f"expected a text of {length} bytes, came another or none")
+            raise RecordingError(f"expected a text of {length} bytes, got another or none")
         if b"\0" in text:
-            raise RecordingError("expected a text without NUL, came one with it")
+            raise RecordingError("expected a text without NUL, got one with it")
         return text
 
     def _messages(self, address: int) -> Iterator[tuple[int, int, bytes]]:
         version, _, count, _, size, _ = _OBJECT.unpack(self._read(address, _OBJECT.size))
         if version != 1:
-            raise RecordingError(f"expected the header of an object, came version {version}")
+            raise RecordingError(f"expected the header of an object, got version {version}")
         blocks = [(address + _OBJECT.size, size)]
         left = LARGEST_HEADER
         for offset, length in blocks:  # grows while it is gone through
             left -= length
             if left < 0 or len(blocks) > LARGEST_HEADER // _MESSAGE.size:
-                raise RecordingError("expected the header of an object, came a longer one")
+                raise RecordingError("expected the header of an object, got a longer one")
             data = self._read(offset, length)
             position = 0
             while count and position + _MESSAGE.size <= length:
@@ -105,19 +105,19 @@ class StoredTexts:
                 position += _MESSAGE.size
                 body = data[position : position + size]
                 if len(body) != size:
-                    raise RecordingError("expected the header of an object, came a part of one")
+                    raise RecordingError("expected the header of an object, got a part of one")
                 position += size
                 count -= 1
                 if kind == _CONTINUATION:
                     blocks.append(_PLACE.unpack_from(body.ljust(_PLACE.size, b"\0")))
                 yield kind, flags, body
         if count:
-            raise RecordingError("expected the header of an object, came a part of one")
+            raise RecordingError("expected the header of an object, got a part of one")
 
     def _heap(self, address: int) -> dict[int, bytes]:
         magic, version, size = _HEAP.unpack(self._read(address, _HEAP.size))
         if magic != b"GCOL" or version != 1 or size > self._largest:
-            raise RecordingError("expected a heap of texts, came another thing or too long a one")
+            raise RecordingError("expected a heap of texts, got another thing or too long a one")
         data = self._read(address, size)
         found: dict[int, bytes] = {}
         position = _HEAP.size
@@ -125,31 +125,31 @@ class StoredTexts:
             index, _, _, length = _HEAP_OBJECT.unpack_from(data, position)
             if index == 0:  # what is free, up to the end
                 if length != size - position:
-                    raise RecordingError("expected a heap that ends, came one of another length")
+                    raise RecordingError("expected a heap that ends, got one of another length")
                 return found
             position += _HEAP_OBJECT.size
             if index in found or length > size - position:
-                raise RecordingError("expected texts in a heap, came others")
+                raise RecordingError("expected texts in a heap, got others")
             found[index] = data[position : position + length]
             position += length + -length % 8
         return found
 
     def _read(self, offset: int, length: int) -> bytes:
         if length > max(self._largest, LARGEST_HEADER):
-            raise RecordingError(f"expected parts that are short, came {length} bytes")
+            raise RecordingError(f"expected parts that are short, got {length} bytes")
         if self._stream.seek(0, io.SEEK_END) - offset < length:
-            raise RecordingError("expected the whole file, came a part")
+            raise RecordingError("expected the whole file, got a part")
         self._stream.seek(offset)
         data = self._stream.read(length)
         if len(data) != length:
-            raise RecordingError("expected the whole file, came a part")
+            raise RecordingError("expected the whole file, got a part")
         return data
 
 
 def _attribute(data: bytes) -> tuple[bytes, bytes]:
     """Name and value of a message that describes an attribute."""
     if len(data) < 9 or data[0] not in (1, 3) or data[1]:
-        raise RecordingError("expected an attribute as this program writes it, came another")
+        raise RecordingError("expected an attribute as this program writes it, got another")
     lengths = struct.unpack_from("<HHH", data, 2)
     if data[0] == 1:  # padded to multiples of eight
         padded, start = [length + -length % 8 for length in lengths], 8

@@ -108,7 +108,7 @@ def opened(source: str | os.PathLike[str] | bytes) -> Iterator[Place]:
             stream: BinaryIO = io.BytesIO(source)
         else:
             if not stat.S_ISREG(os.stat(source).st_mode):
-                raise RecordingError("expected a file, came a folder, device or pipe")
+                raise RecordingError("expected a file, got a folder, device or pipe")
             stream = stack.enter_context(open(source, "rb"))
         file = stack.enter_context(h5py.File(_BoundedStream(stream), "r"))
         yield Place(file, StoredTexts(stream, LARGEST_READ))
@@ -138,10 +138,10 @@ class _BoundedStream(io.RawIOBase):
         self._left -= size
         if size > LARGEST_READ:
             raise RecordingError(
-                f"expected parts of at most {LARGEST_READ} bytes, came one of {size}"
+                f"expected parts of at most {LARGEST_READ} bytes, got one of {size}"
             )
         if self._left < 0:
-            raise RecordingError("expected a file that ends, came one that leads in circles")
+            raise RecordingError("expected a file that ends, got one that leads in circles")
         return self._stream.readinto(buffer)  # type: ignore[attr-defined, no-any-return]
 
 
@@ -182,11 +182,11 @@ def read_dataset(group: Place, name: str, where: str) -> Dataset:
     folder, _, last = name.rpartition("/")
     parent = find(group, folder, where) if folder else group
     if parent is None:
-        raise RecordingError(f"{where}, {name}: expected it in the file, came nothing")
+        raise RecordingError(f"{where}, {name}: expected it in the file, got nothing")
     reader = _Reader(group.texts, Allowance())
     found = reader.member(parent.item.id, last.encode(), f"{where}, {name}", 0)
     if not isinstance(found, Dataset):
-        raise RecordingError(f"{where}, {name}: expected a dataset, came a group")
+        raise RecordingError(f"{where}, {name}: expected a dataset, got a group")
     return found
 
 
@@ -329,13 +329,13 @@ class _Reader:
         about = h5o.get_info(identity)
         if about.rc != 1 or about.addr in self.allowance.seen:
             raise RecordingError(
-                f"{where}: expected an object with one place, came one with several"
+                f"{where}: expected an object with one place, got one with several"
             )
         self.allowance.seen.add(about.addr)
         if isinstance(identity, h5d.DatasetID):
             return Dataset(self.value(identity, where), self.attributes(identity, where))
         if not isinstance(identity, h5g.GroupID) or depth <= 1:
-            raise RecordingError(f"{where}: expected a dataset, came another object")
+            raise RecordingError(f"{where}: expected a dataset, got another object")
         return self.group(identity, where, depth - 1)
 
     def attributes(self, identity: Any, where: str) -> dict[str, Attribute]:
@@ -344,7 +344,7 @@ class _Reader:
         count = h5a.get_num_attrs(identity)
         if count > MOST_ATTRIBUTES:
             raise RecordingError(
-                f"{where}: expected at most {MOST_ATTRIBUTES} attributes, came {count}"
+                f"{where}: expected at most {MOST_ATTRIBUTES} attributes, got {count}"
             )
         if not count:
             return {}
@@ -355,7 +355,7 @@ class _Reader:
             _name(name, where): self.attribute(identity, name, stored, where) for name in names
         }
         if len(found) != len(names) or len(stored) != len(names):
-            raise RecordingError(f"{where}: expected every attribute once, came one twice")
+            raise RecordingError(f"{where}: expected every attribute once, got one twice")
         return found
 
     def stored(self, identity: Any) -> dict[bytes, bytes]:
@@ -383,7 +383,7 @@ class _Reader:
                 attribute.read(whole)
                 return int(whole)
         raise RecordingError(
-            f"{where}, attribute {clean(name)}: expected a text or a number, came another thing"
+            f"{where}, attribute {clean(name)}: expected a text or a number, got another thing"
         )
 
     def value(self, identity: Any, where: str) -> Array | str:
@@ -395,23 +395,23 @@ class _Reader:
         refuse_storage(identity, where)
         kind, space = identity.get_type(), identity.get_space()
         if kind.committed():
-            raise RecordingError(f"{where}: expected a type of its own, came a shared one")
+            raise RecordingError(f"{where}: expected a type of its own, got a shared one")
         if _is_text(kind):
             offset = identity.get_offset()
             if space.get_simple_extent_type() != h5s.SCALAR or offset is None:
-                raise RecordingError(f"{where}: expected one text, came several")
+                raise RecordingError(f"{where}: expected one text, got several")
             return self.text(self.texts.at(offset), where)
         shape = space.get_simple_extent_dims()
         fixed = space.get_simple_extent_dims(True) == shape
         if space.get_simple_extent_type() != h5s.SIMPLE or not fixed:
-            raise RecordingError(f"{where}: expected an array of fixed size, came another thing")
+            raise RecordingError(f"{where}: expected an array of fixed size, got another thing")
         dtype = next((dtype for dtype in _DTYPES if kind.equal(_types()[dtype])), None)
         if dtype is None or len(shape) > 2:
-            raise RecordingError(f"{where}: expected an array of numbers, came another type")
+            raise RecordingError(f"{where}: expected an array of numbers, got another type")
         size = math.prod(shape) * np.dtype(dtype).itemsize
         if size > self.allowance.arrays:
             raise RecordingError(
-                f"{where}: expected at most {LARGEST_ARRAYS} bytes of arrays, came {size} in this"
+                f"{where}: expected at most {LARGEST_ARRAYS} bytes of arrays, got {size} in this"
             )
         self.allowance.arrays -= size
         refuse_chunks(identity, where)
@@ -424,22 +424,22 @@ class _Reader:
         self.allowance.texts -= len(data)
         if self.allowance.texts < 0:
             raise RecordingError(
-                f"{where}: expected at most {LARGEST_JSON} bytes of texts, came more"
+                f"{where}: expected at most {LARGEST_JSON} bytes of texts, got more"
             )
         try:
             return data.decode()
         except UnicodeDecodeError as err:
-            raise RecordingError(f"{where}: expected text in UTF-8, came other bytes") from err
+            raise RecordingError(f"{where}: expected text in UTF-8, got other bytes") from err
 
 
 def _links(identity: Any, where: str, most: int) -> list[bytes]:
     count = identity.get_num_objs()
     if count > most:
-        raise RecordingError(f"{where}: expected at most {most} names, came {count}")
+        raise RecordingError(f"{where}: expected at most {most} names, got {count}")
     names: list[bytes] = []
     identity.links.iterate(names.append)
     if len(set(names)) != len(names):
-        raise RecordingError(f"{where}: expected every name once, came one twice")
+        raise RecordingError(f"{where}: expected every name once, got one twice")
     return sorted(names)
 
 
@@ -447,10 +447,10 @@ def _refuse_other_link(parent: Any, link: bytes, where: str) -> None:
     from h5py import h5l
 
     if not parent.links.exists(link):
-        raise RecordingError(f"{where}: expected it in the file, came nothing")
+        raise RecordingError(f"{where}: expected it in the file, got nothing")
     if parent.links.get_info(link).type != h5l.TYPE_HARD:
         raise RecordingError(
-            f"{where}: expected what the file itself holds, came a link to another place"
+            f"{where}: expected what the file itself holds, got a link to another place"
         )
 
 
@@ -464,13 +464,13 @@ def refuse_storage(identity: Any, where: str) -> None:
 
     settings = identity.get_create_plist()
     if settings.get_layout() not in (h5d.COMPACT, h5d.CONTIGUOUS, h5d.CHUNKED):
-        raise RecordingError(f"{where}: expected values, came a view of other datasets")
+        raise RecordingError(f"{where}: expected values, got a view of other datasets")
     if settings.get_external_count():
-        raise RecordingError(f"{where}: expected values in the file, came those of another file")
+        raise RecordingError(f"{where}: expected values in the file, got those of another file")
     filters = tuple(settings.get_filter(n)[0] for n in range(settings.get_nfilters()))
     usual = (h5z.FILTER_SHUFFLE, h5z.FILTER_DEFLATE, h5z.FILTER_FLETCHER32)
     if filters not in ((), (h5z.FILTER_DEFLATE,), usual):
-        raise RecordingError(f"{where}: expected gzip or nothing, came filters {filters[:8]}")
+        raise RecordingError(f"{where}: expected gzip or nothing, got filters {filters[:8]}")
 
 
 def refuse_chunks(identity: Any, where: str) -> None:
@@ -488,17 +488,17 @@ def refuse_chunks(identity: Any, where: str) -> None:
     size = math.prod(chunk) * identity.get_type().get_size()
     most = math.prod(-(-length // step) for length, step in zip(shape, chunk, strict=True))
     if size > LARGEST_CHUNK or most > MOST_CHUNKS:
-        raise RecordingError(f"{where}: expected chunks of at most 1 MiB, came others")
+        raise RecordingError(f"{where}: expected chunks of at most 1 MiB, got others")
     count = identity.get_num_chunks()
     if count > most:
-        raise RecordingError(f"{where}: expected {most} chunks, came {count}")
+        raise RecordingError(f"{where}: expected {most} chunks, got {count}")
     if h5z.FILTER_DEFLATE not in filters:
         return
     packed = filters.index(h5z.FILTER_DEFLATE)
     for number in range(count):
         about = identity.get_chunk_info(number)
         if about.size > 2 * LARGEST_CHUNK:
-            raise RecordingError(f"{where}: expected chunks of at most 1 MiB, came a longer one")
+            raise RecordingError(f"{where}: expected chunks of at most 1 MiB, got a longer one")
         mask, data = identity.read_direct_chunk(about.chunk_offset)
         if mask >> packed & 1:
             continue
@@ -506,9 +506,9 @@ def refuse_chunks(identity: Any, where: str) -> None:
             # The checksum behind the packed bytes is left over.
             unpacked = zlib.decompressobj().decompress(data, size + 1)
         except zlib.error as err:
-            raise RecordingError(f"{where}: expected packed values, came {err}") from err
+            raise RecordingError(f"{where}: expected packed values, got {err}") from err
         if len(unpacked) > size:
-            raise RecordingError(f"{where}: expected chunks of {size} bytes, came a longer one")
+            raise RecordingError(f"{where}: expected chunks of {size} bytes, got a longer one")
 
 
 def _is_text(kind: Any) -> bool:
@@ -522,7 +522,7 @@ def _name(name: bytes, where: str) -> str:
     try:
         return name.decode()
     except UnicodeDecodeError as err:
-        raise RecordingError(f"{where}: expected names in UTF-8, came {name[:40]!r}") from err
+        raise RecordingError(f"{where}: expected names in UTF-8, got {name[:40]!r}") from err
 
 
 @functools.cache

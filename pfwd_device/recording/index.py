@@ -453,7 +453,7 @@ def _check_version(layout: Layout, data: Mapping[str, Any]) -> None:
     if version not in (FORMAT_VERSION, PEAKS_FORMAT_VERSION):
         raise RecordingError(
             f"{layout.folder}: expected a survey of format version {FORMAT_VERSION} or "
-            f"{PEAKS_FORMAT_VERSION}, came {str(version)[:20]}; a newer version of this program "
+            f"{PEAKS_FORMAT_VERSION}, got {str(version)[:20]}; a newer version of this program "
             "reads it"
         )
 

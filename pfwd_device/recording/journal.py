@@ -74,7 +74,7 @@ def open_segment(layout: Layout, number: int, storage: Storage) -> int:
             time.sleep(_LOCK_PAUSE)
         else:
             raise SurveyLocked(
-                f"{layout.segment(number)}: expected to be the only program that writes, came "
+                f"{layout.segment(number)}: expected to be the only program that writes, got "
                 "another that has the journal open; end it first, or name another folder"
             )
     except BaseException:
@@ -343,7 +343,7 @@ def scan_journal(layout: Layout) -> Iterator[Located | Stretch]:
         except FileNotFoundError:
             continue
         except OSError as err:
-            raise RecordingError(f"{path}: expected a readable journal, came {err}") from err
+            raise RecordingError(f"{path}: expected a readable journal, got {err}") from err
 
 
 def read_record(layout: Layout, segment: int, offset: int) -> Frame:
@@ -359,9 +359,9 @@ def read_record(layout: Layout, segment: int, offset: int) -> Frame:
         with path.open("rb") as stream:
             frame = read_frame(stream, offset)
     except OSError as err:
-        raise RecordingError(f"{path}: expected a readable journal, came {err}") from err
+        raise RecordingError(f"{path}: expected a readable journal, got {err}") from err
     if frame is None:
         raise RecordingError(
-            f"{path}, byte {offset}: expected a record, came damage; try pfwd recover"
+            f"{path}, byte {offset}: expected a record, got damage; try pfwd recover"
         )
     return frame

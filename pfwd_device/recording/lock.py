@@ -68,12 +68,12 @@ class SurveyLock:
             there = os.lstat(layout.lock)
         except Timeout as err:
             raise SurveyLocked(
-                f"{layout.folder}: expected to be the only program that writes, came another: "
+                f"{layout.folder}: expected to be the only program that writes, got another: "
                 f"{_holder(layout.writer)}; end it first, or name another folder"
             ) from err
         except OSError as err:
             raise RecordingError(
-                f"{layout.folder}: expected a folder that can be written, came {err}"
+                f"{layout.folder}: expected a folder that can be written, got {err}"
             ) from err
         self._lock, self._file = lock, (there.st_dev, there.st_ino)
         with contextlib.suppress(OSError):  # names the holder, protects nothing

@@ -61,7 +61,7 @@ def encode_json(data: Any) -> str:
         )
     except (TypeError, ValueError, RecursionError) as err:
         raise RecordingError(
-            f"expected texts, numbers, lists and mappings with texts as keys, came {err}"
+            f"expected texts, numbers, lists and mappings with texts as keys, got {err}"
         ) from err
 
 
@@ -88,13 +88,13 @@ def decode_json(text: str | bytes) -> Any:
                     return value
         return json.loads(text)
     except (ValueError, RecursionError) as err:  # UnicodeDecodeError is a ValueError
-        raise RecordingError(f"expected JSON, came {err}") from err
+        raise RecordingError(f"expected JSON, got {err}") from err
 
 
 def json_excess(text: str | bytes) -> str | None:
     """What is too much of a JSON text, before anything is made of it; None: nothing."""
     if len(text) > LARGEST_JSON:
-        return f"expected JSON of at most {LARGEST_JSON} bytes, came {len(text)}"
+        return f"expected JSON of at most {LARGEST_JSON} bytes, got {len(text)}"
     if len(text) <= MOST_JSON_VALUES:  # as every record of the journal
         return None
     if isinstance(text, str):
@@ -102,7 +102,7 @@ def json_excess(text: str | bytes) -> str | None:
     else:
         values = sum(text.count(sign.encode()) for sign in _SIGNS)
     if values > MOST_JSON_VALUES:
-        return f"expected JSON of at most {MOST_JSON_VALUES} values, came {values}"
+        return f"expected JSON of at most {MOST_JSON_VALUES} values, got {values}"
     return None
 
 
@@ -127,13 +127,13 @@ def _described_parts(
     for name, array in arrays.items():
         dtype = array.dtype.newbyteorder("<").str
         if dtype not in DTYPES:
-            raise RecordingError(f"array {name}: expected one of {DTYPES}, came {dtype}")
+            raise RecordingError(f"array {name}: expected one of {DTYPES}, got {dtype}")
         described.append({"name": name, "dtype": dtype, "shape": list(array.shape)})
         total += array.nbytes
         if array.nbytes:
             parts.append(np.ascontiguousarray(array, dtype=dtype).data.cast("B"))
     if total > LARGEST_ARRAYS:
-        raise RecordingError(f"expected arrays of at most {LARGEST_ARRAYS} bytes, came {total}")
+        raise RecordingError(f"expected arrays of at most {LARGEST_ARRAYS} bytes, got {total}")
     pack = pack and bool(parts)
     text = encode_json({"data": data, "arrays": described, "packed": pack}).encode("ascii")
     if (problem := json_excess(text)) is not None:  # what is not read again is not written
@@ -176,13 +176,13 @@ def _arrays(
 ) -> dict[str, Array]:
     described = head.get("arrays")
     if not isinstance(described, list) or len(described) > MOST_ARRAYS:
-        raise RecordingError(f"expected a list of at most {MOST_ARRAYS} arrays, came another thing")
+        raise RecordingError(f"expected a list of at most {MOST_ARRAYS} arrays, got another thing")
     layout = [_described(entry) for entry in described]
     total = sum(size for *_, size in layout)
     if total > LARGEST_ARRAYS:
-        raise RecordingError(f"expected arrays of at most {LARGEST_ARRAYS} bytes, came {total}")
+        raise RecordingError(f"expected arrays of at most {LARGEST_ARRAYS} bytes, got {total}")
     if len({name for name, *_ in layout}) != len(layout):
-        raise RecordingError("expected every array once, came a name twice")
+        raise RecordingError("expected every array once, got a name twice")
     ends = list(accumulate(size for *_, size in layout))
     last = max((n for n, (name, *_) in enumerate(layout) if wanted(name)), default=-1)
     needed = ends[last] if last >= 0 else 0
@@ -193,7 +193,7 @@ def _arrays(
     else:
         block = _begin_of_unpacked(rest, needed)
     if len(block) != (total if head.get("packed") is not True else needed):
-        raise RecordingError(f"expected arrays of {total} bytes, came {len(block)}")
+        raise RecordingError(f"expected arrays of {total} bytes, got {len(block)}")
     arrays: dict[str, Array] = {}
     for (name, dtype, shape, size), end in zip(layout, ends, strict=True):
         if end <= needed and wanted(name):
@@ -219,17 +219,17 @@ def content_digest(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
 def _head(payload: Payload) -> tuple[dict[str, Any], int]:
     """The JSON, and where the arrays begin: they are not copied for who does not want them."""
     if len(payload) < _LENGTH.size:
-        raise RecordingError(f"expected a payload, came {len(payload)} bytes")
+        raise RecordingError(f"expected a payload, got {len(payload)} bytes")
     (length,) = _LENGTH.unpack_from(payload)
     end = _LENGTH.size + length
     if end > len(payload):
-        raise RecordingError(f"expected {length} bytes of JSON, came {len(payload)}")
+        raise RecordingError(f"expected {length} bytes of JSON, got {len(payload)}")
     return _object(decode_json(bytes(payload[_LENGTH.size : end]))), end
 
 
 def _object(value: object) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise RecordingError(f"expected an object of JSON, came {type(value).__name__}")
+        raise RecordingError(f"expected an object of JSON, got {type(value).__name__}")
     return value
 
 
@@ -237,13 +237,13 @@ def _described(entry: object) -> tuple[str, str, tuple[int, ...], int]:
     entry = _object(entry)
     name, dtype, shape = entry.get("name"), entry.get("dtype"), entry.get("shape")
     if not isinstance(name, str) or dtype not in DTYPES:
-        raise RecordingError(f"expected a name and one of {DTYPES}, came another array")
+        raise RecordingError(f"expected a name and one of {DTYPES}, got another array")
     if (
         not isinstance(shape, list)
         or len(shape) > 2
         or not all(type(n) is int and 0 <= n <= LARGEST_ARRAYS for n in shape)
     ):
-        raise RecordingError(f"array {name[:64]}: expected one or two lengths, came another shape")
+        raise RecordingError(f"array {name[:64]}: expected one or two lengths, got another shape")
     sides = tuple(shape)
     return name, dtype, sides, math.prod(sides) * np.dtype(dtype).itemsize
 
@@ -255,7 +255,7 @@ def _begin_of_unpacked(packed: bytes, size: int) -> bytes:
     try:
         return zlib.decompressobj().decompress(packed, size)
     except (zlib.error, MemoryError) as err:
-        raise RecordingError(f"expected compressed arrays, came {err}") from err
+        raise RecordingError(f"expected compressed arrays, got {err}") from err
 
 
 def _unpacked(packed: bytes, size: int) -> bytes:
@@ -264,7 +264,7 @@ def _unpacked(packed: bytes, size: int) -> bytes:
     try:
         block = opener.decompress(packed, size + 1)
     except (zlib.error, MemoryError) as err:
-        raise RecordingError(f"expected compressed arrays, came {err}") from err
+        raise RecordingError(f"expected compressed arrays, got {err}") from err
     if not opener.eof or opener.unused_data or len(block) > size:
-        raise RecordingError(f"expected compressed arrays of {size} bytes, came others")
+        raise RecordingError(f"expected compressed arrays of {size} bytes, got others")
     return block

@@ -56,13 +56,13 @@ def answer(request: Mapping[str, Any], storage: Storage) -> dict[str, Any]:
     drop = (int(request["drop"][0]), int(request["drop"][1]))
     rebounds = [(int(segment), int(offset)) for segment, offset in request["rebounds"]]
     if not layout.journal.is_dir():  # the lock would make the folder again
-        raise RecordingError(f"{layout.journal}: expected the journal, came none")
+        raise RecordingError(f"{layout.journal}: expected the journal, got none")
     try:
         with file_locked(layout.publish_lock, LOCK_TIMEOUT, storage):
             return publish(layout, drop, rebounds, storage, parent=request.get("parent"))
     except TimeoutError as err:
         raise RecordingError(
-            f"{layout.publish_lock}: expected to be alone, came another program that publishes; "
+            f"{layout.publish_lock}: expected to be alone, got another program that publishes; "
             "end it and try again"
         ) from err
 
@@ -76,7 +76,7 @@ def journal_drop(
     later = tuple(rebound_from_payload(read_record(layout, *place).payload) for place in rebounds)
     number = data.get("number")
     if type(number) is not int or number < 1:
-        raise RecordingError("expected the number of a drop, came none")
+        raise RecordingError("expected the number of a drop, got none")
     return with_rebounds(drop_from_parts(data, arrays), later), number, frame.identity
 
 
@@ -95,7 +95,7 @@ def publish(
         # Published before a crash, or by a program that was slower to end than to be killed.
         found, found_number, found_survey = read_drop_file_parts(target)
         if not _same_drop(found, record) or (found_number, found_survey) != (number, survey):
-            raise RecordingError(f"{target}: expected the file of drop {number}, came another")
+            raise RecordingError(f"{target}: expected the file of drop {number}, got another")
         return _published(layout, target, target.read_bytes(), number)
     data = drop_file_bytes(record, number, survey)
     if not layout.drops.is_dir():  # somebody has deleted it meanwhile
@@ -106,7 +106,7 @@ def publish(
     if again != data or drop_digest(drop_from_file_bytes(again, str(draft))[0], number) != (
         drop_digest(record, number)
     ):
-        raise RecordingError(f"{draft}: expected what was written, came other content")
+        raise RecordingError(f"{draft}: expected what was written, got other content")
     if parent is not None and os.name != "nt" and os.getppid() != parent:
         raise RecordingError("the program that recorded this drop has ended; recovery publishes it")
     storage.replace(draft, target)

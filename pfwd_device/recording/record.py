@@ -67,7 +67,7 @@ def point_name(name: str) -> str:
     text = clean(name, limit=4 * LONGEST_TEXT).strip()
     if not text or len(text) > LONGEST_TEXT:
         raise RecordingError(
-            f"name of a test point: expected 1 to {LONGEST_TEXT} characters, came {len(text)}"
+            f"name of a test point: expected 1 to {LONGEST_TEXT} characters, got {len(text)}"
         )
     return text
 
@@ -76,11 +76,11 @@ def _read_only_counts(values: NDArray[np.int32], where: str) -> NDArray[np.int32
     given = np.asarray(values)
     if given.ndim != 2 or given.dtype.kind not in "iu":
         raise RecordingError(
-            f"{where}: expected counts as integers, (n, channels), came {given.dtype} of shape "
+            f"{where}: expected counts as integers, (n, channels), got {given.dtype} of shape "
             f"{given.shape}"
         )
     counts = np.array(given, dtype=np.int32)
     if given.dtype != counts.dtype and not np.array_equal(counts, given):
-        raise RecordingError(f"{where}: expected counts of 32 bits, came larger ones")
+        raise RecordingError(f"{where}: expected counts of 32 bits, got larger ones")
     counts.flags.writeable = False
     return counts

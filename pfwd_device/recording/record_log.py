@@ -316,7 +316,7 @@ class RecordLog:
     def _refuse_closed(self) -> None:
         if self._closed:
             raise RecordingError(
-                f"{self.layout.folder}: expected an open survey, came a closed one; open it"
+                f"{self.layout.folder}: expected an open survey, got a closed one; open it"
             )
 
     def _remember(self, record: Record) -> None:
@@ -443,7 +443,7 @@ class RecordLog:
         theirs = {(line.sequence, line.check) for line in found.ledger.entries} - mine
         if theirs or found.survey not in (None, self.survey):
             raise RecordingError(
-                f"{self.layout.folder}: expected the survey that is being written, came one with "
+                f"{self.layout.folder}: expected the survey that is being written, got one with "
                 "records of another program; take it away, or name another folder"
             )
 
@@ -580,11 +580,11 @@ def refused(err: OSError, where: str) -> RecordingError:
     reason = err.strerror or str(err)
     if is_full(err):
         return StorageFull(
-            f"{where}: expected room to write, came {reason!r}; nothing is lost yet: free some "
+            f"{where}: expected room to write, got {reason!r}; nothing is lost yet: free some "
             "space and save again"
         )
     return RecordingError(
-        f"{where}: expected a disk that takes what is written, came {reason!r}; save to another one"
+        f"{where}: expected a disk that takes what is written, got {reason!r}; save to another one"
     )
 
 

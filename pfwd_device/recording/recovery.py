@@ -93,7 +93,7 @@ def recover(
     if not prepare(layout):
         if not (spare is not None and spare.parts(home=layout.folder)):
             raise RecordingError(
-                f"{layout.folder}: expected the folder of a survey, came none; is the path right?"
+                f"{layout.folder}: expected the folder of a survey, got none; is the path right?"
             )
         try:
             storage.make_folder(layout.folder)
@@ -135,7 +135,7 @@ def prepare(layout: Layout) -> bool:
     facts = home_of(layout.folder)
     if facts is not None:
         raise RecordingError(
-            f"{layout.folder}: expected a survey, came what the spare folder keeps of "
+            f"{layout.folder}: expected a survey, got what the spare folder keeps of "
             f"{facts['survey']}; try pfwd recover {facts['survey']}, or pfwd import it elsewhere"
         )
     try:
@@ -361,7 +361,7 @@ def _wait_for_publisher(layout: Layout, storage: Storage) -> None:
             pass
     except TimeoutError as err:
         raise RecordingError(
-            f"{layout.publish_lock}: expected to be free, came a program that still publishes; "
+            f"{layout.publish_lock}: expected to be free, got a program that still publishes; "
             "end it and try again"
         ) from err
 

@@ -232,10 +232,10 @@ def read_result(path: Path) -> Result:
     """A stored result in its file; raises as `parse_result`."""
     try:
         if path.stat().st_size > LARGEST_RESULT:
-            raise RecordingError(f"{path}: expected a result, came a file of over 10 MB")
+            raise RecordingError(f"{path}: expected a result, got a file of over 10 MB")
         return parse_result(path.read_bytes(), str(path))
     except OSError as err:
-        raise RecordingError(f"{path}: expected a readable result, came {err.strerror}") from err
+        raise RecordingError(f"{path}: expected a readable result, got {err.strerror}") from err
 
 
 def parse_result(data: bytes | str, where: str) -> Result:
@@ -252,5 +252,5 @@ def parse_result(data: bytes | str, where: str) -> Result:
         hint = "try pfwd recover"
         raise RecordingError(f"{where}: of a result {err}; {hint}") from err
     if not isinstance(result, dict):
-        raise RecordingError(f"{where}: expected a result, came {type(result).__name__}")
+        raise RecordingError(f"{where}: expected a result, got {type(result).__name__}")
     return result

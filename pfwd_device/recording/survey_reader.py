@@ -153,7 +153,7 @@ class Survey:
         record = self._from_file(number)
         if record is None:
             raise RecordingError(
-                f"{self.folder}: expected drop {number} in the journal or in a file, came neither "
+                f"{self.folder}: expected drop {number} in the journal or in a file, got neither "
                 "whole; try pfwd recover"
             )
         return with_rebounds(record, self._rebounds(later))
@@ -351,7 +351,7 @@ def read_survey(folder: str | os.PathLike[str]) -> Survey:
     layout = Layout(Path(folder).absolute())
     if not layout.exists():
         raise RecordingError(
-            f"{layout.folder}: expected the folder of a survey, came none; is the path right?"
+            f"{layout.folder}: expected the folder of a survey, got none; is the path right?"
         )
     refuse_special_files(layout)
     try:

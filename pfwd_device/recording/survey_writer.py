@@ -290,7 +290,7 @@ class SurveyWriter:
         """
         key = record.metadata.get("key")
         if key is not None and not isinstance(key, str):
-            raise RecordingError(f"key of a drop: expected text, came {type(key).__name__}")
+            raise RecordingError(f"key of a drop: expected text, got {type(key).__name__}")
         with self._lock:
             if key is not None and (known := self.find_key(key)) is not None:
                 return known
@@ -331,17 +331,17 @@ class SurveyWriter:
         number : survey-wide number of the drop it is about, instead of a point
         """
         if what not in EDITS:
-            raise RecordingError(f"edit: expected one of {', '.join(EDITS)}, came {what!r}")
+            raise RecordingError(f"edit: expected one of {', '.join(EDITS)}, got {what!r}")
         if (point is None) == (number is None):
             raise RecordingError("edit: expected a point or the number of a drop")
         text = encode_json(value)
         if len(text) > _MOST_EDIT:
-            raise RecordingError(f"edit: expected at most {_MOST_EDIT} bytes, came {len(text)}")
+            raise RecordingError(f"edit: expected at most {_MOST_EDIT} bytes, got {len(text)}")
         with self._lock:
             if number is not None:
                 self._drop(number)
             elif point not in self._index.points:
-                raise RecordingError(f"edit: expected one of the survey's points, came {point!r}")
+                raise RecordingError(f"edit: expected one of the survey's points, got {point!r}")
             self._write(
                 Kind.EDIT,
                 {"what": what, "value": decode_json(text), "point": point, "number": number},
@@ -350,7 +350,7 @@ class SurveyWriter:
     def note_event(self, kind: str, details: Mapping[str, Any] | None = None) -> None:
         """Keep that something happened: a gap, a reconnection, an overrun."""
         if kind == "recovery":
-            raise RecordingError("event: expected another name, came recovery's own")
+            raise RecordingError("event: expected another name, got recovery's own")
         self._write(Kind.EVENT, {"event": kind, "details": dict(details or {})})
 
     def save_check(self, details: Mapping[str, Any]) -> None:
@@ -433,7 +433,7 @@ class SurveyWriter:
         drops = self.free_drops()
         if drops < FEWEST_DROPS:
             raise StorageFull(
-                f"{self.folder}: expected room for {FEWEST_DROPS} drops before arming, came room "
+                f"{self.folder}: expected room for {FEWEST_DROPS} drops before arming, got room "
                 f"for {drops}; free some space or name another folder"
             )
 
@@ -532,7 +532,7 @@ class SurveyWriter:
     def _drop(self, number: int) -> DropEntry:
         drop = self._index.drops.get(number)
         if drop is None:
-            raise RecordingError(f"expected the number of a recorded drop, came {number}")
+            raise RecordingError(f"expected the number of a recorded drop, got {number}")
         return drop
 
     def _check_number(self, record: DropRecord) -> None:
@@ -541,7 +541,7 @@ class SurveyWriter:
         taken = self._index.is_taken(record.point, drop)
         if drop < 1 or taken or (drop < expected and self._lost(record.point, drop)):
             raise RecordingError(
-                f"drop {record.point}/{drop}: expected a number that is free from 1 on, came one "
+                f"drop {record.point}/{drop}: expected a number that is free from 1 on, got one "
                 f"that is not; {expected} is the next"
             )
 

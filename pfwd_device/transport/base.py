@@ -105,7 +105,7 @@ class LockedTransport(ABC):
 
     def _require_open(self) -> None:
         if self._closing.is_set():
-            raise DeviceLost(f"{self.url}: expected an open port, came one that was closed here")
+            raise DeviceLost(f"{self.url}: expected an open port, got one that was closed here")
 
     @abstractmethod
     def _read(self, timeout: float) -> bytes:

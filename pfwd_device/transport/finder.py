@@ -34,7 +34,7 @@ class PortFinder:
         places = ports.find_again(self._url, self._adapter)
         if not places:
             raise PortError(
-                f"{self._url}: expected the adapter that was there before, came another one; plug "
+                f"{self._url}: expected the adapter that was there before, got another one; plug "
                 "the instrument's own adapter in again"
             )
         # Adapters without a serial number are all alike: ask one after the other.

@@ -61,7 +61,7 @@ class SerialTransport(LockedTransport):
         try:
             self._port.write(data)
         except serial.SerialTimeoutException as err:
-            message = f"{self.url}: expected {len(data)} bytes to be taken, came no end of it"
+            message = f"{self.url}: expected {len(data)} bytes to be taken, got no end of it"
             raise DeviceLost(f"{message}; is the instrument switched on?") from err
         except PORT_ERRORS as err:
             raise self._lost(err) from err
@@ -77,7 +77,7 @@ class SerialTransport(LockedTransport):
 
     def _lost(self, cause: Exception) -> DeviceLost:
         return DeviceLost(
-            f"{self.url}: expected bytes, came {cause}; was the instrument unplugged, or does "
+            f"{self.url}: expected bytes, got {cause}; was the instrument unplugged, or does "
             "another program read the same port?"
         )
 
@@ -132,7 +132,7 @@ def port_error(url: str, cause: Exception) -> PortError:
     if getattr(cause, "errno", None) in _NO_SUCH or "FileNotFoundError" in str(cause):
         return PortError(_not_found(url))
     came, hint = _explain(cause)
-    return PortError(f"{url}: expected a free serial port, came {came}; {hint}")
+    return PortError(f"{url}: expected a free serial port, got {came}; {hint}")
 
 
 def _not_found(url: str) -> str:

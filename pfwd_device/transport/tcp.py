@@ -70,7 +70,7 @@ class TcpTransport(LockedTransport):
 
     def _lost(self, came: str) -> DeviceLost:
         return DeviceLost(
-            f"{self.url}: expected a connection, came {came}; is the instrument switched on and "
+            f"{self.url}: expected a connection, got {came}; is the instrument switched on and "
             "within reach of the network?"
         )
 
@@ -91,7 +91,7 @@ def open_tcp(
     except OSError as err:
         came = "no answer" if isinstance(err, TimeoutError) else err.strerror or str(err)
         hint = "is the instrument switched on, and are address and port right?"
-        raise PortError(f"{url}: expected a connection, came {came}; {hint}") from err
+        raise PortError(f"{url}: expected a connection, got {came}; {hint}") from err
     try:
         # A command is a few bytes and should not wait for more.
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -102,7 +102,7 @@ def open_tcp(
         return TcpTransport(connection, url, write_timeout)
     except OSError as err:  # gone between the connection and here
         connection.close()
-        raise PortError(f"{url}: expected a connection, came {err}; try again") from err
+        raise PortError(f"{url}: expected a connection, got {err}; try again") from err
 
 
 def _address(url: str) -> tuple[str, int]:
@@ -111,8 +111,8 @@ def _address(url: str) -> tuple[str, int]:
         parts = urlsplit(url)
         host, port = parts.hostname, parts.port
     except ValueError as err:
-        raise PortError(f"{expected}, came {err}; check the spelling") from err
+        raise PortError(f"{expected}, got {err}; check the spelling") from err
     if not host or not port:
         missing = "no port" if host else "no host"
-        raise PortError(f"{expected}, came {missing}; the instrument's display or manual tells it")
+        raise PortError(f"{expected}, got {missing}; the instrument's display or manual tells it")
     return host, port

@@ -245,17 +245,15 @@ def _line_pattern(value: bytes, least: int) -> re.Pattern[bytes]:
 
 def _check_columns(columns: Sequence[int], channels: int) -> None:
     if len(columns) != channels:
-        raise SetupError(f"columns: expected one for each of {channels} channels, came {columns}")
+        raise SetupError(f"columns: expected one for each of {channels} channels, got {columns}")
     if len(set(columns)) != channels or not all(0 <= column < MOST_COLUMNS for column in columns):
         last = MOST_COLUMNS - 1
-        raise SetupError(f"columns: expected different ones from 0 to {last}, came {columns}")
+        raise SetupError(f"columns: expected different ones from 0 to {last}, got {columns}")
 
 
 def _check_resolution(resolution: Sequence[float], channels: int) -> None:
     if len(resolution) != channels:
-        raise SetupError(
-            f"resolution: expected one for each channel, {channels}, came {resolution}"
-        )
+        raise SetupError(f"resolution: expected one for each channel, {channels}, got {resolution}")
     # Smaller ones divide to infinity; then there is no telling a large value from a small one.
     if not all(1e-30 <= value <= 1e30 for value in resolution):
-        raise SetupError(f"resolution: expected values from 1e-30 to 1e30, came {resolution}")
+        raise SetupError(f"resolution: expected values from 1e-30 to 1e30, got {resolution}")

@@ -223,10 +223,10 @@ def _pack_samples(block: SampleBlock) -> bytes:
     count, channels = block.counts.shape
     if not (count and 1 <= channels <= MOST_CHANNELS):
         raise ValueError(
-            f"expected samples of 1 to {MOST_CHANNELS} channels, came {count}x{channels}"
+            f"expected samples of 1 to {MOST_CHANNELS} channels, got {count}x{channels}"
         )
     if count * channels * 3 > MOST_SAMPLE_BYTES:
-        raise ValueError(f"expected at most {MOST_SAMPLE_BYTES} bytes, came {count}x{channels}x3")
+        raise ValueError(f"expected at most {MOST_SAMPLE_BYTES} bytes, got {count}x{channels}x3")
     clock = NO_CLOCK if block.clock_us is None else block.clock_us
     flags = _SHUNT_ON if block.shunt else 0
     head = _SAMPLES.pack(block.stream, block.first_sample, clock, flags, channels, count)

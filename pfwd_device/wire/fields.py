@@ -50,7 +50,7 @@ def text(value: str) -> bytes:
     """Length and UTF-8 bytes."""
     data = value.encode()
     if len(data) > LONGEST_TEXT:
-        raise ValueError(f"expected a text of at most {LONGEST_TEXT} bytes, came {len(data)}")
+        raise ValueError(f"expected a text of at most {LONGEST_TEXT} bytes, got {len(data)}")
     return BYTE.pack(len(data)) + data
 
 
@@ -85,7 +85,7 @@ def pack_int24(counts: NDArray[np.int32]) -> bytes:
     """Integers as 3 bytes each, little-endian two's complement, in C order; `ValueError` when one
     does not fit."""
     if counts.size and not (counts.min() >= -(1 << 23) and counts.max() < 1 << 23):
-        raise ValueError(f"expected counts of 24 bits, came {counts.min()} to {counts.max()}")
+        raise ValueError(f"expected counts of 24 bits, got {counts.min()} to {counts.max()}")
     wide = np.ascontiguousarray(counts, dtype="<i4").view(np.uint8).reshape(-1, 4)
     return wide[:, :3].tobytes()
 

@@ -53,7 +53,7 @@ def encode_frame(type_: int, counter: int, payload: bytes) -> bytes:
         If the payload is too long.
     """
     if len(payload) > LONGEST_PAYLOAD:
-        raise ValueError(f"payload: expected at most {LONGEST_PAYLOAD} bytes, came {len(payload)}")
+        raise ValueError(f"payload: expected at most {LONGEST_PAYLOAD} bytes, got {len(payload)}")
     packet = HEAD.pack(type_, counter % COUNTER_PERIOD) + payload
     return bytes(cobs.encode(packet + CHECK.pack(zlib.crc32(packet)))) + b"\0"
 

@@ -120,4 +120,4 @@ def _day_of(number: int, channel: str, field: str) -> datetime.date | None:
         return day_of(number)
     except ValueError as err:
         where = f"channel {channel!r}: {field}"
-        raise SetupError(f"{where}: expected a day as yyyymmdd or 0, came {number}") from err
+        raise SetupError(f"{where}: expected a day as yyyymmdd or 0, got {number}") from err

@@ -85,7 +85,7 @@ def read_table(class_: type[Any], table: Any, source: str, where: str) -> Any:
         If a key is unknown or its value is not of its type or range.
     """
     if not isinstance(table, Mapping):
-        raise ScenarioError(f"{source}: {where.rstrip('.')}: expected a table, came {table!r}")
+        raise ScenarioError(f"{source}: {where.rstrip('.')}: expected a table, got {table!r}")
     fields = {entry.name: entry for entry in dataclasses.fields(class_)}
     hints = typing.get_type_hints(class_)
     values = {}
@@ -96,7 +96,7 @@ def read_table(class_: type[Any], table: Any, source: str, where: str) -> Any:
         values[name] = _read(fields[name], hints[name], value, source, where + name)
     for name, entry in fields.items():
         if name not in values and entry.default is MISSING:
-            raise ScenarioError(f"{source}: {where}{name}: expected a value, came none")
+            raise ScenarioError(f"{source}: {where}{name}: expected a value, got none")
     if hasattr(class_, "KEYS"):
         _check_keys_of_kind(class_, values, source, where)
     return class_(**values)
@@ -122,14 +122,14 @@ def _read(entry: Any, hint: Any, value: Any, source: str, where: str) -> Any:
     table, rule = entry.metadata["table"], entry.metadata["rule"]
     if table is not None and typing.get_origin(hint) is tuple:
         if not isinstance(value, list | tuple):
-            raise ScenarioError(f"{source}: {where}: expected an array of tables, came {value!r}")
+            raise ScenarioError(f"{source}: {where}: expected an array of tables, got {value!r}")
         parts = enumerate(value, start=1)
         return tuple(read_table(table, part, source, f"{where}[{i}].") for i, part in parts)
     if table is not None:
         return read_table(table, value, source, where + ".")
     if typing.get_origin(hint) is tuple:
         if not isinstance(value, list | tuple):
-            raise ScenarioError(f"{source}: {where}: expected an array, came {value!r}")
+            raise ScenarioError(f"{source}: {where}: expected an array, got {value!r}")
         (type_, _) = typing.get_args(hint)
         return tuple(_value(part, type_, rule, source, where) for part in value)
     return _value(value, hint, rule, source, where)
@@ -152,7 +152,7 @@ def _value(value: Any, hint: Any, rule: Requirement, source: str, where: str) ->
     wrong = wrong or (isinstance(result, float) and math.isnan(result))
     if wrong:
         expected = words.get(type_, "a day, YYYY-MM-DD")
-        raise ScenarioError(f"{source}: {where}: expected {expected}, came {value!r}")
+        raise ScenarioError(f"{source}: {where}: expected {expected}, got {value!r}")
     if not rule.holds(result):
-        raise ScenarioError(f"{source}: {where}: expected {rule.expected}, came {value!r}")
+        raise ScenarioError(f"{source}: {where}: expected {rule.expected}, got {value!r}")
     return result

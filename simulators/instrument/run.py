@@ -65,9 +65,9 @@ def simulate(
         If the scenario or the port is not as it has to be.
     """
     if not 0 <= options.rate < float("inf"):
-        raise ScenarioError(f"rate: expected a number >= 0, came {options.rate}")
+        raise ScenarioError(f"rate: expected a number >= 0, got {options.rate}")
     if options.drops is not None and options.drops < 1:
-        raise ScenarioError(f"drops: expected a whole number >= 1, came {options.drops}")
+        raise ScenarioError(f"drops: expected a whole number >= 1, got {options.drops}")
     scenario = load_scenario(options.scenario)
     with closing(open_endpoint(options.listen)) as endpoint:
         instrument = PortlessInstrument(

@@ -352,7 +352,7 @@ def load_scenario(source: str | Path | Mapping[str, Any]) -> Scenario:
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as err:
-        raise ScenarioError(f"scenario {source}: expected a TOML file, came {err}") from err
+        raise ScenarioError(f"scenario {source}: expected a TOML file, got {err}") from err
     return scenario_from(tables, str(source))
 
 
@@ -361,7 +361,7 @@ def scenario_from(tables: Mapping[str, Any], name: str) -> Scenario:
     base = tables.get("base", "")
     if base:
         if base not in builtin_scenarios():
-            raise ScenarioError(f"{name}: base: expected a built-in scenario, came {base!r}")
+            raise ScenarioError(f"{name}: base: expected a built-in scenario, got {base!r}")
         tables = merged(_builtin_tables(base), tables)
     tables = _with_present_names(tables)
     scenario: Scenario = read_table(Scenario, {**tables, "name": name}, name, "")

@@ -110,7 +110,7 @@ def test_the_rate_is_told_from_both_ends_of_a_stream(
     monkeypatch.setattr(streaming, "_stream", lambda *_: (identity, heard, 0))
     talk = cast("Talk", None)
     if runs_fast:
-        with pytest.raises(Failed, match=r"expected 10000 Hz, came 10200 Hz by the host's clock"):
+        with pytest.raises(Failed, match=r"expected 10000 Hz, got 10200 Hz by the host's clock"):
             streaming.rate(talk)
     else:
         assert streaming.rate(talk).startswith("10000 Hz by the host's clock")
@@ -151,4 +151,4 @@ def test_a_port_that_is_not_there_is_one_line() -> None:
 def test_a_number_that_is_none_is_refused() -> None:
     done = pfwd("conform", "socket://127.0.0.1:9", "--only", "P-99")
     assert done.returncode != 0
-    assert "expected numbers from P-1 to P-42, came P-99" in done.stderr
+    assert "expected numbers from P-1 to P-42, got P-99" in done.stderr

@@ -174,7 +174,7 @@ class SpyWriter:
     def save_drop(self, record: DropRecord) -> int:
         if self.failures:
             self.failures -= 1
-            raise StorageFull("disk: expected room, came none")
+            raise StorageFull("disk: expected room, got none")
         number = self._writer.save_drop(record)
         self.saved.append((record.point, record.drop.number))
         self._log.append(("saved", record.point, record.drop.number))  # type: ignore[arg-type]

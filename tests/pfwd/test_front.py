@@ -121,7 +121,7 @@ def test_a_plot_of_moduli_says_what_they_rest_on() -> None:
 
 
 def test_what_is_no_axes_is_refused() -> None:
-    with pytest.raises(pfwd.OptionError, match=r"ax: expected axes of matplotlib, .* came int"):
+    with pytest.raises(pfwd.OptionError, match=r"ax: expected axes of matplotlib, .* got int"):
         pfwd.example("layer").plot(3)  # type: ignore[arg-type]
 
 
@@ -133,7 +133,7 @@ def test_a_missing_package_is_one_line(
 ) -> None:
     drop = pfwd.example("layer").drops[0]
     monkeypatch.setitem(sys.modules, package, None)
-    message = rf"{method}\(\): expected the package {package}, came none; python -m pip install"
+    message = rf"{method}\(\): expected the package {package}, got none; python -m pip install"
     with pytest.raises(pfwd.OptionError, match=message):
         getattr(drop, method)()
 
@@ -166,18 +166,16 @@ def test_a_stored_result_draws_its_modulus_with_the_interval() -> None:
     ((low, high),) = (segment[:, 1] for segment in bars.lines[2][0].get_segments())
     assert (low, high) == pytest.approx([end / 1e6 for end in result.modulus_interval])
     without = replace(result, modulus_pa=None)
-    with pytest.raises(
-        pfwd.SurveyError, match="a result with its time histories, came one without"
-    ):
+    with pytest.raises(pfwd.SurveyError, match="a result with its time histories, got one without"):
         without.plot()
 
 
 def test_what_is_no_survey_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(pfwd.SurveyError, match=r"expected a survey, .* came another folder"):
+    with pytest.raises(pfwd.SurveyError, match=r"expected a survey, .* got another folder"):
         pfwd.open(tmp_path)
-    with pytest.raises(pfwd.SurveyError, match=r"expected a survey, .* came another file"):
+    with pytest.raises(pfwd.SurveyError, match=r"expected a survey, .* got another file"):
         pfwd.open(FOLDER / "layer.csv")
-    with pytest.raises(pfwd.OptionError, match="path: expected the path of a survey, came int"):
+    with pytest.raises(pfwd.OptionError, match="path: expected the path of a survey, got int"):
         pfwd.open(3)  # type: ignore[arg-type]
 
 
@@ -191,7 +189,7 @@ def test_reading_takes_what_the_command_line_takes(tmp_path: Path) -> None:
     assert points.drops[0].declared["plate_radius_m"] == 0.2
     with pytest.raises(pfwd.OptionError, match="path: expected the path of a file or folder"):
         pfwd.read(None)  # type: ignore[arg-type]
-    with pytest.raises(pfwd.OptionError, match="channels: expected raw or stored, came 'all'"):
+    with pytest.raises(pfwd.OptionError, match="channels: expected raw or stored, got 'all'"):
         pfwd.read(FOLDER / "layer.csv", channels="all")  # type: ignore[arg-type]
 
 
@@ -218,7 +216,7 @@ def test_a_drop_shows_what_was_measured() -> None:
 
 def test_an_unknown_example_is_refused() -> None:
     with pytest.raises(
-        pfwd.OptionError, match=r"example: expected one of half-space, .* survey, ca"
+        pfwd.OptionError, match=r"example: expected one of half-space, .* survey, got"
     ):
         pfwd.example("moon")  # type: ignore[call-overload]
 

@@ -160,14 +160,14 @@ TIME = np.arange(100) * 1e-4
 @pytest.mark.parametrize(
     ("arguments", "options", "message"),
     [
-        ((3,), {}, r"data: expected a path, a survey, .* came int"),
-        ((None,), {}, r"data: expected .* came NoneType"),
-        (([],), {}, r"data: expected .* came an empty one"),
+        ((3,), {}, r"data: expected a path, a survey, .* got int"),
+        ((None,), {}, r"data: expected .* got NoneType"),
+        (([],), {}, r"data: expected .* got an empty one"),
         ((["layer.csv", 3],), {}, r"layer.csv: expected a readable trace file"),
         (("no such file.csv",), {}, r"no such file.csv: expected a readable trace file"),
-        ((TIME,), {}, r"arrays: expected three: time, load, values, came 1 of them"),
-        ((TIME, WAVE, WAVE), {}, r"plate_radius: expected a number > 0, in m, came none"),
-        ((TIME, WAVE[:50], WAVE), {"plate_radius": 0.1}, r"load: expected 100 samples .* came 50"),
+        ((TIME,), {}, r"arrays: expected three: time, load, values, got 1 of them"),
+        ((TIME, WAVE, WAVE), {}, r"plate_radius: expected a number > 0, in m, got none"),
+        ((TIME, WAVE[:50], WAVE), {"plate_radius": 0.1}, r"load: expected 100 samples .* got 50"),
         ((TIME, WAVE, WAVE[:50]), {"plate_radius": 0.1}, r"values: expected \(100,\) or"),
         (
             (TIME, WAVE, [WAVE, WAVE]),
@@ -176,35 +176,35 @@ TIME = np.arange(100) * 1e-4
         ),
         ((TIME**2, WAVE, WAVE), {"plate_radius": 0.1}, r"time: expected uniform, rising steps"),
         ((TIME, np.nan * WAVE, WAVE), {"plate_radius": 0.1}, r"load: expected finite numbers"),
-        ((TIME, "abc", WAVE), {"plate_radius": 0.1}, r"load: expected numbers, came 'abc'"),
+        ((TIME, "abc", WAVE), {"plate_radius": 0.1}, r"load: expected numbers, got 'abc'"),
         (
             (TIME, WAVE, WAVE),
             {"plate_radius": 0.1, "quantity": "speed"},
-            r"quantity: expected displacement or velocity, came 'speed'",
+            r"quantity: expected displacement or velocity, got 'speed'",
         ),
         (
             ("f",),
             {"bedrok_depth": 1},
             r"bedrok_depth: expected one of .*; did you mean bedrock_dep",
         ),
-        (("f",), {"model": "soil"}, r"model: expected one of layer, half-space, came 'soil'"),
-        (("f",), {"bedrock_depth": -1}, r"bedrock_depth: expected a number > 0, .* came -1"),
+        (("f",), {"model": "soil"}, r"model: expected one of layer, half-space, got 'soil'"),
+        (("f",), {"bedrock_depth": -1}, r"bedrock_depth: expected a number > 0, .* got -1"),
         (("f",), {"bedrock_depth": "deep"}, r"bedrock_depth: expected a number > 0, .* 'deep'"),
-        (("f",), {"layers": 2.0}, r"layers: expected a whole number from 1 to 4, .* came 2.0"),
-        (("f",), {"layers": True}, r"layers: expected a whole number from 1 to 4, .* came True"),
-        (("f",), {"layers": "two"}, r"layers: expected .* or 'auto', came 'two'"),
-        (("f",), {"layers": 5}, r"layers: expected a whole number from 1 to 4, .* came 5"),
-        (("f",), {"layers": 2, "thickness": 0.2}, r"thickness: expected a list of .* came 0.2"),
-        (("f",), {"layers": 2, "thickness": "0.2"}, r"thickness: expected a list .* came '0.2'"),
+        (("f",), {"layers": 2.0}, r"layers: expected a whole number from 1 to 4, .* got 2.0"),
+        (("f",), {"layers": True}, r"layers: expected a whole number from 1 to 4, .* got True"),
+        (("f",), {"layers": "two"}, r"layers: expected .* or 'auto', got 'two'"),
+        (("f",), {"layers": 5}, r"layers: expected a whole number from 1 to 4, .* got 5"),
+        (("f",), {"layers": 2, "thickness": 0.2}, r"thickness: expected a list of .* got 0.2"),
+        (("f",), {"layers": 2, "thickness": "0.2"}, r"thickness: expected a list .* got '0.2'"),
         (("f",), {"layers": 2, "thickness": [None]}, r"thickness: expected a list of numbers"),
         (("f",), {"layers": 2, "thickness": 1 + WAVE[:2]}, r"thickness: expected a value for each"),
         (("f",), {"layers": WAVE[:2]}, r"layers: expected a whole number from 1 to 4, "),
         (("f",), {"layers": 3, "thickness": [0.2]}, r"thickness: expected a value for each layer"),
-        (("f",), {"seed": 1.5}, r"seed: expected a whole number >= 0, came 1.5"),
-        (("f",), {"elastic": "yes"}, r"elastic: expected True or False, came 'yes'"),
-        (("f",), {"poisson_ratio": 0.5}, r"poisson_ratio: expected .* came 0.5"),
-        (("f",), {"plate_radius": "wide"}, r"plate_radius: expected .* came 'wide'"),
-        (("f",), {"header": 3}, r"header: expected the path of a TOML file, .* came 3"),
+        (("f",), {"seed": 1.5}, r"seed: expected a whole number >= 0, got 1.5"),
+        (("f",), {"elastic": "yes"}, r"elastic: expected True or False, got 'yes'"),
+        (("f",), {"poisson_ratio": 0.5}, r"poisson_ratio: expected .* got 0.5"),
+        (("f",), {"plate_radius": "wide"}, r"plate_radius: expected .* got 'wide'"),
+        (("f",), {"header": 3}, r"header: expected the path of a TOML file, .* got 3"),
         (("f",), {"header": "no.toml"}, r"header: expected the path of a TOML file"),
         (("f",), {"offsets": 1.0}, r"offsets: expected none unless arrays are given"),
         (
@@ -223,9 +223,7 @@ def test_a_wrong_argument_gets_one_line(
 
 
 def test_joint_of_one_drop_is_refused() -> None:
-    with pytest.raises(
-        pfwd.OptionError, match="joint: expected several drops of a point, came one"
-    ):
+    with pytest.raises(pfwd.OptionError, match="joint: expected several drops of a point, got one"):
         pfwd.invert(pfwd.example("layer").drops[0], joint=True)
 
 
@@ -264,7 +262,7 @@ def test_a_drop_without_effect_is_clean() -> None:
 def test_diagnose_refuses_what_it_does_not_know() -> None:
     with pytest.raises(pfwd.OptionError, match="method: expected one of elastic, load, plate_rad"):
         pfwd.diagnose(pfwd.example("layer"), method="mpga")
-    with pytest.raises(pfwd.OptionError, match="jobs: expected a whole number >= 1, came 0"):
+    with pytest.raises(pfwd.OptionError, match="jobs: expected a whole number >= 1, got 0"):
         pfwd.diagnose(pfwd.example("layer"), jobs=0)
 
 

@@ -139,7 +139,7 @@ def test_a_rig_has_stiffness_and_no_modulus(rig: Path, tmp_path: Path) -> None:
     assert float(row["secant_stiffness_n_per_m"]) == pytest.approx(80e6, rel=0.01)
     assert float(row["dynamic_stiffness_n_per_m"]) == pytest.approx(80e6, rel=0.02)
     assert row["modulus_pa"] == row["peak_modulus_pa"] == ""
-    with pytest.raises(SurveyError, match="drops with peaks to export, came 1 on a rig"):
+    with pytest.raises(SurveyError, match="drops with peaks to export, got 1 on a rig"):
         export_survey(rig, "pddx", tmp_path / "a.pddx")
     report = gather(rig, ReportOptions(procedure="astm-e2835"))
     text = repr(compose(report, load_texts("en"), Letters()))

@@ -37,23 +37,23 @@ def test_a_drop_survives_the_trip_to_a_worker_process() -> None:
 
 
 def test_a_load_of_another_length_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"drop 3: expected 100 samples .* came \[99\]"):
+    with pytest.raises(ValueError, match=r"drop 3: expected 100 samples .* got \[99\]"):
         Drop(3, np.arange(100) / 1000, np.ones(99), ())
 
 
 def test_a_channel_of_another_length_is_refused() -> None:
     channel = Channel(0.0, "velocity", np.zeros(101))
-    with pytest.raises(ValueError, match=r"came \[100, 101\]"):
+    with pytest.raises(ValueError, match=r"got \[100, 101\]"):
         Drop(3, np.arange(100) / 1000, np.ones(100), (channel,))
 
 
 def test_two_dimensions_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"values: expected one dimension, came shape \(2, 2\)"):
+    with pytest.raises(ValueError, match=r"values: expected one dimension, got shape \(2, 2\)"):
         Channel(0.0, "velocity", np.zeros((2, 2)))
 
 
 def test_one_sample_is_no_drop() -> None:
-    with pytest.raises(ValueError, match="at least 2 samples, came 1"):
+    with pytest.raises(ValueError, match="at least 2 samples, got 1"):
         Drop(1, np.zeros(1), np.zeros(1), ())
 
 

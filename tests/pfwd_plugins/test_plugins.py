@@ -43,12 +43,12 @@ def test_what_a_package_names_is_found_and_loaded_when_it_is_asked_for(site: Pat
     ("source", "value", "expected"),
     [
         ("import no_such_module\n", "some_bad:X", "ModuleNotFoundError: No module named"),
-        ("raise ValueError('first\\nsecond')\n", "some_bad:X", "came ValueError: first second;"),
-        ("import sys\nsys.exit(3)\n", "some_bad:X", "came SystemExit: 3"),
-        ("X = (\n", "some_bad:X", "came SyntaxError"),
-        ("Y = 1.0\n", "some_bad:X", "came AttributeError"),
-        ("X = 'text'\n", "some_bad:X", "expected a float at some_bad:X, came a str;"),
-        ("X = None\n", "some_bad:X", "expected a float at some_bad:X, came a NoneType;"),
+        ("raise ValueError('first\\nsecond')\n", "some_bad:X", "got ValueError: first second;"),
+        ("import sys\nsys.exit(3)\n", "some_bad:X", "got SystemExit: 3"),
+        ("X = (\n", "some_bad:X", "got SyntaxError"),
+        ("Y = 1.0\n", "some_bad:X", "got AttributeError"),
+        ("X = 'text'\n", "some_bad:X", "expected a float at some_bad:X, got a str;"),
+        ("X = None\n", "some_bad:X", "expected a float at some_bad:X, got a NoneType;"),
         ("X = 1.0\n", "some bad", "is left out: expected an object that can be imported"),
     ],
 )
@@ -79,7 +79,7 @@ def test_nobody_replaces_what_the_program_has(site: Path) -> None:
     install(site, {"some_good.py": "X = 2.0\n"}, f"[{GROUP}]\nown = some_good:X\n")
     assert list(pfwd_plugins.load_all(GROUP, float, {"own"})) == []
     (remark,) = pfwd_plugins.remarks()
-    assert "expected a name of its own, came one that this program has" in remark
+    assert "expected a name of its own, got one that this program has" in remark
     assert "some_good" not in sys.modules
 
 

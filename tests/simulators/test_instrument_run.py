@@ -49,7 +49,7 @@ def test_it_can_be_stopped_at_any_time_and_still_tells_the_truth() -> None:
 
 
 def test_the_reason_of_a_failure_reaches_the_caller() -> None:
-    with pytest.raises(SimulationError, match=r"soil\.modulus: expected > 0, came -1"):
+    with pytest.raises(SimulationError, match=r"soil\.modulus: expected > 0, got -1"):
         serve({"soil": {"modulus": -1}})
 
 

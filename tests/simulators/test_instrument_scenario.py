@@ -87,8 +87,8 @@ def test_a_crust_lies_on_the_rest() -> None:
     ("tables", "message"),
     [
         ({"soil": {"modulos": 1.0}}, r"soil\.modulos: unknown key; known are modulus"),
-        ({"soil": {"modulus": -1.0}}, r"soil\.modulus: expected > 0, came -1"),
-        ({"soil": {"modulus": "45e6"}}, r"soil\.modulus: expected a number, came '45e6'"),
+        ({"soil": {"modulus": -1.0}}, r"soil\.modulus: expected > 0, got -1"),
+        ({"soil": {"modulus": "45e6"}}, r"soil\.modulus: expected a number, got '45e6'"),
         ({"soil": {"modulus": True}}, r"soil\.modulus: expected a number"),
         ({"soil": {"modulus": float("nan")}}, r"soil\.modulus: expected a number"),
         ({"soil": {"modulus": float("inf")}}, r"soil\.modulus: expected > 0"),
@@ -96,7 +96,7 @@ def test_a_crust_lies_on_the_rest() -> None:
         ({"soil": {"crust_modulus": 1e8, "crust_thickness": 2.0}}, "soil: thickness"),
         ({"soil": 3}, "soil: expected a table"),
         ({"sole": {}}, "sole: unknown key"),
-        ({"base": "nowhere"}, "base: expected a built-in scenario, came 'nowhere'"),
+        ({"base": "nowhere"}, "base: expected a built-in scenario, got 'nowhere'"),
         ({"device": {"adc_bits": 25}}, r"device\.adc_bits: expected one of 8, 9"),
         ({"device": {"adc_bits": 16.5}}, r"device\.adc_bits: expected a whole number"),
         ({"device": {"sampling_rate": 7e3}}, r"device\.sampling_rate: expected one of device"),
@@ -146,7 +146,7 @@ def test_a_name_that_is_none_is_told_what_there_is(tmp_path: Path) -> None:
         load_scenario("defualt")
     broken = tmp_path / "broken.toml"
     broken.write_text("[soil\n", encoding="utf-8")
-    with pytest.raises(ScenarioError, match="expected a TOML file, came"):
+    with pytest.raises(ScenarioError, match="expected a TOML file, got"):
         load_scenario(str(broken))
 
 

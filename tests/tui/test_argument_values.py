@@ -57,6 +57,6 @@ def test_values(read: Callable[[str], Any], text: str, value: object) -> None:
     ],
 )
 def test_what_is_refused(read: Callable[[str], Any], text: str, expected: str) -> None:
-    message = re.escape(f"expected {expected}, came {text}")
+    message = re.escape(f"expected {expected}, got {text}")
     with pytest.raises(argparse.ArgumentTypeError, match=f"^{message}$"):
         read(text)

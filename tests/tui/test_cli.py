@@ -101,7 +101,7 @@ def test_wrong_usage_is_status_2(arguments: list[str], capsys: pytest.CaptureFix
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--model", "half-space", "--bedrock-depth", "1"], "expected one of the two, came both"),
+        (["--model", "half-space", "--bedrock-depth", "1"], "expected one of the two, got both"),
         (["--published", "--plate", "rigid-rough"], "--published and --plate rigid-rough"),
         (["--poisson-ratio", "0.5"], "--poisson-ratio"),
         (["--bedrock-depth", "0"], "--bedrock-depth"),
@@ -176,12 +176,12 @@ def test_json_is_one_object_a_line_and_nothing_else(
 def test_a_refused_file_is_status_1_and_the_others_go_on(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    refused = FileOutcome("b.csv", "b.csv, line 3: expected \x1b[31m, came\nothing")
+    refused = FileOutcome("b.csv", "b.csv, line 3: expected \x1b[31m, got\nothing")
     analysis(monkeypatch, refused, FileOutcome("a.csv", None, [RESULT]))
     assert main(["invert", "b.csv", "a.csv", "--json"]) == 1
     output = capsys.readouterr()
     assert len(output.out.splitlines()) == 1
-    assert output.err == "pfwd: b.csv, line 3: expected \ufffd[31m, came\ufffdothing\n"
+    assert output.err == "pfwd: b.csv, line 3: expected \ufffd[31m, got\ufffdothing\n"
 
 
 def test_people_get_a_table(

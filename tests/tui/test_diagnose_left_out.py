@@ -21,12 +21,12 @@ def point(name: str, mode: str | None) -> Diagnosed:
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
-        ("sensor", "--leave-out sensor: expected two sensors or more, came fewer at A, C"),
-        ("drop", "--leave-out drop: expected two drops or more, came fewer at B, C"),
-        ("next", "--leave-out next: expected two drops or more, came fewer at A to C"),
+        ("sensor", "--leave-out sensor: expected two sensors or more, got fewer at A, C"),
+        ("drop", "--leave-out drop: expected two drops or more, got fewer at B, C"),
+        ("next", "--leave-out next: expected two drops or more, got fewer at A to C"),
         (
             "point",
-            "expected two points or more of one device that share something, came fewer at A",
+            "expected two points or more of one device that share something, got fewer at A",
         ),
     ],
 )
@@ -50,7 +50,7 @@ def test_a_number_is_fitted_to_a_held_out_drop_alone(
 ) -> None:
     assert main(["diagnose", "a.csv", "--allow", "stiffness", *options]) == 2
     said = capsys.readouterr().err
-    assert f"--allow stiffness: expected --leave-out next or drop, came {came}" in said
+    assert f"--allow stiffness: expected --leave-out next or drop, got {came}" in said
 
 
 def lines(**keys: Any) -> list[str]:

@@ -57,9 +57,9 @@ def test_a_seating_drop_that_is_moved_away_seated_nothing(survey: str) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--move", "2"], "--move: expected a drop, named by --drop, came none"),
+        (["--move", "2"], "--move: expected a drop, named by --drop, got none"),
         (["--drop", "9", "--move", "2"], "--drop: expected a drop of point 1"),
-        (["--drop", "1", "--move", "1"], "expected another point, came '1'"),
+        (["--drop", "1", "--move", "1"], "expected another point, got '1'"),
         (["--drop", "1", "--move", ""], "expected a name of 1 to 64 characters"),
         (["--drop", "1", "--move", "2", "--note", "x"], "nothing else said with it"),
     ],
@@ -82,7 +82,7 @@ def test_while_it_is_measured(survey: str) -> None:
         assert writer.next_number("2") == 2
     known = log.of(PointReported)[-1]
     assert (known.point.name, [drop.number for drop in known.point.drops]) == ("2", [1])
-    assert "expected a drop of the survey, came number 99" in log.texts
+    assert "expected a drop of the survey, got number 99" in log.texts
     assert log.of(DropSaved) == []
     assert [point.name for point in point_views(read_survey(survey))] == ["1", "2"]
 
@@ -116,7 +116,7 @@ def test_a_move_taken_back_while_it_is_measured_counts_the_drop_once(survey: str
     kinds = dict(view.points["1"].progress.kinds)
     assert (kinds[2], kinds[3]) == (Kind.DISCARDED, Kind.MEASURED)
     assert dict(view.points["2"].progress.kinds)[1] is Kind.REJECTED
-    assert "restore: expected a drop of the survey, came number 99" in log.texts
+    assert "restore: expected a drop of the survey, got number 99" in log.texts
 
 
 def test_restoring_a_moved_drop_takes_it_from_where_it_is_now(survey: str) -> None:

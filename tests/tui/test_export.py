@@ -42,7 +42,7 @@ def test_a_refused_file_is_one_line_and_the_others_come(tmp_path: Path) -> None:
     refused = [text for text in done.stderr.splitlines() if "bad.dynz" in text]
     assert len(refused) == 1
     assert "expected" in refused[0]
-    assert "came" in refused[0]
+    assert "got" in refused[0]
 
 
 def test_an_import_ends_with_what_it_did_and_the_next_command(tmp_path: Path) -> None:

@@ -59,15 +59,15 @@ def test_columns_of_a_station_list_that_are_not_used_are_named(
     assert "columns not used: 'lane'. Known columns are name," in capsys.readouterr().err
     file.write_text("name,target_MPa\n12+320,45\n", encoding="utf-8")
     assert main(["job", survey, "--stations", str(file)]) == 2
-    assert "expected a column target, in MPa, came 'target_MPa'" in capsys.readouterr().err
+    assert "expected a column target, in MPa, got 'target_MPa'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--target", "-1"], "--target: expected a number > 0, in MPa, came -1"),
-        (["--procedure", "mndot", "--target", "45"], "came 45 mm; did you mean a modulus?"),
-        (["--target", "45000"], "came 45000 MPa; did you mean another unit?"),
+        (["--target", "-1"], "--target: expected a number > 0, in MPa, got -1"),
+        (["--procedure", "mndot", "--target", "45"], "got 45 mm; did you mean a modulus?"),
+        (["--target", "45000"], "got 45000 MPa; did you mean another unit?"),
         (["--procedure", "mndott"], "procedure: expected one of astm-e2583"),
         (["--stations", "none.csv"], "none.csv: expected a readable file"),
     ],
@@ -160,10 +160,10 @@ def test_a_target_of_a_report_that_does_not_count_is_said(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--target", "0"], "--target: expected a number > 0, in MPa, came 0"),
-        (["--target-deflection", "1"], "a procedure that judges deflections, came none, which"),
-        (["--target", "1", "--target-deflection", "1"], "expected one of them, came both"),
-        (["--procedure", "mndot", "--target", "1000"], "of 0.01 to 10 mm, came 1000 mm"),
+        (["--target", "0"], "--target: expected a number > 0, in MPa, got 0"),
+        (["--target-deflection", "1"], "a procedure that judges deflections, got none, which"),
+        (["--target", "1", "--target-deflection", "1"], "expected one of them, got both"),
+        (["--procedure", "mndot", "--target", "1000"], "of 0.01 to 10 mm, got 1000 mm"),
     ],
 )
 def test_a_target_that_no_report_can_have_is_wrong_usage(
@@ -225,4 +225,4 @@ def test_what_is_no_time_zone_is_wrong_usage(
     survey: str, zone: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["job", survey, "--time-zone", zone]) == 2
-    assert "expected an offset such as +02:00, or UTC, came" in capsys.readouterr().err
+    assert "expected an offset such as +02:00, or UTC, got" in capsys.readouterr().err

@@ -33,7 +33,7 @@ def test_layers_reach_the_analysis(command: list[str]) -> None:
     with pytest.raises(OptionError, match="--no-invert and --layers: expected one of the two"):
         measuring_options(refused)
     wrong = parser.parse_args([*command, "--layers", "7"])
-    with pytest.raises(OptionError, match="a whole number from 1 to 4, or auto, came 7"):
+    with pytest.raises(OptionError, match="a whole number from 1 to 4, or auto, got 7"):
         measuring_options(wrong)
 
 

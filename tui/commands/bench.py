@@ -18,7 +18,7 @@ def run(args: argparse.Namespace) -> int:
     """
     if not (TOP / "benchmarks" / "__main__.py").is_file():
         say(
-            "bench: expected a folder benchmarks beside the packages, came none; "
+            "bench: expected a folder benchmarks beside the packages, got none; "
             "the benchmarks run from a checkout of the project"
         )
         return 2

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     What was simulated is told when all is measured, to standard error.
     """
     if args.play and not args.firmware:
-        say("demo: --play: expected with --firmware, whose core plays the file, came without")
+        say("demo: --play: expected with --firmware, whose core plays the file, got without")
         return 2
     if args.output:
         try_output(args.output)

@@ -107,7 +107,7 @@ def _report_not_held_out(diagnosed: "Sequence[Diagnosed]", mode: str) -> None:
             "sensor": "two sensors or more",
             "point": "two points or more of one device that share something",
         }[mode]
-        say(f"--leave-out {mode}: expected {expected}, came fewer at {as_ranges(without, names)}")
+        say(f"--leave-out {mode}: expected {expected}, got fewer at {as_ranges(without, names)}")
 
 
 def _over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:

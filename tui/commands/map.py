@@ -88,7 +88,7 @@ def _choice(question: str, among: Sequence[str], default: str | None) -> str:
         said = _answer(question, default)
         if said in among:
             return said
-        say(f"map: expected one of {', '.join(among)}, came {clean(said) or 'nothing'}")
+        say(f"map: expected one of {', '.join(among)}, got {clean(said) or 'nothing'}")
 
 
 def _number(question: str, default: float | None) -> float | None:
@@ -99,7 +99,7 @@ def _number(question: str, default: float | None) -> float | None:
         try:
             return float(said)
         except ValueError:
-            say(f"map: expected a number, came {clean(said)}")
+            say(f"map: expected a number, got {clean(said)}")
 
 
 def _answer(question: str, default: str | None) -> str:

@@ -20,7 +20,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         return _lines(args)
     if not on_terminal():
-        say("open: expected a terminal to fill, came a pipe or a file; --json prints the points")
+        say("open: expected a terminal to fill, got a pipe or a file; --json prints the points")
         return USAGE
     from tui.screen.opened.app import show_survey
     from tui.screen.settings import load_settings

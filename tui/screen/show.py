@@ -39,7 +39,7 @@ def show(
     """
     if not on_terminal():
         say(
-            f"{command}: expected a terminal to fill, came a pipe or a file; pfwd log and pfwd "
+            f"{command}: expected a terminal to fill, got a pipe or a file; pfwd log and pfwd "
             "replay without --live print lines"
         )
         return USAGE

@@ -125,7 +125,7 @@ def _guarded(name: str, form: Format) -> Format:
         try:
             return bool(form.recognises(head))
         except Exception as err:
-            came = f"an answer to whether a file is one of it, came {type(err).__name__}: {err}"
+            came = f"an answer to whether a file is one of it, got {type(err).__name__}: {err}"
             pfwd_plugins.remark(pfwd_plugins.IMPORT_FORMATS, name, came)
             return False
 

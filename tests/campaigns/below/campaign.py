@@ -174,7 +174,7 @@ def quick_counts(library: Path, plan: str) -> Counts:
     with quick.driver(library) as process, _scratch() as folder:
         outcome, counted = quick.trial(process, folder, Fault(), plan, 0)
     if not judge(outcome).good or not outcome.said:
-        raise RuntimeError(f"expected a run without a fault to be good, came {judge(outcome)}")
+        raise RuntimeError(f"expected a run without a fault to be good, got {judge(outcome)}")
     return counted.counts
 
 
@@ -206,7 +206,7 @@ def command_trials(library: Path, number: int, seed: int) -> list[Trial]:
         plan = COMMAND_PLANS[-1]
         outcome, counted = command.trial(library, instrument.url, folder, Fault(), plan)
     if not judge(outcome).good or not outcome.said:
-        raise RuntimeError(f"expected a run without a fault to be good, came {judge(outcome)}")
+        raise RuntimeError(f"expected a run without a fault to be good, got {judge(outcome)}")
     return [
         Trial("command", n, seed, fault, _command_plan(n, fault))
         for n, fault in enumerate(faults(counted.counts, number, rng))
@@ -220,7 +220,7 @@ def recovery_trials(library: Path, number: int, seed: int) -> list[Trial]:
         killed = command.killed_session(instrument.url, before)
         outcome, counted = command.recovery_trial(library, folder, killed, Fault())
     if not judge(outcome).good or not outcome.said:
-        raise RuntimeError(f"expected a run without a fault to be good, came {judge(outcome)}")
+        raise RuntimeError(f"expected a run without a fault to be good, got {judge(outcome)}")
     found = faults(counted.counts, number, rng)
     return [Trial("recover", n, seed, fault, "recovered") for n, fault in enumerate(found)]
 

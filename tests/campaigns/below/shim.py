@@ -79,7 +79,7 @@ def why_not() -> str | None:
     if not sys.platform.startswith("linux"):
         return "expected Linux, where calls can be intercepted (LD_PRELOAD)"
     if shutil.which("cc") is None:
-        return "expected a C compiler named cc, came none; install one"
+        return "expected a C compiler named cc, got none; install one"
     return None
 
 

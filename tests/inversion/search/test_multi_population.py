@@ -265,7 +265,7 @@ def test_small_budgets_are_kept(generations: int) -> None:
 
 def test_wrong_shape_of_the_objective_raises() -> None:
     search = search_of(lambda points: points, settings=replace(SHORT, sample_factor=1))
-    with pytest.raises(ModelError, match=r"shape \(80,\).*came \(80, 3\).*one number per row"):
+    with pytest.raises(ModelError, match=r"shape \(80,\).*got \(80, 3\).*one number per row"):
         search.next()
 
 
@@ -294,7 +294,7 @@ def test_bounds_that_do_not_fit_raise(lower: list[float], upper: list[float], me
 @pytest.mark.parametrize(
     ("start", "message"),
     [
-        (np.zeros((1, 2)), r"shape \(k, 3\).*came \(1, 2\)"),
+        (np.zeros((1, 2)), r"shape \(k, 3\).*got \(1, 2\)"),
         (np.zeros(3), r"shape \(k, 3\)"),
         (np.zeros((81, 3)), "k <= 80"),
         (np.full((1, 3), np.nan), "finite start"),

@@ -120,7 +120,7 @@ def test_polish_raises_on_a_wrong_shape_and_without_evaluations() -> None:
     bounds = np.zeros(3), np.ones(3)
     with pytest.raises(ModelError, match="one number per row"):
         polish(lambda points: points, np.full(3, 0.5), *bounds, 50)
-    with pytest.raises(ModelError, match="at least one evaluation, came 0"):
+    with pytest.raises(ModelError, match="at least one evaluation, got 0"):
         polish(sphere, np.full(3, 0.5), *bounds, 0)
 
 

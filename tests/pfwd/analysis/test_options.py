@@ -24,36 +24,36 @@ from pfwd.files.header import PointSetup
     [
         ({"plate_radius": 0.0}, "--plate-radius: expected plate_radius_m: a number >= 0.01"),
         ({"plate_radius": 1e-9}, "--plate-radius: expected plate_radius_m: a number >= 0.01"),
-        ({"poisson_ratio": 0.5}, "--poisson-ratio: .* came 0.5; 0.5 is an incompressible"),
+        ({"poisson_ratio": 0.5}, "--poisson-ratio: .* got 0.5; 0.5 is an incompressible"),
         ({"density": -1.0}, "--density: expected density_kg_m3"),
         ({"plate_mass": float("nan")}, "--plate-mass: expected plate_mass_kg"),
-        ({"bedrock_depth": 0.0}, "--bedrock-depth: expected a number from 0.01 .* came 0"),
-        ({"bedrock_depth": 1e300}, r"--bedrock-depth: expected .* to 10000, .* came 1e\+300"),
+        ({"bedrock_depth": 0.0}, "--bedrock-depth: expected a number from 0.01 .* got 0"),
+        ({"bedrock_depth": 1e300}, r"--bedrock-depth: expected .* to 10000, .* got 1e\+300"),
         ({"layers": 2, "thickness": (1e300,)}, "--thickness: expected numbers > 0 up to 10000"),
         ({"bedrock_depth": float("nan")}, "--bedrock-depth"),
-        ({"seed": -1}, "--seed: expected a whole number >= 0, came -1"),
-        ({"layers": 0}, "--layers: expected a whole number from 1 to 4, or auto, came 0"),
-        ({"layers": 5}, "--layers: expected a whole number from 1 to 4, or auto, came 5"),
-        ({"layers": "many"}, "--layers: expected a whole number from 1 to 4, or auto, came many"),
+        ({"seed": -1}, "--seed: expected a whole number >= 0, got -1"),
+        ({"layers": 0}, "--layers: expected a whole number from 1 to 4, or auto, got 0"),
+        ({"layers": 5}, "--layers: expected a whole number from 1 to 4, or auto, got 5"),
+        ({"layers": "many"}, "--layers: expected a whole number from 1 to 4, or auto, got many"),
         (
             {"layers": 2, "thickness": (0.0,)},
-            "--thickness: expected numbers > 0 up to 10000, in m, or unknown, came 0",
+            "--thickness: expected numbers > 0 up to 10000, in m, or unknown, got 0",
         ),
         ({"layers": 2, "thickness": (float("nan"),)}, "--thickness: expected numbers > 0"),
         ({"layers": 2, "thickness": (float("inf"),)}, "--thickness: expected numbers > 0"),
         (
             {"layers": 3, "thickness": (0.2,)},
             "--thickness: expected a value for each layer but the lowest, from the top, with "
-            "--layers, came --thickness 0.2 and --layers 3",
+            "--layers, got --thickness 0.2 and --layers 3",
         ),
-        ({"thickness": (0.2,)}, "came --thickness 0.2 and --layers 1"),
+        ({"thickness": (0.2,)}, "got --thickness 0.2 and --layers 1"),
         (
             {"layers": "auto", "thickness": (0.2, 0.3)},
-            "came --thickness 0.2,0.3 and --layers auto",
+            "got --thickness 0.2,0.3 and --layers auto",
         ),
         (
             {"layers": 2, "thickness": (0.8,), "bedrock_depth": 0.8},
-            "--thickness: expected layers that end above the rock at 0.8 m, came 0.8 m",
+            "--thickness: expected layers that end above the rock at 0.8 m, got 0.8 m",
         ),
     ],
 )
@@ -79,7 +79,7 @@ def test_a_value_outside_its_range_is_refused(options: dict[str, Any], message: 
     ],
 )
 def test_a_contradictory_pair_is_refused(options: dict[str, Any], pair: str) -> None:
-    with pytest.raises(OptionError, match=f"{pair}.*: expected one of the two, came both"):
+    with pytest.raises(OptionError, match=f"{pair}.*: expected one of the two, got both"):
         AnalysisOptions(**options)
 
 

@@ -254,7 +254,7 @@ def test_a_diagnosis_of_the_version_before_is_read_whole() -> None:
 
 @pytest.mark.parametrize("said", [None, 3, "text", [1, 2], True])
 def test_what_is_no_record_is_refused_in_one_line(said: object) -> None:
-    with pytest.raises(SurveyError, match=r"x\.json: expected a record with its keys, came "):
+    with pytest.raises(SurveyError, match=r"x\.json: expected a record with its keys, got "):
         DropResult.from_json(said, "x.json")
 
 

@@ -518,7 +518,7 @@ def test_a_part_with_other_columns_is_refused(
     part = out / "sources" / f"run={run}" / "part-000001.parquet"
     parquet.write_table(pyarrow.table({"file": ["a"]}), part)
     (out / "ledger.sqlite").unlink()
-    with pytest.raises(SurveyError, match=r"came other columns.*remove it"):
+    with pytest.raises(SurveyError, match=r"got other columns.*remove it"):
         invert_archive([str(drops)], out, options, QuickWorkers(options))
 
 

@@ -80,7 +80,7 @@ def test_processes_that_always_die_end_the_run(
     monkeypatch.setattr("pfwd.archive.local._MOST_DEATHS_IN_A_ROW", 3)
     with (
         contextlib.closing(LocalWorkers(options, 1)) as workers,
-        pytest.raises(SurveyError, match="expected processes that stay alive, came 3"),
+        pytest.raises(SurveyError, match="expected processes that stay alive, got 3"),
     ):
         list(invert_stream([str(drops)], options, workers))
 

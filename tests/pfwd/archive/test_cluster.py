@@ -74,7 +74,7 @@ def test_workers_with_another_version_are_refused(
     versions = iter(["9.9"])
     real = cluster.software_version
     monkeypatch.setattr(cluster, "software_version", lambda: next(versions, real()))
-    with pytest.raises(SurveyError, match=r"expected pfwd 9\.9 on all, came"):
+    with pytest.raises(SurveyError, match=r"expected pfwd 9\.9 on all, got"):
         ClusterWorkers(OPTIONS, dask_cluster.scheduler_address)
 
 
@@ -102,7 +102,7 @@ def test_where_no_scheduler_answers_one_line_says_so(monkeypatch: pytest.MonkeyP
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-        with pytest.raises(SurveyError, match=f"{address}: expected a scheduler, came no answer"):
+        with pytest.raises(SurveyError, match=f"{address}: expected a scheduler, got no answer"):
             ClusterWorkers(OPTIONS, address)
 
 
@@ -142,5 +142,5 @@ def test_addresses_of_dask_are_accepted(address: str) -> None:
 
 def test_without_distributed_the_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "distributed", None)
-    with pytest.raises(OptionError, match=r"--scheduler: expected the package distributed, came"):
+    with pytest.raises(OptionError, match=r"--scheduler: expected the package distributed, got"):
         ClusterWorkers(OPTIONS, "tcp://127.0.0.1:8786")

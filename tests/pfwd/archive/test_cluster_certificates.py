@@ -91,13 +91,13 @@ def test_other_certificates_are_refused_and_it_is_said(protected: Protected) -> 
     address, _, wrong = protected
     with (
         dask.config.set(wrong),
-        pytest.raises(SurveyError, match=r"whose certificate fits, came .*; see distributed\.comm"),
+        pytest.raises(SurveyError, match=r"whose certificate fits, got .*; see distributed\.comm"),
     ):
         ClusterWorkers(OPTIONS, address)
 
 
 def test_without_certificates_it_is_said_which_settings_are_missing(protected: Protected) -> None:
-    with pytest.raises(OptionError, match=r"expected certificates in .*ca-file.*, came none"):
+    with pytest.raises(OptionError, match=r"expected certificates in .*ca-file.*, got none"):
         ClusterWorkers(OPTIONS, protected[0])
 
 
@@ -170,5 +170,5 @@ def test_the_command_says_it_on_standard_error(
     output = capsys.readouterr()
     first, last = output.err.splitlines()
     assert "without certificates whoever reaches the cluster" in first
-    assert "expected a scheduler, came no answer" in last
+    assert "expected a scheduler, got no answer" in last
     assert output.out == ""

@@ -141,7 +141,7 @@ def test_what_was_declared_since_the_result_is_said(survey: Path, tmp_path: Path
 def test_nothing_is_written_over_by_mistake(survey: Path, tmp_path: Path, form: str) -> None:
     path = tmp_path / "out"
     path.write_text("mine")
-    with pytest.raises(OptionError, match="a name that is free, came one that is taken; --force"):
+    with pytest.raises(OptionError, match="a name that is free, got one that is taken; --force"):
         export_survey(survey, form, path)
     assert path.read_text() == "mine"
     if form == "csv":
@@ -173,7 +173,7 @@ def test_a_failure_leaves_nothing_behind(
 
     monkeypatch.setattr("os.replace", fail)
     before = sorted(one.name for one in tmp_path.iterdir())
-    with pytest.raises(SurveyError, match="a disk that takes it, came No space left on device"):
+    with pytest.raises(SurveyError, match="a disk that takes it, got No space left on device"):
         export_survey(survey, form, tmp_path / "out")
     monkeypatch.undo()
     assert sorted(one.name for one in tmp_path.iterdir()) == before
@@ -184,7 +184,7 @@ def test_wrong_use_is_said(survey: Path, tmp_path: Path) -> None:
         export_survey(survey, "shp", tmp_path / "out")
     with pytest.raises(OptionError, match="--invert: expected a format with results"):
         export_survey(survey, "h5", tmp_path / "out", invert=True)
-    with pytest.raises(OptionError, match=r"the folder .*, came none; make it first"):
+    with pytest.raises(OptionError, match=r"the folder .*, got none; make it first"):
         export_survey(survey, "table", tmp_path / "none" / "out")
     for wrong in (tmp_path, tmp_path / "none", survey / "drops" / "drop-000001.h5"):
         with pytest.raises(SurveyError, match="a survey, or one that was exported as h5"):

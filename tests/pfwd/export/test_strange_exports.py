@@ -74,7 +74,7 @@ def test_unknown_edits_are_left_out_and_said_once(survey: Path, tmp_path: Path) 
     drops, remarks = imported(path, tmp_path / "new")
     assert len(drops) == 4
     (remark,) = remarks
-    assert "came 100 times something else" in remark
+    assert "got 100 times something else" in remark
     assert "edit 'colour' (50)" in remark
     assert r"edit '\x1b[31mred' (50)" in remark
     # What is known is there all the same, of points and of drops, and what comes after edits too.
@@ -128,7 +128,7 @@ def test_an_edit_that_is_too_long_is_left_out(survey: Path, tmp_path: Path) -> N
         ]  # fmt: skip
 
     _, (remark,) = imported(strange(survey, tmp_path / "s.h5", change), tmp_path / "new")
-    assert "came 1 times" in remark
+    assert "got 1 times" in remark
     edits = read_survey(tmp_path / "new").points[0].edits
     assert sum(edit["value"] == longest for edit in edits) == 1
     # The limit is the survey's own.

@@ -216,13 +216,13 @@ def test_an_export_cannot_be_taken_for_an_old_one(exported: Path, tmp_path: Path
     for change in (old, older):
         path = changed(exported, tmp_path / "s.h5", change)
         assert not sound(path)
-        with pytest.raises(SurveyError, match="expected format version 1, came a file of another"):
+        with pytest.raises(SurveyError, match="expected format version 1, got a file of another"):
             survey_content(path)
 
     def newer(file: Any) -> None:
         file.attrs["format_version"] = 3
 
-    with pytest.raises(RecordingError, match="came 3; a newer version of this program reads it"):
+    with pytest.raises(RecordingError, match="got 3; a newer version of this program reads it"):
         check_survey_file(changed(exported, tmp_path / "s.h5", newer))
 
 

@@ -42,7 +42,7 @@ def test_points_without_drops_are_refused(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(importing, "read_points", lambda *_, **_more: [empty])
     (refused,) = import_files([str(tmp_path / "a.x")], tmp_path / "survey")
     assert refused.error is not None
-    assert refused.error.endswith("a.x: expected at least one drop, came none")
+    assert refused.error.endswith("a.x: expected at least one drop, got none")
     assert list(tmp_path.iterdir()) == []
 
 

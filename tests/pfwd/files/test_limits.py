@@ -59,20 +59,20 @@ def test_numbers_drops_header_and_lines_of_a_trace_file_end(
     write: Write, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(traces, "MOST_NUMBERS", 300)
-    with pytest.raises(TraceError, match="expected at most 300 numbers, came over 203 lines of 3"):
+    with pytest.raises(TraceError, match="expected at most 300 numbers, got over 203 lines of 3"):
         read_traces(write(table(200)))
     monkeypatch.undo()
     monkeypatch.setattr(traces, "MOST_DROPS", 2)
     rows = [f"{n},{t / 1000},0,0" for n in (1, 2, 3) for t in range(16)]
     lines = [*table(0)[:2], "drop," + table(0)[2], *rows]
-    with pytest.raises(TraceError, match="expected at most 2 drops, came 3"):
+    with pytest.raises(TraceError, match="expected at most 2 drops, got 3"):
         read_traces(write(lines))
     monkeypatch.undo()
     monkeypatch.setattr(traces, "LARGEST_TOML", 60)
     with pytest.raises(TraceError, match=r"line 3: expected a header of at most 60 characters"):
         read_traces(write(table(20)))
     monkeypatch.undo()
-    with pytest.raises(TraceError, match=r"line 4: expected the end of a line, came none in 65536"):
+    with pytest.raises(TraceError, match=r"line 4: expected the end of a line, got none in 65536"):
         read_traces(write(table(1, "1," * 100_000)))
 
 
@@ -89,10 +89,10 @@ def test_json_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     assert payload.decode_json('{"a": [1, 2]}') == {"a": [1, 2]}
     monkeypatch.setattr(payload, "MOST_JSON_VALUES", 3)
     for text in ('{"a": [1, 2]}', b'{"a": [1, 2]}'):
-        with pytest.raises(RecordingError, match="at most 3 values, came 4"):
+        with pytest.raises(RecordingError, match="at most 3 values, got 4"):
             payload.decode_json(text)
     monkeypatch.setattr(payload, "LARGEST_JSON", 3)
-    with pytest.raises(RecordingError, match="at most 3 bytes, came 4"):
+    with pytest.raises(RecordingError, match="at most 3 bytes, got 4"):
         payload.decode_json("1234")
     with pytest.raises(RecordingError, match="at most 3 bytes"):  # nor is it written
         payload.encode_payload({"a": 1})
@@ -106,7 +106,7 @@ def test_members_of_an_archive_end(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(archive, "LARGEST_TOTAL", 1500)
     with archive.Archive(str(path)) as opened:
         assert len(opened.read("a")) == 1000
-        with pytest.raises(TraceError, match="came more"):
+        with pytest.raises(TraceError, match="got more"):
             opened.read("b")
     monkeypatch.setattr(archive, "LARGEST_DIRECTORY", 90)
     with pytest.raises(TraceError, match="a usual number of members"):

@@ -146,7 +146,7 @@ def test_discarded_drops_are_left_out_and_come_back(survey: Path) -> None:
     edit_survey(survey, [Edit("restore")], drop=2)
     assert [drop.number for drop in read_points(survey)[0].drops] == [1, 2, 3]
     edit_survey(survey, [Edit("discard")])
-    with pytest.raises(SurveyError, match="expected a survey with drops, came all are discarded"):
+    with pytest.raises(SurveyError, match="expected a survey with drops, got all are discarded"):
         read_points(survey)
     edit_survey(survey, [Edit("restore")])
     assert len(read_points(survey)[0].drops) == 3
@@ -247,8 +247,8 @@ def test_points_measured_alike_stay_together_and_others_apart(
 @pytest.mark.parametrize(
     ("point", "drop", "edits", "message"),
     [
-        ("nowhere", None, [], r"one of the points first, came 'nowhere'"),
-        (None, 7, [], r"a drop of point first \(1, 2, 3\), came 7"),
+        ("nowhere", None, [], r"one of the points first, got 'nowhere'"),
+        (None, 7, [], r"a drop of point first \(1, 2, 3\), got 7"),
         (None, 1, [Edit("target", 1.0)], "--drop: expected a point for --set"),
         (None, None, [Edit("discard"), Edit("restore")], "--discard and --restore"),
         (None, None, [Edit("name", " ")], "--name: expected a name of 1 to 64 characters"),
@@ -267,7 +267,7 @@ def test_among_several_points_one_is_named(survey: Path, csv: Path, tmp_path: Pa
     second = tmp_path / "second.csv"
     second.write_text(csv.read_text().replace("km 1", "km 2"))
     list(import_files([str(second)], survey))
-    with pytest.raises(OptionError, match="one of the points first, second, came none"):
+    with pytest.raises(OptionError, match="one of the points first, second, got none"):
         edit_survey(survey, [Edit("note", "x")])
     with pytest.raises(OptionError, match="a name that no other point has"):
         edit_survey(survey, [Edit("name", "first")], point="second")
@@ -318,7 +318,7 @@ def test_what_is_no_survey_is_refused(tmp_path: Path, csv: Path) -> None:
 def test_a_survey_without_drops_is_refused(tmp_path: Path) -> None:
     with SurveyWriter.open(tmp_path / "s"):
         pass
-    with pytest.raises(SurveyError, match="expected a survey with drops, came none"):
+    with pytest.raises(SurveyError, match="expected a survey with drops, got none"):
         read_points(tmp_path / "s")
 
 

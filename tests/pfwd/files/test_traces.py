@@ -148,8 +148,8 @@ def test_a_bad_value_in_a_header_file_is_found_there(write: Write) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (None, r"setup\.toml: expected a readable TOML file, came No such file"),
-        (b"plate_radius_m = 0,15", r"setup\.toml: expected TOML, came .*line 1"),
+        (None, r"setup\.toml: expected a readable TOML file, got No such file"),
+        (b"plate_radius_m = 0,15", r"setup\.toml: expected TOML, got .*line 1"),
         (b"site = '\xff'", r"setup\.toml: expected UTF-8 text"),
     ],
 )

@@ -15,34 +15,34 @@ from tests.pfwd.files.trace_lines import HEADER, NAMES, Write, rows
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("plate_mass_kg = -1", "expected plate_mass_kg: a number >= 0, in kg, came -1"),
-        ("plate_mass_kg = nan", "came nan"),
-        ("plate_mass_kg = true", "expected plate_mass_kg: a number >= 0, in kg, came True"),
-        ('plate_mass_kg = "5"', "came '5'"),
-        ("poisson_ratio = -0.1", "expected poisson_ratio: 0 <= number < 0.5, came -0.1"),
-        ("poisson_ratio = 0.5", "came 0.5; 0.5 is an incompressible soil.*use 0.49"),
-        ("density_kg_m3 = 0", "expected density_kg_m3: a number > 0, in kg/m3, came 0"),
-        ("density_kg_m3 = inf", "came inf"),
-        ("density_kg_m3 = 1" + 400 * "0", r"came 10+\.\.\."),
+        ("plate_mass_kg = -1", "expected plate_mass_kg: a number >= 0, in kg, got -1"),
+        ("plate_mass_kg = nan", "got nan"),
+        ("plate_mass_kg = true", "expected plate_mass_kg: a number >= 0, in kg, got True"),
+        ('plate_mass_kg = "5"', "got '5'"),
+        ("poisson_ratio = -0.1", "expected poisson_ratio: 0 <= number < 0.5, got -0.1"),
+        ("poisson_ratio = 0.5", "got 0.5; 0.5 is an incompressible soil.*use 0.49"),
+        ("density_kg_m3 = 0", "expected density_kg_m3: a number > 0, in kg/m3, got 0"),
+        ("density_kg_m3 = inf", "got inf"),
+        ("density_kg_m3 = 1" + 400 * "0", r"got 10+\.\.\."),
         ("bedrock_depth_m = 0", "expected bedrock_depth_m: a number from 0.01 to 10000, in m, or"),
-        ("bedrock_depth_m = 1e300", "to 10000, in m, or inf for none, came 1e\\+300"),
-        ("bedrock_depth_m = -inf", "came -inf"),
-        ('centre_sensor = "hole"', 'expected centre_sensor: "plate" or "ground", came \'hole\''),
-        ("geophone_damping = 0", "expected geophone_damping: a number > 0, came 0"),
-        ("geophone_natural_frequency_hz = -1", "a number > 0, in Hz, or 0 .*, came -1"),
+        ("bedrock_depth_m = 1e300", "to 10000, in m, or inf for none, got 1e\\+300"),
+        ("bedrock_depth_m = -inf", "got -inf"),
+        ('centre_sensor = "hole"', 'expected centre_sensor: "plate" or "ground", got \'hole\''),
+        ("geophone_damping = 0", "expected geophone_damping: a number > 0, got 0"),
+        ("geophone_natural_frequency_hz = -1", "a number > 0, in Hz, or 0 .*, got -1"),
         ("load_filter_hz = 0", "expected load_filter_hz"),
-        ("load_delay_s = inf", "expected load_delay_s: a finite number, in s, came inf"),
-        ("seating_drops = -1", "expected seating_drops: a whole number >= 0, came -1"),
-        ("seating_drops = 1.0", "came 1.0"),
-        ("seating_drops = true", "came True"),
+        ("load_delay_s = inf", "expected load_delay_s: a finite number, in s, got inf"),
+        ("seating_drops = -1", "expected seating_drops: a whole number >= 0, got -1"),
+        ("seating_drops = 1.0", "got 1.0"),
+        ("seating_drops = true", "got True"),
         ("model_floor_m = -1e-6", "expected model_floor_m"),
-        ("site = true", "expected site: text in quotation marks or a finite number, came True"),
+        ("site = true", "expected site: text in quotation marks or a finite number, got True"),
         ("latitude = nan", "expected latitude"),
-        ("plate_mass_kg = 5,0", "expected one TOML key = value, came 'plate_mass_kg = 5,0'"),
+        ("plate_mass_kg = 5,0", "expected one TOML key = value, got 'plate_mass_kg = 5,0'"),
         ("site = km 12", "text goes in quotation marks"),
         ("measured on a rainy day", "expected one TOML key = value"),
         ("[table]", "tables are not used here"),
-        ("plate_radius_m = 0.15", "expected every key once, came 'plate_radius_m' again"),
+        ("plate_radius_m = 0.15", "expected every key once, got 'plate_radius_m' again"),
         ("a = " + 5000 * "[", "expected one TOML key = value"),
         ("a = " + 5000 * "9", "expected one TOML key = value"),
     ],
@@ -63,7 +63,7 @@ def test_a_bad_plate_radius_is_refused(write: Write, radius: str) -> None:
 
 def test_a_missing_plate_radius_is_refused(write: Write) -> None:
     lines = ["# pfwd-traces = 1", "# plate_radius = 0.15", NAMES, *rows()]
-    message = "line 3: expected a header key plate_radius_m, came none; .*--plate-radius .*'plate_r"
+    message = "line 3: expected a header key plate_radius_m, got none; .*--plate-radius .*'plate_r"
     with pytest.raises(TraceError, match=message):
         read_traces(write(lines))
 
@@ -83,7 +83,7 @@ def test_half_a_geophone_is_refused(write: Write, declared: str, missing: str) -
 @pytest.mark.parametrize("version", ["2", "1.0", '"1"', "true"])
 def test_another_version_is_refused(write: Write, version: str) -> None:
     lines = [f"# pfwd-traces = {version}", HEADER[1], NAMES, *rows()]
-    with pytest.raises(TraceError, match="line 1: expected pfwd-traces = 1, came"):
+    with pytest.raises(TraceError, match="line 1: expected pfwd-traces = 1, got"):
         read_traces(write(lines))
 
 
@@ -99,18 +99,18 @@ def test_a_file_of_another_program_needs_a_header_file(write: Write, first: str)
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        ("drop,load_N,displacement_m@0", "line 3: expected a column time_s, came columns"),
+        ("drop,load_N,displacement_m@0", "line 3: expected a column time_s, got columns"),
         ("drop,time_s,displacement_m@0", "line 3: expected a column load_N"),
-        (NAMES + ",temperature", "line 3: expected a column drop, .*came 'temperature'"),
-        (NAMES + ",", "came ''"),
-        (NAMES + ",acceleration_m_s2@0.3", "came 'acceleration_m_s2@0.3'"),
+        (NAMES + ",temperature", "line 3: expected a column drop, .*got 'temperature'"),
+        (NAMES + ",", "got ''"),
+        (NAMES + ",acceleration_m_s2@0.3", "got 'acceleration_m_s2@0.3'"),
         (NAMES + ",velocity_m_s", "the centre sensor is velocity_m_s@0.0000"),
-        (NAMES + ",velocity_m_s@-1e999", "came 'velocity_m_s@-1e999'"),
-        (NAMES + ",velocity_m_s@1e999", "came 'velocity_m_s@1e999'"),
-        (NAMES + ",velocity_m_s@0.3.1", "came 'velocity_m_s@0.3.1'"),
-        (NAMES + ",load_N", "expected every column once, came 'load_N' again"),
-        (NAMES + ",displacement_m@0", "expected every column once, came 'displacement_m@0' again"),
-        (NAMES + ",displacement_m@-0.0", "once, came 'displacement_m@-0.0' again"),
+        (NAMES + ",velocity_m_s@-1e999", "got 'velocity_m_s@-1e999'"),
+        (NAMES + ",velocity_m_s@1e999", "got 'velocity_m_s@1e999'"),
+        (NAMES + ",velocity_m_s@0.3.1", "got 'velocity_m_s@0.3.1'"),
+        (NAMES + ",load_N", "expected every column once, got 'load_N' again"),
+        (NAMES + ",displacement_m@0", "expected every column once, got 'displacement_m@0' again"),
+        (NAMES + ",displacement_m@-0.0", "once, got 'displacement_m@-0.0' again"),
         (NAMES.replace(",", ";"), "separate the columns with commas"),
     ],
 )
@@ -138,22 +138,22 @@ def broken(index: int, row: str, lines: list[str] | None = None) -> list[str]:
 @pytest.mark.parametrize(
     ("row", "message"),
     [
-        ("1,0.007,700", r"expected 4 values, one per column, came 3: '1,0.007,700'"),
-        ("1,0.007,700,1e-6,", "expected 4 values, one per column, came 5"),
-        ("1,0.007,,1e-6", "expected a number in load_N, came ''"),
-        ("1,0.007,7OO,1e-6", "expected a number in load_N, came '7OO'"),
-        ("1,0.007,1_000,1e-6", "expected a number in load_N, came '1_000'"),
-        ("1,0.007,nan,1e-6", "expected a finite number in load_N, came nan"),
-        ("1,0.007,700,inf", "expected a finite number in displacement_m@0.0000, came inf"),
-        ("1,0.007,700,-1e999", "expected a finite number in displacement_m@0.0000, came -inf"),
-        ("1.5,0.007,700,1e-6", "expected a whole drop number from 1, came 1.5"),
-        ("0,0.007,700,1e-6", "expected a whole drop number from 1, came 0"),
-        ("-1,0.007,700,1e-6", "expected a whole drop number from 1, came -1"),
-        ("1e9,0.007,700,1e-6", "expected a whole drop number from 1, came 1e"),
-        ("1,0.00702,700,1e-6", "expected even time steps, each within 1 % of 0.001 s, came"),
+        ("1,0.007,700", r"expected 4 values, one per column, got 3: '1,0.007,700'"),
+        ("1,0.007,700,1e-6,", "expected 4 values, one per column, got 5"),
+        ("1,0.007,,1e-6", "expected a number in load_N, got ''"),
+        ("1,0.007,7OO,1e-6", "expected a number in load_N, got '7OO'"),
+        ("1,0.007,1_000,1e-6", "expected a number in load_N, got '1_000'"),
+        ("1,0.007,nan,1e-6", "expected a finite number in load_N, got nan"),
+        ("1,0.007,700,inf", "expected a finite number in displacement_m@0.0000, got inf"),
+        ("1,0.007,700,-1e999", "expected a finite number in displacement_m@0.0000, got -inf"),
+        ("1.5,0.007,700,1e-6", "expected a whole drop number from 1, got 1.5"),
+        ("0,0.007,700,1e-6", "expected a whole drop number from 1, got 0"),
+        ("-1,0.007,700,1e-6", "expected a whole drop number from 1, got -1"),
+        ("1e9,0.007,700,1e-6", "expected a whole drop number from 1, got 1e"),
+        ("1,0.00702,700,1e-6", "expected even time steps, each within 1 % of 0.001 s, got"),
         ("1,0.006,700,1e-6", "expected even time steps"),
-        ("# a remark,0,0,0", "expected a number in drop, came '# a remark'"),
-        ("  ", "expected 4 values, one per column, came 1"),
+        ("# a remark,0,0,0", "expected a number in drop, got '# a remark'"),
+        ("  ", "expected 4 values, one per column, got 1"),
     ],
 )
 def test_a_bad_row_is_refused_with_its_line(write: Write, row: str, message: str) -> None:
@@ -171,16 +171,14 @@ def test_the_line_counts_blank_lines_too(write: Write) -> None:
 
 def test_every_row_too_short_is_refused_at_the_first(write: Write) -> None:
     numbers = [row.rsplit(",", 1)[0] for row in rows()]
-    with pytest.raises(TraceError, match="line 4: expected 4 values, one per column, came 3"):
+    with pytest.raises(TraceError, match="line 4: expected 4 values, one per column, got 3"):
         read_traces(write([*HEADER, NAMES, *numbers]))
 
 
 def test_a_lost_sample_is_found_where_it_is(write: Write) -> None:
     numbers = rows(count=40)
     del numbers[30]
-    with pytest.raises(
-        TraceError, match=r"line 34: expected even time steps.*came a step of 0.002"
-    ):
+    with pytest.raises(TraceError, match=r"line 34: expected even time steps.*got a step of 0.002"):
         read_traces(write([*HEADER, NAMES, *numbers]))
 
 
@@ -199,19 +197,19 @@ def test_time_that_starts_again_asks_for_a_drop_column(write: Write) -> None:
 
 def test_a_drop_in_two_pieces_is_refused(write: Write) -> None:
     with pytest.raises(
-        TraceError, match="line 44: expected the rows of a drop together, came drop 1"
+        TraceError, match="line 44: expected the rows of a drop together, got drop 1"
     ):
         read_traces(write([*HEADER, NAMES, *rows(1), *rows(2), *rows(1)]))
 
 
 @pytest.mark.parametrize("count", [0, 1, 15])
 def test_fewer_than_16_samples_are_refused(write: Write, count: int) -> None:
-    with pytest.raises(TraceError, match=f"line 3: expected at least 16 samples, came {count}"):
+    with pytest.raises(TraceError, match=f"line 3: expected at least 16 samples, got {count}"):
         read_traces(write([*HEADER, NAMES, *rows(count=count)]))
 
 
 def test_a_short_second_drop_is_refused(write: Write) -> None:
-    with pytest.raises(TraceError, match="line 24: expected at least 16 samples in drop 2, came 3"):
+    with pytest.raises(TraceError, match="line 24: expected at least 16 samples in drop 2, got 3"):
         read_traces(write([*HEADER, NAMES, *rows(1), *rows(2, 3)]))
 
 
@@ -225,13 +223,13 @@ def test_16_samples_are_enough(write: Write) -> None:
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"", "point.csv: expected a row of column names, came the end of the file"),
-        (b"# pfwd-traces = 1\n", "expected a row of column names, came the end of the file"),
+        (b"", "point.csv: expected a row of column names, got the end of the file"),
+        (b"# pfwd-traces = 1\n", "expected a row of column names, got the end of the file"),
         (bytes(range(256)) * 40, "expected UTF-8 text"),
-        (b"\0" * 100, "line 1: expected UTF-8 text, came binary data"),
+        (b"\0" * 100, "line 1: expected UTF-8 text, got binary data"),
         (b"\x89PNG\r\n\x1a\n" + b"\0\1\2" * 100, "expected UTF-8 text"),
         ("\n".join(HEADER).encode("utf-16"), "expected UTF-8 text"),
-        (b"x" * 100_000, "line 1: expected UTF-8 text, came binary data"),
+        (b"x" * 100_000, "line 1: expected UTF-8 text, got binary data"),
     ],
 )
 def test_what_is_no_text_is_refused(write: Write, data: bytes, message: str) -> None:
@@ -250,20 +248,20 @@ def test_rubbish_among_the_numbers_is_refused(write: Write, rubbish: bytes) -> N
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
-        TraceError, match=r"none\.csv: expected a readable trace file, came No such file"
+        TraceError, match=r"none\.csv: expected a readable trace file, got No such file"
     ):
         read_traces(tmp_path / "none.csv")
 
 
 def test_a_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(TraceError, match="expected a trace file, came a folder"):
+    with pytest.raises(TraceError, match="expected a trace file, got a folder"):
         read_traces(tmp_path)
 
 
 @pytest.mark.posix
 def test_a_pipe_is_refused_without_waiting(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(TraceError, match="came a device or pipe"):
+    with pytest.raises(TraceError, match="got a device or pipe"):
         read_traces(tmp_path / "pipe")
 
 
@@ -275,7 +273,7 @@ def test_a_file_that_may_not_be_read_is_refused(
 
     path = write([*HEADER, NAMES, *rows()])
     monkeypatch.setattr("builtins.open", denied)
-    with pytest.raises(TraceError, match="expected a readable trace file, came Permission denied"):
+    with pytest.raises(TraceError, match="expected a readable trace file, got Permission denied"):
         read_traces(path)
 
 
@@ -284,7 +282,7 @@ def test_a_huge_file_is_refused_unread(tmp_path: Path) -> None:
     path = tmp_path / "huge.csv"
     with open(path, "wb") as stream:
         stream.truncate(2_000_000_000)
-    with pytest.raises(TraceError, match=r"expected at most 500 MB, came 2000\.0 MB"):
+    with pytest.raises(TraceError, match=r"expected at most 500 MB, got 2000\.0 MB"):
         read_traces(path)
 
 

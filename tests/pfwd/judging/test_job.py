@@ -140,13 +140,13 @@ def test_a_target_is_typed_in_the_unit_of_the_procedure(procedure, shown, si) ->
 @pytest.mark.parametrize(
     ("shown", "procedure", "message"),
     [
-        (0.0, PAPER, r"--target: expected a number > 0, in MPa, came 0"),
+        (0.0, PAPER, r"--target: expected a number > 0, in MPa, got 0"),
         (float("nan"), MNDOT, r"expected a number > 0, in mm"),
-        (45.0, MNDOT, r"to 10 mm, came 45 mm; did you mean a modulus\? procedure mndot judges"),
-        (6e-4, MNDOT, r"0.01 to 10 mm, came 0.0006 mm; did you mean another unit\?"),
-        (0.45, PAPER, r"to 10000 MPa, came 0.45 MPa; did you mean a deflection\? procedure paper"),
-        (45e3, PAPER, r"2 to 10000 MPa, came 45000 MPa; did you mean another unit\?"),
-        (45e6, PAPER, r"came 4.5e\+07 MPa; did you mean another unit\?"),
+        (45.0, MNDOT, r"to 10 mm, got 45 mm; did you mean a modulus\? procedure mndot judges"),
+        (6e-4, MNDOT, r"0.01 to 10 mm, got 0.0006 mm; did you mean another unit\?"),
+        (0.45, PAPER, r"to 10000 MPa, got 0.45 MPa; did you mean a deflection\? procedure paper"),
+        (45e3, PAPER, r"2 to 10000 MPa, got 45000 MPa; did you mean another unit\?"),
+        (45e6, PAPER, r"got 4.5e\+07 MPa; did you mean another unit\?"),
         (0.6, NO_PROCEDURE, r"did you mean a deflection\? without a procedure a modulus is judged"),
     ],
 )

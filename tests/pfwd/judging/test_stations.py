@@ -52,12 +52,12 @@ def test_waypoints(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "name", "message"),
     [
-        ("a,b\n1,2\n", "s.csv", r"a first line with a column name or station .* came 'a, b'"),
-        ("name\n", "s.csv", r"s.csv: expected stations, came none"),
-        ("name\n1\n1\n", "s.csv", r"every station once, came '1' twice"),
-        ("name,lat\n1,91\n", "s.csv", r"line 2, latitude: expected a number, came '91'"),
+        ("a,b\n1,2\n", "s.csv", r"a first line with a column name or station .* got 'a, b'"),
+        ("name\n", "s.csv", r"s.csv: expected stations, got none"),
+        ("name\n1\n1\n", "s.csv", r"every station once, got '1' twice"),
+        ("name,lat\n1,91\n", "s.csv", r"line 2, latitude: expected a number, got '91'"),
         ("name,target\n1,-3\n", "s.csv", r"line 2, target: expected a number > 0, in MPa"),
-        ("<gpx><wpt", "s.gpx", r"s.gpx: expected GPX, came no XML"),
+        ("<gpx><wpt", "s.gpx", r"s.gpx: expected GPX, got no XML"),
         ("<!DOCTYPE x><gpx/>", "s.gpx", r"GPX without definitions of its own"),
         ('<gpx><wpt lat="x" lon="1"/></gpx>', "s.gpx", r"waypoint 1: expected lat and lon"),
     ],
@@ -102,7 +102,7 @@ def test_a_heading_that_looks_like_a_known_column_is_refused(
     tmp_path: Path, heading: str, meant: str
 ) -> None:
     path = written(tmp_path, f"name;{heading}\n12+320;45\n")
-    message = rf"line 1: expected a column {meant}, came '{heading}'; rename it to {meant[:6]}"
+    message = rf"line 1: expected a column {meant}, got '{heading}'; rename it to {meant[:6]}"
     with pytest.raises(OptionError, match=message):
         read_stations(path, PAPER)
 
@@ -117,7 +117,7 @@ def test_a_heading_of_its_own_is_no_mistake(tmp_path: Path, heading: str) -> Non
 
 def test_a_target_of_a_station_that_no_drop_can_reach(tmp_path: Path) -> None:
     path = written(tmp_path, "name;target\n12+320;0,6\n12+340;45\n")
-    with pytest.raises(OptionError, match=r"line 3, target: .* came 45 mm; did you mean a modulus"):
+    with pytest.raises(OptionError, match=r"line 3, target: .* got 45 mm; did you mean a modulus"):
         read_stations(path, MNDOT)
 
 

@@ -129,16 +129,16 @@ def test_targets_are_chosen_by_moisture_and_material() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("pfwd-procedure = 1", "pfwd-procedure = 2"), "expected pfwd-procedure = 1, came 2"),
-        (("name = ", "nmae = "), "came 'nmae'; did you mean name"),
+        (("pfwd-procedure = 1", "pfwd-procedure = 2"), "expected pfwd-procedure = 1, got 2"),
+        (("name = ", "nmae = "), "got 'nmae'; did you mean name"),
         (("value = 2, ", "value = 2.5, "), r"\[drops\] seating: expected a whole number from 0"),
         (("value = 3, ", "value = 0, "), r"\[drops\] measured: expected a whole number from 1"),
         (('{ value = 2.0, source = "contract 7, 2", verified = true }', "2.0"), "with its source"),
-        ((", verified = true }\nmeasured", " }\nmeasured"), "verified, true or false, came none"),
+        ((", verified = true }\nmeasured", " }\nmeasured"), "verified, true or false, got none"),
         (('source = "contract 7, 2"', 'source = " "'), "expected source, a text"),
         (("value = 2.0", "value = -2.0"), r"\[formula\] factor: expected a number > 0"),
         (("value = 2.0", "value = nan"), "expected value, a finite number"),
-        (('"E_LWD"', '"E_v2"'), "quantity, one of E_vd, E_LWD, modulus, deflection, came 'E_v2'"),
+        (('"E_LWD"', '"E_v2"'), "quantity, one of E_vd, E_LWD, modulus, deflection, got 'E_v2'"),
         (("[formula]", "[formulas]"), "did you mean formula"),
         (("[formula]", "[checks]\nleast_load = 3\n[formula]"), r"\[checks\]: expected a key"),
         (("factor =", "poisson_ratio ="), r"\[formula\] poisson_ratio: expected 0 <= number"),
@@ -151,7 +151,7 @@ def test_a_fault_is_told_with_its_place(change: tuple[str, str], message: str) -
 
 
 def test_a_modulus_without_its_factor_is_refused() -> None:
-    with pytest.raises(OptionError, match="factor for E_LWD, came none"):
+    with pytest.raises(OptionError, match="factor for E_LWD, got none"):
         parse_procedure(PLAIN.split("[formula]")[0], "ours.toml")
 
 
@@ -205,28 +205,28 @@ moisture_from_percent = 5
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (('name = "ours"\n', ""), "expected name, a text, came none"),
-        (('title = "Ours"\n', ""), "expected title, a text, came none"),
-        (('source = "contract 7"\n', ""), "expected source, a text, came none"),
-        (('name = "ours"', 'name = " "'), "expected name, a text, came none"),
-        (('name = "ours"', "name = 7"), "name: expected text in quotation marks, came 7"),
-        (("pfwd-procedure = 1", ""), "expected pfwd-procedure = 1, came none"),
+        (('name = "ours"\n', ""), "expected name, a text, got none"),
+        (('title = "Ours"\n', ""), "expected title, a text, got none"),
+        (('source = "contract 7"\n', ""), "expected source, a text, got none"),
+        (('name = "ours"', 'name = " "'), "expected name, a text, got none"),
+        (('name = "ours"', "name = 7"), "name: expected text in quotation marks, got 7"),
+        (("pfwd-procedure = 1", ""), "expected pfwd-procedure = 1, got none"),
         (("pfwd-procedure = 1", "pfwd-procedure = true"), "expected pfwd-procedure = 1"),
-        (('quantity = "E_LWD"\n', ""), "expected quantity, one of .*, came none"),
+        (('quantity = "E_LWD"\n', ""), "expected quantity, one of .*, got none"),
         (("quantity =", 'average = "median"\nquantity ='), "average, one of deflection, modulus"),
         (("value = 2, ", "value = 101, "), r"seating: expected a whole number from 0 to 100"),
         (("value = 3, ", "value = 100.5, "), r"measured: expected a whole number from 1 to 100"),
-        (("value = 2.0", "value = 0"), r"\[formula\] factor: expected a number > 0, came 0"),
-        (("value = 2.0", "value = true"), "expected value, a finite number, came True"),
-        (("{ value = 2.0, ", "{ "), "expected value, a finite number, came none"),
-        (("verified = true }\n[formula]", "verified = 1 }\n[formula]"), "true or false, came 1"),
-        (('source = "contract 7, 2", ', ""), "source, a text, came none"),
-        (("[drops]", "drops = 3\n[other]"), "expected a key of a procedure, came 'other'"),
+        (("value = 2.0", "value = 0"), r"\[formula\] factor: expected a number > 0, got 0"),
+        (("value = 2.0", "value = true"), "expected value, a finite number, got True"),
+        (("{ value = 2.0, ", "{ "), "expected value, a finite number, got none"),
+        (("verified = true }\n[formula]", "verified = 1 }\n[formula]"), "true or false, got 1"),
+        (('source = "contract 7, 2", ', ""), "source, a text, got none"),
+        (("[drops]", "drops = 3\n[other]"), "expected a key of a procedure, got 'other'"),
         (("material = 'gravel'", "material = 3"), r"\[\[targets\]\] 1 material: expected text"),
         (("percent = 5", "percent = '5'"), "moisture_from_percent: expected a number, in percent"),
         (("percent = 5", "percent = true"), "moisture_from_percent: expected a number, in percent"),
-        (("value = 45e6", "value = 0"), r"value_pa: expected a number > 0, came 0"),
-        (("value_pa", "value_m"), "expected value_pa for E_LWD, came value_m"),
+        (("value = 45e6", "value = 0"), r"value_pa: expected a number > 0, got 0"),
+        (("value_pa", "value_m"), "expected value_pa for E_LWD, got value_m"),
         (("[[targets]]", "[targets]"), r"targets: expected tables \[\[targets\]\]"),
     ],
 )
@@ -244,7 +244,7 @@ def test_what_lies_on_a_bound_is_taken() -> None:
     for ratio in ("0", "0.5"):
         given = f"poisson_ratio = {{ value = {ratio}, source = 'x', verified = true }}\n"
         assert parse_procedure(PLAIN + given, "t").poisson_ratio is not None
-    with pytest.raises(OptionError, match=r"0 <= number <= 0\.5, came 0\.51"):
+    with pytest.raises(OptionError, match=r"0 <= number <= 0\.5, got 0\.51"):
         parse_procedure(PLAIN + given.replace("0.5,", "0.51,"), "t")
     check = "[checks]\nleast_peak_load_n = {{ value = {}, source = 'x', verified = true }}\n"
     assert parse_procedure(PLAIN + check.format(0), "t").checks["least_peak_load_n"].value == 0
@@ -253,7 +253,7 @@ def test_what_lies_on_a_bound_is_taken() -> None:
 
 
 def test_the_formula_of_e_vd_needs_its_nominal_pressure() -> None:
-    with pytest.raises(OptionError, match="nominal_pressure_pa for E_vd, came none"):
+    with pytest.raises(OptionError, match="nominal_pressure_pa for E_vd, got none"):
         parse_procedure(PLAIN.replace("E_LWD", "E_vd"), "t")
 
 
@@ -261,7 +261,7 @@ def test_a_target_of_a_deflection_is_in_metres() -> None:
     text = (PLAIN + TARGET).replace("E_LWD", "deflection").replace("value_pa", "value_m")
     assert parse_procedure(text.replace("45e6", "0.5e-3"), "t").targets[0].value.value == 0.5e-3
     both = text + "value_pa = { value = 45e6, source = 'contract 7', verified = true }\n"
-    with pytest.raises(OptionError, match=r"expected value_m for deflection, came value_m, .*"):
+    with pytest.raises(OptionError, match=r"expected value_m for deflection, got value_m, .*"):
         parse_procedure(both, "t")
 
 
@@ -309,7 +309,7 @@ def test_a_file_has_at_most_100_000_characters(tmp_path: Path) -> None:
     path.write_text(PLAIN + "#" * (100_000 - len(PLAIN)), encoding="utf-8")
     assert read_procedure(path).name == "ours"
     path.write_text(PLAIN + "#" * (100_001 - len(PLAIN)), encoding="utf-8")
-    with pytest.raises(OptionError, match="expected at most 100000 characters, came more"):
+    with pytest.raises(OptionError, match="expected at most 100000 characters, got more"):
         read_procedure(path)
 
 

@@ -393,8 +393,8 @@ def test_chinese_where_there_is_a_font(survey: Path) -> None:
     ("name", "options", "message"),
     [
         ("report.txt", {}, "a name ending in .html or .pdf"),
-        ("report.html", {"language": "fr"}, "one of de, en, zh, or a file .toml, came 'fr'"),
-        ("no/such/folder/report.html", {}, "came none; make it first"),
+        ("report.html", {"language": "fr"}, "one of de, en, zh, or a file .toml, got 'fr'"),
+        ("no/such/folder/report.html", {}, "got none; make it first"),
         ("report.html", {"procedure": "mndott"}, "pfwd procedures lists them"),
     ],
 )

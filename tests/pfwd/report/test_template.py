@@ -69,7 +69,7 @@ def test_what_a_survey_says_is_never_a_formula(survey: Path, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("cells", "message"),
     [
-        ({"A1": "{{ nothing }}"}, r"Form!A1: expected one of title, .* came 'nothing'"),
+        ({"A1": "{{ nothing }}"}, r"Form!A1: expected one of title, .* got 'nothing'"),
         ({"B2": "{{ points.nothing }}"}, r"Form!B2: expected one of points.point"),
         ({"A1": "{{ points.value | inch }}"}, "a unit among"),
         ({"A1": "no braces"}, "named cells or"),

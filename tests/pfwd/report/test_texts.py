@@ -62,17 +62,17 @@ def test_a_language_of_ones_own_is_a_file(tmp_path: Path) -> None:
     [
         (
             catalogue(summary=None),
-            r"fr\.toml: expected every text, came none for summary; en",
+            r"fr\.toml: expected every text, got none for summary; en",
         ),
-        (catalogue(extra="x"), "expected the keys of the English texts, came extra; en"),
+        (catalogue(extra="x"), "expected the keys of the English texts, got extra; en"),
         (catalogue(verdicts="{pass} only"), "verdicts: a text with the words in braces of"),
         (catalogue(summary="{summary.__class__}"), "summary: a text with the words in braces"),
         (catalogue(verdicts=EN["verdicts"].replace("{pass}", "{pass:>9999999999}")), "verdicts: "),
         (catalogue(summary="{"), "summary: a text with the words in braces"),
         (catalogue(code="<script>"), 'code: one such as "fr", came'),
-        ("summary = ", "expected TOML, came"),
-        ("x" * 1_000_001, "at most 1000000 bytes, came more"),
-        ("\ud800", "expected TOML, came"),
+        ("summary = ", "expected TOML, got"),
+        ("x" * 1_000_001, "at most 1000000 bytes, got more"),
+        ("\ud800", "expected TOML, got"),
     ],
 )
 def test_a_file_that_is_no_language_is_refused(tmp_path: Path, content: str, message: str) -> None:
@@ -80,7 +80,7 @@ def test_a_file_that_is_no_language_is_refused(tmp_path: Path, content: str, mes
     path.write_bytes(content.encode("utf-8", "surrogatepass"))
     with pytest.raises(OptionError, match=message):
         load_texts(str(path))
-    with pytest.raises(OptionError, match="expected a TOML file, came No such file"):
+    with pytest.raises(OptionError, match="expected a TOML file, got No such file"):
         load_texts(str(tmp_path / "none.toml"))
 
 

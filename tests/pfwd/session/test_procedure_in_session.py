@@ -129,12 +129,12 @@ def test_a_capture_is_replayed_by_the_procedure_of_the_command_line(tmp_path: Pa
     ("text", "message"),
     [
         ('[procedure]\nname = "mndott"', "procedure: expected one of astm-e2583"),
-        ('[procedure]\nname = "mndot"\nfile = "x.toml"', "came name and file"),
+        ('[procedure]\nname = "mndot"\nfile = "x.toml"', "got name and file"),
         ("[procedure]\n", "name or file in"),
-        ('[procedure]\nnmae = "mndot"', "a key of .procedure., came 'nmae'"),
-        ('[procedure]\nname = "mndot"\nenforce_unverified = 1', "true or false, came 1"),
-        ("procedure = 3", "a table .procedure., came 3"),
-        ('seating_drops = 2\nprocedure = "mndot"', "seating_drops: expected 3, .* came 2"),
+        ('[procedure]\nnmae = "mndot"', "a key of .procedure., got 'nmae'"),
+        ('[procedure]\nname = "mndot"\nenforce_unverified = 1', "true or false, got 1"),
+        ("procedure = 3", "a table .procedure., got 3"),
+        ('seating_drops = 2\nprocedure = "mndot"', "seating_drops: expected 3, .* got 2"),
         ('[procedure]\nfile = "no-such.toml"', "a readable TOML file"),
     ],
 )

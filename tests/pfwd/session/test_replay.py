@@ -257,7 +257,7 @@ def test_a_pause_at_a_tiny_speed_can_be_interrupted() -> None:
 
 
 def test_what_is_neither_survey_nor_capture_is_refused(tmp_path: Path, recording: Path) -> None:
-    with pytest.raises(SurveyError, match="expected a survey or a capture, came none"):
+    with pytest.raises(SurveyError, match="expected a survey or a capture, got none"):
         replay(tmp_path / "nothing", Log())
     text = tmp_path / "text.txt"
     text.write_text("no capture\n" * 100)

@@ -88,7 +88,7 @@ def test_a_replay_is_not_edited(tmp_path: Path) -> None:
         def __exit__(self, *_: object) -> None: ...
 
     replay(tmp_path / "s", log, control=Asking)
-    assert any("came a replay" in one.text for one in log.of(Notice))
+    assert any("got a replay" in one.text for one in log.of(Notice))
 
 
 def test_a_paused_replay_waits_and_steps_drop_by_drop(tmp_path: Path) -> None:

@@ -141,7 +141,7 @@ def test_a_drop_that_fails_again_is_not_told_again(
 
 def test_a_full_disk_at_a_reconnection_ends_nothing(log: Log, writer: Any) -> None:
     def refuse(*_: Any) -> str:
-        raise RecordingError("disk: expected room, came none")
+        raise RecordingError("disk: expected room, got none")
 
     writer.add_point = refuse
     writer.note_event = refuse
@@ -246,7 +246,7 @@ def test_an_instrument_that_cannot_be_used_costs_no_drop(log: Log, writer: Any) 
         (dataclasses.replace(IDENTITY, channels=(LOAD,)), "at least one with the role geophone"),
         (dataclasses.replace(IDENTITY, channels=(GEOPHONE,)), "expected one with the role load"),
         (dataclasses.replace(IDENTITY, sampling_rate=1e-6), "expected at least 16 samples"),
-        (dataclasses.replace(IDENTITY, sampling_rate=100.0), "came 12 at 100 Hz"),
+        (dataclasses.replace(IDENTITY, sampling_rate=100.0), "got 12 at 100 Hz"),
     ],
 )
 def test_nothing_is_armed_without_what_a_drop_needs(

@@ -233,7 +233,7 @@ def test_a_channel_may_stand_on_the_other_side_of_the_plate() -> None:
 
 def test_a_channel_that_the_instrument_does_not_have_is_named_with_the_file() -> None:
     setup = parse_setup('[[channels]]\nname = "g9"\nsensitivity = 1.0', "field.toml")
-    with pytest.raises(SetupError, match=r"field.toml: .*among 'load', 'g0', came 'g9'"):
+    with pytest.raises(SetupError, match=r"field.toml: .*among 'load', 'g0', got 'g9'"):
         setup.identity_with(IDENTITY)
 
 

@@ -398,10 +398,10 @@ def test_a_setting_is_a_positive_number(field, value):
 def test_times_are_up_to_ten_seconds_and_hysteresis_below_all():
     for field in ("pre_trigger", "post_trigger", "rebound_window"):
         assert getattr(DetectionSettings(**{field: 10.0}), field) == 10.0
-        with pytest.raises(SetupError, match="expected times up to 10 s, came 10"):
+        with pytest.raises(SetupError, match="expected times up to 10 s, got 10"):
             DetectionSettings(**{field: 10.1})
     assert DetectionSettings(hysteresis=0.99).hysteresis == 0.99
-    with pytest.raises(SetupError, match=r"hysteresis: expected below 1, came 1\.0"):
+    with pytest.raises(SetupError, match=r"hysteresis: expected below 1, got 1\.0"):
         DetectionSettings(hysteresis=1.0)
 
 
@@ -460,5 +460,5 @@ def test_a_bounce_right_after_the_load_was_gone_is_a_rebound():
 def test_samples_of_another_stream_are_a_mistake():
     detector = Detector(IDENTITY)
     detector.begin(7)
-    with pytest.raises(ValueError, match="expected samples of stream 7, came 8"):
+    with pytest.raises(ValueError, match="expected samples of stream 7, got 8"):
         detector.feed(Gap(8, 0, 10))

@@ -164,7 +164,7 @@ def test_every_attribute_that_is_changed_removed_or_added_is_refused(whole: byte
             changes += [change, remove, rename, retype]
         for make in changes:
             tried += 1
-            with pytest.raises(RecordingError, match=r"^drop\.h5.*expected .*, came ") as caught:
+            with pytest.raises(RecordingError, match=r"^drop\.h5.*expected .*, got ") as caught:
                 drop_from_file_bytes(changed(whole, make), "drop.h5")
             assert "\n" not in str(caught.value)
     assert tried > 150
@@ -192,14 +192,14 @@ def test_a_newer_file_is_said_to_be_newer(whole: bytes) -> None:
         file.attrs["format_version"] = 4
         file.attrs["something"] = np.arange(3)
 
-    with pytest.raises(RecordingError, match="version 2 or 3, came 4; a newer version of this"):
+    with pytest.raises(RecordingError, match="version 2 or 3, got 4; a newer version of this"):
         drop_from_file_bytes(changed(whole, newer), "drop.h5")
     for other in (0, -1, "2", 2.5):
 
         def odd(file: Any, other: Any = other) -> None:
             file.attrs["format_version"] = other
 
-        with pytest.raises(RecordingError, match="expected a format version, came"):
+        with pytest.raises(RecordingError, match="expected a format version, got"):
             drop_from_file_bytes(changed(whole, odd), "drop.h5")
 
 
@@ -216,7 +216,7 @@ def test_files_of_version_1_open_and_are_known_as_such(tmp_path: Path, whole: by
     def change(file: Any) -> None:
         file["load"][3] += 1.0
 
-    with pytest.raises(RecordingError, match="content that was written, came another"):
+    with pytest.raises(RecordingError, match="content that was written, got another"):
         drop_from_file_bytes(changed(data, change), "drop.h5")
 
 
@@ -297,13 +297,13 @@ def test_what_leads_elsewhere_is_refused_before_it_is_read(
         with h5py.File(tmp_path / name, "w") as file:
             file["load"] = np.zeros(24)
     (tmp_path / "elsewhere.bin").write_bytes(bytes(192))
-    with pytest.raises(RecordingError, match=r"drop\.h5.*expected .*, came ") as caught:
+    with pytest.raises(RecordingError, match=r"drop\.h5.*expected .*, got ") as caught:
         read_drop_file(path)
     assert "\n" not in str(caught.value)
 
 
 def test_a_folder_or_nothing_is_a_clear_line(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="expected a file, came a folder, device or pipe"):
+    with pytest.raises(RecordingError, match="expected a file, got a folder, device or pipe"):
         read_drop_file(tmp_path)
     with pytest.raises(RecordingError, match="expected a readable drop file"):
         read_drop_file(tmp_path / "none.h5")
@@ -385,7 +385,7 @@ def test_no_more_is_read_of_a_file_than_is_allowed(whole: bytes) -> None:
 def test_text_that_is_none_is_said(whole: bytes) -> None:
     broken = whole.replace(b"T. \xc3\x9cnal", b"T. \xff\xffnal")
     assert broken != whole
-    with pytest.raises(RecordingError, match="expected text in UTF-8, came other bytes"):
+    with pytest.raises(RecordingError, match="expected text in UTF-8, got other bytes"):
         drop_from_file_bytes(broken, "drop.h5")
 
 
@@ -394,7 +394,7 @@ def test_values_that_do_not_unpack_are_said(whole: bytes) -> None:
         start = file["load"].id.get_chunk_info(0).byte_offset
     broken = bytearray(whole)
     broken[start] ^= 0xFF  # the first byte of what gzip wrote
-    with pytest.raises(RecordingError, match="expected packed values, came"):
+    with pytest.raises(RecordingError, match="expected packed values, got"):
         drop_from_file_bytes(bytes(broken), "drop.h5")
 
 
@@ -407,5 +407,5 @@ def test_a_dataset_is_read_by_its_path(whole: bytes) -> None:
         )
         with pytest.raises(RecordingError, match="sensors/9/values: expected it in the file"):
             read_dataset(place, "sensors/9/values", "drop.h5")
-        with pytest.raises(RecordingError, match="sensors/1: expected a dataset, came another"):
+        with pytest.raises(RecordingError, match="sensors/1: expected a dataset, got another"):
             read_dataset(place, "sensors/1", "drop.h5")

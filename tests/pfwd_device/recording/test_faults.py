@@ -398,7 +398,7 @@ def test_what_the_ledger_did_not_take_is_not_in_the_journal(
         writer.save_drop(new_record(1))
         size = (survey / "journal" / "0001.pfwdj").stat().st_size
         storage.failures = 1
-        with pytest.raises(RecordingError, match="came 'planted'"):
+        with pytest.raises(RecordingError, match="got 'planted'"):
             writer.save_drop(new_record(2))
         assert (survey / "journal" / "0001.pfwdj").stat().st_size == size
         assert writer.drops_acknowledged == 1

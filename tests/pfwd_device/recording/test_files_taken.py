@@ -345,7 +345,7 @@ def test_the_first_writer_stops_where_a_second_one_goes_on(tmp_path: Path) -> No
         ) as second:
             assert second.stdout is not None
             assert second.stdout.readline() == "2\n"
-            with pytest.raises(SurveyLocked, match=f"came another: pid {second.pid}"):
+            with pytest.raises(SurveyLocked, match=f"got another: pid {second.pid}"):
                 writer.save_drop(make_record(2, np.random.default_rng(2)))
             second.communicate("\n")
     theirs = drop_digest(make_record(9, np.random.default_rng(9)), 0)

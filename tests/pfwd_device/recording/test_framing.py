@@ -92,7 +92,7 @@ def test_a_magic_across_the_border_of_two_chunks_is_found(monkeypatch: pytest.Mo
 
 def test_a_payload_that_is_too_long_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(framing, "LARGEST_PAYLOAD", 10)
-    with pytest.raises(RecordingError, match=r"record 4: expected at most 10 bytes, came 11"):
+    with pytest.raises(RecordingError, match=r"record 4: expected at most 10 bytes, got 11"):
         encode_frame(3, ME, 4, bytes(11))
 
 

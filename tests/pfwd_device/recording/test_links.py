@@ -63,7 +63,7 @@ def test_a_folder_that_is_a_link_is_refused(
     tear(survey)
     shutil.rmtree(survey / name, ignore_errors=True)
     (survey / name).symlink_to(outside, target_is_directory=True)
-    with pytest.raises(RecordingError, match=f"{name}: expected a folder of the survey, came a li"):
+    with pytest.raises(RecordingError, match=f"{name}: expected a folder of the survey, got a li"):
         action(survey)
     assert unchanged(outside)
 
@@ -77,7 +77,7 @@ def test_a_file_that_is_a_link_is_refused(
     (survey / name).parent.mkdir(exist_ok=True)
     (survey / name).unlink(missing_ok=True)
     (survey / name).symlink_to(outside / "file")
-    with pytest.raises(RecordingError, match="expected a file of the survey, came a link"):
+    with pytest.raises(RecordingError, match="expected a file of the survey, got a link"):
         action(survey)
     assert unchanged(outside)
 
@@ -90,7 +90,7 @@ def test_what_is_no_file_does_not_hold_a_reader_up(
     """Whoever opens a named pipe to read waits for a writer, for ever."""
     (survey / name).unlink()
     os.mkfifo(survey / name)
-    with pytest.raises(RecordingError, match="expected a file of the survey, came something else"):
+    with pytest.raises(RecordingError, match="expected a file of the survey, got something else"):
         action(survey)
 
 
@@ -100,7 +100,7 @@ def test_a_folder_replaced_by_a_link_meanwhile_is_not_written_through(
     with SurveyWriter.open(survey, publish=False, reserve_bytes=0) as writer:
         shutil.rmtree(survey / "journal")
         (survey / "journal").symlink_to(outside, target_is_directory=True)
-        with pytest.raises(RecordingError, match="came a link"):
+        with pytest.raises(RecordingError, match="got a link"):
             writer.save_drop(make_record(4, np.random.default_rng(4)))
         assert unchanged(outside)
 
@@ -114,5 +114,5 @@ def test_a_survey_reached_by_a_link_is_the_will_of_whoever_named_it(
     assert len(read_survey(survey).drops) == 4
     (survey / "acknowledged.txt").rename(tmp_path / "ledger")
     (survey / "acknowledged.txt").symlink_to(tmp_path / "ledger")
-    with pytest.raises(RecordingError, match="came a link"):
+    with pytest.raises(RecordingError, match="got a link"):
         recover(tmp_path / "link")

@@ -39,7 +39,7 @@ def test_a_second_writer_learns_who_is_first(tmp_path: Path) -> None:
     with SurveyWriter.open(tmp_path, publish=False, reserve_bytes=0):
         for action in (SurveyWriter.open, recover):
             with pytest.raises(
-                SurveyLocked, match=rf"came another: pid {os.getpid()}, host .*since"
+                SurveyLocked, match=rf"got another: pid {os.getpid()}, host .*since"
             ):
                 action(tmp_path)
     with SurveyWriter.open(tmp_path, publish=False):

@@ -157,7 +157,7 @@ def crafted(rest: bytes = b"", packed: bool = False, **array: Any) -> bytes:
 @pytest.mark.parametrize(
     ("payload", "match"),
     [
-        (crafted(bytes(7)), "arrays of 8 bytes, came 7"),
+        (crafted(bytes(7)), "arrays of 8 bytes, got 7"),
         (crafted(bytes(8), dtype="O"), "a name and one of"),
         (crafted(bytes(8), dtype=["<f8"]), "a name and one of"),
         (crafted(bytes(8), shape=[-1]), "another shape"),
@@ -249,7 +249,7 @@ def test_data_of_another_kind_are_no_drop(change: dict[str, Any]) -> None:
     with pytest.raises(RecordingError):
         drop_from_parts(sound | change, arrays)
     for key in sound:
-        with pytest.raises(RecordingError, match="expected the data of a drop, came others"):
+        with pytest.raises(RecordingError, match="expected the data of a drop, got others"):
             drop_from_parts({k: v for k, v in sound.items() if k != key}, arrays)
 
 

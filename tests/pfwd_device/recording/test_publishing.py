@@ -211,7 +211,7 @@ def test_what_the_disk_gives_back_is_compared(tmp_path: Path, new_record: NewRec
     with SurveyWriter.open(tmp_path, publisher=InlinePublisher(Lying()), reserve_bytes=0) as writer:
         writer.save_drop(new_record(1))
         writer.close()
-        assert "expected what was written, came other content" in writer.publishing_failures[1]
+        assert "expected what was written, got other content" in writer.publishing_failures[1]
     assert not (tmp_path / "drops" / "drop-000001.h5").exists()
 
 
@@ -228,11 +228,11 @@ def test_a_file_of_another_drop_is_not_taken_for_this_one(
     assert report.ok
     assert read_drop_file(drops / "drop-000001.h5").drop.number == 1
     assert (tmp_path / "damaged" / "drop-000001.h5").exists()
-    with pytest.raises(RecordingError, match="expected the file of a drop, came damage"):
+    with pytest.raises(RecordingError, match="expected the file of a drop, got damage"):
         read_drop_file(tmp_path / "acknowledged.txt")
     with pytest.raises(RecordingError, match="expected a readable drop file"):
         read_drop_file(tmp_path / "none.h5")
-    with pytest.raises(RecordingError, match="expected a record, came damage"):
+    with pytest.raises(RecordingError, match="expected a record, got damage"):
         answer({"do": "publish", "survey": tmp_path, "drop": [1, 3], "rebounds": []}, storage)
 
 

@@ -305,7 +305,7 @@ def test_a_survey_of_a_newer_version_is_refused(tmp_path: Path) -> None:
         for frame, payload in zip(frames, newer, strict=True)
     ]
     path.write_bytes(b"".join(data))
-    with pytest.raises(RecordingError, match="format version 1 or 2, came 3"):
+    with pytest.raises(RecordingError, match="format version 1 or 2, got 3"):
         read_survey(folder)
 
 

@@ -111,11 +111,11 @@ def test_peaks_are_compared_with_the_traces() -> None:
 @pytest.mark.parametrize(
     ("changed", "problem"),
     [
-        ({"load": 1472.0 * (1 + 2e-9)}, "the peak load of its traces, 1472 N, came 1472 N"),
-        ({"load": -1472.0}, "the peak load of its traces, 1472 N, came -1472 N"),
-        ({"load": np.nan}, "came nan N"),
+        ({"load": 1472.0 * (1 + 2e-9)}, "the peak load of its traces, 1472 N, got 1472 N"),
+        ({"load": -1472.0}, "the peak load of its traces, 1472 N, got -1472 N"),
+        ({"load": np.nan}, "got nan N"),
         ({"displacements": [0.0109864, 0.00140380859375]}, "sensor 1 of its traces, 0.0109863 m"),
-        ({"displacements": [0.010986328125, 0.0014039]}, "of sensor 2 of .*, came 0.0014039 m"),
+        ({"displacements": [0.010986328125, 0.0014039]}, "of sensor 2 of .*, got 0.0014039 m"),
     ],
 )
 def test_other_peaks_than_those_of_the_traces_are_told(
@@ -151,5 +151,5 @@ def test_a_check_compares_the_peaks_of_a_journal(
     monkeypatch.undo()
     assert read_survey(tmp_path).drops[0].read_facts().peaks is not None
     assert check(tmp_path).damaged == (
-        "drop P/1 in the journal: expected the peak load of its traces, 1472 N, came 9000 N",
+        "drop P/1 in the journal: expected the peak load of its traces, 1472 N, got 9000 N",
     )

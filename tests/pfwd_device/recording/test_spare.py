@@ -380,7 +380,7 @@ def test_a_folder_that_is_gone_for_good_is_kept_whole(
     assert recover(survey, spare=spare).ok
     assert digests(survey) == expected
     assert check(survey, spare=spare).ok
-    with pytest.raises(RecordingError, match="expected the folder of a survey, came none"):
+    with pytest.raises(RecordingError, match="expected the folder of a survey, got none"):
         recover(tmp_path / "another", spare=spare)
 
 

@@ -106,9 +106,9 @@ def test_a_drop_is_never_recorded_twice(tmp_path: Path, new_record: NewRecord) -
         assert writer.save_drop(new_record(1)) == 1
         assert writer.drops_acknowledged == 1
         same_number = DropRecord("P 1", new_record(1).drop)
-        with pytest.raises(RecordingError, match=r"drop P 1/1: .* came one that is not; 2 is"):
+        with pytest.raises(RecordingError, match=r"drop P 1/1: .* got one that is not; 2 is"):
             writer.save_drop(same_number)
-        with pytest.raises(RecordingError, match="key of a drop: expected text, came int"):
+        with pytest.raises(RecordingError, match="key of a drop: expected text, got int"):
             writer.save_drop(DropRecord("P 1", new_record(2).drop, metadata={"key": 3}))
     assert len(read_survey(tmp_path).drops) == 1
 
@@ -150,11 +150,11 @@ def test_sensors_and_counts_may_be_missing(tmp_path: Path) -> None:
 def test_what_is_not_there_is_refused(tmp_path: Path, new_record: NewRecord) -> None:
     with opened(tmp_path) as writer:
         writer.save_drop(new_record(1))
-        with pytest.raises(RecordingError, match="recorded drop, came 9"):
+        with pytest.raises(RecordingError, match="recorded drop, got 9"):
             writer.save_rebound(9, rebound(1))
-        with pytest.raises(RecordingError, match="recorded drop, came 9"):
+        with pytest.raises(RecordingError, match="recorded drop, got 9"):
             writer.save_result(9, {})
-        with pytest.raises(RecordingError, match="one of the survey's points, came 'Q'"):
+        with pytest.raises(RecordingError, match="one of the survey's points, got 'Q'"):
             writer.edit("note", "x", point="Q")
         with pytest.raises(RecordingError, match="expected a point or the number"):
             writer.edit("note", "x")
@@ -162,10 +162,10 @@ def test_what_is_not_there_is_refused(tmp_path: Path, new_record: NewRecord) -> 
             writer.edit("delete", number=1)
         with pytest.raises(RecordingError, match="at most 65536 bytes"):
             writer.edit("note", "x" * 70_000, number=1)
-    with pytest.raises(RecordingError, match="expected an open survey, came a closed one"):
+    with pytest.raises(RecordingError, match="expected an open survey, got a closed one"):
         writer.save_drop(new_record(2))
     for action in (read_survey, check, recover):
-        with pytest.raises(RecordingError, match="expected the folder of a survey, came none"):
+        with pytest.raises(RecordingError, match="expected the folder of a survey, got none"):
             action(tmp_path / "none")
 
 
@@ -177,7 +177,7 @@ def test_a_newer_survey_is_not_touched(
         writer.save_drop(new_record(1))
     before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file() and p.suffix}
     for action in (read_survey, check, recover, opened):
-        with pytest.raises(RecordingError, match=r"format version 1 or 2, came 3; a newer version"):
+        with pytest.raises(RecordingError, match=r"format version 1 or 2, got 3; a newer version"):
             action(tmp_path)
     assert {p: p.read_bytes() for p in before if p.name != "writer.txt"} == {
         p: data for p, data in before.items() if p.name != "writer.txt"
@@ -204,7 +204,7 @@ def test_a_filling_disk_is_announced_and_then_refused(
         assert writer.scarce_drops() == writer.free_drops()
         assert writer.free_drops(10**6) == 199
         disk.free = 15 * 4096
-        with pytest.raises(StorageFull, match="room for 20 drops before arming, came room for"):
+        with pytest.raises(StorageFull, match="room for 20 drops before arming, got room for"):
             writer.check_room()
 
 

@@ -330,7 +330,7 @@ def test_bytes_add_up() -> None:
 @pytest.mark.parametrize(
     ("columns", "options", "match"),
     [
-        ((0,), {}, r"columns: expected one for each of 2 channels, came \(0,\)"),
+        ((0,), {}, r"columns: expected one for each of 2 channels, got \(0,\)"),
         ((0, 0), {}, "columns: expected different ones from 0 to 63"),
         ((0, -1), {}, "columns: expected different ones"),
         ((0, 64), {}, "columns: expected different ones from 0 to 63"),

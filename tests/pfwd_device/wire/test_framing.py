@@ -104,7 +104,7 @@ def test_the_longest_payload_passes_and_no_longer_one() -> None:
     for byte in (b"\0", b"\x01", b"\xff"):
         payload = byte * LONGEST_PAYLOAD
         assert deframe(encode_frame(1, 0, payload))[0] == [Packet(1, 0, payload)]
-    with pytest.raises(ValueError, match="payload: expected at most 8000 bytes, came 8001"):
+    with pytest.raises(ValueError, match="payload: expected at most 8000 bytes, got 8001"):
         encode_frame(1, 0, b"\0" * 8001)
 
 

@@ -293,8 +293,8 @@ def test_what_is_said_of_a_point_reaches_the_survey() -> None:
 @pytest.mark.parametrize(
     ("units", "typed", "message"),
     [
-        ("si", "0.45", "expected a modulus of 2 to 10000 MPa, came 0.45 MPa;"),
-        ("us", "45000", "expected a modulus of 0.29008 to 1450.4 ksi, came"),
+        ("si", "0.45", "expected a modulus of 2 to 10000 MPa, got 0.45 MPa;"),
+        ("us", "45000", "expected a modulus of 0.29008 to 1450.4 ksi, got"),
     ],
 )
 def test_a_target_that_no_drop_can_reach_is_refused_while_it_is_typed(
@@ -320,7 +320,7 @@ def test_the_setup_takes_no_modulus_for_a_deflection() -> None:
         await pilot.pause()
         await pilot.press("ctrl+s")
         await pilot.pause()
-        message = "came 45 mm; did you mean a modulus? procedure mndot judges a deflection in mm"
+        message = "got 45 mm; did you mean a modulus? procedure mndot judges a deflection in mm"
         assert message in " ".join(app.text.split())
         assert app.source.starts == 1  # type: ignore[attr-defined]
 
@@ -588,7 +588,7 @@ def test_stations_are_chosen_with_their_targets(tmp_path: Path) -> None:
         field.value = f" {other}"
         await pilot.pause()
         assert field.has_class("wrong")
-        assert "expected a column target, in mm, came 'Ziel'" in " ".join(app.text.split())
+        assert "expected a column target, in mm, got 'Ziel'" in " ".join(app.text.split())
         field.value = f"'{file}'"  # as a terminal gives a file that is dropped on it
         await pilot.pause()
         assert not field.has_class("wrong")

@@ -53,7 +53,7 @@ def events_of(source: Any, count: int) -> list[Any]:
 
 
 def test_a_port_that_is_not_there_is_tried_again_until_it_is() -> None:
-    error = DeviceError("/dev/ttyUSB0: expected a port, came none; is the cable in?")
+    error = DeviceError("/dev/ttyUSB0: expected a port, got none; is the cable in?")
     found = events_of(Failing(error, times=2), 3)
     first, second, third, *_ = found
     assert isinstance(first, SessionEnded)
@@ -70,8 +70,8 @@ def test_a_survey_that_another_program_writes_is_tried_again() -> None:
 
 
 def test_data_that_are_refused_end_it_with_one_sentence() -> None:
-    (only,) = events_of(Failing(SurveyError("survey: expected a survey, came none")), 1)
-    assert (only.retry, only.error) == (None, "survey: expected a survey, came none")
+    (only,) = events_of(Failing(SurveyError("survey: expected a survey, got none")), 1)
+    assert (only.retry, only.error) == (None, "survey: expected a survey, got none")
 
 
 def test_an_error_nobody_foresaw_is_one_sentence_and_the_rest_in_the_log(

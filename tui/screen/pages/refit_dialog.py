@@ -126,4 +126,4 @@ def _number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise OptionError(f"expected a number, came {ascii(text)[:20]}") from None
+        raise OptionError(f"expected a number, got {ascii(text)[:20]}") from None

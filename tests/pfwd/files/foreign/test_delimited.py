@@ -142,14 +142,14 @@ def test_times_that_were_printed_with_three_digits_are_even(tmp_path: Path) -> N
 WRONG_MAPS = [
     ("", "time: expected a table"),
     ("= 1", "expected TOML"),
-    (SIMPLE.replace("column = 1", "column = 0"), "a position from 1, came 0"),
+    (SIMPLE.replace("column = 1", "column = 0"), "a position from 1, got 0"),
     (SIMPLE.replace('"N"', '"stone"'), "load.unit: expected one of 'N'"),
     (SIMPLE.replace('unit = "N"', ""), "load: expected either unit"),
-    (SIMPLE.replace('"N"', '"N"\nunti = 1'), "load: expected known keys only, came 'unti'"),
+    (SIMPLE.replace('"N"', '"N"\nunti = 1'), "load: expected known keys only, got 'unti'"),
     (SIMPLE.replace("column = 3", "column = 2"), "every column once"),
     (SIMPLE.replace("column = 3", 'column = "v"'), "positions from 1, as the file has no names"),
     (SIMPLE.replace("offset_m = 0.0", "offset_m = -inf"), "offset_m: expected a finite number"),
-    (SIMPLE.replace("offset_m = 0.0", ""), "a distance in m, came none"),
+    (SIMPLE.replace("offset_m = 0.0", ""), "a distance in m, got none"),
     (SIMPLE.replace('"velocity"', '"jerk"'), "sensor 1.quantity: expected one of 'velocity'"),
     (SIMPLE + 'encoding = "hex"', "an encoding such as utf-8"),
     (SIMPLE + 'decimal = ","', "another sign than the delimiter"),
@@ -170,14 +170,14 @@ def test_a_wrong_map_is_refused_with_its_key(tmp_path: Path, text: str, message:
 
 ROWS = text_of([(np.arange(50) / 1e3).tolist(), [1.0] * 50, [2.0] * 50])
 WRONG_TEXTS = [
-    ("", "rows of numbers, came the end of the file"),
-    ("1,2\n", "line 1: expected at least 3 columns, came 2"),
-    (ROWS.replace("0.003,1.0", "0.003,x"), "line 4: expected a number, came 'x'"),
-    (ROWS.replace("0.003,1.0", "0.003,1_0"), "line 4: expected a number, came '1_0'"),
-    (ROWS.replace("0.003,1.0", "0.003,nan"), "finite numbers in the load, came nan as sample 4"),
+    ("", "rows of numbers, got the end of the file"),
+    ("1,2\n", "line 1: expected at least 3 columns, got 2"),
+    (ROWS.replace("0.003,1.0", "0.003,x"), "line 4: expected a number, got 'x'"),
+    (ROWS.replace("0.003,1.0", "0.003,1_0"), "line 4: expected a number, got '1_0'"),
+    (ROWS.replace("0.003,1.0", "0.003,nan"), "finite numbers in the load, got nan as sample 4"),
     (ROWS.replace("0.003,", "0.009,"), "even, growing time steps"),
-    ("\n".join(ROWS.splitlines()[:9]), "at least 16 samples, came 9"),
-    ("a\0b\n", "a line of text, came binary data"),
+    ("\n".join(ROWS.splitlines()[:9]), "at least 16 samples, got 9"),
+    ("a\0b\n", "a line of text, got binary data"),
 ]
 
 
@@ -202,5 +202,5 @@ def test_a_wrong_encoding_names_the_map(tmp_path: Path) -> None:
 def test_a_missing_column_lists_those_there_are(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_bytes(german(DROPS).replace(b"F [kN]", b"Kraft"))
-    with pytest.raises(SurveyError, match=r"one column named 'F \[kN\]', came columns 'Drop'"):
+    with pytest.raises(SurveyError, match=r"one column named 'F \[kN\]', got columns 'Drop'"):
         read_points(path, column_map=EXAMPLE)

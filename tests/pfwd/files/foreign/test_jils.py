@@ -104,15 +104,15 @@ def test_a_number_that_comes_again_is_counted_on(tmp_path: Path, header: Path) -
 
 GOOD = thy(DROPS)
 WRONG = [
-    (b"", HEADER, "drops with Impact: and rows of numbers, came none"),
-    (b"\x00\x01" * 50, HEADER, "a line of text, came binary data"),
-    (GOOD[: len(GOOD) // 2], HEADER, "came the end of the file after|expected 5 numbers"),
+    (b"", HEADER, "drops with Impact: and rows of numbers, got none"),
+    (b"\x00\x01" * 50, HEADER, "a line of text, got binary data"),
+    (GOOD[: len(GOOD) // 2], HEADER, "got the end of the file after|expected 5 numbers"),
     (GOOD.replace(b"Time Force", b"Zeit Kraft"), HEADER, "a line Time Force Disp1"),
     (GOOD.replace(b"samples: 470", b"samples: 469", 1), HEADER, "as many rows as Number_of"),
-    (GOOD.replace(b"samples: 470", b"samples: 471", 1), HEADER, "expected 5 numbers, came ''"),
+    (GOOD.replace(b"samples: 470", b"samples: 471", 1), HEADER, "expected 5 numbers, got ''"),
     (GOOD.replace(b"0.1707 ", b"x.1707 ", 1), HEADER, "line 14: expected 5 numbers"),
     (GOOD.replace(b"0.1707 ", b"0.3000 ", 1), HEADER, "even, growing time steps"),
-    (GOOD, "site = 'x'", "a header key plate_radius_m, came none"),
+    (GOOD, "site = 'x'", "a header key plate_radius_m, got none"),
     (GOOD, "plate_radius_m = 0.1\nsensor_offsets_m = [0.0]", "3 distances in m"),
     (GOOD, "plate_radius_m = 0.1\nsensor_offsets_m = 'x'", "3 distances in m"),
 ]
@@ -209,7 +209,7 @@ def test_peaks_beside_histories_are_compared(tmp_path: Path, file: Path, header:
 def test_damage_of_peaks_is_one_line(tmp_path: Path, header: Path) -> None:
     path = tmp_path / "a.DAT"
     for text, message in (
-        (HEAD, "lines with load and deflections, came none; is it a JILS .DAT"),
+        (HEAD, "lines with load and deflections, got none; is it a JILS .DAT"),
         (HEAD + "1 1   0.000 1 10.05 71.3\n", "line 9: expected a load and deflections"),
         (
             HEAD + dat(1, of_drops(1)) + "2 1   0.000 1 10.05 5.83 4.91 4.68 9.9 71.3\n",

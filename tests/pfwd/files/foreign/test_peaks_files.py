@@ -117,7 +117,7 @@ def test_columns_of_a_dynatest_file_are_not_guessed(read: Reader) -> None:
     found = places()
     for number, (_, moved) in enumerate(drop for place in found for drop in place.drops):
         moved[number % 4] = 999.0  # type: ignore[index]
-    with pytest.raises(TraceError, match=r"came 11; declare sensor_offsets_m") as caught:
+    with pytest.raises(TraceError, match=r"got 11; declare sensor_offsets_m") as caught:
         read("a.fwd", dynatest(found))
     assert "/a.fwd, line 3: expected 7 deflections" in str(caught.value).replace("\\", "/")
 
@@ -140,10 +140,10 @@ def test_the_viewers_pddx_is_told_from_a_sound_one(read: Reader) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("LoadPlateRadius = 150", "LoadPlateRadius = 0.15", "20 to 1000 mm, came 0.15 mm"),
+        ("LoadPlateRadius = 150", "LoadPlateRadius = 0.15", "20 to 1000 mm, got 0.15 mm"),
         ("LoadUnits = kilo-Newton", "LoadUnits = stone", "LoadUnits: one of kilo-newton.*'stone'"),
-        ("DropData_0 = ", "DropData_0 = 1,", "line 31: expected 11 deflections, came 12"),
-        ("DropData_0 = ", "DropData_0 = x", "a load and deflections, came 'x"),
+        ("DropData_0 = ", "DropData_0 = 1,", "line 31: expected 11 deflections, got 12"),
+        ("DropData_0 = ", "DropData_0 = x", "a load and deflections, got 'x"),
         ("DeflectionSensorYAxisDistances = 0", "DeflectionSensorYAxisDistances = 5", "one line"),
     ],
 )
@@ -167,7 +167,7 @@ def test_units_of_a_pddx(read: Reader) -> None:
 
 
 def test_an_f25_without_si_units_is_refused(read: Reader) -> None:
-    with pytest.raises(TraceError, match=r"line 2: expected units SI \(25SI\), came '25US'"):
+    with pytest.raises(TraceError, match=r"line 2: expected units SI \(25SI\), got '25US'"):
         read("a.f25", f25(places(), "25US"))
     with pytest.raises(TraceError, match="a line 5020 with plate and sensors"):
         read("a.f25", "5001,25.60,1\r\n")
@@ -221,7 +221,7 @@ def test_columns_of_an_f25_that_cannot_match_the_positions_are_left_out(read: Re
     assert len(point.drops) == 1
     expected = "line 6: 4 deflections, 3 positions in line 5020, and the largest deflection is not"
     assert any(expected in w for w in point.warnings)
-    with pytest.raises(TraceError, match="drops with a load and deflections, came none"):
+    with pytest.raises(TraceError, match="drops with a load and deflections, got none"):
         read("b.f25", f25_of(shifted))
 
 

@@ -80,7 +80,7 @@ def test_an_error_of_another_reader_is_one_line_that_names_its_package(
 ) -> None:
     offer(read="return 1 / 0")
     (tmp_path / "a.toy").write_text("x")
-    with pytest.raises(TraceError, match=r"a\.toy: expected a file that toy 0\.1 reads, came Zero"):
+    with pytest.raises(TraceError, match=r"a\.toy: expected a file that toy 0\.1 reads, got Zero"):
         read_points(tmp_path / "a.toy")
 
 
@@ -89,4 +89,4 @@ def test_one_that_cannot_say_what_it_reads_costs_a_remark(offer: Offer, tmp_path
     (tmp_path / "a.other").write_text("x")
     assert registry.find_format(str(tmp_path / "a.other")) is None
     (remark,) = pfwd_plugins.remarks()
-    assert "expected an answer to whether a file is one of it, came AttributeError" in remark
+    assert "expected an answer to whether a file is one of it, got AttributeError" in remark

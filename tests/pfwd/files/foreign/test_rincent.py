@@ -135,9 +135,9 @@ def test_accelerations_are_no_traces_but_the_stored_ones_are(
     point, _ = read(dynz(RAW, kind=1), "a.dynz")
     assert point.drops[0].channels[0].quantity == "displacement"
     assert any("accelerations" in text for text in point.warnings)
-    with pytest.raises(TraceError, match="came accelerations; give --channels stored"):
+    with pytest.raises(TraceError, match="got accelerations; give --channels stored"):
         read(dynz(RAW, kind=1), "a.dynz", "raw")
-    with pytest.raises(TraceError, match="came accelerations"):
+    with pytest.raises(TraceError, match="got accelerations"):
         read(zipped({"database.xml": dataset(RAW, kind=1)}), "a.dynz")
 
 
@@ -212,27 +212,27 @@ ENTITIES = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;">]>\n'
 NAN = [Traces(np.full(300, np.nan), pulse().sensors)]
 
 WRONG: list[tuple[str, bytes, str]] = [
-    ("empty.dynz", b"", "expected a zip archive, came a file without the end of one"),
+    ("empty.dynz", b"", "expected a zip archive, got a file without the end of one"),
     ("text.prjz", b"hello", "expected a zip archive"),
     ("cut.dynz", dynz(RAW)[:-300], "without the end of one; it was cut off"),
-    ("other.dynz", zipped({"a.txt": b"x"}), "database.json or database.xml.*came 'a.txt'"),
-    ("dtd.dynz", dynz(RAW, head=ENTITIES), "without a document type, came one with entities"),
-    ("xml.dynz", zipped({"database.xml": dataset(RAW)[:500]}), "whole XML, came"),
-    ("root.dynz", zipped({"database.xml": b"<a/>"}), "a data set MDDataSet, came 'a'"),
-    ("json.prjz", zipped({"database.json": b"{"}), "expected JSON, came"),
-    ("deep.prjz", zipped({"database.json": b"[" * 100_000}), "expected JSON, came"),
+    ("other.dynz", zipped({"a.txt": b"x"}), "database.json or database.xml.*got 'a.txt'"),
+    ("dtd.dynz", dynz(RAW, head=ENTITIES), "without a document type, got one with entities"),
+    ("xml.dynz", zipped({"database.xml": dataset(RAW)[:500]}), "whole XML, got"),
+    ("root.dynz", zipped({"database.xml": b"<a/>"}), "a data set MDDataSet, got 'a'"),
+    ("json.prjz", zipped({"database.json": b"{"}), "expected JSON, got"),
+    ("deep.prjz", zipped({"database.json": b"[" * 100_000}), "expected JSON, got"),
     ("list.prjz", zipped({"database.json": b"[]"}), "a database with ParamsAcqu, project or base"),
     (
         "rate.prjz",
         edited(ParamsAcqu={"PreTrig": 0.0}),
-        r"FreqAcqu \(Hz\), a number from 1 to 1e\+07, came none",
+        r"FreqAcqu \(Hz\), a number from 1 to 1e\+07, got none",
     ),
     ("pre.prjz", edited(ParamsAcqu={"FreqAcqu": 1e4, "PreTrig": "x"}), r"PreTrig \(s\)"),
-    ("plate.prjz", edited(ParamsBearing={}), "a header key plate_radius_m, came none"),
+    ("plate.prjz", edited(ParamsBearing={}), "a header key plate_radius_m, got none"),
     (
         "sensors.prjz",
         prjz(HEX, acquired(HEX, offsets=[0.0, 0.3])),
-        "2 displacements, as the database lists sensors, came 1",
+        "2 displacements, as the database lists sensors, got 1",
     ),
     (
         "peaks.prjz",
@@ -240,19 +240,19 @@ WRONG: list[tuple[str, bytes, str]] = [
         "or peaks of load",
     ),
     ("magic.prjz", with_traces(b"x" * 200), "traces that begin with ISAANSIMPLEFILE"),
-    ("short.prjz", with_traces(GOOD[:-1]), r"bytes, came \d+; the file was cut off"),
-    ("long.prjz", with_traces(GOOD + b"12345"), "bytes, came"),
-    ("head.prjz", with_traces(GOOD[:40]), "expected 52 bytes, came 40"),
-    ("nan.prjz", with_traces(stored(NAN)), "finite numbers in the load, came nan as sample 1"),
+    ("short.prjz", with_traces(GOOD[:-1]), r"bytes, got \d+; the file was cut off"),
+    ("long.prjz", with_traces(GOOD + b"12345"), "bytes, got"),
+    ("head.prjz", with_traces(GOOD[:40]), "expected 52 bytes, got 40"),
+    ("nan.prjz", with_traces(stored(NAN)), "finite numbers in the load, got nan as sample 1"),
     (
         "count.prjz",
         with_traces(GOOD[:52] + struct.pack("<i", 299) + GOOD[56:]),
-        "300 samples of the load, came 299",
+        "300 samples of the load, got 299",
     ),
     (
         "few.prjz",
         prjz({"1": [pulse(samples=8)]}, acquired({"1": [pulse(samples=8)]})),
-        "at least 16 samples, came 8",
+        "at least 16 samples, got 8",
     ),
     (
         "base64.dynz",
@@ -262,12 +262,12 @@ WRONG: list[tuple[str, bytes, str]] = [
     (
         "length.dynz",
         zipped({"database.xml": dataset(RAW).replace(b"<Length>2400<", b"<Length>2408<")}),
-        "2408 bytes in Force, came 2400",
+        "2408 bytes in Force, got 2400",
     ),
     (
         "settings.dynz",
         zipped({"database.xml": dataset(RAW).replace(b"<IdParamsAcqu>3<", b"<IdParamsAcqu>4<", 1)}),
-        "one set of NbSamples, FreqAcqu, PreTrig for all points, came 2",
+        "one set of NbSamples, FreqAcqu, PreTrig for all points, got 2",
     ),
 ]
 
@@ -299,7 +299,7 @@ def test_a_bomb_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     path = tmp_path / "bomb.prjz"
     path.write_bytes(zipped({"database.json": b" " * 50_000_000}))
     assert path.stat().st_size < 100_000
-    with pytest.raises(TraceError, match="expected at most 1 MB, came more"):
+    with pytest.raises(TraceError, match="expected at most 1 MB, got more"):
         read_points(path)
 
 
@@ -393,7 +393,7 @@ def test_a_signalling_nan_is_a_nan(tmp_path: Path) -> None:
     """Which numpy warns of when it makes a double of it."""
     path = tmp_path / "a.prjz"
     path.write_bytes(with_traces(GOOD[:56] + b"\x01\x00\xa0\x7f" + GOOD[60:]))
-    with pytest.raises(TraceError, match="finite numbers in the load, came nan as sample 1"):
+    with pytest.raises(TraceError, match="finite numbers in the load, got nan as sample 1"):
         read_points(path)
 
 
