@@ -69,7 +69,7 @@ class JsonRecord:
     (8000.0, {'load_n': 8000.0, 'colour': 'red'})
     """
 
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset()
+    OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset()
     """Keys that are written only when there is a value."""
 
     FIRST: ClassVar[tuple[str, ...]] = ()
@@ -83,7 +83,7 @@ class JsonRecord:
         written: dict[str, Any] = {}
         for name in _readers(type(self)):
             value = getattr(self, name)
-            if value is not None or name not in self.LEFT_OUT:
+            if value is not None or name not in self.OPTIONAL_KEYS:
                 written[name] = _plain(value)
                 if name == WARNINGS:
                     written[WARNING_CODES] = _codes(value)
@@ -134,7 +134,7 @@ class JsonRecord:
                 written[key] = more[key]
             elif key in readers:
                 value = getattr(self, key)
-                if (value is None and key in self.LEFT_OUT) or isinstance(value, JsonRecord):
+                if (value is None and key in self.OPTIONAL_KEYS) or isinstance(value, JsonRecord):
                     continue
                 written[key] = _plain(value)
             elif key == WARNING_CODES and WARNINGS in readers:

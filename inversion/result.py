@@ -117,7 +117,7 @@ class InversionResult(JsonRecord):
     value that is None: not in the model, or not known.
     """
 
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset()
+    OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset()
 
     method: str | None = quantity("Search: mpga, least-squares or published", column="established")
     model: str | None = quantity("layer (on rock) or half-space", column="established")

@@ -39,23 +39,25 @@ __all__ = [
     "largest_values",
 ]
 
-_HOMES = {
-    "Channel": "inversion.diagnosis.flat_tops",
-    "DeviceFindings": "inversion.diagnosis.findings",
-    "DropCurves": "inversion.diagnosis.findings",
-    "EffectParameter": "inversion.diagnosis.findings",
-    "EffectResult": "inversion.diagnosis.findings",
-    "FittedState": "inversion.diagnosis.findings",
-    "HeldOut": "inversion.diagnosis.findings",
-    "HeldOutPart": "inversion.diagnosis.findings",
-    "LeaveOut": "inversion.diagnosis.findings",
-    "NEARLY_EXPLAINED": "inversion.diagnosis.findings",
-    "PointDiagnosis": "inversion.diagnosis.findings",
-    "PointRecords": "inversion.diagnosis.model",
-    "largest_values": "inversion.diagnosis.flat_tops",
-}
 
-__getattr__ = lazy_getattr(globals(), _HOMES)
+__getattr__ = lazy_getattr(
+    globals(),
+    {
+        "Channel": "inversion.diagnosis.flat_tops",
+        "DeviceFindings": "inversion.diagnosis.findings",
+        "DropCurves": "inversion.diagnosis.findings",
+        "EffectParameter": "inversion.diagnosis.findings",
+        "EffectResult": "inversion.diagnosis.findings",
+        "FittedState": "inversion.diagnosis.findings",
+        "HeldOut": "inversion.diagnosis.findings",
+        "HeldOutPart": "inversion.diagnosis.findings",
+        "LeaveOut": "inversion.diagnosis.findings",
+        "NEARLY_EXPLAINED": "inversion.diagnosis.findings",
+        "PointDiagnosis": "inversion.diagnosis.findings",
+        "PointRecords": "inversion.diagnosis.model",
+        "largest_values": "inversion.diagnosis.flat_tops",
+    },
+)
 
 
 def __dir__() -> list[str]:

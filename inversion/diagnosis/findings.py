@@ -34,7 +34,7 @@ CHOICE_OF_EFFECTS = "choice of effects"
 class EffectParameter(JsonRecord):
     """One number of an effect."""
 
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"drop", "spread"})
+    OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset({"drop", "spread"})
 
     name: str | None = quantity("Name of the parameter")
     value: float | None = quantity("Value, in the unit")
@@ -52,7 +52,7 @@ class EffectParameter(JsonRecord):
 class EffectResult(JsonRecord):
     """An effect that explains part of the residual."""
 
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset(
+    OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset(
         {"scope", "probability", "advice", "residual_without_over_peak"}
     )
 
@@ -119,7 +119,7 @@ def effect_result(
 class FittedState(JsonRecord):
     """A point before or after the effects were added."""
 
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset(
+    OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset(
         {
             "stress_pa",
             "modulus_100kpa_pa",
@@ -173,7 +173,7 @@ class FittedState(JsonRecord):
 class HeldOutPart(JsonRecord):
     """Prediction errors of a held-out drop, sensor or point: rms over its peak."""
 
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"fitted"})
+    OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset({"fitted"})
 
     name: str | None = quantity("Name of the drop, sensor or point")
     fitted: tuple[str, ...] | None = quantity("Every number that was fitted to the held-out data")
@@ -195,7 +195,7 @@ class HeldOutPart(JsonRecord):
 class HeldOut(JsonRecord):
     """Prediction errors of held-out drops, sensors or points: rms over the peak."""
 
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"mode", "fitted", "by"})
+    OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset({"mode", "fitted", "by"})
 
     mode: str | None = quantity("next, drop, sensor or point")
     fitted: tuple[str, ...] | None = quantity(

@@ -41,7 +41,7 @@ _MAX_CACHED = 24
 _SOIL = ("modulus", "viscosity", "density")
 _HOMOGENEOUS = (*_SOIL, "inverse_depth", "inverse_growth_depth", "loss_exponent")
 # 1/s; smaller Laplace variables represent the ground at rest.
-_AT_REST = 0.1
+_STATIC_BELOW_PER_S = 0.1
 _MEDIUM_FIELDS: tuple[Field, ...] = ("modulus", "viscosity", "density", "thickness")
 _Key = tuple[int, complex, Ground]
 _K = TypeVar("_K")
@@ -138,7 +138,7 @@ class GroundResponse:
         slopes = slopes[:, :, -self._sensors :]
         if parameters.loss_exponent is not None:
             slopes *= _stiffness_at_rest(parameters.loss_exponent, s)[:, None, None]
-            slopes[:, names.index("loss_exponent"), :, np.abs(s) < _AT_REST] = 0.0
+            slopes[:, names.index("loss_exponent"), :, np.abs(s) < _STATIC_BELOW_PER_S] = 0.0
         return slopes
 
     def _surrogate(self, ground: Ground) -> PlateResponse:
@@ -286,7 +286,7 @@ def _stiffness_at_rest(loss_exponent: FloatArray, s: ComplexArray) -> FloatArray
 
     The stiffness of constant-Q ground would vanish at rest.
     """
-    still = np.where(np.abs(s) < _AT_REST, np.abs(s) / REFERENCE_RAD_S, 1.0)
+    still = np.where(np.abs(s) < _STATIC_BELOW_PER_S, np.abs(s) / REFERENCE_RAD_S, 1.0)
     result: FloatArray = still ** loss_exponent[:, None]
     return result
 

@@ -112,7 +112,7 @@ def hum_before(quiet: FloatArray, step: float, *, velocity: bool) -> Hum:
         columns = np.column_stack([np.ones_like(turn), np.cos(turn), np.sin(turn)])
         if quiet.size <= columns.shape[1]:
             return Hum()
-        residual, factors = _least_squares(columns, quiet)
+        residual, factors = _fit_columns(columns, quiet)
         variance = float(residual @ residual) / (quiet.size - columns.shape[1])
         deviations = variance * np.diag(np.linalg.inv(columns.T @ columns))[1:]
         (phasor,) = _phasors(factors[1:], frequency, velocity)
@@ -137,13 +137,13 @@ def find_line(quiet: FloatArray, step: float, *, velocity: bool) -> MainsLine | 
     # Time 0 is in the middle, where phases are best determined.
     time = step * (np.arange(quiet.size) - 0.5 * (quiet.size - 1))
     straight = np.stack([np.ones_like(time), time], axis=1)
-    residual, _ = _least_squares(straight, quiet)
+    residual, _ = _fit_columns(straight, quiet)
     min_squares = _MAX_RESIDUAL_RATIO**2 * float(residual @ residual)
     best = None
     for frequency in _FREQUENCIES:
         turns = [2.0 * np.pi * harmonic * frequency * time for harmonic in _HARMONICS]
         waves = [wave(turn) for turn in turns for wave in (np.cos, np.sin)]
-        residual, factors = _least_squares(np.column_stack([straight, *waves]), quiet)
+        residual, factors = _fit_columns(np.column_stack([straight, *waves]), quiet)
         if float(residual @ residual) < min_squares:
             min_squares = float(residual @ residual)
             phasors = _phasors(factors[straight.shape[1] :], frequency, velocity)
@@ -174,7 +174,7 @@ def _harmonics(phasors: NDArray[np.complex128]) -> tuple[tuple[int, float, float
     )[1:]
 
 
-def _least_squares(columns: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _fit_columns(columns: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the residual of values (n,) after a fit of columns (n, k), and their factors (k,)."""
     factors, *_ = np.linalg.lstsq(columns, values, rcond=None)
     return values - columns @ factors, factors

@@ -36,7 +36,7 @@ class Point:
         self.declared_depth = first.bedrock_depth
         surrogate = surrogate_of(first, library)
         largest = max(float(np.max(r.load)) - float(r.load[0]) for r in records.records)
-        layers = _layered_first_look(records)
+        layers = _layered_first_estimate(records)
         longest = max(float(item.drop.with_tail().tail_end) for item in layers.drops)
         response = response_of(first, surrogate, library)
         self.drops = tuple(
@@ -90,7 +90,7 @@ def response_of(record: Record, surrogate: Surrogate, library: SurrogateLibrary)
     return GroundResponse(surrogate, instrument, offsets, library)
 
 
-def _layered_first_look(records: PointRecords) -> FirstLook:
+def _layered_first_estimate(records: PointRecords) -> FirstLook:
     """Return the drops of a point as needed for a first estimate of layers."""
     first = records.records[0]
     drops = []

@@ -61,7 +61,7 @@ _MIN_WEIGHT = 0.02
 # If the best structure is wrong, others count alike up to this multiple of its discrepancy.
 _SIMILAR_DISCREPANCY_RATIO = 1.5
 _SEATING_LOG_ODDS = -3.0
-_ITERATIONS = 12
+_MAX_REFIT_ITERATIONS = 12
 # Base-model residual with a sensor turned or exchanged over that as declared, at most.
 _MAX_CORRECTED_RESIDUAL_RATIO = 0.8
 # Ratio of the ends of the modulus interval above which a notice is given.
@@ -141,7 +141,7 @@ def fit_base(point: Point) -> Posterior:
     model = PointModel(point, (), range(len(point.drops)), is_same_ground=True)
     model.deviation = _NO_PRIORS * model.deviation
     fit = PointFit(model)
-    fit.approach(_ITERATIONS)
+    fit.approach(_MAX_REFIT_ITERATIONS)
     fit.estimate_discrepancy(fit.posterior())
     return fit.posterior()
 
@@ -189,11 +189,11 @@ def fit_drops_of_selection(
             is_same_ground=same_ground,
         )
         model.apply_priors(instrument.priors(model))
-        values = model.start_near(single_drop_fit.by_key)
+        values = model.start_from(single_drop_fit.by_key)
         for place, unknown in enumerate(model.unknowns):
             if unknown.name == STIFFNESS and unknown.drop is not None:
                 values[place] = model.starting_deviation(unknown.drop)
-        fits.append(PointFit(model, values).run_nearby(_ITERATIONS))
+        fits.append(PointFit(model, values).run_nearby(_MAX_REFIT_ITERATIONS))
     if len(fits) == 1:
         return fits[0], 0.0
     evidence = fits[1].log_evidence - fits[0].log_evidence
@@ -269,7 +269,7 @@ def _fitted_state(
     over_noise = [
         r / model_of_drop.noise[:, None] for model_of_drop, r in zip(drops, residuals, strict=True)
     ]
-    whole_record, contact = (
+    full_record, contact = (
         math.hypot(
             *(
                 model_of_drop.residual_over_peak(p, contact_only=contact_only)
@@ -287,7 +287,7 @@ def _fitted_state(
         modulus_interval_pa=(math.nan, math.nan),
         residual_rms_m=_root_mean_square(residuals),
         residual_over_noise=_root_mean_square(over_noise),
-        residual_rms_over_peak=whole_record,
+        residual_rms_over_peak=full_record,
         contact_residual_rms_over_peak=contact,
         stress_pa=stress,
         discrepancy_over_peak=posterior.discrepancy.scale,

@@ -71,8 +71,8 @@ class RecordedDrops:
         drop = np.repeat(np.arange(len(models)), [time.size for time in times])
         self._is_seating = np.array([model.is_seating(drop) for drop in self.drops])[drop]
         # Computed once, as it is independent of the discrepancy, of which a fit tries hundreds.
-        self._apart = np.abs(time[:, None] - time)
-        self._decay: tuple[float, FloatArray] = (math.nan, self._apart)
+        self._time_differences = np.abs(time[:, None] - time)
+        self._decay: tuple[float, FloatArray] = (math.nan, self._time_differences)
         self._same_drop = drop[:, None] == drop
         bases = [np.stack([time / time[-1], (time / time[-1]) ** 2]) for time in times]
         self._drifts: FloatArray = block_diag(*(basis.T @ basis for basis in bases))
@@ -109,7 +109,7 @@ class RecordedDrops:
     def _shared_covariance(self, discrepancy: Discrepancy) -> FloatArray:
         """Return the covariance of discrepancy and drift, the same for every sensor, (n, n)."""
         if self._decay[0] != discrepancy.memory:
-            self._decay = discrepancy.memory, np.exp(-self._apart / discrepancy.memory)
+            self._decay = discrepancy.memory, np.exp(-self._time_differences / discrepancy.memory)
         size = discrepancy.scale * np.where(self._is_seating, discrepancy.first, 1.0)
         result: FloatArray = size[:, None] * size * self._decay[1]
         if len(self.drops) > 1:

@@ -19,7 +19,7 @@ from inversion.records import known
 # A number counts as not determined if its posterior deviation exceeds this fraction of its prior's.
 _MAX_POSTERIOR_OVER_PRIOR = 0.8
 # Step of derivatives, in deviations of the posterior.
-_STEP = 1e-3
+_STEP_OVER_POSTERIOR_SD = 1e-3
 # Largest loss of log evidence with which another effect counts as an alternative, and the largest
 # number of alternatives that are named.
 _MAX_EVIDENCE_LOSS, _MAX_ALTERNATIVES = 5.0, 2
@@ -148,7 +148,7 @@ def _fitted_parameters(
     natural = {p.name for p in effect.parameters_for(context) if p.natural}
     values_at_fit = values_after_step(None, 0.0)
     covariance = posterior.covariance[np.ix_(places, places)]
-    steps = _STEP * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    steps = _STEP_OVER_POSTERIOR_SD * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     moved = [
         values_after_step(place, float(step)) for place, step in zip(places, steps, strict=True)
     ]
@@ -160,7 +160,7 @@ def _fitted_parameters(
                 for stepped, step in zip(moved, steps, strict=True)
             ]
         )
-        own_places = [
+        parameter_places = [
             place
             for place in places
             if model.unknowns[place].coordinate.name == name and model.unknowns[place].drop is None
@@ -168,7 +168,7 @@ def _fitted_parameters(
         is_determined = all(
             math.sqrt(max(float(posterior.covariance[place, place]), 0.0))
             < _MAX_POSTERIOR_OVER_PRIOR * float(model.deviation[place])
-            for place in own_places
+            for place in parameter_places
         )
         deviation = math.sqrt(max(float(slopes @ covariance @ slopes), 0.0))
         parameters.append(
@@ -178,7 +178,7 @@ def _fitted_parameters(
                 value=value,
                 sd=deviation if is_determined else math.nan,
                 drop=number,
-                at_bound=any(_is_on_bound(posterior, place, natural) for place in own_places),
+                at_bound=any(_is_on_bound(posterior, place, natural) for place in parameter_places),
             )
         )
     return parameters

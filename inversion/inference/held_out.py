@@ -31,9 +31,9 @@ from inversion.threads import single_threaded_blas
 
 Allow = Literal["stiffness"]
 # Largest logarithm of the stiffness of a held-out drop over that of the fitted one.
-_LARGEST_CHANGE = math.log(4.0)
+_MAX_LOG_STIFFNESS_CHANGE = math.log(4.0)
 _BASE: Structure = frozenset()
-_ITERATIONS = 12
+_MAX_REFIT_ITERATIONS = 12
 _Errors = tuple[float, float]
 """Residual over the peak: whole record, contact phase."""
 
@@ -142,7 +142,7 @@ def last_drop_error(
         )
         model.apply_priors(knowledge.priors(model))
         of_point = {key: value for key, value in of_all.by_key.items() if key[2] is None}
-        fit = PointFit(model, model.start_near(of_point)).run_nearby(_ITERATIONS)
+        fit = PointFit(model, model.start_from(of_point)).run_nearby(_MAX_REFIT_ITERATIONS)
         points = [*knowledge.peer_points, summarise(fit)]
         laws = [learn_next_drop(points, first=first) for first in (True, False)]
         predictors.append(DropPredictor(fit, *laws))
@@ -236,7 +236,7 @@ def scaled_record(preceding: Record, record: Record) -> FloatArray:
 
 def _best_change(misfit: Callable[[float], float]) -> float:
     """Return the logarithm of the stiffness ratio with the least misfit."""
-    grid = np.linspace(-_LARGEST_CHANGE, _LARGEST_CHANGE, 9)
+    grid = np.linspace(-_MAX_LOG_STIFFNESS_CHANGE, _MAX_LOG_STIFFNESS_CHANGE, 9)
     nearest = int(np.argmin([misfit(float(change)) for change in grid]))
     ends = grid[max(nearest - 1, 0)], grid[min(nearest + 1, grid.size - 1)]
     optimum = minimize_scalar(misfit, bounds=ends, method="bounded", options={"xatol": 1e-4})
@@ -260,8 +260,8 @@ def _errors(
     ends = drop.tail_end, drop.contact_end
     since_trigger = drop.time >= drop.trigger * (1 - 1e-9)
     parts = [since_trigger & (drop.time <= end * (1 + 1e-9)) for end in ends]
-    whole_record, contact = (float(np.sqrt(np.mean(chosen[:, part] ** 2))) for part in parts)
-    return whole_record, contact
+    full_record, contact = (float(np.sqrt(np.mean(chosen[:, part] ** 2))) for part in parts)
+    return full_record, contact
 
 
 def _held_out_drop(records: PointRecords, mode: LeaveOut, place: int) -> int:

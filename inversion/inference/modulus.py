@@ -17,7 +17,7 @@ from inversion.inference.point_model import ActiveEffects, PointModel
 from inversion.inference.posterior import Posterior
 
 # Step of derivatives, in deviations of the posterior.
-_STEP = 0.05
+_MODULUS_STEP_OVER_POSTERIOR_SD = 0.05
 # Tolerance of the ends of an interval and smallest deviation, both of ln of the modulus; and the
 # range that is searched about the moduli, in deviations.
 _LOG_TOLERANCE, _MIN_DEVIATION, _SEARCH_DEVIATIONS = 1e-9, 1e-9, 9.0
@@ -48,7 +48,7 @@ def log_deviation(posterior: Posterior, stress: float) -> float:
     """
     gradient = np.zeros(posterior.values.size)
     for place, variance in enumerate(np.diag(posterior.covariance)):
-        step = _STEP * math.sqrt(max(float(variance), 0.0))
+        step = _MODULUS_STEP_OVER_POSTERIOR_SD * math.sqrt(max(float(variance), 0.0))
         ends = []
         for sign in (-1.0, 1.0):
             values = posterior.values.copy()

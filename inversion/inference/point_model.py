@@ -24,8 +24,8 @@ Prior = tuple[float, float]
 """Mean and standard deviation."""
 ActiveEffects = list[tuple[Effect, dict[str, float]]]
 
-GROUND = ""
-STIFFNESS: Name = (GROUND, "modulus")
+GROUND_EFFECT = ""
+STIFFNESS: Name = (GROUND_EFFECT, "modulus")
 
 # Prior deviations of ln of the modulus about the peak method's, and of ln of the relaxation time.
 _MODULUS_DEVIATION, _RELAXATION_DEVIATION = 0.8, 1.0
@@ -37,7 +37,7 @@ _DENSITY_DEVIATIONS = 4.0
 # peaks at which later drops start.
 _STARTING_RATIOS, _LATER_SHARE = (-1.5, 0.5), 0.7
 # Step of the derivatives, in prior deviations of the coordinate.
-_STEP = 3e-4
+_STEP_OVER_PRIOR_SD = 3e-4
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class PointModel:
         self.mean = np.array([c.mean for c in coordinates])
         self.deviation = np.array([c.deviation for c in coordinates])
         self.start = np.array([c.start(variant) for c in coordinates])
-        self._step = _STEP * self.deviation
+        self._step = _STEP_OVER_PRIOR_SD * self.deviation
 
     @property
     def last(self) -> int:
@@ -120,7 +120,7 @@ class PointModel:
                 self.mean[place], self.deviation[place] = priors[key]
                 self.start[place] = np.clip(self.mean[place], self.lower[place], self.upper[place])
 
-    def start_near(self, by_key: Mapping[Key, float]) -> FloatArray:
+    def start_from(self, by_key: Mapping[Key, float]) -> FloatArray:
         """Return the start, with the values of another fit for the unknowns that both have."""
         values = [by_key.get(key, start) for key, start in zip(self.keys, self.start, strict=True)]
         result: FloatArray = np.clip(values, self.lower, self.upper)
@@ -143,7 +143,7 @@ class PointModel:
         """Return the unknowns that all drops of the point share."""
         shared: list[tuple[str, Coordinate]] = []
         if self._has_ground:
-            shared += [(GROUND, coordinate) for coordinate in self._soil()]
+            shared += [(GROUND_EFFECT, coordinate) for coordinate in self._soil()]
         for effect in self.effects:
             if effect.name not in self._declared_effects:
                 shared += [(effect.name, c) for c in effect.coordinates(self._context(effect))]
@@ -227,7 +227,7 @@ class PointModel:
             if effect.replaces_ground:
                 parameters["stiffness"] *= math.exp(change)
             active.append((effect, parameters))
-        return self._ground(by_effect.get(GROUND, {}), change), active
+        return self._ground(by_effect.get(GROUND_EFFECT, {}), change), active
 
     def _ground(self, soil: Mapping[str, float], change: float) -> Ground:
         record = self.point.records.records[0]

@@ -21,7 +21,7 @@ import numpy as np
 from inversion.arrays import FloatArray
 from inversion.diagnosis.findings import DeviceValues, PointSummary
 from inversion.effects.catalogue import BY_NAME
-from inversion.inference.point_model import GROUND, STIFFNESS, Key, Name, PointModel, Prior
+from inversion.inference.point_model import GROUND_EFFECT, STIFFNESS, Key, Name, PointModel, Prior
 from inversion.inference.posterior import Posterior
 from inversion.inference.structures import Structure
 
@@ -37,7 +37,7 @@ _SCATTER, _SCATTER_WEIGHT = 0.05, 1.0
 # Effects of the ground, which differ from point to point.
 _SITE_EFFECTS = frozenset(
     {
-        GROUND,
+        GROUND_EFFECT,
         "bedrock",
         "layer",
         "modulus_gradient_root",
@@ -116,7 +116,7 @@ class InstrumentKnowledge:
     effects: Structure = frozenset()
     absent: Structure = frozenset()
     peer_points: tuple[PointSummary, ...] = ()
-    given_priors: dict[Name, Prior] = field(default_factory=dict)
+    effect_priors: dict[Name, Prior] = field(default_factory=dict)
     starting_structures: tuple[Structure, ...] = ()
 
     @classmethod
@@ -124,22 +124,22 @@ class InstrumentKnowledge:
         """Return the knowledge from declared values; values with deviations become priors."""
         spread = spread or {}
         movable = frozenset(name for name in values if spread.get(name))
-        given_priors = {}
+        effect_priors = {}
         for name in movable:
             effect = BY_NAME[name]
             for key, value in values[name].items():
                 place = effect.coordinate_at(key, value)
                 deviation = spread[name].get(key, 0.0)
                 reach = abs(effect.coordinate_at(key, value + deviation) - place)
-                given_priors[name, key] = place, max(reach, _MIN_DEVIATION)
+                effect_priors[name, key] = place, max(reach, _MIN_DEVIATION)
         held = {name: numbers for name, numbers in values.items() if name not in movable}
-        return cls(declared_effects=held, effects=movable, given_priors=given_priors)
+        return cls(declared_effects=held, effects=movable, effect_priors=effect_priors)
 
     def priors(self, model: PointModel) -> dict[Key, Prior]:
         """Return the priors from the other points for all unknowns except those of the ground."""
         priors = population_priors(self.peer_points, model) if self.peer_points else {}
         shared = {key: prior for key, prior in priors.items() if key[0] not in _SITE_EFFECTS}
-        return shared | {(*name, None): prior for name, prior in self.given_priors.items()}
+        return shared | {(*name, None): prior for name, prior in self.effect_priors.items()}
 
 
 def _deviations(summary: PointSummary, name: Name, *, seating: bool) -> list[float]:

@@ -52,7 +52,7 @@ _DRIFTS = (0.001, 0.003, 0.01, 0.02)
 _DRIFTS_OF_SEVERAL = (*_DRIFTS, 0.05, 0.1)
 _MIN_SCALE = MODEL_FLOOR_FRACTION
 _MAX_ROUNDS = 6
-_ON_BOUND = 1e-9
+_BOUND_TOLERANCE = 1e-9
 # Half of the 95 % quantile of chi-square with one degree of freedom: the fall of the log likelihood
 # at the ends of an interval. Factor and number of the steps towards them.
 _HALF_CHI_SQUARE_95 = 1.92
@@ -62,7 +62,7 @@ _TYPICAL_MEMORY_S, _MEMORY_DEVIATION = 4e-3, 0.5
 _TYPICAL_FIRST, _FIRST_DEVIATION = 2.0, 0.7
 # Levenberg-Marquardt: damping at the start, its change, and the longest step in deviations.
 _DAMPING, _DAMPING_FACTOR, _MAX_TRIALS = 1e-2, 6.0, 7
-_LONGEST_STEP = 2.5
+_MAX_STEP_DEVIATIONS = 2.5
 _TOLERANCE, _FINE_TOLERANCE = 1e-3, 1e-5
 
 _Linearised = tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]
@@ -233,15 +233,15 @@ class PointFit:
     ) -> FloatArray:
         """Return a step that keeps unknowns on their bounds where the gradient points outward."""
         model, values = self.model, self.values
-        on_lower = (values <= model.lower + _ON_BOUND) & (gradient < 0.0)
-        on_upper = (values >= model.upper - _ON_BOUND) & (gradient > 0.0)
+        on_lower = (values <= model.lower + _BOUND_TOLERANCE) & (gradient < 0.0)
+        on_upper = (values >= model.upper - _BOUND_TOLERANCE) & (gradient > 0.0)
         free = np.flatnonzero(movable & ~on_lower & ~on_upper)
         step = np.zeros_like(values)
         part = normal[np.ix_(free, free)]
         damped = part + damping * np.diag(np.diag(part))
         step[free] = np.linalg.solve(damped, gradient[free])
         longest = float(np.max(np.abs(step) / model.deviation, initial=0.0))
-        return step * min(1.0, _LONGEST_STEP / max(longest, 1e-9))
+        return step * min(1.0, _MAX_STEP_DEVIATIONS / max(longest, 1e-9))
 
     def _cost(
         self, values: FloatArray, whiteners: list[FloatArray], predictions: Sequence[FloatArray]
@@ -391,8 +391,8 @@ def _curvature(
     """
     precision = 1.0 / model.deviation**2
     slope = gradient - precision * (values - model.mean)
-    on_lower = (values <= model.lower + _ON_BOUND) & (slope < 0.0)
-    on_upper = (values >= model.upper - _ON_BOUND) & (slope > 0.0)
+    on_lower = (values <= model.lower + _BOUND_TOLERANCE) & (slope < 0.0)
+    on_upper = (values >= model.upper - _BOUND_TOLERANCE) & (slope > 0.0)
     held = np.where(on_lower | on_upper, slope**2, 0.0)
     return normal + np.diag(precision + held), slope
 

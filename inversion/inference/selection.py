@@ -18,7 +18,7 @@ from inversion.effects.base import Effect
 from inversion.effects.catalogue import BY_NAME, CATALOGUE
 from inversion.fitting.misfit import MODEL_FLOOR_FRACTION
 from inversion.inference.modulus import ground_of
-from inversion.inference.point_model import GROUND, PointModel
+from inversion.inference.point_model import GROUND_EFFECT, PointModel
 from inversion.inference.population import InstrumentKnowledge
 from inversion.inference.posterior import PointFit, Posterior
 from inversion.inference.structures import (
@@ -36,7 +36,7 @@ _LOG_ODDS = -3.0
 _MIN_CHANGE = MODEL_FLOOR_FRACTION
 # Discrepancy over the peak up to which the candidate structures of many effects are not fitted.
 _NEGLIGIBLE_DISCREPANCY = 1.3 * MODEL_FLOOR_FRACTION
-_ITERATIONS = 8
+_MAX_SELECTION_ITERATIONS = 8
 # An added effect is first fitted with the others fixed, to this relative change of the cost. It is
 # fitted fully only if a linearised fit predicts this gain in log evidence, which is below its odds.
 _ROUGH_TOLERANCE, _MIN_EXPECTED_GAIN = 1e-2, 2.0
@@ -281,11 +281,11 @@ class Selection:
         if neighbour is not None:
             fit = self._start_from_neighbour(models, neighbour, inherited)
             if fit is not None:
-                fits.append(fit.run_nearby(_ITERATIONS, neighbour.discrepancy))
+                fits.append(fit.run_nearby(_MAX_SELECTION_ITERATIONS, neighbour.discrepancy))
         else:
             for fit_of_start in _select_promising(list(map(PointFit, models))):
                 with suppress(np.linalg.LinAlgError):
-                    fits.append(fit_of_start.run_briefly(_ITERATIONS))
+                    fits.append(fit_of_start.run_briefly(_MAX_SELECTION_ITERATIONS))
         fits = [fit for fit in fits if _is_sound(fit)]
         if not fits:
             return None
@@ -305,15 +305,15 @@ class Selection:
         """
         fits = []
         for model in models:
-            fit = PointFit(model, model.start_near(neighbour.by_key))
+            fit = PointFit(model, model.start_from(neighbour.by_key))
             fit.discrepancy = neighbour.discrepancy
             fits.append(fit)
-        held = inherited | {GROUND}
+        held = inherited | {GROUND_EFFECT}
         candidates: list[tuple[float, int, PointFit]] = []
         for fit in _select_promising(fits, held):
             with suppress(np.linalg.LinAlgError):
                 if {effect.name for effect in fit.model.effects} - inherited:
-                    fit.maximise(_ITERATIONS, _ROUGH_TOLERANCE, held)
+                    fit.maximise(_MAX_SELECTION_ITERATIONS, _ROUGH_TOLERANCE, held)
                 candidates.append((fit.expected_cost(), len(candidates), fit))
         if not candidates:
             return None

@@ -66,7 +66,7 @@ def _percent(share: float) -> str:
 class DiagnosisResult(StoredRecord):
     """Diagnosis of a point: the keys of ``pfwd diagnose --json``, in their order."""
 
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset(
+    OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset(
         {
             "point",
             "plate",
@@ -281,7 +281,7 @@ class DropAnalysis:
 class MeasuredFacts(StoredRecord):
     """Facts of a drop that its procedure judges, computed from its traces."""
 
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset({"rejected"})
+    OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset({"rejected"})
 
     version: int | None = None
     """Version of the computation, see `pfwd.analysis.drop_facts.FACTS_VERSION`."""
@@ -308,7 +308,7 @@ class MeasuredFacts(StoredRecord):
 class DropResult(InversionResult, StoredRecord):
     """Result of one drop of a survey: the keys of ``pfwd invert --json``."""
 
-    LEFT_OUT: ClassVar[frozenset[str]] = frozenset(
+    OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset(
         {
             "point",
             "reason",

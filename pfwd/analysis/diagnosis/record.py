@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from inversion import InversionError
-from inversion.calibration import Rig, RigDrop, describe
+from inversion.calibration import Rig, RigDrop, estimate_rig
 from inversion.diagnosis import PointDiagnosis
 from inversion.effects import BY_NAME
 from inversion.notices import Notice, Value, text_notice
@@ -95,7 +95,7 @@ def rig_result(entry: DiagnosisPoint, point: TracePoint) -> DiagnosisResult:
     if not drops:
         return _rig_result(entry, (), rejected, None, "no trace of a sensor in the centre")
     try:
-        rig = describe(drops)
+        rig = estimate_rig(drops)
     except InversionError as err:
         return _rig_result(entry, (), rejected, None, str(err))
     numbers = tuple(

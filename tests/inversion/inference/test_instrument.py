@@ -44,7 +44,7 @@ def test_values_without_a_spread_are_held() -> None:
     values = {"geophone_response": {"natural_frequency": 4.5, "damping": 0.6}}
     known = InstrumentKnowledge.from_values(values, None)
     assert known.declared_effects == values
-    assert (known.effects, known.given_priors) == (NONE, {})
+    assert (known.effects, known.effect_priors) == (NONE, {})
 
 
 def test_values_with_a_spread_move_by_it_on_the_scale_of_their_coordinate() -> None:
@@ -60,12 +60,12 @@ def test_values_with_a_spread_move_by_it_on_the_scale_of_their_coordinate() -> N
     known = InstrumentKnowledge.from_values(values, spread)
     assert known.declared_effects == {"sensor_gain": {"factor": 1.02}}
     assert known.effects == {"geophone_response", "sensor_lag"}
-    mean, deviation = known.given_priors["geophone_response", "natural_frequency"]
+    mean, deviation = known.effect_priors["geophone_response", "natural_frequency"]
     assert (mean, deviation) == pytest.approx((4.5, 0.2))
     # The logarithm of the damping.
-    mean, deviation = known.given_priors["geophone_response", "damping"]
+    mean, deviation = known.effect_priors["geophone_response", "damping"]
     assert (mean, deviation) == pytest.approx((math.log(0.6), math.log(1.1)))
     # What has no spread of its own beside others hardly moves, and keeps a prior.
-    mean, deviation = known.given_priors["sensor_lag", "delay"]
+    mean, deviation = known.effect_priors["sensor_lag", "delay"]
     assert mean == pytest.approx(4e-4)
     assert 0.0 < deviation < 1e-5

@@ -14,7 +14,7 @@ from pfwd.errors import OptionError, SurveyError
 from pfwd.files.header import PointSetup
 from pfwd.files.traces import TracePoint, write_traces
 from pfwd_device import Channel, Drop
-from tests.inversion.calibration.test_rig import simulated
+from tests.inversion.test_calibration import simulated
 from tui.cli import main
 
 STIFFNESS = 20e6

@@ -186,7 +186,7 @@ def test_nothing_that_a_stranger_wrote_is_lost_or_ends_the_program(said: dict[st
             # A record has all of its keys when it is written again.
             for written, layer in zip(again[key], value, strict=True):
                 assert (written | layer if isinstance(layer, dict) else layer) == written
-        elif value is not None or key not in DropResult.LEFT_OUT:
+        elif value is not None or key not in DropResult.OPTIONAL_KEYS:
             assert again[key] == value
     for name, value in dataclasses.asdict(found).items():
         if name.endswith(("_pa", "_m", "_s")) and not name.startswith(("modulus_interval", "bed")):

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from inversion.calibration import CalibrationError, RigDrop, calibrate
-from inversion.calibration.rig import predict
+from inversion.calibration import CalibrationError, RigDrop, calibrate, predict
 
 RATE = 15_000.0
 

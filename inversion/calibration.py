@@ -1,24 +1,24 @@
-r"""Load cell and geophone from drops on a rig of springs, as makers calibrate them.
+r"""Constants of load cell and geophone from drops on a rig of springs, as makers calibrate them.
 
-What moves on a rig is a mass on a spring with a dashpot, and a geophone shows its velocity through
-its own second-order response, late by some delay:
+On a rig a mass moves on a spring with a dashpot. The geophone measures its velocity, filtered by
+the second-order response of the geophone and delayed:
 
 .. math::
 
     V(s) = g \, e^{-s \tau} \frac{s^2}{s^2 + 2 h \omega s + \omega^2}
            \cdot \frac{s}{m s^2 + c s + k} \, F(s)
 
-The stiffness k is declared; the gain g, the response (natural frequency and damping), the delay,
-and of each rig the mass and the dashpot are fitted to all drops together. Both channels may have a
-gain of their own; a spring tells their ratio alone, which is what g is: that of the geophone where
-the load cell is taken for right, and one over that of the load cell where the geophone is.
+The stiffness k is declared. The gain g, the response (natural frequency and damping), the delay,
+and the mass and dashpot of each rig are fitted to all drops together. Both channels may have a
+gain, but a spring determines only their ratio g: the gain of the geophone if the load cell is
+right, or one over the gain of the load cell if the geophone is right.
 
-The load is held by straight lines between its samples and the differential equations are solved
-exactly for that (scipy.signal, first-order hold).
+The load is linear between its samples, and the differential equations are solved exactly for such a
+load (first-order hold).
 
-How well the constants repeat is told by leaving out one drop after the other (the jackknife: B.
-Efron and C. Stein, *The jackknife estimate of variance*, Annals of Statistics 9, 1981, 586-596);
-the noise within a drop is never taken for less than the fit leaves of it.
+The repeatability of the constants is estimated by leaving out one drop after the other (the
+jackknife: B. Efron and C. Stein, *The jackknife estimate of variance*, Annals of Statistics 9,
+1981, 586-596). The deviation is never smaller than the residual of the fit implies.
 """
 
 from __future__ import annotations
@@ -30,29 +30,29 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 from scipy.optimize import least_squares
-from scipy.special import stdtrit  # scipy.stats has the same, and takes 0.3 s to import
+from scipy.special import stdtrit  # the same function in scipy.stats takes 0.3 s to import
 
 from inversion.arrays import FloatArray
 from inversion.errors import InversionError
 
-FEWEST_DROPS = 3
-"""Two tell that they differ, three by how much."""
+MIN_DROPS = 3
+"""Two drops show that they differ, three show by how much."""
 
 MAX_JACKKNIFE_GROUPS = 12
-"""Drops that are left out one by one; of more, groups of them."""
+"""Number of drops up to which single drops are left out; above it groups of drops are."""
 
-LARGEST_MISFIT = 0.05
-"""Residual over the peak of the velocity above which a rig is not what was fitted: friction, a
-second contact, another spring."""
+MAX_MISFIT = 0.05
+"""Largest residual rms over the peak velocity. Above it the rig does not follow the model: it has
+friction, a second contact or another spring."""
 
-WIDEST_GAIN = 0.02
-"""Half width of the interval of the gain above which drops do not repeat."""
+MAX_GAIN_HALF_WIDTH = 0.02
+"""Largest relative half width of the interval of the gain of drops that repeat."""
 
 STARTS = ((4.5, 0.6), (10.0, 0.4), (2.0, 0.7))
-"""Natural frequency (Hz) and damping of geophones that are built into deflectometers."""
+"""Starting points of the fit: natural frequency (Hz) and damping of the geophones in use."""
 
-DELAY_UNIT = 1e-3
-"""s; the delay is fitted in ms, so that all unknowns are of one size."""
+DELAY_UNIT_S = 1e-3
+"""Unit of the delay in the fit, s. In milliseconds all unknowns have a similar size."""
 
 _NAMES = ("gain", "natural_frequency", "damping", "delay")
 _LOWER = np.array([np.log(0.1), np.log(0.5), np.log(0.02), -3.0])
@@ -65,7 +65,7 @@ _RIG_START = np.array([np.log(15.0), np.log(0.1)])
 
 
 class CalibrationError(InversionError):
-    """Drops that cannot calibrate anything."""
+    """Drops that do not determine the constants."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +75,10 @@ class RigDrop:
     Parameters
     ----------
     time : (n,) ndarray of float, s, uniform; 0 is the trigger
-    load : (n,) ndarray of float, N, less its offset
-    velocity : (n,) ndarray of float, m/s, less its offset
+    load : (n,) ndarray of float, N, without its offset
+    velocity : (n,) ndarray of float, m/s, without its offset
     stiffness : float, N/m, of the rig
-    rig : int, which rig it was; those of one share mass and dashpot
+    rig : int, index of the rig; drops of one rig share mass and dashpot
     name : str, for messages
     """
 
@@ -112,17 +112,17 @@ class Constant:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What the drops on rigs say of the instrument.
+    """Constants of the instrument, fitted to all drops on rigs.
 
     Parameters
     ----------
     constants : tuple of Constant: gain, natural_frequency, damping, delay
-    masses : tuple of float, kg, one a rig
+    masses : tuple of float, kg, of the rigs
     damping_ratios : tuple of float, of the rigs
     drops : int
     misfit : float, root mean square of the residual over the peak velocity
-    per_drop : (drops,) ndarray of float, the same of each
-    reasons : tuple of str, why it does not repeat; empty: it does
+    per_drop : (drops,) ndarray of float, misfit of each drop
+    reasons : tuple of str, why the drops do not repeat; empty if they do
     """
 
     constants: tuple[Constant, ...]
@@ -135,16 +135,16 @@ class Calibration:
 
     @property
     def repeats(self) -> bool:
-        """Whether the constants may be used."""
+        """True if the drops repeat, so that the constants may be used."""
         return not self.reasons
 
     def of(self, name: str) -> Constant:
-        """A constant by its name."""
+        """Return the constant of a name."""
         return next(constant for constant in self.constants if constant.name == name)
 
 
 def calibrate(drops: Sequence[RigDrop]) -> Calibration:
-    """The constants that explain all drops together.
+    """Return the constants that fit all drops together.
 
     Parameters
     ----------
@@ -159,18 +159,18 @@ def calibrate(drops: Sequence[RigDrop]) -> Calibration:
     CalibrationError
         If there are too few drops, or one has no pulse.
     """
-    if len(drops) < FEWEST_DROPS:
+    if len(drops) < MIN_DROPS:
         raise CalibrationError(
-            f"expected at least {FEWEST_DROPS} drops on rigs of known stiffness, got {len(drops)}"
+            f"expected at least {MIN_DROPS} drops on rigs of known stiffness, got {len(drops)}"
         )
-    _refuse_no_pulse(drops)
+    _require_pulses(drops)
     fits = [_fit(drops, _start(drops, frequency, damping)) for frequency, damping in STARTS]
     best, jacobian = min(fits, key=lambda fit: float(np.sum(_residual(fit[0], drops) ** 2)))
     per_drop = np.array([_misfit(_residual_of(best, drop)) for drop in drops])
     covariance = _covariance(_residual(best, drops), jacobian, drops)
-    spread, freedom = _jackknife(best, drops)
+    deviations, freedom = _jackknife(best, drops)
     within = np.sqrt(np.maximum(np.diag(covariance)[:4], 0.0))
-    deviation = np.maximum(spread, within)
+    deviation = np.maximum(deviations, within)
     factor = float(stdtrit(freedom, 0.975))
     constants = tuple(
         _constant(name, unit, logarithmic, float(best[index]), float(deviation[index]), factor)
@@ -193,13 +193,13 @@ def calibrate(drops: Sequence[RigDrop]) -> Calibration:
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """A rig as drops show it, the gains of the channels taken for right.
+    """Constants of a rig, estimated from drops with exact channel gains.
 
     Parameters
     ----------
     stiffness, mass, damping_ratio : float, N/m, kg, -
     deviation : float, standard deviation of the stiffness within the drops, N/m
-    residuals : tuple of ndarray of float, m/s, of each drop: fitted less measured
+    residuals : tuple of ndarray of float, m/s, fitted minus measured velocity of each drop
     """
 
     stiffness: float
@@ -209,17 +209,17 @@ class Rig:
     residuals: tuple[FloatArray, ...]
 
 
-def describe(drops: Sequence[RigDrop]) -> Rig:
-    """The rig behind drops; their stiffness is where the search begins.
+def estimate_rig(drops: Sequence[RigDrop]) -> Rig:
+    """Estimate the rig from drops, whose stiffness is the starting point.
 
     Raises
     ------
     CalibrationError
         If a drop has no pulse.
     """
-    _refuse_no_pulse(drops)
+    _require_pulses(drops)
     solution, jacobian = _fit(drops, _start(drops, *STARTS[0]))
-    # A gain with a stiffness that is given is a stiffness with a gain of 1, and so is the mass.
+    # The fitted gain for a fixed stiffness is equivalent to another stiffness and mass with gain 1.
     gain, mass, ratio = np.exp([solution[0], solution[4], solution[5]])
     covariance = _covariance(_residual(solution, drops), jacobian, drops)
     stiffness = drops[0].stiffness / gain
@@ -228,7 +228,7 @@ def describe(drops: Sequence[RigDrop]) -> Rig:
     return Rig(float(stiffness), float(mass / gain), float(ratio), deviation, residuals)
 
 
-def _refuse_no_pulse(drops: Sequence[RigDrop]) -> None:
+def _require_pulses(drops: Sequence[RigDrop]) -> None:
     for drop in drops:
         if not (drop.load.max() > 0 and np.abs(drop.velocity).max() > 0 and drop.stiffness > 0):
             raise CalibrationError(f"{drop.name}: expected a pulse of load and velocity, got none")
@@ -236,7 +236,7 @@ def _refuse_no_pulse(drops: Sequence[RigDrop]) -> None:
 
 def _start(drops: Sequence[RigDrop], frequency: float, damping: float) -> FloatArray:
     rigs = len({drop.rig for drop in drops})
-    # A spring alone: the largest velocity over that of the load, by the stiffness.
+    # Without mass and dashpot the velocity is the rate of the load over the stiffness.
     ratios = [
         float(drop.stiffness * np.ptp(drop.velocity) / np.ptp(np.gradient(drop.load, drop.time)))
         for drop in drops
@@ -274,7 +274,7 @@ def _residual(unknowns: FloatArray, drops: Sequence[RigDrop]) -> FloatArray:
 
 
 def _residual_of(unknowns: FloatArray, drop: RigDrop) -> FloatArray:
-    """Of one drop, over the peak of its velocity."""
+    """Return the residual of one drop over the peak of its velocity."""
     model = predict(drop, *_values(unknowns, drop))
     result: FloatArray = (model - drop.velocity) / np.abs(drop.velocity).max()
     return result
@@ -283,7 +283,7 @@ def _residual_of(unknowns: FloatArray, drop: RigDrop) -> FloatArray:
 def _values(unknowns: FloatArray, drop: RigDrop) -> tuple[float, float, float, float, float, float]:
     gain, frequency, damping = np.exp(unknowns[:3])
     mass, ratio = np.exp(unknowns[4 + 2 * drop.rig : 6 + 2 * drop.rig])
-    return gain, frequency, damping, DELAY_UNIT * float(unknowns[3]), mass, ratio
+    return gain, frequency, damping, DELAY_UNIT_S * float(unknowns[3]), mass, ratio
 
 
 def predict(
@@ -295,7 +295,7 @@ def predict(
     mass: float,
     damping_ratio: float,
 ) -> FloatArray:
-    """What the geophone shows of a drop, (n,), m/s."""
+    """Return the velocity that the geophone measures in a drop, (n,), m/s."""
     step = float(drop.time[-1] - drop.time[0]) / (drop.time.size - 1)
     omega, stiffness = 2 * np.pi * natural_frequency, drop.stiffness
     viscous = 2 * damping_ratio * np.sqrt(stiffness * mass)
@@ -311,29 +311,29 @@ def predict(
     force = np.array([[0.0], [1 / mass], [0.0], [1 / mass]])
     system = _first_order_hold(matrix, force, step)
     output_row = np.array([[0.0, 0.0, 0.0, gain]])
-    output = _answer(*system[:2], output_row @ system[2], output_row @ system[3], drop.load)
+    output = _mode_sum(*system[:2], output_row @ system[2], output_row @ system[3], drop.load)
     times = drop.time - drop.time[0]
-    later = np.clip(times - delay, times[0], times[-1])
-    result: FloatArray = CubicSpline(times, output)(later)
+    delayed = np.clip(times - delay, times[0], times[-1])
+    result: FloatArray = CubicSpline(times, output)(delayed)
     return result
 
 
-def _answer(
+def _mode_sum(
     phi: FloatArray,
-    enters: FloatArray,
+    input_weights: FloatArray,
     output_row: FloatArray,
     direct: FloatArray,
     load: FloatArray,
 ) -> FloatArray:
-    """Output of a system from rest, mode by mode.
+    """Return the output (n,) of a system that starts at rest, computed mode by mode.
 
-    As one filter of the fourth order its coefficients lose ten digits: a geophone's poles lie close
-    to 1. Sample by sample takes a hundred times as long.
+    A single filter of fourth order would lose ten digits, because the poles of a geophone lie close
+    to 1. A recursion over the samples takes a hundred times as long.
     """
-    from scipy.signal import lfilter  # takes 0.3 s to import, and nothing else needs it
+    from scipy.signal import lfilter  # the import takes 0.3 s
 
     poles, modes = np.linalg.eig(phi)
-    weights = (output_row @ modes)[0] * np.linalg.solve(modes, enters.astype(complex))[:, 0]
+    weights = (output_row @ modes)[0] * np.linalg.solve(modes, input_weights.astype(complex))[:, 0]
     before = np.concatenate([[0.0], load[:-1]])
     result = direct[0, 0] * load
     for pole, weight in zip(poles, weights, strict=True):
@@ -344,7 +344,7 @@ def _answer(
 def _first_order_hold(
     matrix: FloatArray, force: FloatArray, step: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Matrices of the state at samples, the input a straight line between them.
+    """Return the state-space matrices at the samples for an input that is linear between them.
 
     G. F. Franklin, J. D. Powell and M. L. Workman, *Digital control of dynamic systems*, 3rd ed.,
     1998, section 6.3.
@@ -363,10 +363,10 @@ def _first_order_hold(
 
 
 def _covariance(residual: FloatArray, jacobian: FloatArray, drops: Sequence[RigDrop]) -> FloatArray:
-    """Of the unknowns, from what the fit leaves; its samples are not independent of each other."""
+    """Return the covariance of the unknowns from the residual, whose samples are correlated."""
     normal = jacobian.T @ jacobian
     freedom = max(1, residual.size - jacobian.shape[1])
-    inflation = float(np.mean([_correlation_length(_part) for _part in _parts(residual, drops)]))
+    inflation = float(np.mean([_correlation_length(part) for part in _parts(residual, drops)]))
     variance = float(np.sum(residual**2)) / freedom * inflation
     return np.asarray(np.linalg.pinv(normal) * variance, np.float64)
 
@@ -377,43 +377,46 @@ def _parts(residual: FloatArray, drops: Sequence[RigDrop]) -> list[FloatArray]:
 
 
 def _correlation_length(values: FloatArray) -> float:
-    """Samples that count as one: 1 + 2 times the sum of correlations until they vanish."""
-    rested = values - values.mean()
-    power = float(rested @ rested)
+    """Return the number of correlated samples equivalent to one independent sample.
+
+    This is 1 plus twice the sum of the correlations up to the first that is not positive.
+    """
+    centred = values - values.mean()
+    power = float(centred @ centred)
     if power == 0:
         return 1.0
-    correlations = np.correlate(rested, rested, "full")[values.size :] / power
+    correlations = np.correlate(centred, centred, "full")[values.size :] / power
     negative = np.flatnonzero(correlations <= 0)
     end = int(negative[0]) if negative.size else correlations.size
     return float(1 + 2 * correlations[:end].sum())
 
 
 def _jackknife(best: FloatArray, drops: Sequence[RigDrop]) -> tuple[FloatArray, int]:
-    """Standard deviations of the four constants, and their degrees of freedom."""
+    """Return the standard deviations of the four constants and their degrees of freedom."""
     groups = min(len(drops), MAX_JACKKNIFE_GROUPS)
-    belongs = np.arange(len(drops)) % groups
-    without = []
+    group_of_drops = np.arange(len(drops)) % groups
+    estimates = []
     for group in range(groups):
         remaining = [
             drop
-            for drop, group_of_drop in zip(drops, belongs, strict=True)
+            for drop, group_of_drop in zip(drops, group_of_drops, strict=True)
             if group_of_drop != group
         ]
         if {drop.rig for drop in remaining} != {drop.rig for drop in drops}:
-            continue  # nothing would tell the mass of that rig
-        without.append(_fit(remaining, best, 60)[0][:4])
-    if len(without) < 2:
+            continue  # no drop is left that determines the mass of the rig
+        estimates.append(_fit(remaining, best, 60)[0][:4])
+    if len(estimates) < 2:
         return np.zeros(4), 1
-    spread = np.array(without) - np.mean(without, axis=0)
-    count = len(without)
-    return np.sqrt((count - 1) / count * np.sum(spread**2, axis=0)), count - 1
+    deviations = np.array(estimates) - np.mean(estimates, axis=0)
+    count = len(estimates)
+    return np.sqrt((count - 1) / count * np.sum(deviations**2, axis=0)), count - 1
 
 
 def _constant(
     name: str, unit: str, logarithmic: bool, value: float, deviation: float, factor: float
 ) -> Constant:
     if not logarithmic:
-        value, deviation = DELAY_UNIT * value, DELAY_UNIT * deviation
+        value, deviation = DELAY_UNIT_S * value, DELAY_UNIT_S * deviation
     ends = (value - factor * deviation, value + factor * deviation)
     if not logarithmic:
         return Constant(name, value, deviation, ends, unit)
@@ -433,21 +436,21 @@ def _reasons(
     misfit: float,
     per_drop: FloatArray,
 ) -> tuple[str, ...]:
-    """Why the constants are not to be used."""
+    """Return the reasons against using the constants."""
     reasons = []
     gain = constants[0]
     half = (gain.interval[1] - gain.interval[0]) / (2 * gain.value)
-    if half > WIDEST_GAIN:
+    if half > MAX_GAIN_HALF_WIDTH:
         reasons.append(
             f"the gain is known within {100 * half:.1f} % only, drops that repeat give "
-            f"{100 * WIDEST_GAIN:g} % or less"
+            f"{100 * MAX_GAIN_HALF_WIDTH:g} % or less"
         )
-    if misfit > LARGEST_MISFIT:
+    if misfit > MAX_MISFIT:
         worst = int(np.argmax(per_drop))
         reasons.append(
             f"a mass on a spring leaves {100 * misfit:.1f} % of the peak velocity, at most "
             f"{100 * per_drop[worst]:.1f} % ({drops[worst].name}), in place of at most "
-            f"{100 * LARGEST_MISFIT:g} %: friction, a second contact, or another stiffness"
+            f"{100 * MAX_MISFIT:g} %: friction, a second contact, or another stiffness"
         )
     low, high = np.concatenate([_LOWER, _RIG_LOWER]), np.concatenate([_UPPER, _RIG_UPPER])
     names = (*_NAMES, "mass of the rig", "damping of the rig")
