@@ -15,8 +15,7 @@ from tui.survey_lines import printed_results
 
 if TYPE_CHECKING:
     from pfwd.archive.run import Summary
-    from pfwd.archive.work import Failure
-    from pfwd.archive.workers import Workers
+    from pfwd.archive.work import Failure, Workers
 
 FAILURES_SAID = 20
 """The first ones say what is wrong; all of them are in the tables."""
@@ -46,10 +45,10 @@ def run_over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
 
 def _workers(args: argparse.Namespace, options: AnalysisOptions) -> "Workers":
     if args.scheduler is not None:
-        from pfwd.archive.cluster import ClusterWorkers, check_address, unprotected
+        from pfwd.archive.cluster import ClusterWorkers, check_address, protection_warning
 
         check_address(args.scheduler)
-        remark = unprotected(args.scheduler)
+        remark = protection_warning(args.scheduler)
         if remark is not None:
             say(remark)
         return ClusterWorkers(options, args.scheduler)

@@ -1,8 +1,8 @@
 """Workers of an existing dask cluster; needs the package ``distributed`` (extra ``cluster``).
 
-A scheduler and its workers are trusted with everything: what they send is unpickled, which can run
-any code here, and what is sent to them runs there. Who may be one of them is up to the certificates
-of a ``tls://`` address; see docs/security.md.
+A scheduler and its workers have to be trusted: unpickling their messages can run any code here,
+and they run the code that is sent to them. The certificates of a ``tls://`` address decide which
+computers take part; see docs/security.md.
 """
 
 from __future__ import annotations
@@ -16,20 +16,19 @@ from collections.abc import Iterator
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from pfwd.archive.identity import software_version
-from pfwd.archive.work import SourceOutcome, invert_batch
-from pfwd.archive.workers import Batch
+from pfwd.archive.work import Batch, SourceOutcome, invert_batch
 from pfwd.errors import OptionError, SurveyError, refusal
+from pfwd_device.recording.drop_file import software_version
 
 if TYPE_CHECKING:
     from pfwd.analysis.options import AnalysisOptions
 
-_CONNECT_S = 20.0
-_FIRST_WORKER_S = 60.0
-"""s to wait for the first worker; a cluster may start them when they are asked for."""
+_CONNECT_TIMEOUT_S = 20.0
+_FIRST_WORKER_TIMEOUT_S = 60.0
+"""Time for the first worker to connect; a cluster may start workers on request."""
 
-_AHEAD = 2
-"""Batches under way for each thread of the cluster: one is worked on, one lies ready."""
+_N_BATCHES_PER_THREAD = 2
+"""Batches submitted for each thread of the cluster: one in work, one ready."""
 
 
 _ADDRESS = re.compile(
@@ -40,15 +39,17 @@ _ADDRESS = re.compile(
 _PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx")
 """Protocols of dask between computers."""
 
-_PROTECTED = ("tls", "wss", "inproc")
-"""Protocols of dask that ask for certificates, or do not leave the program."""
+_PROTECTED_PROTOCOLS = ("tls", "wss", "inproc")
+"""Protocols of dask that require certificates, or do not leave the program."""
 
-_CERTIFICATES = "distributed.comm.tls: ca-file, client.cert and client.key (docs/security.md)"
-"""Where dask reads which certificates to show and to believe."""
+_CERTIFICATE_KEYS = "distributed.comm.tls: ca-file, client.cert and client.key (docs/security.md)"
+"""Settings of dask for its own certificate and for those that it accepts."""
 
 
-def unprotected(scheduler: str) -> str | None:
-    """What to say of an address at which anybody on the way could give orders; None: nothing.
+def protection_warning(scheduler: str) -> str | None:
+    """Return a warning if the connection to this address is not protected by certificates.
+
+    Connections within this computer need none.
 
     Parameters
     ----------
@@ -57,14 +58,18 @@ def unprotected(scheduler: str) -> str | None:
 
     Examples
     --------
-    >>> unprotected("tls://head-node:8786"), unprotected("tcp://127.0.0.1:8786")
+    >>> protection_warning("tls://head-node:8786"), protection_warning("tcp://127.0.0.1:8786")
     (None, None)
     """
     protocol, sign, rest = scheduler.rpartition("://")
-    if sign and protocol in _PROTECTED:
+    if sign and protocol in _PROTECTED_PROTOCOLS:
         return None
     host = rest.rpartition(":")[0].strip("[]") or rest
-    if _is_here(host):
+    try:
+        loopback = ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        loopback = host.lower() == "localhost"
+    if loopback:
         return None
     return (
         f"--scheduler {scheduler}: without certificates whoever reaches the cluster, or the way to "
@@ -73,15 +78,8 @@ def unprotected(scheduler: str) -> str | None:
     )
 
 
-def _is_here(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host.lower() == "localhost"
-
-
 def check_address(scheduler: str) -> None:
-    """Refuse at once what is no address of a scheduler, and a host that is not known.
+    """Refuse a text that is no address of a scheduler, and a host that cannot be resolved.
 
     dask itself tries for most of a minute and prints a traceback at the end.
 
@@ -93,8 +91,11 @@ def check_address(scheduler: str) -> None:
     if scheduler.startswith("inproc://"):  # of this program, by a script
         return
     parts = _ADDRESS.fullmatch(scheduler)
-    known = parts is not None and parts["protocol"] in (None, *_PROTOCOLS)
-    if parts is None or not known or not 0 < int(parts["port"]) <= 65_535:
+    if (
+        parts is None
+        or parts["protocol"] not in (None, *_PROTOCOLS)
+        or not 0 < int(parts["port"]) <= 65_535
+    ):
         expected = "an address like tcp://host:8786"
         hint = "the scheduler prints its own when it starts"
         raise OptionError(refusal(where, expected, "something else", hint))
@@ -109,7 +110,7 @@ def check_address(scheduler: str) -> None:
 
 
 class ClusterWorkers:
-    """A cluster that inverts batches; what a lost worker had is done again by another one.
+    """Cluster that inverts batches; the batch of a lost worker is repeated by another one.
 
     Its workers have to run the same version of this program and see the sources under the same
     paths. One thread a worker is best: inverting holds Python's lock half of the time.
@@ -124,10 +125,10 @@ class ClusterWorkers:
     Raises
     ------
     OptionError
-        If ``distributed`` is not installed, the address is none, or it needs certificates that
-        there are none of.
+        If ``distributed`` is not installed, the address is invalid, or it needs certificates and
+        none are configured.
     SurveyError
-        If there is no scheduler, no worker, or workers have another version of this program.
+        If there is no scheduler or no worker, or workers have another version of this program.
     """
 
     def __init__(self, options: AnalysisOptions, scheduler: str) -> None:
@@ -145,7 +146,7 @@ class ClusterWorkers:
         self._check_certificates(security, scheduler)
         try:
             self._client: Any = distributed.Client(
-                scheduler, timeout=_CONNECT_S, set_as_default=False, security=security
+                scheduler, timeout=_CONNECT_TIMEOUT_S, set_as_default=False, security=security
             )
         except (ValueError, RuntimeError) as err:
             expected = "an address like tcp://host:8786"
@@ -153,7 +154,7 @@ class ClusterWorkers:
         except (OSError, TimeoutError) as err:
             refused = _refused_certificate(err)
             if refused is not None:
-                expected, hint = "a scheduler whose certificate fits", f"see {_CERTIFICATES}"
+                expected, hint = "a scheduler whose certificate fits", f"see {_CERTIFICATE_KEYS}"
                 raise SurveyError(refusal(self._where, expected, refused, hint)) from err
             hint = "is it running, does it speak this protocol, and can it be reached from here?"
             raise SurveyError(refusal(self._where, "a scheduler", "no answer", hint)) from err
@@ -164,7 +165,7 @@ class ClusterWorkers:
             raise
 
     def run(self, batches: Iterator[Batch]) -> Iterator[list[SourceOutcome]]:
-        """See :class:`~pfwd.archive.workers.Workers`.
+        """Yield the outcomes of batches, see :class:`~pfwd.archive.work.Workers`.
 
         Raises
         ------
@@ -173,25 +174,27 @@ class ClusterWorkers:
         """
         distributed: Any = import_module("distributed")
         waiting: list[Batch] = []
-        under_way: dict[Any, Batch] = {}
-        more = True
+        submitted: dict[Any, Batch] = {}
+        exhausted = False
         try:
             while True:
-                while waiting or (more and len(under_way) < self._most()):
+                while waiting or (not exhausted and len(submitted) < self._max_batches()):
                     batch = waiting.pop() if waiting else next(batches, None)
                     if batch is None:
-                        more = False
+                        exhausted = True
                         continue
                     future = self._client.submit(
                         invert_batch, list(batch.sources), self._options, pure=False
                     )
-                    under_way[future] = batch
-                if not under_way:
+                    submitted[future] = batch
+                if not submitted:
                     return
                 with self._client.as_current():
-                    done = distributed.wait(list(under_way), return_when="FIRST_COMPLETED").done
-                for future in done:
-                    batch = under_way.pop(future)
+                    completed = distributed.wait(
+                        list(submitted), return_when="FIRST_COMPLETED"
+                    ).done
+                for future in completed:
+                    batch = submitted.pop(future)
                     if future.status == "finished":
                         outcomes: list[SourceOutcome] = future.result()
                         yield outcomes
@@ -201,21 +204,21 @@ class ClusterWorkers:
                     error = future.exception()
                     if not isinstance(error, distributed.scheduler.KilledWorker):
                         raise self._lost(f"{type(error).__name__}: {error}")
-                    again = batch.after_a_death()
-                    waiting += again
-                    if not again:
-                        yield batch.given_up()
+                    retries = batch.retries_after_death()
+                    waiting += retries
+                    if not retries:
+                        yield batch.worker_failures()
         except (OSError, TimeoutError, distributed.CancelledError) as err:
             raise self._lost(str(err) or type(err).__name__) from err
 
     def close(self) -> None:
-        """Leave the cluster; what it still works on is forgotten there."""
+        """Leave the cluster; batches in work there are abandoned."""
         # A cluster that has gone cannot be left in good order.
         with contextlib.suppress(Exception):
             self._client.close(timeout=5.0)
 
     def _check_certificates(self, security: Any, scheduler: str) -> None:
-        """Refuse a protected address without certificates, and a plain one where none may be."""
+        """Refuse a protected address without certificates, and a plain one if dask forbids it."""
         if not scheduler.startswith(("tls://", "wss://")):
             if security.require_encryption and not scheduler.startswith("inproc://"):
                 expected = "an address like tls://host:8786"
@@ -223,26 +226,25 @@ class ClusterWorkers:
                 raise OptionError(refusal(self._where, expected, "a plain one", hint))
             return
         try:
-            found = security.get_connection_args("client").get("ssl_context")
-        except (OSError, ValueError) as err:  # errors of ssl are of the first kind
-            came = str(err)
-        else:
-            if found is not None:
+            if security.get_connection_args("client").get("ssl_context") is not None:
                 return
-            came = "none"
-        raise OptionError(refusal(self._where, f"certificates in {_CERTIFICATES}", came))
+            problem = "none"
+        except (OSError, ValueError) as err:  # errors of ssl are OSErrors
+            problem = str(err)
+        expected = f"certificates in {_CERTIFICATE_KEYS}"
+        raise OptionError(refusal(self._where, expected, problem))
 
-    def _most(self) -> int:
-        """Batches to have under way; asked anew, because clusters grow."""
+    def _max_batches(self) -> int:
+        """Return the number of batches to have submitted; clusters grow, hence each time."""
         threads: int = sum(self._client.nthreads().values())
-        return _AHEAD * max(1, threads)
+        return _N_BATCHES_PER_THREAD * max(1, threads)
 
     def _check_workers(self) -> None:
         try:
-            self._client.wait_for_workers(1, timeout=_FIRST_WORKER_S)
+            self._client.wait_for_workers(1, timeout=_FIRST_WORKER_TIMEOUT_S)
         except TimeoutError as err:
-            came = f"none within {_FIRST_WORKER_S:.0f} s"
-            raise SurveyError(refusal(self._where, "a worker", came)) from err
+            problem = f"none within {_FIRST_WORKER_TIMEOUT_S:.0f} s"
+            raise SurveyError(refusal(self._where, "a worker", problem)) from err
         hint = "install the same one everywhere"
         ours = software_version()
         try:
@@ -252,16 +254,16 @@ class ClusterWorkers:
             raise SurveyError(refusal(self._where, expected, str(err), hint)) from err
         for worker, version in versions.items():
             if version != ours:
-                came = f"{version} on {worker}"
-                raise SurveyError(refusal(self._where, f"pfwd {ours} on all", came, hint))
+                actual = f"{version} on {worker}"
+                raise SurveyError(refusal(self._where, f"pfwd {ours} on all", actual, hint))
 
-    def _lost(self, came: str) -> SurveyError:
+    def _lost(self, problem: str) -> SurveyError:
         hint = "the same command goes on where this one ended"
-        return SurveyError(refusal(self._where, "a cluster that answers", came, hint))
+        return SurveyError(refusal(self._where, "a cluster that answers", problem, hint))
 
 
 def _refused_certificate(err: BaseException | None) -> str | None:
-    """Why certificates were refused, if that is behind an error."""
+    """Return why a certificate was refused, if that caused the error."""
     while err is not None:
         if isinstance(err, ssl.SSLError):
             return err.verify_message if isinstance(err, ssl.SSLCertVerificationError) else str(err)

@@ -1,17 +1,17 @@
-"""The tables of an archive's results, as Parquet; needs pyarrow (extra ``parquet``).
+"""Parquet tables with the results of an archive; needs pyarrow (extra ``parquet``).
 
 ::
 
-    OUT/archive.json                          what this folder is
-    OUT/runs/KEY.json                         options and software of a run
-    OUT/results/run=KEY/part-000001.parquet   a row a drop
-    OUT/diagnoses/run=KEY/part-000001.parquet  a row a point, of runs of `pfwd diagnose`
-    OUT/failures/run=KEY/part-000001.parquet  a row for whatever gave none, with the reason
-    OUT/sources/run=KEY/part-000001.parquet   a row a source: the other two are valid with it
-    OUT/ledger.sqlite                         an index of the sources; made anew when it is lost
+    OUT/archive.json                           kind of this folder
+    OUT/runs/KEY.json                          options and software of a run
+    OUT/results/run=KEY/part-000001.parquet    a row for each drop
+    OUT/diagnoses/run=KEY/part-000001.parquet  a row for each point, of runs of `pfwd diagnose`
+    OUT/failures/run=KEY/part-000001.parquet   a row for each failure, with the reason
+    OUT/sources/run=KEY/part-000001.parquet    a row for each source: makes the others valid
+    OUT/ledger.sqlite                          index of the sources; rebuilt when it is lost
 
 Every file is written under another name, brought to the disk and renamed; of a part the sources
-come last. What a crash leaves without them is removed when the archive is continued.
+come last. Tables that a crash leaves without them are removed when the archive is continued.
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ from typing import TYPE_CHECKING, Any
 from inversion.records import is_number
 from pfwd.analysis.result_columns import nested_cells, result_columns
 from pfwd.errors import OptionError, SurveyError, refusal
-from pfwd.files.disk import disk_errors, sync
+from pfwd.files.disk import disk_errors, replaced_durably
 from pfwd.files.output_path import refuse_inside_survey
 
 if TYPE_CHECKING:
     from pfwd.analysis.results import DiagnosisResult, DropResult
 
-TABLES = ("results", "diagnoses", "failures", "sources")
-_MARK = {"format": "pfwd-archive", "version": 1}
-_PART = re.compile(r"part-(\d{6,})\.parquet", re.ASCII)
+TABLE_NAMES = ("results", "diagnoses", "failures", "sources")
+_ARCHIVE_MARK = {"format": "pfwd-archive", "version": 1}
+_PART_NAME = re.compile(r"part-(\d{6,})\.parquet", re.ASCII)
 
-MOST_ROWS = 100_000
-"""Of a table in a part; a part is ended at 10,000."""
+MAX_TABLE_ROWS = 100_000
+"""Rows of a table in a part; a part is written at 10,000."""
 
-LARGEST_PART = 64 * 2**20
+MAX_TABLE_BYTES = 64 * 2**20
 """Bytes of a table in a part, packed or not; 10,000 results with their warnings take 10 MB. A few
-packed bytes can announce any number."""
+packed bytes can expand to any number."""
 
-_ROWS_AT_ONCE = 100
-"""Unpacked before their bytes are counted: one text may stand for all of them in the file."""
+_BATCH_ROWS = 100
+"""Rows unpacked before their bytes are counted: one text in the file may stand for all of them."""
 
-_LARGEST_HEADER = 2**20
-"""Entries, and bytes of a text, of what describes a file."""
+_MAX_HEADER_SIZE = 2**20
+"""Entries, and bytes of a text, in the description of a Parquet file."""
 
 RESULT_COLUMNS: tuple[tuple[str, str], ...] = (
     ("file", "string"),
@@ -98,7 +98,7 @@ RESULT_COLUMNS: tuple[tuple[str, str], ...] = (
     ("latitude", "float64"),
     ("longitude", "float64"),
     ("warnings", "strings"),
-    # Behind all others: parts of before end here.
+    # At the end: tables of earlier versions stop here.
     *(
         (column.name, "int64" if column.kind == "whole" else "float64")
         for column in result_columns("layers")
@@ -106,7 +106,7 @@ RESULT_COLUMNS: tuple[tuple[str, str], ...] = (
     ("deflection_recorded_m", "float64"),
     ("deflection_corrected_m", "float64"),
 )
-"""Names with the SI unit at their end, and types."""
+"""Columns of `results`: names that end with the SI unit, and types."""
 
 FAILURE_COLUMNS: tuple[tuple[str, str], ...] = (
     ("file", "string"),
@@ -127,11 +127,11 @@ SOURCE_COLUMNS: tuple[tuple[str, str], ...] = (
     ("failures", "int64"),
     ("same_as", "string"),
 )
-"""``same_as``: the file with the same content that has the rows."""
+"""Columns of `sources`; ``same_as``: the file with the same content that has the rows."""
 
-EARLIER_COLUMNS = (48, 48 + len(result_columns("layers")))
-"""Of a result in parts that were written before there were layers, and before there were
-deflections; the others are null in them."""
+EARLIER_COLUMN_COUNTS = (48, 48 + len(result_columns("layers")))
+"""Numbers of columns of `results` in versions without layers, and without deflections; the other
+columns are null."""
 
 DIAGNOSIS_COLUMNS: tuple[tuple[str, str], ...] = (
     ("file", "string"),
@@ -165,23 +165,27 @@ DIAGNOSIS_COLUMNS: tuple[tuple[str, str], ...] = (
     ("rejected", "strings"),
     ("warnings", "strings"),
 )
-"""Of a point after its effects were added; `before_`: with the base model."""
+"""Columns of `diagnoses`: a point with its effects; `before_`: with the base model."""
 
-_COLUMNS = dict(
-    zip(TABLES, (RESULT_COLUMNS, DIAGNOSIS_COLUMNS, FAILURE_COLUMNS, SOURCE_COLUMNS), strict=True)
+_TABLE_COLUMNS = dict(
+    zip(
+        TABLE_NAMES,
+        (RESULT_COLUMNS, DIAGNOSIS_COLUMNS, FAILURE_COLUMNS, SOURCE_COLUMNS),
+        strict=True,
+    )
 )
 Row = Mapping[str, Any]
 
 
 def result_row(result: DropResult, digest: str) -> dict[str, Any]:
-    """One result as a row."""
+    """Return a result as a row."""
     flat = result.to_json() | {"source_sha256": digest}
     flat |= nested_cells(result)
-    return {name: _fitting(flat.get(name), kind) for name, kind in RESULT_COLUMNS}
+    return {name: _cell(flat.get(name), kind) for name, kind in RESULT_COLUMNS}
 
 
 def diagnosis_row(result: DiagnosisResult, digest: str) -> dict[str, Any]:
-    """One diagnosis as a row."""
+    """Return a diagnosis as a row."""
     flat = result.to_json() | {"source_sha256": digest, "drops": len(result.drops or ())}
     flat |= {f"before_{key}": value for key, value in (flat.get("before") or {}).items()}
     flat |= {f"held_out_{key}": value for key, value in (flat.get("held_out") or {}).items()}
@@ -189,10 +193,10 @@ def diagnosis_row(result: DiagnosisResult, digest: str) -> dict[str, Any]:
     ends = flat.get("modulus_interval_pa") or (None, None)
     flat["modulus_interval_low_pa"], flat["modulus_interval_high_pa"] = ends
     flat["effects"] = [str(effect.name) for effect in result.effects or ()]
-    return {name: _fitting(flat.get(name), kind) for name, kind in DIAGNOSIS_COLUMNS}
+    return {name: _cell(flat.get(name), kind) for name, kind in DIAGNOSIS_COLUMNS}
 
 
-def _fitting(value: Any, kind: str) -> Any:
+def _cell(value: Any, kind: str) -> Any:
     if value is None:
         return [] if kind == "strings" else None
     if kind == "string":
@@ -204,23 +208,23 @@ def _fitting(value: Any, kind: str) -> Any:
 
 
 class Dataset:
-    """The folder with the tables of one run among those of others.
+    """Folder with the tables of one run, beside those of other runs.
 
     Parameters
     ----------
     folder : path
-        Is made if it does not exist; otherwise it is empty or of this kind.
+        Made if it does not exist; otherwise empty or an archive.
     key : str
-        Of the run.
+        Key of the run.
     identity : mapping
-        What the key stands for.
+        Options and software of the run, see `run_identity`.
 
     Raises
     ------
     OptionError
-        If pyarrow is not installed or the folder holds something else.
+        If pyarrow is not installed or the folder holds other files.
     SurveyError
-        If the disk does not take it.
+        If the folder cannot be written.
     """
 
     def __init__(self, folder: str | os.PathLike[str], key: str, identity: Row) -> None:
@@ -231,9 +235,11 @@ class Dataset:
             self._claim()
             runs = self.folder / "runs"
             runs.mkdir(exist_ok=True)
-            described = runs / f"{key}.json"
-            if not described.exists():
-                _publish(described, json.dumps({"run": key, **identity}, indent=1).encode())
+            description = runs / f"{key}.json"
+            if not description.exists():
+                content = json.dumps({"run": key, **identity}, indent=1).encode()
+                with replaced_durably(description) as draft:
+                    draft.write_bytes(content)
 
     def _claim(self) -> None:
         refuse_inside_survey(self.folder, "--archive")
@@ -241,25 +247,26 @@ class Dataset:
         if mark.exists():
             return
         if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
-            came = "something else in it" if self.folder.is_dir() else "a file"
+            actual = "something else in it" if self.folder.is_dir() else "a file"
             expected = "a folder that is new, empty or an archive of results"
-            raise OptionError(refusal(f"--archive {self.folder}", expected, came))
+            raise OptionError(refusal(f"--archive {self.folder}", expected, actual))
         self.folder.mkdir(parents=True, exist_ok=True)
-        _publish(mark, json.dumps(_MARK).encode())
+        with replaced_durably(mark) as draft:
+            draft.write_bytes(json.dumps(_ARCHIVE_MARK).encode())
 
     def parts(self) -> list[int]:
-        """Numbers of the parts that are whole, in order."""
+        """Return the numbers of the complete parts, in order."""
         return sorted(self._numbers("sources"))
 
     def clear_leftovers(self) -> None:
-        """Remove what a crash left behind: drafts, and tables of parts without sources."""
+        """Remove drafts and incomplete parts that a crash left behind."""
         with disk_errors(self.folder):
-            whole = self._numbers("sources")
-            for name in TABLES:
-                place = self._place(name)
-                for path in place.glob("*.tmp"):
+            complete = self._numbers("sources")
+            for folder in (self.folder / "runs", *map(self._table_folder, TABLE_NAMES)):
+                for path in folder.glob("*.tmp"):
                     path.unlink()
-                for number in self._numbers(name) - whole:
+            for name in TABLE_NAMES:
+                for number in self._numbers(name) - complete:
                     self._file(name, number).unlink()
 
     def write(
@@ -270,20 +277,22 @@ class Dataset:
         failures: Sequence[Row],
         sources: Sequence[Row],
     ) -> None:
-        """Write one part; it counts when this returns, and is not there at all before.
+        """Write one part; it exists when this returns, and is incomplete and ignored before.
 
         Raises
         ------
         SurveyError
-            If the disk does not take it.
+            If the folder cannot be written.
         """
         with disk_errors(self.folder):
-            for name, rows in zip(TABLES, (results, diagnoses, failures, sources), strict=True):
+            for name, rows in zip(
+                TABLE_NAMES, (results, diagnoses, failures, sources), strict=True
+            ):
                 if rows or name == "sources":
                     self._write_table(name, number, _table(name, rows))
 
     def sources(self, number: int) -> list[dict[str, Any]]:
-        """The sources of a part.
+        """Return the rows of the sources of a part.
 
         Raises
         ------
@@ -293,25 +302,25 @@ class Dataset:
         return self._read("sources", number).to_pylist()  # type: ignore[no-any-return]
 
     def remove_content(self, number: int, digests: Iterable[str]) -> None:
-        """Write a part anew without the rows of some contents.
+        """Remove the rows of some contents from a part.
 
         Raises
         ------
         SurveyError
-            If the part is damaged or the disk does not take it.
+            If the part is damaged or cannot be written.
         """
-        gone = set(digests)
-        for name in TABLES:
+        removed = set(digests)
+        for name in TABLE_NAMES:
             if not self._file(name, number).exists():
                 continue
             table = self._read(name, number)
-            keep = [digest not in gone for digest in table["source_sha256"].to_pylist()]
+            keep = [digest not in removed for digest in table["source_sha256"].to_pylist()]
             if not all(keep):
                 with disk_errors(self.folder):
                     self._write_table(name, number, table.filter(keep))
 
     def failures(self) -> Iterator[dict[str, Any]]:
-        """All failures of the run, part by part."""
+        """Yield all failures of the run, part by part."""
         for number in sorted(self._numbers("failures") & self._numbers("sources")):
             yield from self._read("failures", number).to_pylist()
 
@@ -319,60 +328,60 @@ class Dataset:
         path = self._file(name, number)
         try:
             # Not as a data set: the folder's name would become a column of its own.
-            # And closed again: elsewhere than here an open file cannot be replaced.
-            if path.stat().st_size > LARGEST_PART:
-                raise ValueError(f"a file of more than {LARGEST_PART} bytes")
+            # And closed again: Windows does not replace an open file.
+            if path.stat().st_size > MAX_TABLE_BYTES:
+                raise ValueError(f"a file of more than {MAX_TABLE_BYTES} bytes")
             limits = dict.fromkeys(
-                ("thrift_string_size_limit", "thrift_container_size_limit"), _LARGEST_HEADER
+                ("thrift_string_size_limit", "thrift_container_size_limit"), _MAX_HEADER_SIZE
             )
             with _parquet().ParquetFile(path, **limits) as file:
                 return _unpacked(file, _schema(name))
         except (OSError, ValueError, MemoryError) as err:
-            hint = "remove it: what it held is inverted again"
-            came = (str(err).splitlines() or [type(err).__name__])[0]
-            raise SurveyError(refusal(str(path), "a Parquet table", came, hint)) from err
+            hint = "remove it: its drops are inverted again"
+            reason = (str(err).splitlines() or [type(err).__name__])[0]
+            raise SurveyError(refusal(str(path), "a Parquet table", reason, hint)) from err
 
     def _write_table(self, name: str, number: int, table: Any) -> None:
         path = self._file(name, number)
         path.parent.mkdir(parents=True, exist_ok=True)
-        # What begins with a dot no reader of data sets takes for a part of the table.
-        draft = path.with_name(f".{path.name}.tmp")
-        _parquet().write_table(table, draft, compression="zstd")
-        _settle(draft, path)
+        # The draft's name begins with a dot: readers of data sets pass over it.
+        with replaced_durably(path) as draft:
+            _parquet().write_table(table, draft, compression="zstd")
 
     def _numbers(self, name: str) -> set[int]:
         try:
-            names = os.listdir(self._place(name))
+            names = os.listdir(self._table_folder(name))
         except FileNotFoundError:
             return set()
-        return {int(match[1]) for match in map(_PART.fullmatch, names) if match}
+        return {int(match[1]) for match in map(_PART_NAME.fullmatch, names) if match}
 
-    def _place(self, name: str) -> Path:
+    def _table_folder(self, name: str) -> Path:
         return self.folder / name / f"run={self.key}"
 
     def _file(self, name: str, number: int) -> Path:
-        return self._place(name) / f"part-{number:06d}.parquet"
+        return self._table_folder(name) / f"part-{number:06d}.parquet"
 
 
 def _unpacked(file: Any, schema: Any) -> Any:
-    """The table of an open file; ValueError when it is none of ours, or is too large."""
+    """Return the table of an open file; ValueError if it has other columns or is too large."""
     import pyarrow
 
-    about = file.metadata
-    groups = [about.row_group(n) for n in range(min(about.num_row_groups, MOST_ROWS))]
-    announced = sum(group.total_byte_size for group in groups)
-    if about.num_rows > MOST_ROWS or about.num_row_groups > MOST_ROWS or announced > LARGEST_PART:
-        raise ValueError(f"{about.num_rows} rows of {announced} bytes")
-    there = len(file.schema_arrow)
-    old = there in EARLIER_COLUMNS and there < len(schema)
-    written = pyarrow.schema(list(schema)[:there]) if old else schema
+    metadata = file.metadata
+    n_groups = min(metadata.num_row_groups, MAX_TABLE_ROWS)
+    declared_bytes = sum(metadata.row_group(n).total_byte_size for n in range(n_groups))
+    n_rows = max(metadata.num_rows, metadata.num_row_groups)
+    if n_rows > MAX_TABLE_ROWS or declared_bytes > MAX_TABLE_BYTES:
+        raise ValueError(f"{metadata.num_rows} rows of {declared_bytes} bytes")
+    n_columns = len(file.schema_arrow)
+    earlier = n_columns in EARLIER_COLUMN_COUNTS and n_columns < len(schema)
+    written = pyarrow.schema(list(schema)[:n_columns]) if earlier else schema
     if not file.schema_arrow.equals(written):
         raise ValueError("other columns")
     batches, size = [], 0
-    for batch in file.iter_batches(batch_size=_ROWS_AT_ONCE):
+    for batch in file.iter_batches(batch_size=_BATCH_ROWS):
         size += batch.nbytes
-        if size > LARGEST_PART:
-            raise ValueError(f"more than {LARGEST_PART} bytes when it is unpacked")
+        if size > MAX_TABLE_BYTES:
+            raise ValueError(f"more than {MAX_TABLE_BYTES} bytes when it is unpacked")
         batches.append(batch)
     table = pyarrow.Table.from_batches(batches, written).combine_chunks()
     for field in list(schema)[len(written) :]:
@@ -383,7 +392,7 @@ def _unpacked(file: Any, schema: Any) -> Any:
 def _table(name: str, rows: Sequence[Row]) -> Any:
     import pyarrow
 
-    columns = [[row[column] for row in rows] for column, _ in _COLUMNS[name]]
+    columns = [[row[column] for row in rows] for column, _ in _TABLE_COLUMNS[name]]
     return pyarrow.table(columns, schema=_schema(name))
 
 
@@ -397,7 +406,7 @@ def _schema(name: str) -> Any:
         "float64": pyarrow.float64(),
         "bool": pyarrow.bool_(),
     }
-    return pyarrow.schema([(column, kinds[kind]) for column, kind in _COLUMNS[name]])
+    return pyarrow.schema([(column, kinds[kind]) for column, kind in _TABLE_COLUMNS[name]])
 
 
 def _parquet() -> Any:
@@ -407,21 +416,3 @@ def _parquet() -> Any:
         hint = 'python -m pip install "pfwd[parquet]"'
         raise OptionError(refusal("--archive", "the package pyarrow", "none", hint)) from err
     return parquet
-
-
-def _publish(path: Path, content: bytes) -> None:
-    draft = path.with_name(path.name + ".tmp")
-    draft.write_bytes(content)
-    _settle(draft, path)
-
-
-def _settle(draft: Path, path: Path) -> None:
-    """Bring a draft to the disk and give it its name."""
-    sync(draft)
-    os.replace(draft, path)
-    if os.name != "nt":  # where a folder cannot be opened, and needs not be
-        handle = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)

@@ -1,7 +1,7 @@
-"""Which sources of an archive are done: an index on the disk, so that a million are not in memory.
+"""Index of the completed sources of an archive; on the disk, since a million would fill memory.
 
-The Parquet tables are the truth. The ledger is brought in line with them when it is opened, and
-made anew from them when it is lost or damaged.
+The Parquet tables count. The ledger is brought in line with them when it is opened, and rebuilt
+from them when it is lost or damaged.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pfwd.archive.dataset import Dataset
 from pfwd.archive.sources import Source
 from pfwd.errors import SurveyError, refusal
 
-_TABLES = """
+_LEDGER_SCHEMA = """
 create table if not exists parts (run text, number integer, primary key (run, number));
 create table if not exists sources (
     run text, file text, piece integer, pieces integer, digest text, size integer,
@@ -30,28 +30,27 @@ create table if not exists stale (
 );
 """
 
+MAX_LEDGER_BYTES = 2 * 2**30
+"""Largest ledger; a larger one is rebuilt. An archive of a million sources takes a sixth of it."""
 
-LARGEST = 2 * 2**30
-"""Bytes; an archive of a million sources takes a sixth of it. What is larger is made anew."""
+MAX_LEDGER_BYTES_PER_PART = 16 * 2**20
+"""Largest ledger for each part, and for none; 10,000 sources take 4 MB."""
 
-LARGEST_OF_A_PART = 16 * 2**20
-"""Bytes that it takes for a part, and as much at the beginning; 10,000 sources take 4 MB."""
+MAX_VALUE_BYTES = 100_000
+"""Longest value in the ledger; paths are the longest."""
 
-LONGEST_TEXT = 100_000
-"""Bytes of a value; paths are the longest."""
+MAX_CHECK_S = 8.0
+"""Longest check of the file before it is used; rebuilding it takes less time."""
 
-LONGEST_LOOK = 8.0
-"""s for a look at the whole file before it is used; what takes longer is made anew."""
+MAX_MISSING_PARTS = 1000
+"""Parts that the ledger may list without a file; with more, rebuilding it takes less time."""
 
-MOST_MISSING = 1000
-"""Parts that it may name and nobody finds; of more it is made anew, in less time."""
-
-_STEPS = 100_000
-"""Of SQLite's machine between two looks at the clock."""
+_N_STEPS_PER_CLOCK_CHECK = 100_000
+"""Steps of SQLite's virtual machine between two looks at the clock."""
 
 
 class Ledger:
-    """The index of one run.
+    """Index of one run.
 
     Parameters
     ----------
@@ -69,7 +68,7 @@ class Ledger:
         try:
             self._base = _open(path, len(dataset.parts()), dataset.key)
         except sqlite3.DatabaseError:
-            # Damaged, or none of ours: what it says is in the tables too.
+            # Damaged, or written by another program: its content is in the tables too.
             path.unlink(missing_ok=True)
             try:
                 self._base = _open(path)
@@ -83,21 +82,21 @@ class Ledger:
         self._base.close()
 
     def next_number(self) -> int:
-        """Number of the next part."""
-        (largest,) = self._one("select max(number) from parts where run = ?")
+        """Return the number of the next part."""
+        (largest,) = self._query_row("select max(number) from parts where run = ?")
         return 1 + (largest or 0)
 
-    def is_known(self, source: Source) -> bool:
-        """Whether a source of this path, size and time is done, with all its pieces."""
-        found = self._base.execute(
+    def is_complete(self, source: Source) -> bool:
+        """Return whether all pieces of a source of this path, size and time are stored."""
+        stored, pieces = self._base.execute(
             "select count(*), max(pieces) from sources"
             " where run = ? and file = ? and size = ? and mtime_ns = ?",
             (self._run, source.path, source.size, source.mtime_ns),
         ).fetchone()
-        return bool(found[0] > 0 and found[0] == found[1])
+        return bool(stored > 0 and stored == pieces)
 
     def has_piece(self, source: Source) -> bool:
-        """Whether this very piece of this file is done, with this content."""
+        """Return whether this piece of this file is stored, with this content."""
         row = self._base.execute(
             "select 1 from sources"
             " where run = ? and file = ? and piece = ? and pieces = ? and digest = ?",
@@ -106,7 +105,7 @@ class Ledger:
         return row is not None
 
     def file_with(self, digest: str, piece: int, pieces: int) -> str | None:
-        """A file with this content, the piece of which is done."""
+        """Return a file with this content whose piece is stored; None if there is none."""
         row = self._base.execute(
             "select file from sources where run = ? and digest = ? and piece = ? and pieces = ?",
             (self._run, digest, piece, pieces),
@@ -114,7 +113,7 @@ class Ledger:
         return None if row is None else str(row[0])
 
     def touch(self, source: Source) -> None:
-        """The same content has another time now."""
+        """Record the present size and time of a source whose content is the same."""
         with self._base:
             self._base.execute(
                 "update sources set size = ?, mtime_ns = ?"
@@ -123,52 +122,52 @@ class Ledger:
             )
 
     def add(self, number: int, rows: Iterable[Mapping[str, Any]]) -> None:
-        """The sources of a part that is written. What a file held before becomes stale."""
+        """Add the sources of a written part; earlier contents of their files become stale."""
         with self._base:
             self._add(number, rows)
 
     def stale(self) -> dict[int, set[str]]:
-        """Digests whose rows are out of date, by part."""
-        found: dict[int, set[str]] = {}
+        """Return the digests whose rows are out of date, by number of the part."""
+        digests: dict[int, set[str]] = {}
         for number, digest in self._base.execute(
             "select number, digest from stale where run = ?", (self._run,)
         ):
-            found.setdefault(number, set()).add(digest)
-        return found
+            digests.setdefault(number, set()).add(digest)
+        return digests
 
     def clean(self, number: int) -> None:
-        """The stale rows of a part are gone."""
+        """Record that the stale rows of a part are removed."""
         with self._base:
             self._base.execute(
                 "delete from stale where run = ? and number = ?", (self._run, number)
             )
 
     def refused(self) -> int:
-        """Sources with failures."""
-        (count,) = self._one(
+        """Return the number of sources with failures."""
+        (count,) = self._query_row(
             "select count(distinct file) from sources where run = ? and failures > 0"
         )
         return int(count)
 
-    def _one(self, question: str) -> tuple[Any, ...]:
-        row: tuple[Any, ...] = self._base.execute(question, (self._run,)).fetchone()
+    def _query_row(self, query: str) -> tuple[Any, ...]:
+        row: tuple[Any, ...] = self._base.execute(query, (self._run,)).fetchone()
         return row
 
     def _bring_in_line(self) -> None:
-        there = set(self._dataset.parts())
-        known = {
+        parts = set(self._dataset.parts())
+        listed = {
             number
             for (number,) in self._base.execute(
                 "select number from parts where run = ?", (self._run,)
             )
         }
         with self._base:
-            for number in known - there:
+            for number in listed - parts:
                 for table in ("parts", "sources", "stale"):
                     self._base.execute(
                         f"delete from {table} where run = ? and number = ?", (self._run, number)
                     )
-        for number in sorted(there - known):
+        for number in sorted(parts - listed):
             self.add(number, self._dataset.sources(number))
 
     def _add(self, number: int, rows: Iterable[Mapping[str, Any]]) -> None:
@@ -176,7 +175,7 @@ class Ledger:
         self._base.execute("insert or replace into parts values (?, ?)", (run, number))
         for row in rows:
             file, digest = row["file"], row["source_sha256"]
-            # Not `distinct` in the question: it would be answered by the other index, row by row.
+            # No `distinct` in the query: SQLite would use the other index, row by row.
             old = set(
                 self._base.execute(
                     "select digest, number from sources where run = ? and file = ? and digest <> ?",
@@ -190,10 +189,10 @@ class Ledger:
                 )
             for former, place in old:
                 # Rows stay as long as another file has this content.
-                kept = self._base.execute(
+                holder = self._base.execute(
                     "select 1 from sources where run = ? and digest = ?", (run, former)
                 ).fetchone()
-                if kept is None:
+                if holder is None:
                     self._base.execute(
                         "insert or replace into stale values (?, ?, ?)", (run, place, former)
                     )
@@ -215,29 +214,35 @@ class Ledger:
 
 
 def _open(path: Path, parts: int = 0, run: str = "") -> sqlite3.Connection:
-    """The index; DatabaseError when it is damaged, or has anything in it that we do not make."""
-    largest = min(LARGEST, LARGEST_OF_A_PART * (1 + parts))
-    if path.exists() and path.stat().st_size > largest:
+    """Open the index; DatabaseError if it is damaged or holds anything but our tables."""
+    max_bytes = min(MAX_LEDGER_BYTES, MAX_LEDGER_BYTES_PER_PART * (1 + parts))
+    if path.exists() and path.stat().st_size > max_bytes:
         raise sqlite3.DatabaseError("larger than any of ours")
     base = sqlite3.connect(path)
     try:
-        base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST_TEXT)
-        # A view or a rule of a stranger's would be computed with every question, maybe for ever.
-        if not _described(base) <= _expected():
+        base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)
+        # A foreign view or trigger would be computed with every query, maybe for ever.
+        with contextlib.closing(sqlite3.connect(":memory:")) as expected:
+            expected.executescript(_LEDGER_SCHEMA)
+            ours = _schema_of(expected)
+        present = _schema_of(base)
+        if not present <= ours:
             raise sqlite3.DatabaseError("other tables than ours")
-        deadline = time.monotonic() + LONGEST_LOOK
-        base.set_progress_handler(lambda: int(time.monotonic() > deadline), _STEPS)
+        deadline = time.monotonic() + MAX_CHECK_S
+        base.set_progress_handler(
+            lambda: int(time.monotonic() > deadline), _N_STEPS_PER_CLOCK_CHECK
+        )
         (sound,) = base.execute("pragma quick_check(1)").fetchone()
         if sound != "ok":
             raise sqlite3.DatabaseError(sound)
-        if _described(base):
-            known = base.execute("select count(*) from parts where run = ?", (run,)).fetchone()[0]
-            if known > parts + MOST_MISSING:
+        if present:
+            (listed,) = base.execute("select count(*) from parts where run = ?", (run,)).fetchone()
+            if listed > parts + MAX_MISSING_PARTS:
                 raise sqlite3.DatabaseError("names parts that are not there")
         base.set_progress_handler(None, 0)
         # Whatever a power failure costs here is read from the tables again.
         base.execute("pragma synchronous = off")
-        base.executescript(_TABLES)
+        base.executescript(_LEDGER_SCHEMA)
     except BaseException:
         with contextlib.suppress(sqlite3.Error):
             base.close()
@@ -245,14 +250,8 @@ def _open(path: Path, parts: int = 0, run: str = "") -> sqlite3.Connection:
     return base
 
 
-def _described(base: sqlite3.Connection) -> set[tuple[str, ...]]:
-    """Tables, indexes and whatever else there is, with the words that made them."""
+def _schema_of(base: sqlite3.Connection) -> set[tuple[str, ...]]:
+    """Return tables, indexes and all other objects, with the statements that made them."""
     limit = 100  # ours are a few
-    found = base.execute("select type, name, tbl_name, sql from sqlite_master limit ?", (limit,))
-    return {tuple(map(str, row)) for row in found}
-
-
-def _expected() -> set[tuple[str, ...]]:
-    with contextlib.closing(sqlite3.connect(":memory:")) as base:
-        base.executescript(_TABLES)
-        return _described(base)
+    objects = base.execute("select type, name, tbl_name, sql from sqlite_master limit ?", (limit,))
+    return {tuple(map(str, row)) for row in objects}

@@ -1,14 +1,16 @@
 """Worker processes on this machine.
 
-A pool of our own in place of `concurrent.futures`, whose pool is broken as a whole when one of its
-processes is killed, without saying which task that one had.
+The pool of `concurrent.futures` does not serve: one killed process breaks all of it, and it does
+not report which task that process had.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import sys
+import threading
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,11 +18,9 @@ from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING
 
-from pfwd.archive.interrupts import interrupts_wait
-from pfwd.archive.work import ONE_THREAD, SourceOutcome, invert_batch, limit_threads
-from pfwd.archive.workers import Batch
+from pfwd.archive.work import THREAD_VARIABLES, Batch, SourceOutcome, invert_batch, limit_threads
 from pfwd.errors import SurveyError, refusal
-from pfwd.spawning import spawn_context
+from pfwd.spawning import ensure_tracker, spawn_context
 from pfwd_device.child_python import ignore_interrupts
 
 if sys.platform == "win32":
@@ -31,22 +31,22 @@ else:
 if TYPE_CHECKING:
     from pfwd.analysis.options import AnalysisOptions
 
-_MOST_DEATHS_IN_A_ROW = 20
-"""Deaths without a batch done in between: then it is the machine, not a source."""
+_MAX_CONSECUTIVE_DEATHS = 20
+"""Deaths without a completed batch between them: more are caused by the machine, not a source."""
 
-_PATIENCE = 5.0
-"""s, for a process to end when it is told to."""
+_END_TIMEOUT_S = 5.0
+"""Time for a process to end when it is terminated."""
 
 
 @dataclass(slots=True)
 class _Worker:
     process: BaseProcess
-    line: Connection
+    pipe: Connection
     batch: Batch | None = None
 
 
 class LocalWorkers:
-    """Processes that invert batches; a killed one is replaced and its batch done again.
+    """Processes that invert batches; a killed one is replaced and its batch repeated.
 
     Parameters
     ----------
@@ -59,29 +59,29 @@ class LocalWorkers:
         self._options = options
         self._count = count
         self._workers: list[_Worker] = []
-        self._deaths_in_a_row = 0
+        self._consecutive_deaths = 0
 
     @property
     def processes(self) -> list[int]:
-        """Their process numbers."""
+        """Process ids of the workers."""
         return [worker.process.pid for worker in self._workers if worker.process.pid is not None]
 
     def run(self, batches: Iterator[Batch]) -> Iterator[list[SourceOutcome]]:
-        """See :class:`~pfwd.archive.workers.Workers`.
+        """Yield the outcomes of batches, see :class:`~pfwd.archive.work.Workers`.
 
         Raises
         ------
         SurveyError
-            If the processes die whatever they are given.
+            If the processes die whatever their batch is.
         """
         waiting: deque[Batch] = deque()
-        more = True
+        exhausted = False
         while True:
-            # One batch a worker lies ready, found while the workers were busy.
-            while more and len(waiting) < self._count:
+            # One batch for each worker lies ready, prepared while the workers were busy.
+            while not exhausted and len(waiting) < self._count:
                 batch = next(batches, None)
                 if batch is None:
-                    more = False
+                    exhausted = True
                 else:
                     waiting.append(batch)
                     self._hand_out(waiting)
@@ -89,20 +89,20 @@ class LocalWorkers:
             busy = [worker for worker in self._workers if worker.batch is not None]
             if not busy:
                 return
-            for line in wait([worker.line for worker in busy]):
-                worker = next(each for each in busy if each.line is line)
-                yield from self._answer(worker, waiting)
+            for pipe in wait([worker.pipe for worker in busy]):
+                worker = next(each for each in busy if each.pipe is pipe)
+                yield from self._receive(worker, waiting)
 
     def close(self) -> None:
-        """End the processes; what they have not handed back is lost."""
+        """End the processes; outcomes that they have not returned are lost."""
         for worker in self._workers:
-            worker.line.close()
+            worker.pipe.close()
             worker.process.terminate()
         for worker in self._workers:
-            worker.process.join(_PATIENCE)
+            worker.process.join(_END_TIMEOUT_S)
             if worker.process.is_alive():
                 worker.process.kill()
-                worker.process.join(_PATIENCE)
+                worker.process.join(_END_TIMEOUT_S)
         self._workers.clear()
 
     def _hand_out(self, waiting: deque[Batch]) -> None:
@@ -115,69 +115,112 @@ class LocalWorkers:
             batch = waiting.popleft()
             worker.batch = batch
             try:
-                worker.line.send(list(batch.sources))
-            except OSError:  # it died while it had nothing to do: nobody's fault
+                worker.pipe.send(list(batch.sources))
+            except OSError:  # it died while it was idle: no source is the cause
                 self._discard(worker)
                 waiting.appendleft(batch)
 
-    def _answer(self, worker: _Worker, waiting: deque[Batch]) -> Iterator[list[SourceOutcome]]:
+    def _receive(self, worker: _Worker, waiting: deque[Batch]) -> Iterator[list[SourceOutcome]]:
         assert worker.batch is not None
         batch = worker.batch
         try:
-            outcomes: list[SourceOutcome] = worker.line.recv()
+            outcomes: list[SourceOutcome] = worker.pipe.recv()
         except (EOFError, OSError):
             self._discard(worker)
-            again = batch.after_a_death()
-            waiting.extendleft(reversed(again))
-            if not again:
-                yield batch.given_up()
+            retries = batch.retries_after_death()
+            waiting.extendleft(reversed(retries))
+            if not retries:
+                yield batch.worker_failures()
             return
         worker.batch = None
-        self._deaths_in_a_row = 0
-        # Before the outcomes are handed back: it works on while they are written.
+        self._consecutive_deaths = 0
+        # Before the outcomes are returned: the worker goes on while they are written.
         self._hand_out(waiting)
         yield outcomes
 
     def _start(self) -> _Worker:
-        with interrupts_wait():
-            return self._start_now()
-
-    def _start_now(self) -> _Worker:
-        context = spawn_context()
-        ours, theirs = context.Pipe()
-        process = context.Process(
-            target=_serve, args=(theirs, self._options), daemon=True, name="pfwd-invert"
-        )
-        # Set for the moment of starting: the process may load numpy before it runs our first line.
-        before = {name: os.environ.get(name) for name in ONE_THREAD}
-        limit_threads()
-        try:
-            process.start()
-        finally:
-            for name, value in before.items():
-                if value is None:
-                    del os.environ[name]
-                else:
-                    os.environ[name] = value
-        theirs.close()
-        worker = _Worker(process, ours)
-        self._workers.append(worker)
-        return worker
+        with interrupts_deferred():
+            context = spawn_context()
+            ours, theirs = context.Pipe()
+            process = context.Process(
+                target=_serve, args=(theirs, self._options), daemon=True, name="pfwd-invert"
+            )
+            # Set during the start: the process may load numpy before it runs our first line.
+            before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+            limit_threads()
+            try:
+                process.start()
+            finally:
+                for name, value in before.items():
+                    if value is None:
+                        del os.environ[name]
+                    else:
+                        os.environ[name] = value
+            theirs.close()
+            worker = _Worker(process, ours)
+            self._workers.append(worker)
+            return worker
 
     def _discard(self, worker: _Worker) -> None:
         self._workers.remove(worker)
-        worker.line.close()
-        worker.process.join(_PATIENCE)
+        worker.pipe.close()
+        worker.process.join(_END_TIMEOUT_S)
         code = worker.process.exitcode
-        self._deaths_in_a_row += 1
-        if self._deaths_in_a_row >= _MOST_DEATHS_IN_A_ROW:
-            came = f"{self._deaths_in_a_row} that ended, the last with status {code}"
-            raise SurveyError(refusal("worker processes", "processes that stay alive", came))
+        self._consecutive_deaths += 1
+        if self._consecutive_deaths >= _MAX_CONSECUTIVE_DEATHS:
+            actual = f"{self._consecutive_deaths} that ended, the last with status {code}"
+            raise SurveyError(refusal("worker processes", "processes that stay alive", actual))
 
 
-def _serve(line: Connection, options: AnalysisOptions) -> None:
-    """Invert batches until nobody sends any more."""
+def _serve(pipe: Connection, options: AnalysisOptions) -> None:
+    """Invert batches until the pipe is closed."""
     ignore_interrupts()
-    with contextlib.suppress(EOFError, OSError):  # who started it has gone
+    with contextlib.suppress(EOFError, OSError):  # the parent process has ended
         while True:
-            line.send(invert_batch(line.recv(), options))
+            pipe.send(invert_batch(pipe.recv(), options))
+
+
+@contextlib.contextmanager
+def interrupts_deferred() -> Iterator[None]:
+    """Hold SIGINT and SIGTERM back within the block; they are raised at its end.
+
+    A process that is being started reads its task from this one; an interrupt in between would end
+    it with a traceback. Where threads have signal masks, the process inherits that SIGINT is
+    blocked: Ctrl-C reaches it as well, and its parent decides when it ends.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # no interrupt is raised here
+        return
+    received: list[int] = []
+    before = {
+        number: signal.signal(number, lambda number, _: received.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        with _interrupts_blocked():
+            yield
+    finally:
+        for number, handler in before.items():
+            # None: set by something other than Python, which cannot be restored from here.
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        if received:
+            signal.raise_signal(received[0])
+
+
+if sys.platform == "win32":
+
+    @contextlib.contextmanager
+    def _interrupts_blocked() -> Iterator[None]:
+        """Do nothing: Windows has no signal masks."""
+        yield
+
+else:
+
+    @contextlib.contextmanager
+    def _interrupts_blocked() -> Iterator[None]:
+        ensure_tracker()  # started later, it would lift the mask
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)

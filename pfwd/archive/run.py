@@ -1,4 +1,4 @@
-"""A run over an archive: what is not done yet is found, inverted, and kept part by part.
+"""Run over an archive: inverts the sources without stored results and stores theirs in parts.
 
 >>> options = AnalysisOptions(method="least-squares")         # doctest: +SKIP
 >>> with contextlib.closing(LocalWorkers(options, 2)) as workers:
@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import time
@@ -20,7 +21,6 @@ from filelock import FileLock, Timeout
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.archive.dataset import Dataset, Row, diagnosis_row, result_row
-from pfwd.archive.identity import run_identity, run_key
 from pfwd.archive.ledger import Ledger
 from pfwd.archive.sources import (
     Source,
@@ -29,56 +29,92 @@ from pfwd.archive.sources import (
     pieces_of,
     refuse_missing,
 )
-from pfwd.archive.work import Failure, SourceOutcome
-from pfwd.archive.workers import Batch, Workers
-from pfwd.errors import SurveyError, refusal
+from pfwd.archive.work import Batch, Failure, SourceOutcome, Workers
+from pfwd.errors import OptionError, SurveyError, refusal
+from pfwd_device.recording.drop_file import software_version
+
+TABLE_VERSION = 1
+"""Version of the tables: raised when a column changes, so that new and old rows do not mix."""
 
 BATCH_SOURCES = 16
 BATCH_BYTES = 2_000_000
-"""Of a batch: a second of work, so that handing it over costs a thousandth of it."""
+"""Sources and bytes of a batch: a second of work, so that handing it over costs 0.1 %."""
 
 PART_ROWS = 10_000
 PART_SOURCES = 10_000
 PART_SECONDS = 60.0
-"""When a part is written: what is gathered is lost when this process is killed."""
+"""Rows, sources and time after which a part is written; rows in memory are lost if this process is
+killed."""
 
 
 @dataclass(slots=True)
 class Summary:
-    """What a run did; counts of sources where nothing else is said."""
+    """Counts of a run, of sources where nothing else is stated. Field names are JSON keys."""
 
     archive: str
     run: str
-    """Key of options and software; the tables of this run are in folders of that name."""
+    """Key of options and software, in the names of the folders with the tables of this run."""
     sources: int = 0
-    """Found so far."""
+    """Sources so far."""
     done_before: int = 0
-    """Of these, done by a former run."""
+    """Sources among them with results of a former run."""
     duplicates: int = 0
-    """Of these, with the content of another one."""
+    """Sources among them with the content of another one."""
     inverted: int = 0
-    """Of these, inverted now; a survey counts once for each of its pieces."""
+    """Sources inverted by this run; a survey counts once for each of its pieces."""
     drops: int = 0
-    """Drops inverted now, rejected ones among them."""
+    """Drops inverted by this run, rejected ones included."""
     points: int = 0
-    """Points diagnosed now."""
+    """Points diagnosed by this run."""
     failed: int = 0
-    """Failures met now."""
+    """Failures of this run."""
     failed_in_all: int = 0
-    """Sources of the run with a failure, this run's and former ones'."""
+    """Sources with a failure, in this run or former ones with the same key."""
     parts: int = 0
-    """Parts written now."""
+    """Parts written by this run."""
     processor_seconds: float = 0.0
-    """Time of the workers' processors."""
+    """Processor time of the workers."""
     elapsed_s: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
-        """For a machine."""
+        """Return the counts as JSON data."""
         return asdict(self)
 
 
-Tell = Callable[[Summary, Sequence[Failure]], None]
-"""Told of the state after every batch, and of its failures."""
+ReportProgress = Callable[[Summary, Sequence[Failure]], None]
+"""Called after every batch with the counts so far and the failures of the batch."""
+
+
+def run_identity(options: AnalysisOptions) -> dict[str, Any]:
+    """Return everything that a result depends on besides its source.
+
+    Raises
+    ------
+    OptionError
+        If the file of ``--header`` cannot be read.
+    """
+    settings = asdict(options)
+    header = settings.pop("header")
+    digest = None
+    if header is not None:
+        try:
+            with open(header, "rb") as stream:
+                digest = hashlib.file_digest(stream, "sha256").hexdigest()
+        except OSError as err:
+            reason = err.strerror or str(err)
+            raise OptionError(refusal(f"--header {header}", "a TOML file", reason)) from err
+    return {
+        "format": TABLE_VERSION,
+        "software": software_version(),
+        "options": settings,
+        "header_sha256": digest,
+    }
+
+
+def run_key(identity: dict[str, Any]) -> str:
+    """Return twelve hexadecimal digits that stand for an identity."""
+    text = json.dumps(identity, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def invert_archive(
@@ -86,14 +122,14 @@ def invert_archive(
     archive: str | os.PathLike[str],
     options: AnalysisOptions,
     workers: Workers,
-    tell: Tell | None = None,
+    report: ReportProgress | None = None,
     *,
     part_rows: int = PART_ROWS,
     part_seconds: float = PART_SECONDS,
 ) -> Summary:
-    """Invert what is not done yet and keep the results.
+    """Invert the sources without stored results and store theirs.
 
-    Whatever ends this early costs the work since the last part; the same call goes on.
+    An interruption costs the work since the last part; the same call continues from there.
 
     Parameters
     ----------
@@ -101,15 +137,15 @@ def invert_archive(
     archive : folder of the results, see :mod:`pfwd.archive.dataset`
     options : AnalysisOptions
     workers : Workers
-    tell : optional
+    report : callable, optional
     part_rows, part_seconds : drops and s after which a part is written
 
     Raises
     ------
     OptionError
-        If a path does not exist, or the folder of the results is something else.
+        If a path does not exist, or the folder of the results holds other files.
     SurveyError
-        If another program works on the archive, the disk does not take it, or the workers are lost.
+        If another program works on the archive, it cannot be written, or the workers are lost.
     """
     refuse_missing(paths)
     identity = run_identity(options)
@@ -125,7 +161,7 @@ def invert_archive(
         dataset.clear_leftovers()
         ledger = Ledger(dataset)
         try:
-            run = _Run(dataset, ledger, tell, part_rows, part_seconds)
+            run = _Run(dataset, ledger, report, part_rows, part_seconds)
             return run.go(paths, workers)
         finally:
             ledger.close()
@@ -134,7 +170,7 @@ def invert_archive(
 def invert_stream(
     paths: Sequence[str], options: AnalysisOptions, workers: Workers
 ) -> Iterator[SourceOutcome]:
-    """Outcomes of sources as they are done; nothing is kept.
+    """Yield the outcomes of sources as they are completed; nothing is stored.
 
     Raises
     ------
@@ -150,7 +186,7 @@ def invert_stream(
 
 
 def batches_of(sources: Iterator[Source]) -> Iterator[Batch]:
-    """Sources in batches of about equal work."""
+    """Yield sources in batches of about equal work."""
     batch: list[Source] = []
     size = 0
     for source in sources:
@@ -164,8 +200,8 @@ def batches_of(sources: Iterator[Source]) -> Iterator[Batch]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Done:
-    """All rows of a source: gathered in one go, so that no interrupt can part them."""
+class _SourceRows:
+    """All rows of a source, as one object, so that an interrupt cannot separate them."""
 
     source: Row
     results: list[dict[str, Any]] = field(default_factory=list)
@@ -175,14 +211,14 @@ class _Done:
 
 @dataclass(slots=True)
 class _Buffer:
-    """What is gathered for the next part."""
+    """Rows in memory for the next part."""
 
-    sources: list[_Done] = field(default_factory=list)
-    begun: float = field(default_factory=time.monotonic)
+    sources: list[_SourceRows] = field(default_factory=list)
+    start_s: float = field(default_factory=time.monotonic)
     number: int | None = None
-    """Of the part, once it is being written: written again after an interrupt, it is the same."""
-    drops: int = 0
-    """Rows of results."""
+    """Number of the part, from the first attempt to write it on; it stays after an interrupt."""
+    result_rows: int = 0
+    """Number of results and diagnoses."""
 
 
 class _Run:
@@ -190,62 +226,62 @@ class _Run:
         self,
         dataset: Dataset,
         ledger: Ledger,
-        tell: Tell | None,
+        report: ReportProgress | None,
         part_rows: int,
         part_seconds: float,
     ) -> None:
-        self._dataset, self._ledger, self._tell = dataset, ledger, tell
+        self._dataset, self._ledger, self._report = dataset, ledger, report
         self._part_rows, self._part_seconds = part_rows, part_seconds
         self._summary = Summary(str(dataset.folder), dataset.key)
         self._buffer = _Buffer()
-        # Under way or gathered: what the ledger does not know of yet.
+        # In work, or in memory: not in the ledger yet.
         self._pending: dict[str, list[Source]] = {}
         self._settled: dict[str, tuple[str, int]] = {}
         self._unfinished = _Unfinished(dataset.folder / "unfinished" / f"{dataset.key}.jsonl")
 
     def go(self, paths: Sequence[str], workers: Workers) -> Summary:
-        begun = time.perf_counter()
+        start_s = time.perf_counter()
         summary = self._summary
         try:
             self._remove_stale()
-            batches = batches_of(self._to_do(paths))
+            batches = batches_of(self._missing_pieces(paths))
             for outcomes in workers.run(batches):
-                self._take(outcomes)
+                self._add_outcomes(outcomes)
                 self._write_if_due()
-                summary.elapsed_s = time.perf_counter() - begun
+                summary.elapsed_s = time.perf_counter() - start_s
         finally:
-            # Also when it was stopped: what is done is done.
+            # Also after an interrupt: completed sources are stored.
             self._write()
             self._unfinished.close()
         self._remove_stale()
         summary.failed_in_all = self._ledger.refused() + self._unfinished.count
-        summary.elapsed_s = time.perf_counter() - begun
-        self._say([])
+        summary.elapsed_s = time.perf_counter() - start_s
+        self._report_progress([])
         return summary
 
-    def _to_do(self, paths: Sequence[str]) -> Iterator[Source]:
-        """Pieces that nobody has inverted."""
-        for found in find_sources(paths, str(self._dataset.folder)):
+    def _missing_pieces(self, paths: Sequence[str]) -> Iterator[Source]:
+        """Yield the pieces without stored results."""
+        for source in find_sources(paths, str(self._dataset.folder)):
             self._summary.sources += 1
-            if self._ledger.is_known(found):
+            if self._ledger.is_complete(source):
                 self._summary.done_before += 1
                 continue
             try:
-                source = replace(found, digest=content_digest(found))
+                source = replace(source, digest=content_digest(source))
             except OSError as err:
-                reason = refusal(found.path, "a readable file", err.strerror or str(err))
-                self._fail(found, [Failure("refused", reason)])
+                reason = refusal(source.path, "a readable file", err.strerror or str(err))
+                self._fail(source, [Failure("refused", reason)])
                 continue
-            known = False
+            is_stored = False
             for piece in pieces_of(source):
                 if self._ledger.has_piece(piece):
-                    known = True
+                    is_stored = True
                 elif self._is_new(piece):
                     self._pending[piece.key] = []
                     yield piece
-            if known:
+            if is_stored:
                 self._ledger.touch(source)
-                self._summary.done_before += self._ledger.is_known(source)
+                self._summary.done_before += self._ledger.is_complete(source)
             self._write_if_due()
 
     def _is_new(self, piece: Source) -> bool:
@@ -254,22 +290,21 @@ class _Run:
                 self._pending[piece.key].append(piece)
             return False
         if piece.key in self._settled:
-            file, failures = self._settled[piece.key]
-            self._add_duplicate(piece, file, failures)
+            self._add_duplicate(piece, *self._settled[piece.key])
             return False
-        other = self._ledger.file_with(piece.digest, piece.piece, piece.pieces)
-        if other is not None:
-            self._add_duplicate(piece, other, 0)
+        file = self._ledger.file_with(piece.digest, piece.piece, piece.pieces)
+        if file is not None:
+            self._add_duplicate(piece, file, 0)
             return False
         return True
 
-    def _take(self, outcomes: Sequence[SourceOutcome]) -> None:
-        met: list[Failure] = []
+    def _add_outcomes(self, outcomes: Sequence[SourceOutcome]) -> None:
+        batch_failures: list[Failure] = []
         for outcome in outcomes:
             source, summary = outcome.source, self._summary
             duplicates = self._pending.pop(source.key, [])
             summary.processor_seconds += outcome.processor_seconds
-            met += outcome.failures
+            batch_failures += outcome.failures
             summary.inverted += 1
             summary.drops += len(outcome.results)
             summary.points += len(outcome.diagnoses)
@@ -278,36 +313,38 @@ class _Run:
                 continue
             summary.failed += len(outcome.failures)
             failures = len(outcome.failures)
-            done = _Done(
+            rows = _SourceRows(
                 _source_row(source, len(outcome.results), failures, None),
                 [result_row(result, source.digest) for result in outcome.results],
                 [diagnosis_row(result, source.digest) for result in outcome.diagnoses],
                 [_failure_row(source, failure) for failure in outcome.failures],
             )
-            self._buffer.sources.append(done)
-            self._buffer.drops += len(done.results) + len(done.diagnoses)
+            self._buffer.sources.append(rows)
+            self._buffer.result_rows += len(rows.results) + len(rows.diagnoses)
             self._settled[source.key] = (source.path, failures)
             for duplicate in duplicates:
                 self._add_duplicate(duplicate, source.path, failures)
-        self._say(met)
+        self._report_progress(batch_failures)
 
     def _add_duplicate(self, piece: Source, file: str, failures: int) -> None:
         if piece.path == file:  # named twice
             return
         self._summary.duplicates += 1
-        self._buffer.sources.append(_Done(_source_row(piece, 0, failures, file)))
+        self._buffer.sources.append(_SourceRows(_source_row(piece, 0, failures, file)))
 
     def _fail(self, source: Source, failures: Sequence[Failure]) -> None:
-        """Failures that are no property of the content: tried again by the next run."""
+        """Record failures without a cause in the content; the next run tries again."""
         self._summary.failed += len(failures)
         for failure in failures:
             self._unfinished.add(_failure_row(source, failure))
 
     def _write_if_due(self) -> None:
         buffer = self._buffer
-        old = time.monotonic() - buffer.begun >= self._part_seconds
-        full = buffer.drops >= self._part_rows or len(buffer.sources) >= PART_SOURCES
-        if full or old:
+        if (
+            buffer.result_rows >= self._part_rows
+            or len(buffer.sources) >= PART_SOURCES
+            or time.monotonic() - buffer.start_s >= self._part_seconds
+        ):
             self._write()
 
     def _write(self) -> None:
@@ -315,12 +352,12 @@ class _Run:
         if buffer.sources:
             if buffer.number is None:
                 buffer.number = self._ledger.next_number()
-            sources = [done.source for done in buffer.sources]
+            sources = [each.source for each in buffer.sources]
             self._dataset.write(
                 buffer.number,
-                [row for done in buffer.sources for row in done.results],
-                [row for done in buffer.sources for row in done.diagnoses],
-                [row for done in buffer.sources for row in done.failures],
+                [row for each in buffer.sources for row in each.results],
+                [row for each in buffer.sources for row in each.diagnoses],
+                [row for each in buffer.sources for row in each.failures],
                 sources,
             )
             self._ledger.add(buffer.number, sources)
@@ -329,18 +366,18 @@ class _Run:
         self._buffer = _Buffer()
 
     def _remove_stale(self) -> None:
-        """Rows of files that have been written anew since."""
+        """Remove the rows of files that have changed since."""
         for number, digests in self._ledger.stale().items():
             self._dataset.remove_content(number, digests)
             self._ledger.clean(number)
 
-    def _say(self, met: Sequence[Failure]) -> None:
-        if self._tell is not None:
-            self._tell(self._summary, met)
+    def _report_progress(self, failures: Sequence[Failure]) -> None:
+        if self._report is not None:
+            self._report(self._summary, failures)
 
 
 class _Unfinished:
-    """The file with what the next run will try again; there is none when there is nothing."""
+    """File of the sources that the next run tries again; it does not exist if there are none."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._draft = path, path.with_name(path.name + ".tmp")

@@ -1,7 +1,8 @@
-"""What there is to invert: the surveys and files below folders, found one after the other."""
+"""Sources of an archive: the surveys and files below folders, listed one after the other."""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import itertools
 import os
@@ -14,16 +15,16 @@ from pfwd.files.foreign.registry import foreign_suffixes
 from pfwd.files.reading import survey_content
 from pfwd.files.survey_file import is_survey_file
 
-OWN_SUFFIXES = (".csv", ".h5", ".hdf5")
-"""Ends of the names, in small letters, of this program's own files with drops."""
+PFWD_SUFFIXES = (".csv", ".h5", ".hdf5")
+"""Suffixes, in small letters, of this program's own files with drops."""
 
-SURVEY_SLICE = 500
-"""Drops of a survey that are inverted in one go: half a minute of work, lost when it is cut off."""
+PIECE_DROPS = 500
+"""Drops in a piece of a survey: half a minute of work, lost when it is interrupted."""
 
-_CHUNK = 1 << 20
-_RECORDED = ("journal", "drops")
-"""Folders of a survey with what was measured; results and captures change nothing."""
-_LEDGER = "acknowledged.txt"
+_CHUNK_BYTES = 1 << 20
+_RECORD_FOLDERS = ("journal", "drops")
+"""Folders of a survey with its records; results and captures do not change its content."""
+_SURVEY_LEDGER = "acknowledged.txt"
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,38 +36,38 @@ class Source:
     size: int
     """Bytes; of a survey those of all its files."""
     mtime_ns: int
-    """When it was written last; of a survey the latest of its files."""
+    """Time of the last change; of a survey that of its latest file."""
     survey: bool = False
-    """Whether it is the folder of a survey."""
+    """True for the folder of a survey."""
     digest: str = ""
     """SHA-256 of the content; empty: not computed."""
     piece: int = 0
-    """Which piece of a survey, from 0."""
+    """Number of this piece of a survey, from 0."""
     pieces: int = 1
-    """Pieces of the survey."""
+    """Number of pieces of the survey."""
     first_point: int = 0
     """First point of the piece, counted from 0."""
     end_point: int | None = None
-    """The point behind the last; None: all."""
+    """End of the range of points, exclusive; None: up to the last point."""
 
     @property
     def key(self) -> str:
-        """What is inverted once: the content and the piece of it."""
+        """Identity of the content and its piece; sources with the same key are inverted once."""
         return self.digest if self.pieces == 1 else f"{self.digest}:{self.piece}/{self.pieces}"
 
 
 def find_sources(paths: Sequence[str], leave_out: str | None = None) -> Iterator[Source]:
-    """The sources that are named or lie below a folder, in the order of their names.
+    """Yield the named sources and those below named folders, in the order of their names.
 
-    A file in a folder counts when its name ends like those of this program or of a format that it
-    imports; one that is named itself always does. Links to folders are not followed.
+    A file in a folder counts if its suffix is one of this program or of a format that it imports;
+    a file that is named itself always counts. Links to folders are not followed.
 
     Parameters
     ----------
     paths : sequence of str
         Files, surveys, folders.
     leave_out : str, optional
-        A folder that is not looked into: where the results go.
+        Folder that is skipped: the one for the results.
 
     Raises
     ------
@@ -75,17 +76,17 @@ def find_sources(paths: Sequence[str], leave_out: str | None = None) -> Iterator
     """
     refuse_missing(paths)
     skipped = None if leave_out is None else os.path.realpath(leave_out)
-    endings = (*OWN_SUFFIXES, *foreign_suffixes())
+    suffixes = (*PFWD_SUFFIXES, *foreign_suffixes())
     for path in paths:
-        whole = os.path.abspath(path)
-        if os.path.isdir(whole):
-            yield from _below(whole, skipped, endings)
+        absolute = os.path.abspath(path)
+        if os.path.isdir(absolute):
+            yield from _sources_below(absolute, skipped, suffixes)
         else:
-            yield _file(whole)
+            yield _file(absolute)
 
 
 def refuse_missing(paths: Sequence[str]) -> None:
-    """Refuse what does not exist, before anything is begun.
+    """Refuse paths that do not exist, before any work is done.
 
     Raises
     ------
@@ -97,11 +98,11 @@ def refuse_missing(paths: Sequence[str]) -> None:
 
 
 def count_sources(paths: Sequence[str], leave_out: str | None = None) -> int:
-    """How many sources :func:`find_sources` will find, as long as nothing changes."""
+    """Return the number of sources that :func:`find_sources` yields if nothing changes."""
     return sum(1 for _ in find_sources(paths, leave_out))
 
 
-def _below(folder: str, skipped: str | None, endings: tuple[str, ...]) -> Iterator[Source]:
+def _sources_below(folder: str, skipped: str | None, suffixes: tuple[str, ...]) -> Iterator[Source]:
     if skipped is not None and os.path.realpath(folder) == skipped:
         return
     if is_survey(folder):
@@ -111,13 +112,13 @@ def _below(folder: str, skipped: str | None, endings: tuple[str, ...]) -> Iterat
         with os.scandir(folder) as listing:
             entries = sorted(listing, key=lambda entry: entry.name)
     except OSError:
-        # Reading it as a file gives the reason, and the failure is kept like any other.
+        # Reading it as a file fails with the reason, which is stored like any other failure.
         yield Source(folder, -1, 0)
         return
     for entry in entries:
         if entry.is_dir(follow_symlinks=False):
-            yield from _below(entry.path, skipped, endings)
-        elif entry.name.lower().endswith(endings):
+            yield from _sources_below(entry.path, skipped, suffixes)
+        elif entry.name.lower().endswith(suffixes):
             yield _file(entry.path)
 
 
@@ -141,24 +142,22 @@ def _survey(folder: str) -> Source:
 
 
 def _survey_files(folder: str) -> list[str]:
-    names = [_LEDGER]
-    for part in _RECORDED:
-        try:
-            found = sorted(os.listdir(os.path.join(folder, part)))
-        except OSError:
-            continue
-        names += [os.path.join(part, name) for name in found]
+    names = [_SURVEY_LEDGER]
+    for part in _RECORD_FOLDERS:
+        with contextlib.suppress(OSError):
+            listing = sorted(os.listdir(os.path.join(folder, part)))
+            names += [os.path.join(part, name) for name in listing]
     return names
 
 
-def unchanged(source: Source) -> bool:
-    """Whether size and time are still those that were found."""
+def is_unchanged(source: Source) -> bool:
+    """Return whether size and time are still those of the source."""
     now = _survey(source.path) if source.survey else _file(source.path)
     return (now.size, now.mtime_ns) == (source.size, source.mtime_ns)
 
 
 def content_digest(source: Source) -> str:
-    """SHA-256 of the content, as hexadecimal digits.
+    """Return the SHA-256 of the content, in hexadecimal digits.
 
     Raises
     ------
@@ -168,22 +167,22 @@ def content_digest(source: Source) -> str:
     if not source.survey:
         with open(source.path, "rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
-    whole = hashlib.sha256()
+    digest = hashlib.sha256()
     for name in _survey_files(source.path):
         path = os.path.join(source.path, name)
         if not os.path.isfile(path):
             continue
-        whole.update(f"{name.replace(os.sep, '/')}\0{os.path.getsize(path)}\0".encode())
+        digest.update(f"{name.replace(os.sep, '/')}\0{os.path.getsize(path)}\0".encode())
         with open(path, "rb") as stream:
-            while chunk := stream.read(_CHUNK):
-                whole.update(chunk)
-    return whole.hexdigest()
+            while chunk := stream.read(_CHUNK_BYTES):
+                digest.update(chunk)
+    return digest.hexdigest()
 
 
-def pieces_of(source: Source, largest: int = SURVEY_SLICE) -> list[Source]:
-    """A survey in pieces of whole points, about `largest` drops each; anything else as it is.
+def pieces_of(source: Source, piece_drops: int = PIECE_DROPS) -> list[Source]:
+    """Return a survey in pieces of complete points, about `piece_drops` drops each.
 
-    A survey that cannot be read stays whole: inverting it gives the reason.
+    Other sources, and a survey that cannot be read, are one piece: inverting it gives the reason.
     """
     # The survey's own errors, and those of a file that is no HDF5 although its name says so.
     try:
@@ -195,7 +194,7 @@ def pieces_of(source: Source, largest: int = SURVEY_SLICE) -> list[Source]:
     ends, drops = [0], 0
     for number, point in enumerate(points, start=1):
         drops += len(point.drops)
-        if drops >= largest:
+        if drops >= piece_drops:
             ends.append(number)
             drops = 0
     if ends[-1] < len(points):

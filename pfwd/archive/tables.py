@@ -1,25 +1,25 @@
-"""The response tables of a worker, no more of them than memory is meant for."""
+"""Response tables of a worker, limited in number; loads numpy, hence a module of its own."""
 
 from inversion import PlateProblem, SurrogateLibrary
 from inversion.forward.surrogate import Surrogate
 
 
 class BoundedLibrary(SurrogateLibrary):
-    """A library that forgets the table that was loaded first when there are too many.
+    """Library that drops the table that was loaded first when there are too many.
 
     Parameters
     ----------
-    most : int
-        Tables kept in memory; what is forgotten is read from the disk again.
+    max_tables : int
+        Tables in memory; dropped ones are read from the disk again.
     """
 
-    def __init__(self, most: int) -> None:
+    def __init__(self, max_tables: int) -> None:
         super().__init__()
-        self._most = most
+        self._max_tables = max_tables
 
     def get(self, problem: PlateProblem, depth: float | None) -> Surrogate:
-        """See :meth:`SurrogateLibrary.get`."""
-        found = super().get(problem, depth)
-        while len(self._kept) > self._most:
+        """Return a response table, see :meth:`SurrogateLibrary.get`."""
+        table = super().get(problem, depth)
+        while len(self._kept) > self._max_tables:
             del self._kept[next(iter(self._kept))]
-        return found
+        return table

@@ -1,5 +1,8 @@
-"""What a worker does: a batch of sources in, their results out. It keeps nothing and writes
-nothing, so that a batch may be repeated at any time, anywhere."""
+"""Work on a batch of sources: inverts or diagnoses them and returns the outcomes.
+
+Nothing is written, so that a batch may be repeated at any time, on any computer. Local processes, a
+cluster and a stand-in of the tests share the protocol :class:`Workers`.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,9 @@ import os
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, Protocol
 
-from pfwd.archive.sources import Source, unchanged
+from pfwd.archive.sources import Source, is_unchanged
 from pfwd.errors import SurveyError, refusal
 
 if TYPE_CHECKING:
@@ -22,51 +25,104 @@ if TYPE_CHECKING:
 
 FailureKind = Literal["refused", "damage", "unforeseen", "worker", "changed"]
 
-PASSING: frozenset[FailureKind] = frozenset({"worker", "changed"})
-"""Failures that say nothing of the source: it is tried again when the archive is continued."""
+TRANSIENT_FAILURES: frozenset[FailureKind] = frozenset({"worker", "changed"})
+"""Failures without a cause in the source: it is tried again when the archive is continued."""
 
-ONE_THREAD = (
+THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
     "MKL_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
 )
-"""Variables that keep linear algebra to one thread, where they are set before it is loaded."""
+"""Variables that limit linear algebra to one thread if they are set before it is loaded."""
 
-_TABLES_KEPT = 100
+_MAX_RESPONSE_TABLES = 100
 """Response tables in memory, 0.1 to 2 MB each; an archive may declare any number of depths."""
+
+MAX_DEATHS_PER_SOURCE = 3
+"""Workers that may die over one source before it is given up; the first ones may have been killed
+for another reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Something that gave no result, and why."""
+    """Reason why a source or a point of it has no result."""
 
     kind: FailureKind
     """refused: the source, or a point of a survey; damage: lost before; unforeseen: an error of the
-    program; worker: its process died; changed: the source was written to meanwhile."""
+    program; worker: its process died; changed: the source changed during the work."""
     reason: str
     """One line."""
     point: str | None = None
-    """The test point, where it is one of a survey."""
+    """Test point, if it is one of a survey."""
 
 
 @dataclass(frozen=True, slots=True)
 class SourceOutcome:
-    """What came of one source."""
+    """Results and failures of one source."""
 
     source: Source
     results: list[DropResult] = field(default_factory=list)
-    """One a drop; what is declared of its point is among the keys that a result does not know."""
+    """One for each drop; declarations of its point are in `more`."""
     diagnoses: list[DiagnosisResult] = field(default_factory=list)
-    """One a point, where points are diagnosed in place of drops being inverted."""
+    """One for each point, if points are diagnosed instead of inverting drops."""
     failures: list[Failure] = field(default_factory=list)
     processor_seconds: float = 0.0
-    """Time of the processor that it took."""
+    """Processor time of the work."""
 
     @property
     def final(self) -> bool:
-        """Whether trying again could not change it."""
-        return not any(failure.kind in PASSING for failure in self.failures)
+        """True if another attempt would have the same outcome."""
+        return not any(failure.kind in TRANSIENT_FAILURES for failure in self.failures)
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Sources for one worker, handed over together."""
+
+    sources: tuple[Source, ...]
+    deaths: int = 0
+    """Workers that died while they worked on it."""
+
+    def retries_after_death(self) -> list[Batch]:
+        """Return the batches to try next; empty after too many deaths.
+
+        Each source is then alone in its batch, so that the cause shows.
+        """
+        if len(self.sources) > 1:
+            return [Batch((source,), self.deaths + 1) for source in self.sources]
+        if self.deaths + 1 >= MAX_DEATHS_PER_SOURCE:
+            return []
+        return [Batch(self.sources, self.deaths + 1)]
+
+    def worker_failures(self) -> list[SourceOutcome]:
+        """Return the outcomes of sources whose workers died too often."""
+        return [
+            SourceOutcome(
+                source,
+                failures=[
+                    Failure(
+                        "worker",
+                        f"{source.path}: expected an outcome, got the end of the worker process, "
+                        f"{MAX_DEATHS_PER_SOURCE} times; it may need more memory than there is",
+                    )
+                ],
+            )
+            for source in self.sources
+        ]
+
+
+class Workers(Protocol):
+    """Processes or computers that invert batches."""
+
+    def run(self, batches: Iterator[Batch]) -> Iterator[list[SourceOutcome]]:
+        """Yield the outcomes of each batch as soon as it is complete.
+
+        At most as many batches are taken as are worked on or wait for the next free worker.
+        """
+
+    def close(self) -> None:
+        """End the workers; outcomes that were not yielded are lost."""
 
 
 _library: SurrogateLibrary | None = None
@@ -74,40 +130,40 @@ _last_survey: tuple[Source, SurveyContent] | None = None
 
 
 def limit_threads() -> None:
-    """Keep linear algebra, loaded later, to one thread: the processes are the parallel part."""
-    for name in ONE_THREAD:
+    """Limit linear algebra, loaded later, to one thread: the processes are the parallel part."""
+    for name in THREAD_VARIABLES:
         os.environ[name] = "1"
 
 
 def invert_batch(sources: list[Source], options: AnalysisOptions) -> list[SourceOutcome]:
-    """Outcomes of sources in their order; whatever goes wrong with one is its outcome."""
+    """Return the outcomes of sources in their order; an error of one is part of its outcome."""
     return [_invert(source, options) for source in sources]
 
 
 def _invert(source: Source, options: AnalysisOptions) -> SourceOutcome:
     from inversion import InversionError
 
-    begun = time.process_time()
+    start_s = time.process_time()
     results: list[DropResult] = []
     diagnoses: list[DiagnosisResult] = []
     failures: list[Failure] = []
     points: list[TracePoint] = []
     try:
-        if not unchanged(source) and source.size >= 0:
+        if not is_unchanged(source) and source.size >= 0:
             raise _Changed
-        for found in _points(source, options):
-            if isinstance(found, Failure):
-                failures.append(found)
+        for point in _points(source, options):
+            if isinstance(point, Failure):
+                failures.append(point)
             elif options.diagnose:
-                points.append(found)
+                points.append(point)
             else:
-                results += _results(source, found, options)
-        for diagnosed in _diagnosed(source, points, options):
-            if isinstance(diagnosed, Failure):
-                failures.append(diagnosed)
+                results += _results(source, point, options)
+        for diagnosis in _diagnoses(source, points, options):
+            if isinstance(diagnosis, Failure):
+                failures.append(diagnosis)
             else:
-                diagnoses.append(diagnosed)
-        if not unchanged(source) and source.size >= 0:
+                diagnoses.append(diagnosis)
+        if not is_unchanged(source) and source.size >= 0:
             raise _Changed
     except _Changed:
         reason = refusal(source.path, "a file at rest", "one that was written to meanwhile")
@@ -116,18 +172,18 @@ def _invert(source: Source, options: AnalysisOptions) -> SourceOutcome:
         results, diagnoses = [], []
         failures = [*failures, Failure("refused", str(error))]
     except Exception as error:
-        # One source in a million must not end the others; its reason is kept with the rest.
+        # One source in a million must not end the others; its reason is stored with theirs.
         reason = f"{source.path}: an unexpected error: {type(error).__name__}: {error}"
         results, diagnoses = [], []
         failures = [*failures, Failure("unforeseen", reason)]
-    spent = time.process_time() - begun
-    return SourceOutcome(source, results, diagnoses, failures, spent)
+    seconds = time.process_time() - start_s
+    return SourceOutcome(source, results, diagnoses, failures, seconds)
 
 
-def _diagnosed(
+def _diagnoses(
     source: Source, points: Sequence[TracePoint], options: AnalysisOptions
 ) -> Iterator[DiagnosisResult | Failure]:
-    """What is behind the residuals of points that are one survey, where they name one device."""
+    """Yield the diagnoses of points that are one survey, together where they name one device."""
     if not points:
         return
     from inversion import InversionError
@@ -140,11 +196,11 @@ def _diagnosed(
             entries.append(entry_of(source.path, point, options))
         except InversionError as error:
             yield Failure("refused", f"{source.path}: {error}", str(point.setup.point or ""))
-    for found in diagnose_entries(entries):
-        if found.result is not None:
-            yield found.result
-        elif found.error is not None:
-            yield Failure("refused", found.error)
+    for diagnosis in diagnose_entries(entries):
+        if diagnosis.result is not None:
+            yield diagnosis.result
+        elif diagnosis.error is not None:
+            yield Failure("refused", diagnosis.error)
 
 
 class _Changed(Exception):
@@ -152,27 +208,17 @@ class _Changed(Exception):
 
 
 def _points(source: Source, options: AnalysisOptions) -> Iterator[TracePoint | Failure]:
-    from pfwd.files.reading import read_points
+    from pfwd.files.reading import is_hdf5, read_points
     from pfwd.files.survey_file import is_survey_file
 
-    if source.survey or (_is_hdf5(source.path) and is_survey_file(source.path)):
+    if source.survey or (is_hdf5(source.path) and is_survey_file(source.path)):
         yield from _survey_points(source, options)
     else:
         yield from read_points(source.path, options.header, options.overrides())
 
 
-def _is_hdf5(path: str) -> bool:
-    from pfwd.files.reading import HDF5_SIGNATURE
-
-    try:
-        with open(path, "rb") as stream:
-            return stream.read(len(HDF5_SIGNATURE)) == HDF5_SIGNATURE
-    except OSError:
-        return False  # reading it says why
-
-
 def _survey_points(source: Source, options: AnalysisOptions) -> Iterator[TracePoint | Failure]:
-    """The points of a survey, one after the other; one that is not whole does not cost the rest."""
+    """Yield the points of a survey; a damaged one does not cost the others."""
     from pfwd.files.header import Declaration, read_header_file
     from pfwd.files.reading import points_of
     from pfwd_device.errors import RecordingError
@@ -183,23 +229,23 @@ def _survey_points(source: Source, options: AnalysisOptions) -> Iterator[TracePo
             yield Failure("damage", f"{source.path}: damaged survey: {text}")
         if not content.points:
             yield Failure("refused", refusal(source.path, "a survey with drops", "none"))
-    said = dict(read_header_file(options.header)) if options.header is not None else {}
-    said |= {key: Declaration(v, "command line") for key, v in options.overrides().items()}
+    declared = dict(read_header_file(options.header)) if options.header is not None else {}
+    declared |= {key: Declaration(v, "command line") for key, v in options.overrides().items()}
     for point in content.points[source.first_point : source.end_point]:
         try:
-            yield from points_of(source.path, point, said)
+            yield from points_of(source.path, point, declared)
         except (RecordingError, SurveyError) as error:
             yield Failure("refused", str(error), point.title)
 
 
 def _content(source: Source) -> SurveyContent:
-    """What the survey holds; kept, because its pieces come one after the other."""
+    """Return the content of a survey; cached, because its pieces follow one another."""
     from pfwd.files.reading import survey_content
 
     global _last_survey
     if _last_survey is not None:
-        known, content = _last_survey
-        if (known.path, known.size, known.mtime_ns) == (source.path, source.size, source.mtime_ns):
+        last, content = _last_survey
+        if (last.path, last.size, last.mtime_ns) == (source.path, source.size, source.mtime_ns):
             return content
     content = survey_content(source.path)
     _last_survey = (source, content)
@@ -211,7 +257,7 @@ def _results(source: Source, point: TracePoint, options: AnalysisOptions) -> lis
     from pfwd.analysis.drop_result import drop_result
 
     setup = point.setup
-    declared = {
+    values = {
         "site": setup.site,
         "operator": setup.operator,
         "device": setup.device,
@@ -219,18 +265,18 @@ def _results(source: Source, point: TracePoint, options: AnalysisOptions) -> lis
         "latitude": setup.latitude,
         "longitude": setup.longitude,
     }
-    known = {key: value for key, value in declared.items() if value is not None}
+    declared = {key: value for key, value in values.items() if value is not None}
     return [
-        replace(drop_result(source.path, analysis, point.warnings, setup.point), more=known)
+        replace(drop_result(source.path, analysis, point.warnings, setup.point), more=declared)
         for analysis in analyse_point(point, options, _tables())
     ]
 
 
 def _tables() -> SurrogateLibrary:
-    """The response tables of this process."""
+    """Return the response tables of this process."""
     global _library
     if _library is None:
         from pfwd.archive.tables import BoundedLibrary
 
-        _library = BoundedLibrary(_TABLES_KEPT)
+        _library = BoundedLibrary(_MAX_RESPONSE_TABLES)
     return _library

@@ -10,7 +10,7 @@ from pfwd.errors import SurveyError, refusal
 
 @contextlib.contextmanager
 def disk_errors(target: Path) -> Iterator[None]:
-    """Within the block an error of the system is a SurveyError that names what was written."""
+    """Turn errors of the system within the block into a SurveyError that names the target."""
     try:
         yield
     except OSError as err:
@@ -23,8 +23,8 @@ def replaced_at_once(target: Path) -> Iterator[Path]:
     """Yield the path of a draft that replaces the target when the block ends without an error.
 
     Other programs see the former file or the new one, never a part of it. After an error the former
-    file stays and the draft is deleted. The draft is not synchronised with the disk; call
-    :func:`sync` in the block where a power cut must not lose the file.
+    file stays and the draft is deleted. A power cut may lose the new file, and with it the former
+    one, unless the block calls :func:`sync`; see :func:`replaced_durably`.
     """
     draft = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
@@ -35,6 +35,20 @@ def replaced_at_once(target: Path) -> Iterator[Path]:
         with contextlib.suppress(OSError):
             draft.unlink(missing_ok=True)
         raise
+
+
+@contextlib.contextmanager
+def replaced_durably(target: Path) -> Iterator[Path]:
+    """Replace a file as :func:`replaced_at_once` does; file and name are on the disk at the end."""
+    with replaced_at_once(target) as draft:
+        yield draft
+        sync(draft)
+    if os.name != "nt":  # where a folder cannot be opened, and needs not be
+        handle = os.open(target.parent, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def sync(path: Path) -> None:

@@ -9,8 +9,7 @@ from pyarrow import dataset as tables
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult
 from pfwd.archive.sources import Source
-from pfwd.archive.work import SourceOutcome, invert_batch
-from pfwd.archive.workers import Batch
+from pfwd.archive.work import Batch, SourceOutcome, invert_batch
 
 
 class HereWorkers:

@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import sqlite3
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,11 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult, LayerResult
 from pfwd.archive import dataset
 from pfwd.archive import run as running
-from pfwd.archive.dataset import EARLIER_COLUMNS, RESULT_COLUMNS, result_row
+from pfwd.archive.dataset import EARLIER_COLUMN_COUNTS, RESULT_COLUMNS, result_row
 from pfwd.archive.ledger import Ledger
 from pfwd.archive.run import invert_archive, invert_stream
 from pfwd.archive.sources import find_sources, pieces_of
-from pfwd.archive.work import Failure, SourceOutcome
-from pfwd.archive.workers import Batch
+from pfwd.archive.work import Batch, Failure, SourceOutcome
 from pfwd.errors import OptionError, SurveyError
 from pfwd.files.importing import import_files
 from pfwd.files.reading import read_points
@@ -69,7 +69,7 @@ def test_what_plain_inverting_says_has_a_column(
 
 def test_layers_stand_behind_the_columns_of_before() -> None:
     names = [name for name, _ in RESULT_COLUMNS]
-    first, second = EARLIER_COLUMNS
+    first, second = EARLIER_COLUMN_COUNTS
     assert names[first - 1 : first + 1] == ["warnings", "layers"]
     deflections = ["deflection_recorded_m", "deflection_corrected_m"]
     assert names[second - 1 :] == ["effective_depth_m", *deflections]
@@ -83,7 +83,7 @@ def test_layers_stand_behind_the_columns_of_before() -> None:
     assert row["layer_2_thickness_m"] is row["layer_3_modulus_pa"] is None
 
 
-@pytest.mark.parametrize("count", EARLIER_COLUMNS)
+@pytest.mark.parametrize("count", EARLIER_COLUMN_COUNTS)
 def test_a_part_of_before_there_were_layers_or_deflections_is_read(
     drops: Path, tmp_path: Path, options: AnalysisOptions, count: int
 ) -> None:
@@ -329,16 +329,20 @@ def test_a_table_that_was_cut_off_is_no_part_for_its_readers(
     out = tmp_path / "out"
     monkeypatch.setattr(running, "BATCH_SOURCES", 2)
     monkeypatch.setattr(running, "PART_SOURCES", 2)
-    settle = dataset._settle
+    replaced = dataset.replaced_durably
 
-    def cut_off(draft: Path, path: Path) -> None:
+    @contextlib.contextmanager
+    def cut_off(path: Path) -> Iterator[Path]:
         if path.name == "part-000002.parquet":
+            draft = path.with_name(f".{path.name}.1.tmp")  # a killed process does not remove it
+            yield draft
             draft.write_bytes(draft.read_bytes()[:100])
             raise KeyboardInterrupt
-        settle(draft, path)
+        with replaced(path) as draft:
+            yield draft
 
     with monkeypatch.context() as patch:
-        patch.setattr(dataset, "_settle", cut_off)
+        patch.setattr(dataset, "replaced_durably", cut_off)
         with pytest.raises(KeyboardInterrupt):
             invert_archive([str(drops)], out, options, QuickWorkers(options))
     # As pyarrow reads a folder: with all files in it that are not hidden.
@@ -496,7 +500,7 @@ def _a_text_that_stands_for_many(path: Path, count: int, length: int) -> None:
 def test_a_part_that_unpacks_to_gigabytes_is_refused(
     drops: Path, tmp_path: Path, options: AnalysisOptions, count: int, length: int
 ) -> None:
-    assert (dataset.MOST_ROWS, dataset.LARGEST_PART) == (10 * running.PART_ROWS, 64 * 2**20)
+    assert (dataset.MAX_TABLE_ROWS, dataset.MAX_TABLE_BYTES) == (10 * running.PART_ROWS, 64 * 2**20)
     out = tmp_path / "out"
     run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
     part = out / "sources" / f"run={run}" / "part-000001.parquet"
@@ -566,13 +570,13 @@ def test_a_ledger_that_is_too_large_is_not_opened(
 ) -> None:
     from pfwd.archive import ledger
 
-    assert ledger.LARGEST == 2 * 2**30  # six times what a million sources take
-    assert ledger.LARGEST_OF_A_PART == 16 * 2**20  # four times what 10,000 sources take
+    assert ledger.MAX_LEDGER_BYTES == 2 * 2**30  # six times what a million sources take
+    assert ledger.MAX_LEDGER_BYTES_PER_PART == 16 * 2**20  # four times what 10,000 sources take
     out = tmp_path / "out"
     invert_archive([str(drops)], out, options, QuickWorkers(options))
     path = out / "ledger.sqlite"
     size = path.stat().st_size
     os.truncate(path, 2 * size)
-    monkeypatch.setattr(ledger, "LARGEST", size)
+    monkeypatch.setattr(ledger, "MAX_LEDGER_BYTES", size)
     assert invert_archive([str(drops)], out, options, QuickWorkers(options)).done_before == 6
     assert path.stat().st_size == size

@@ -20,8 +20,7 @@ from pfwd.archive import run as running
 from pfwd.archive.local import LocalWorkers
 from pfwd.archive.run import Summary, invert_archive, invert_stream
 from pfwd.archive.sources import Source
-from pfwd.archive.work import Failure, SourceOutcome
-from pfwd.archive.workers import MOST_DEATHS, Batch
+from pfwd.archive.work import MAX_DEATHS_PER_SOURCE, Batch, Failure, SourceOutcome
 from pfwd.errors import SurveyError
 
 pytest.importorskip("pyarrow")
@@ -60,7 +59,7 @@ def test_a_source_that_kills_its_workers_is_given_up_alone(
     (line,) = (tmp_path / "out" / "unfinished" / f"{summary.run}.jsonl").read_text().splitlines()
     failure = json.loads(line)
     assert failure["file"].endswith("point-3.csv")
-    assert f"the end of the worker process, {MOST_DEATHS} times" in failure["reason"]
+    assert f"the end of the worker process, {MAX_DEATHS_PER_SOURCE} times" in failure["reason"]
 
 
 def deadly(line: Any, options: AnalysisOptions) -> None:
@@ -77,7 +76,7 @@ def test_processes_that_always_die_end_the_run(
     drops: Path, options: AnalysisOptions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pfwd.archive.local._serve", stillborn)
-    monkeypatch.setattr("pfwd.archive.local._MOST_DEATHS_IN_A_ROW", 3)
+    monkeypatch.setattr("pfwd.archive.local._MAX_CONSECUTIVE_DEATHS", 3)
     with (
         contextlib.closing(LocalWorkers(options, 1)) as workers,
         pytest.raises(SurveyError, match="expected processes that stay alive, got 3"),

@@ -82,7 +82,7 @@ def test_a_cluster_that_ends_is_said_with_what_to_do(
     drops: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # So long the client looks whether it comes back.
-    monkeypatch.setattr(cluster, "_CONNECT_S", 2.0)
+    monkeypatch.setattr(cluster, "_CONNECT_TIMEOUT_S", 2.0)
     distributed = pytest.importorskip("distributed", reason="the extra cluster is not installed")
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, dashboard_address=":0", processes=True
@@ -98,7 +98,7 @@ def test_a_cluster_that_ends_is_said_with_what_to_do(
 
 def test_where_no_scheduler_answers_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="the extra cluster is not installed")
-    monkeypatch.setattr(cluster, "_CONNECT_S", 1.0)
+    monkeypatch.setattr(cluster, "_CONNECT_TIMEOUT_S", 1.0)
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"

@@ -12,7 +12,7 @@ import pytest
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.archive import cluster
-from pfwd.archive.cluster import ClusterWorkers, unprotected
+from pfwd.archive.cluster import ClusterWorkers, protection_warning
 from pfwd.archive.run import invert_stream
 from pfwd.errors import OptionError, SurveyError
 
@@ -116,7 +116,7 @@ def test_files_that_are_no_certificates_are_said(
 def test_a_plain_address_does_not_reach_it(
     protected: Protected, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cluster, "_CONNECT_S", 2.0)
+    monkeypatch.setattr(cluster, "_CONNECT_TIMEOUT_S", 2.0)
     plain = protected[0].replace("tls://", "tcp://")
     with pytest.raises(SurveyError, match="does it speak this protocol"):
         ClusterWorkers(OPTIONS, plain)
@@ -152,7 +152,7 @@ def test_dask_that_is_told_to_require_certificates_refuses_a_plain_address() -> 
     ],
 )
 def test_a_cluster_elsewhere_without_certificates_is_remarked_on(address: str, told: bool) -> None:
-    remark = unprotected(address)
+    remark = protection_warning(address)
     assert (remark is not None) is told
     if remark is not None:
         assert address in remark
@@ -164,7 +164,7 @@ def test_the_command_says_it_on_standard_error(
 ) -> None:
     from tui.cli import main
 
-    monkeypatch.setattr(cluster, "_CONNECT_S", 0.5)
+    monkeypatch.setattr(cluster, "_CONNECT_TIMEOUT_S", 0.5)
     # A network that is for documents: nobody answers.
     assert main(["invert", str(drops), "--scheduler", "tcp://192.0.2.1:8786", *METHOD]) == 1
     output = capsys.readouterr()

@@ -8,11 +8,11 @@ import threading
 
 import pytest
 
-from pfwd.archive.interrupts import interrupts_wait
+from pfwd.archive.local import interrupts_deferred
 
 
 def interrupted(number: signal.Signals, done: list[str]) -> None:
-    with interrupts_wait():
+    with interrupts_deferred():
         os.kill(os.getpid(), number)
         done.append("the block to its end")
 
@@ -36,14 +36,14 @@ def test_an_interrupt_comes_at_the_end(number: signal.Signals) -> None:
 
 def test_nothing_comes_where_nothing_came() -> None:
     before = signal.getsignal(signal.SIGINT)
-    with interrupts_wait():
+    with interrupts_deferred():
         pass
     assert signal.getsignal(signal.SIGINT) is before
 
 
 @pytest.mark.posix
 def test_what_is_started_meanwhile_is_not_interrupted() -> None:
-    with interrupts_wait():
+    with interrupts_deferred():
         child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
     child.send_signal(signal.SIGINT)
     child.communicate(b"\n", timeout=30)
@@ -55,7 +55,7 @@ def test_in_another_thread_nothing_is_changed() -> None:
     seen: list[object] = []
 
     def work() -> None:
-        with interrupts_wait():
+        with interrupts_deferred():
             seen.append(signal.getsignal(signal.SIGINT))
 
     thread = threading.Thread(target=work)
