@@ -30,6 +30,9 @@ PEAK_WITHIN = 2.0
 """Pulse durations after the start of the pulse within which the deflection has its peak: it lags
 the load by a fraction of one. Later maxima are rebounds, or drift of an integrated velocity."""
 
+_LEAD_IN = 0.25
+"""Part of the pulse duration that a picture shows before the pulse."""
+
 END_PART = 0.05
 """Part of the record at its end, over which what is left of a deflection is averaged."""
 
@@ -64,17 +67,58 @@ def point_drop(
         return PointDrop(drop.number, Kind.REJECTED, reason=screening.reason)
     kind = Kind.DISCARDED if discarded is not None else Kind(screening.status)
     unbroken = unbroken_part(drop)[0]
-    load = remove_offset(unbroken.time, unbroken.load)
-    start, end = _pulse(load)
-    peak = float(load.max())
-    area = float(np.trapezoid(load[start:end], unbroken.time[start:end]))
-    duration = math.pi * area / (2 * peak) if peak > 0 else None
+    peak, start, duration = _pulse_of(unbroken)
     facts: dict[str, Any] = {"peak_load": peak, "pulse_duration": duration}
     centre = [channel for channel in unbroken.channels if abs(channel.offset) < CENTRE]
     if centre and duration:
         facts |= _deflection(unbroken, centre[0], setup, start, duration)
     fact = PointDrop(drop.number, kind, reason=discarded or None, **facts)
     return with_modulus(fact, result, setup)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, slots=True)
+class JudgedDeflection:
+    """Deflection of the centre over time, whose largest value is the fact `peak_deflection`."""
+
+    time: NDArray[np.float64]
+    """(n,), s after the trigger."""
+    deflection: NDArray[np.float64]
+    """(n,), m from the start of the pulse, without the declared response of the geophone."""
+
+
+def judged_deflection(drop: Drop, setup: PointSetup) -> JudgedDeflection | None:
+    """Return the deflection that a procedure judges, for a picture.
+
+    It begins a quarter of a pulse before the pulse. It ends a pulse after the search for its peak,
+    or before it drifts beyond that peak. None: the drop has no traces, no pulse, no sensor at the
+    centre, or the plate does not go down.
+
+    Parameters
+    ----------
+    drop : Drop
+    setup : PointSetup
+        As `point_drop` has it.
+    """
+    if drop.only_peaks is not None:
+        return None
+    unbroken = unbroken_part(drop)[0]
+    centre = [channel for channel in unbroken.channels if abs(channel.offset) < CENTRE]
+    if not centre or not unbroken.load.size:
+        return None
+    _, start, duration = _pulse_of(unbroken)
+    if not duration:
+        return None
+    moved, _ = _centre_motion(unbroken, centre[0], setup)
+    window = _judged_window(unbroken.time, start, duration)
+    peak = moved[window].max()
+    if peak <= moved[start]:
+        return None
+    pulse = unbroken.time[start]
+    first = int(np.searchsorted(unbroken.time, pulse - _LEAD_IN * duration))
+    last = int(np.searchsorted(unbroken.time, pulse + (PEAK_WITHIN + 1.0) * duration))
+    beyond = np.flatnonzero(moved[window.stop : last] > peak)
+    part = slice(first, window.stop + int(beyond[0]) if beyond.size else max(last, window.stop))
+    return JudgedDeflection(unbroken.time[part], moved[part] - moved[start])
 
 
 def _of_peaks(number: int, peaks: Peaks, setup: PointSetup, discarded: str | None) -> PointDrop:
@@ -275,6 +319,15 @@ def with_modulus(
     )
 
 
+def _pulse_of(drop: Drop) -> tuple[float, int, float | None]:
+    """Return peak load, N, first sample and duration of the pulse, s; None: there is no pulse."""
+    load = remove_offset(drop.time, drop.load)
+    start, end = _pulse(load)
+    peak = float(load.max())
+    area = float(np.trapezoid(load[start:end], drop.time[start:end]))
+    return peak, start, math.pi * area / (2 * peak) if peak > 0 else None
+
+
 def _pulse(load: NDArray[np.float64]) -> tuple[int, int]:
     """First sample of the pulse and the one past its last."""
     top = int(load.argmax())
@@ -284,22 +337,33 @@ def _pulse(load: NDArray[np.float64]) -> tuple[int, int]:
     return start, top + int(after[0]) if after.size else load.size
 
 
+def _centre_motion(
+    drop: Drop, channel: Channel, setup: PointSetup
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return deflection, m, and velocity, m/s, without the declared response of the geophone."""
+    frequency, damping = setup.geophone_natural_frequency, setup.geophone_damping
+    if channel.quantity != "velocity":
+        moved = displacement_of(channel, drop.time)
+        return moved, np.gradient(moved, drop.time)
+    velocity = remove_offset(drop.time, channel.values)
+    if frequency is None or damping is None:
+        return displacement_of(channel, drop.time), velocity
+    velocity = correct_response(velocity, drop.sampling_rate, frequency, damping)
+    steps = np.diff(drop.time) * (velocity[1:] + velocity[:-1]) / 2
+    return np.concatenate([[0.0], np.cumsum(steps)]), velocity
+
+
+def _judged_window(time: NDArray[np.float64], start: int, duration: float) -> slice:
+    """Samples among which the deflection has its peak."""
+    until = time[start] + PEAK_WITHIN * duration
+    return slice(start, max(start + 2, int(np.searchsorted(time, until))))
+
+
 def _deflection(
     drop: Drop, channel: Channel, setup: PointSetup, start: int, duration: float
 ) -> dict[str, float]:
-    frequency, damping = setup.geophone_natural_frequency, setup.geophone_damping
-    if channel.quantity == "velocity" and frequency is not None and damping is not None:
-        velocity = remove_offset(drop.time, channel.values)
-        velocity = correct_response(velocity, drop.sampling_rate, frequency, damping)
-        steps = np.diff(drop.time) * (velocity[1:] + velocity[:-1]) / 2
-        moved = np.concatenate([[0.0], np.cumsum(steps)])
-    else:
-        moved = displacement_of(channel, drop.time)
-        velocity = np.gradient(moved, drop.time)
-        if channel.quantity == "velocity":
-            velocity = remove_offset(drop.time, channel.values)
-    until = drop.time[start] + PEAK_WITHIN * duration
-    part = slice(start, max(start + 2, int(np.searchsorted(drop.time, until))))
+    moved, velocity = _centre_motion(drop, channel, setup)
+    part = _judged_window(drop.time, start, duration)
     peak = float((moved[part] - moved[start]).max())
     if peak <= 0:
         return {}

@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Any
 
 from inversion.notices import Notice
-from pfwd.analysis.drop_facts import uncompared_facts, with_modulus
+from pfwd.analysis.drop_facts import JudgedDeflection, uncompared_facts, with_modulus
 from pfwd.analysis.results import DropResult, TimeHistories
 from pfwd.analysis.screening.drops import Screening, rebound_reason, screen
 from pfwd.files.header import PointSetup
@@ -59,6 +59,8 @@ class DropView:
     """Screening of its traces; None: its facts are stored, and the traces were not read."""
     curves: TimeHistories | None = None
     """Measured and fitted, for a report; None: there are none, or the traces were not read."""
+    deflection: JudgedDeflection | None = None
+    """Deflection whose peak is judged, for a report; None: none, or the traces were not read."""
     stiffness: Stiffness | None = None
     """Stiffness of the rig under it, for a report; None: it is on ground, or not read."""
     source: SurveyDrop | None = None

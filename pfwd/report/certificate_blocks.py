@@ -10,11 +10,13 @@ from typing import Any
 from pfwd.errors import OptionError, refusal
 from pfwd.judging import PointView
 from pfwd.matplotlib_start import start_matplotlib
+from pfwd.message_groups import group_messages
 from pfwd.procedures import Procedure, Quantity, Verdict
 from pfwd.procedures.point import UNSUPPORTED_MARK
 from pfwd.procedures.preconditions import presumed_load
 from pfwd.report import shown
 from pfwd.report.blocks import (
+    SIGNS,
     Block,
     Heading,
     Mark,
@@ -30,14 +32,29 @@ from pfwd.report.drawing import (
     draw_curves,
     draw_logo,
     draw_signatures,
-    with_curves,
+    with_deflection,
 )
 from pfwd.report.fonts import Letters
-from pfwd.report.point_facts import modulus_text, time_of, used_drops, verdict_of
+from pfwd.report.point_facts import (
+    clock_and_zone,
+    modulus_text,
+    points_text,
+    used_drops,
+    verdict_of,
+)
 from pfwd.report.texts import Texts
 
-MOST_ROWS = 16
+MAX_ROWS = 16
 """Points whose table fits on the first page; more have it on the pages behind."""
+
+MAX_POINTS_WITH_CURVES = 12
+"""Points whose curves fit on the first page, below their table."""
+
+MAX_CURVES_IN_PICTURE = 30
+"""Points in a picture of curves, which is half a page high."""
+
+_MINUTES = len("2026-01-31 14:05")
+"""Characters of a time to the minute."""
 
 _LOGO_HEIGHT, _SIGNATURES_HEIGHT = 16.0, 20.0
 """mm."""
@@ -71,17 +88,27 @@ def certificate_blocks(
     head = f"{texts['certificate']}: {texts.title(said)}" if report.chosen else texts["report"]
     blocks.append(Paragraph(f"{company} · {head}" if company else head, "note"))
     blocks.append(Pairs(tuple(row for row in _rows(report, kept, texts) if row[1])))
-    if len(report.points) <= MOST_ROWS:
+    if len(report.points) <= MAX_ROWS:
         blocks += [points_table(report, texts), *unsupported_note(report, texts)]
-    drawn = [point for point in kept if with_curves(point)]
-    if drawn:
-        draw = partial(draw_curves, points=drawn, texts=texts, letters=letters)
-        blocks.append(Picture(draw, curves_height(drawn), texts["curves_note"], texts["curves"]))
+    blocks += verdict_reasons(report, texts)
+    if len(report.points) <= MAX_POINTS_WITH_CURVES:
+        blocks += curve_blocks(report, texts, letters)
     labels = [texts[name] for name in ("sign_place", "sign_operator", "sign_checked")]
     signatures = Picture(
         partial(draw_signatures, labels=labels), _SIGNATURES_HEIGHT, "", texts["signatures"]
     )
     return [*blocks, Together((signatures,))]
+
+
+def curve_blocks(report: Report, texts: Texts, letters: Letters) -> list[Block]:
+    """Return the deflection curves of all points, in one picture or several."""
+    drawn = [p for p in report.points if not p.discarded and with_deflection(p)]
+    blocks: list[Block] = []
+    for first in range(0, len(drawn), MAX_CURVES_IN_PICTURE):
+        part = drawn[first : first + MAX_CURVES_IN_PICTURE]
+        draw = partial(draw_curves, points=part, texts=texts, letters=letters)
+        blocks.append(Picture(draw, curves_height(part), texts["curves_note"], texts["curves"]))
+    return blocks
 
 
 def read_logo(path: str | os.PathLike[str]) -> Any:
@@ -104,8 +131,6 @@ def read_logo(path: str | os.PathLike[str]) -> Any:
 
 def _rows(report: Report, kept: Sequence[PointView], texts: Texts) -> tuple[tuple[str, str], ...]:
     counts = Counter(verdict_of(point) for point in kept)
-    times = sorted(filter(None, map(time_of, report.points)))
-    measured = " – ".join(dict.fromkeys((times[0], times[-1]))) if times else ""
     radii = sorted({f"{p.setup.plate_radius * 2e3:g} mm" for p in kept if p.setup.plate_radius})
     verdicts = texts.say("verdicts", **{kind: counts[kind] for kind in Verdict})
     drops = sum(len(p.drops) for p in kept)
@@ -113,7 +138,7 @@ def _rows(report: Report, kept: Sequence[PointView], texts: Texts) -> tuple[tupl
     points = texts.say(key, points=len(kept), drops=drops)
     return (
         (texts["place"], _each(point.setup.site for point in kept)),
-        (texts["period"], measured),
+        (texts["period"], _period(report, texts)),
         (texts["operator"], _each(point.setup.operator for point in kept)),
         (texts["instrument"], _device(report, kept)),
         (texts["calibrated"], _calibration(report.instruments, texts)),
@@ -126,6 +151,19 @@ def _rows(report: Report, kept: Sequence[PointView], texts: Texts) -> tuple[tupl
         (texts["points"], points),
         (texts["verdict"], verdicts),
     )
+
+
+def _period(report: Report, texts: Texts) -> str:
+    """Return the first and the last time of the points, with the time zone; empty: unknown."""
+    times = sorted(time for p in report.points if (time := clock_and_zone(p, texts))[0])
+    if not times:
+        return ""
+    (first, first_zone), (last, last_zone) = times[0], times[-1]
+    if first == last:
+        return f"{first} {first_zone}"
+    if first_zone == last_zone:
+        return f"{first} – {last} {last_zone}"
+    return f"{first} {first_zone} – {last} {last_zone}"
 
 
 def _formula(procedure: Procedure) -> str:
@@ -240,21 +278,24 @@ def points_table(report: Report, texts: Texts) -> Table:
     speeds = not report.chosen or quantity is Quantity.E_VD
     judged = quantity is not Quantity.MODULUS
     mean = quantity is not Quantity.DEFLECTION
-    columns = [texts["point"], texts["time"], "s, mm"]
+    times = [clock_and_zone(point, texts) for point in report.points]
+    zones = {zone for time, zone in times if time}
+    zone = zones.pop() if len(zones) == 1 else ""
+    columns = [texts["point"], ", ".join(filter(None, (texts["time"], zone))), "s, mm"]
     columns += ["s\N{COMBINING MACRON}, mm"] if mean else []
     columns += ["v, mm/s", "s/v, ms"] if speeds else ["F, kN"]
     right = tuple(range(3, len(columns)))
     columns += [shown.name_of(quantity, texts)] if judged else []
     columns += [texts["modulus"], texts["target"], texts["verdict"]]
     rows = []
-    for point in report.points:
+    for point, (time, own_zone) in zip(report.points, times, strict=True):
         progress = point.progress
         facts = [drop.facts for drop in used_drops(point)]
         depths = [s * 1e3 for fact in facts if (s := fact.peak_deflection) is not None]
         kind = verdict_of(point)
         cells: list[str | Mark] = [
             point.shown_name,
-            time_of(point)[:16],
+            time[:_MINUTES] if zone else f"{time[:_MINUTES]} {own_zone}".strip(),
             " / ".join(f"{value:.3f}" for value in depths[:MOST_DEPTHS])
             + (" …" if len(depths) > MOST_DEPTHS else ""),
         ]
@@ -276,18 +317,45 @@ def points_table(report: Report, texts: Texts) -> Table:
     return Table(tuple(columns), tuple(rows), right)
 
 
+def verdict_reasons(report: Report, texts: Texts) -> list[Block]:
+    """Return each verdict with its reason and the points that it holds for.
+
+    Points without a target have no verdict, and discarded ones none that counts.
+    """
+    order = [str(number) for number in range(len(report.points))]
+    names = {number: p.shown_name for number, p in zip(order, report.points, strict=True)}
+    items = []
+    for kind in Verdict:
+        reasons = [
+            (number, point.progress.verdict_reason)
+            for number, point in zip(order, report.points, strict=True)
+            if kind is not Verdict.NONE and verdict_of(point) == kind.value
+        ]
+        for group in group_messages(reasons):
+            places = f" ({points_text(group.places, order, names, texts)})" if order[1:] else ""
+            items.append((f"{SIGNS[kind]} {texts[kind]}", f"{texts.grouped(group)}{places}"))
+    return [Pairs(tuple(items))] if items else []
+
+
 def unsupported_note(report: Report, texts: Texts) -> list[Block]:
-    """Return the note on points whose value or modulus is marked; none where no point is."""
+    """Return the note on points whose value or modulus is marked; none where no point is.
+
+    A reason that is that of the verdict too is not repeated.
+    """
     reasons: dict[str, list[str]] = {}
+    any_marked = False
     for point in report.points:
         value, modulus = point.progress.value, point.progress.modulus
         marked = [item.not_supported for item in (value, modulus) if item is not None]
         for reason in dict.fromkeys(filter(None, marked)):
-            reasons.setdefault(texts.message(reason), []).append(point.shown_name)
-    if not reasons:
+            any_marked = True
+            if point.discarded or reason not in point.progress.verdict_reason:
+                reasons.setdefault(texts.message(reason), []).append(point.shown_name)
+    if not any_marked:
         return []
     listed = "; ".join(f"{', '.join(names)}: {reason}" for reason, names in reasons.items())
-    return [Paragraph(f"{UNSUPPORTED_MARK} {texts['not_supported']}: {listed}", "note")]
+    text = f"{UNSUPPORTED_MARK} {texts['not_supported']}"
+    return [Paragraph(f"{text}: {listed}" if listed else f"{text}.", "note")]
 
 
 def _mean(values: Sequence[float]) -> str:

@@ -20,7 +20,13 @@ from pfwd.report.blocks import (
     Table,
     Together,
 )
-from pfwd.report.certificate_blocks import MOST_ROWS, certificate_blocks, points_table
+from pfwd.report.certificate_blocks import (
+    MAX_POINTS_WITH_CURVES,
+    MAX_ROWS,
+    certificate_blocks,
+    curve_blocks,
+    points_table,
+)
 from pfwd.report.content import Report
 from pfwd.report.device_blocks import device_blocks
 from pfwd.report.fonts import Letters
@@ -60,10 +66,12 @@ def compose(
     certificate = certificate_blocks(report, texts, letters, company, logo)
     blocks = [*certificate]
     overview = summary_blocks(report, texts, letters)
-    if len(report.points) > MOST_ROWS:  # their table has no room on the first page, the map has
+    if len(report.points) > MAX_ROWS:  # their table has no room on the first page, the map has
         blocks += [*overview, Heading(texts["points"]), points_table(report, texts)]
     else:
         blocks += [on_new_page(overview[0]), *overview[1:]]
+    if len(report.points) > MAX_POINTS_WITH_CURVES:
+        blocks += curve_blocks(report, texts, letters)
     blocks += lot_blocks(report, texts)
     blocks += warning_blocks(report, texts)
     blocks.append(Paragraph(texts["uncertainty_note"], "note"))

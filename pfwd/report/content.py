@@ -18,6 +18,8 @@ class Report:
     survey_id: str
     made: str
     """Local time, ISO 8601."""
+    zone: str
+    """Name of the time zone of `made`."""
     software: Mapping[str, str]
     """Versions by package."""
     procedure: Procedure

@@ -7,10 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inversion.result import TimeHistories
-from pfwd.analysis.drop_facts import PEAK_WITHIN
 from pfwd.judging import DropView, PointView
 from pfwd.procedures import Quantity, Verdict
 from pfwd.report.content import Report
@@ -405,114 +403,127 @@ def _finish_by_drop(axes: Any, highest: float, texts: Texts) -> None:
     finish(axes, texts)
 
 
-MOST_CURVES = 12
-"""Points whose curves are on the first page; of more only their own pages have them."""
+_CURVES_IN_ROW, _MANY_CURVES_IN_ROW = 4, 6
+"""Points side by side; the second number where more than two rows of the first would be needed."""
 
-_CURVES_IN_ROW = 4
-
-_CURVE_PART = 1.25
-"""Window of the fit that the curves of the first page show at least."""
-
-_ONE_POINT, _ROW_OF_CURVES, _BELOW_CURVES = 62.0, 33.0, 8.0
+_ONE_POINT, _ROW_OF_CURVES, _ROW_OF_MANY, _BELOW_CURVES = 62.0, 33.0, 30.0, 8.0
 """mm; of the picture of the curves. Below the lowest stand their numbers and unit."""
 
+_OWN_SCALE_FROM = 2.5
+"""Deflection over the median of the points above which a point has a scale of its own; with a
+common one the curves of the others would be flat."""
 
-def curve_rows(points: Sequence[PointView]) -> int:
-    """Rows of the picture of :func:`draw_curves`."""
-    return math.ceil(min(len(points), MOST_CURVES) / _CURVES_IN_ROW)
+
+def _curve_columns(points: Sequence[PointView]) -> int:
+    in_row = _CURVES_IN_ROW if len(points) <= 2 * _CURVES_IN_ROW else _MANY_CURVES_IN_ROW
+    return min(len(points), in_row)
 
 
 def curves_height(points: Sequence[PointView]) -> float:
     """Height of the picture of :func:`draw_curves`, mm."""
-    return _ONE_POINT if len(points) == 1 else curve_rows(points) * _ROW_OF_CURVES + _BELOW_CURVES
+    if len(points) == 1:
+        return _ONE_POINT
+    columns = _curve_columns(points)
+    row = _ROW_OF_MANY if columns > _CURVES_IN_ROW else _ROW_OF_CURVES
+    return math.ceil(len(points) / columns) * row + _BELOW_CURVES
 
 
 def draw_curves(figure: Any, points: Sequence[PointView], texts: Texts, letters: Letters) -> None:
-    """The deflection curves of the averaged drops of each point, all to one scale."""
-    shown = list(points)[:MOST_CURVES]
-    columns, rows = min(len(shown), _CURVES_IN_ROW), curve_rows(shown)
-    base = _BELOW_CURVES / curves_height(shown)
+    """Draw the judged deflection of the averaged drops of each point, in full.
+
+    All points have one scale, but for those that are much deeper than the others.
+    """
+    columns = _curve_columns(points)
+    rows = math.ceil(len(points) / columns)
+    base = _BELOW_CURVES / curves_height(points)
     wide, high = 0.93 / columns, (1.0 - base) / rows
-    depth, end = _deepest(shown), 0.0
-    drawn = []
-    for number, point in enumerate(shown):
+    deep = points_with_own_scale(points)
+    common = _deflection_range([point for place, point in enumerate(points) if place not in deep])
+    first, last = _time_range(points)
+    numbered_rows = set()  # rows that have the numbers of the common scale
+    for number, point in enumerate(points):
         row, column = divmod(number, columns)
+        has_numbers = number in deep or row not in numbered_rows
+        if number not in deep:
+            numbered_rows.add(row)
         left, bottom = 0.07 + column * wide, base + (rows - 1 - row) * high
-        axes = figure.add_axes((left, bottom, wide * 0.9, high * 0.74))
-        drawn.append(axes)
-        for index, drop in enumerate(with_curves(point)):
-            end = max(end, _draw_curve(axes, drop, COLOURS[index % len(COLOURS)]))
-        axes.set_ylim(1.08 * depth, -0.12 * depth)  # a plate goes down
+        axes = figure.add_axes((left, bottom, wide * 0.86, high * 0.74))
+        for index, drop in enumerate(with_deflection(point)):
+            _draw_curve(axes, drop, COLOURS[index % len(COLOURS)])
+        highest, deepest = _deflection_range([point]) if number in deep else common
+        room = 0.08 * (deepest - highest)
+        above = 3 * room if number in deep else room  # words stand there
+        axes.set_ylim(deepest + room, highest - above)  # a plate goes down
+        axes.set_xlim(first, last)
         axes.locator_params(nbins=_FEW_STEPS)
         axes.axhline(0.0, color="0.7", linewidth=0.6)
-        title = _short(letters.drawable(point.shown_name), 22)
+        title = _short(letters.drawable(point.shown_name), 88 // columns)
+        if number in deep:
+            place = {"ha": "right", "va": "top", "transform": axes.transAxes}
+            axes.text(0.99, 0.99, texts["own_scale"], fontsize=5.5, **place)
         axes.set_title(title, fontsize=7, pad=2, parse_math=False)
         finish(axes, texts)
-        axes.tick_params(labelsize=6, labelleft=not column)
+        axes.tick_params(labelsize=6, labelleft=has_numbers)
         if axes.lines[1:]:
             axes.legend(fontsize=5.5, loc="lower right", frameon=False, handlelength=1.0)
         if not column:
             axes.set_ylabel("s, mm", fontsize=7)
-        lowest = number + columns >= len(shown)
+        lowest = number + columns >= len(points)
         axes.tick_params(labelbottom=lowest)
         if lowest:
             axes.set_xlabel("ms", fontsize=7, labelpad=1)
-    for axes in drawn:
-        axes.set_xlim(right=end or 1.0)
 
 
-def _draw_curve(axes: Any, drop: DropView, colour: str) -> float:
-    """Draws the deflection of the centre and returns where it ends, ms."""
-    curves = drop.curves
-    if curves is None:
-        return 0.0
-    part = _curve_part(drop, curves)
-    few = part[:: max(1, part.size // MOST_DOTS)]
+def _draw_curve(axes: Any, drop: DropView, colour: str) -> None:
+    curve = drop.deflection
+    if curve is None:
+        return
+    step = max(1, curve.time.size // MOST_DOTS)
+    # The peak and the last sample are drawn, whatever lies between two dots.
+    ends = (int(curve.deflection.argmax()), curve.time.size - 1)
+    dots = np.union1d(np.arange(0, curve.time.size, step), ends)
     axes.plot(
-        curves.time[few] * 1e3,
-        curves.observed[0][few] * 1e3,
+        curve.time[dots] * 1e3,
+        curve.deflection[dots] * 1e3,
         color=colour,
         linewidth=0.9,
         label=str(drop.number),
     )
-    return float(curves.time[part[-1]]) * 1e3
 
 
-def _curve_part(drop: DropView, curves: TimeHistories) -> NDArray[np.intp]:
-    """Which samples the first page shows: the pulse, and the deflection past its peak."""
-    time = curves.time
-    until = time[0] + _CURVE_PART * (curves.window_end - time[0])
-    duration = drop.facts.pulse_duration
-    if duration is not None:
-        # On soft ground the plate is lowest when the load has gone.
-        top = time[int(curves.load.argmax())]
-        pulse = np.flatnonzero(time <= top + (PEAK_WITHIN - 0.5) * duration)
-        lowest = time[pulse[int(curves.observed[0][pulse].argmax())]]
-        until = max(until, lowest + duration / 2)
-    return np.flatnonzero(time <= until)
-
-
-def with_curves(point: PointView) -> list[DropView]:
-    """The averaged drops that have traces."""
+def with_deflection(point: PointView) -> list[DropView]:
+    """Return the averaged drops that have a deflection over time."""
     used = [drop for drop in point.drops if drop.number in point.progress.used]
-    return [drop for drop in used if drop.curves is not None]
+    return [drop for drop in used if drop.deflection is not None]
 
 
-_OUT_OF_SCALE = 2.5
-"""Times the middle deflection that the common scale reaches at most; a point that sank ten times as
-far leaves the picture, and the others stay readable."""
+def points_with_own_scale(points: Sequence[PointView]) -> set[int]:
+    """Return the places of the points that are much deeper than the others."""
+    deepest = [_deflection_range([point])[1] for point in points]
+    limit = _OWN_SCALE_FROM * float(np.median(deepest))
+    return {place for place, depth in enumerate(deepest) if depth > limit}
 
 
-def _deepest(points: Sequence[PointView]) -> float:
-    """Largest deflection of the curves that is shown, mm."""
-    peaks = [
-        float(drop.curves.observed[0][_curve_part(drop, drop.curves)].max()) * 1e3
+def _deflection_range(points: Sequence[PointView]) -> tuple[float, float]:
+    """Smallest and largest deflection of the curves, mm; the smallest is at most 0."""
+    curves = [
+        drop.deflection.deflection * 1e3
         for point in points
-        for drop in with_curves(point)
-        if drop.curves is not None
+        for drop in with_deflection(point)
+        if drop.deflection is not None
     ]
-    found = [peak for peak in peaks if peak > 0]
-    return min(max(found), _OUT_OF_SCALE * float(np.median(found))) if found else 1.0
+    return min(0.0, *(float(c.min()) for c in curves)), max(float(c.max()) for c in curves)
+
+
+def _time_range(points: Sequence[PointView]) -> tuple[float, float]:
+    """First and last time of the curves, ms."""
+    times = [
+        drop.deflection.time * 1e3
+        for point in points
+        for drop in with_deflection(point)
+        if drop.deflection is not None
+    ]
+    return min(float(time[0]) for time in times), max(float(time[-1]) for time in times)
 
 
 def draw_signatures(figure: Any, labels: Sequence[str]) -> None:

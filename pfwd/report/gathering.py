@@ -16,6 +16,7 @@ from typing import Any
 from inversion import SurrogateLibrary
 from inversion.notices import Notice
 from pfwd.analysis.analyse import ASSUMED_POISSON_RATIO, analyse_drop
+from pfwd.analysis.drop_facts import judged_deflection
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.options import (
     AnalysisOptions,
@@ -212,11 +213,13 @@ def _report(
 ) -> Report:
     points = tuple(points)
     folder = str(survey.folder)
+    now = datetime.datetime.now().astimezone()
     return Report(
         title=options.title or _title(survey, points),
         survey=folder,
         survey_id=survey.survey_id,
-        made=datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
+        made=now.isoformat(timespec="seconds"),
+        zone=now.tzname() or "",
         software={name: _version(name) for name in PACKAGES},
         procedure=job.procedure_in_force,
         chosen=job.procedure is not None,
@@ -451,6 +454,7 @@ class _Gatherer:
         drop = replace(drop, screening=screening, stiffness=stiffness)
         if drop.discarded is not None or screening.status == "rejected":
             return drop.with_result(None)
+        drop = replace(drop, deflection=judged_deflection(traces, setup))
         result = None if self.options.anew else drop.sound_result
         options = self._analysis
         if result is not None and not rests_on(result, setup):

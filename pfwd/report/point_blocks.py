@@ -31,7 +31,7 @@ from pfwd.report.point_facts import (
     effective_result,
     first_result,
     modulus_text,
-    time_of,
+    time_with_zone,
     used_drops,
     verdict_of,
 )
@@ -159,7 +159,7 @@ def _rows(point: PointView, report: Report, texts: Texts) -> list[tuple[str, str
         (texts["stress"], _stress(point, texts)),
         (
             texts["position"],
-            "; ".join(filter(None, (time_of(point), _position(point.place, texts)))),
+            "; ".join(filter(None, (time_with_zone(point, texts), _position(point.place, texts)))),
         ),
         (texts["conditions"], "; ".join(around)),
         (texts["notes"], "; ".join(point.notes)),

@@ -1,11 +1,12 @@
 """What several parts of a report say of a point."""
 
 import datetime
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.files.header import IMPORTED
 from pfwd.judging import DropView, PointView
+from pfwd.message_groups import as_ranges
 from pfwd.procedures import Verdict
 from pfwd.report import shown
 from pfwd.report.texts import Texts
@@ -27,13 +28,13 @@ def used_drops(point: PointView) -> list[DropView]:
 
 
 def time_of(point: PointView) -> str:
-    """When the first averaged drop fell, by the clock of the place; empty: nobody said."""
+    """Return when the first averaged drop fell, as `local_time` does, or as the file states it."""
     for drop in (*used_drops(point), *point.drops):
         if time := local_time(drop):
             return time
     noted = point.setup.extra.get(IMPORTED)
-    said = noted.get("time_local") if isinstance(noted, Mapping) else None
-    return said.replace("T", " ") if isinstance(said, str) else ""
+    stated = noted.get("time_local") if isinstance(noted, Mapping) else None
+    return stated.replace("T", " ") if isinstance(stated, str) else ""
 
 
 def local_time(drop: DropView) -> str:
@@ -47,6 +48,36 @@ def local_time(drop: DropView) -> str:
                 continue
             return time.isoformat(sep=" ", timespec="seconds")
     return ""
+
+
+def clock_and_zone(point: PointView, texts: Texts) -> tuple[str, str]:
+    """Return the time of a point by the clock of its place, and the name of the time zone.
+
+    A time that is recorded in UTC is converted to the zone that the job declares. Both texts are
+    empty where no time is known.
+    """
+    text = time_of(point)
+    if not text:
+        return "", ""
+    try:
+        time = datetime.datetime.fromisoformat(text)
+    except ValueError:
+        return text, texts["zone_not_declared"]
+    zone = point.job.time_zone
+    if time.tzinfo is None and zone is None:
+        return text, texts["zone_not_declared"]
+    if zone is not None:
+        local_zone = datetime.datetime.fromisoformat(f"2000-01-01T00:00{zone}").tzinfo
+        if time.tzinfo is None:
+            time = time.replace(tzinfo=local_zone)
+        elif not time.utcoffset():
+            time = time.astimezone(local_zone)
+    return f"{time:%Y-%m-%d %H:%M:%S}", str(time.tzname())
+
+
+def time_with_zone(point: PointView, texts: Texts) -> str:
+    """Return the time of a point with its time zone in one text; empty: unknown."""
+    return " ".join(filter(None, clock_and_zone(point, texts)))
 
 
 def first_result(point: PointView) -> DropResult | None:
@@ -82,3 +113,31 @@ def all_warnings(point: PointView) -> list[str]:
     for drop in point.drops:
         found += [*drop.marks, *drop.warnings]
     return list(dict.fromkeys(found))
+
+
+MAX_LISTED_RANGES = 6
+"""Names and ranges of names that a message lists; of more it gives the count alone."""
+
+
+def points_text(
+    places: Sequence[str], order: Sequence[str], names: Mapping[str, str], texts: Texts
+) -> str:
+    """Return the points that a message holds for: all, ranges of names, or how many.
+
+    Parameters
+    ----------
+    places : sequence of str
+        Keys of the points.
+    order : sequence of str
+        Keys of all points of the report.
+    names : mapping of key to name
+    texts : Texts
+    """
+    if len(places) == len(order) > 1:
+        return texts.say("all_points", count=len(order))
+    ranges = as_ranges(places, order).split(", ")
+    if len(ranges) > MAX_LISTED_RANGES:
+        return texts.say("some_points", count=len(places), all=len(order))
+    listed = ", ".join(" – ".join(names[end] for end in part.split(" to ")) for part in ranges)
+    key = "point_named" if len(places) == 1 else "points_named"
+    return texts.say(key, count=len(places), names=listed)

@@ -1,9 +1,9 @@
 """The second part of a report: where the points are, what holds for all of them, what to know."""
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable
 from functools import partial
 
-from pfwd.message_groups import as_ranges, group_messages
+from pfwd.message_groups import group_messages
 from pfwd.report.blocks import (
     Block,
     Heading,
@@ -15,8 +15,11 @@ from pfwd.report.blocks import (
 from pfwd.report.content import Report
 from pfwd.report.drawing import draw_map, draw_profile, place
 from pfwd.report.fonts import Letters
-from pfwd.report.point_facts import all_warnings
+from pfwd.report.point_facts import all_warnings, points_text
 from pfwd.report.texts import Texts
+
+_MINUTES = len("2026-01-31T14:05")
+"""Characters of a time to the minute."""
 
 
 def summary_blocks(report: Report, texts: Texts, letters: Letters) -> list[Block]:
@@ -57,7 +60,7 @@ def summary_blocks(report: Report, texts: Texts, letters: Letters) -> list[Block
 def _rows(report: Report, texts: Texts) -> tuple[tuple[str, str], ...]:
     return (
         (texts["survey"], report.survey),
-        (texts["made"], report.made.replace("T", " ")),
+        (texts["made"], f"{report.made[:_MINUTES].replace('T', ' ')} {report.zone}"),
         (texts["software"], ", ".join(f"{n} {v}" for n, v in report.software.items())),
     )
 
@@ -73,10 +76,6 @@ def warning_blocks(report: Report, texts: Texts) -> list[Block]:
     return blocks
 
 
-MOST_RANGES = 6
-"""Names and ranges of names that a warning lists; of more it says the count alone."""
-
-
 def _grouped(report: Report, texts: Texts) -> list[str]:
     places = [(str(number), point) for number, point in enumerate(report.points)]
     said = [(number, text) for number, point in places for text in all_warnings(point)]
@@ -84,20 +83,8 @@ def _grouped(report: Report, texts: Texts) -> list[str]:
     order = [number for number, _ in places]
     lines = []
     for group in sorted(group_messages(said), key=lambda group: -len(group.places)):
-        lines.append(f"{texts.grouped(group)} ({_where(group.places, order, names, texts)})")
+        lines.append(f"{texts.grouped(group)} ({points_text(group.places, order, names, texts)})")
     return lines
-
-
-def _where(places: Sequence[str], order: Sequence[str], names: dict[str, str], texts: Texts) -> str:
-    """Of which points: all, ranges of names, or how many."""
-    if len(places) == len(order) > 1:
-        return texts.say("all_points", count=len(order))
-    ranges = as_ranges(places, order).split(", ")
-    if len(ranges) > MOST_RANGES:
-        return texts.say("some_points", count=len(places), all=len(order))
-    said = ", ".join(" – ".join(names[end] for end in part.split(" to ")) for part in ranges)
-    key = "point_named" if len(places) == 1 else "points_named"
-    return texts.say(key, count=len(places), names=said)
 
 
 def common_warnings(report: Report) -> set[Hashable]:

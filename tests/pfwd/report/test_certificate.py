@@ -6,25 +6,32 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
 
+from pfwd.analysis.drop_facts import judged_deflection
+from pfwd.files.importing import import_files
+from pfwd.files.traces import TracePoint, write_traces
 from pfwd.judging import PointView
 from pfwd.report import drawing
 from pfwd.report.blocks import Pairs, Paragraph
-from pfwd.report.certificate_blocks import certificate_blocks, points_table
+from pfwd.report.certificate_blocks import certificate_blocks, points_table, verdict_reasons
 from pfwd.report.composing import compose
 from pfwd.report.content import Report
 from pfwd.report.drawing import curves_height, decimals_of
 from pfwd.report.fonts import Letters
 from pfwd.report.gathering import ReportOptions, gather
+from pfwd.report.point_facts import time_with_zone
 from pfwd.report.texts import load_texts
+from pfwd_device import Channel
+from tests.pfwd.report.surveys import SETUP, half_sine_drop
 
 EN, DE = load_texts("en"), load_texts("de")
 
 
 def rows_of(report: Report) -> dict[str, str]:
     blocks = certificate_blocks(report, EN, Letters())
-    (pairs,) = (block for block in blocks if isinstance(block, Pairs))
-    return dict(pairs.rows)
+    return dict(next(block for block in blocks if isinstance(block, Pairs)).rows)
 
 
 @pytest.mark.parametrize(
@@ -92,28 +99,125 @@ def test_names_of_documents_keep_their_points(survey: Path) -> None:
     assert any(text.endswith("TP BF-StB Teil B 8.3") for text in said)
 
 
-def test_a_curve_goes_past_its_peak_when_the_plate_is_lowest_after_the_load(survey: Path) -> None:
-    drop = gather(survey).points[0].drops[-1]
-    curves = drop.curves
-    assert curves is not None
-    # As on soft ground: the load has gone at 6 ms, the peak comes at 11.8 ms.
-    late = replace(curves, window_end=0.006, contact_end=0.006)
-    shown = drawing._curve_part(drop, late)
-    lowest = int(curves.observed[0].argmax())
-    assert lowest in shown
-    assert curves.time[shown[-1]] > curves.time[lowest] + 0.005
-    assert curves.observed[0][shown[-1]] < 0.7 * curves.observed[0][lowest]
-    assert np.array_equal(shown, np.arange(shown.size))
-    # A drift beyond two pulses is none.
-    drifting = curves.observed.copy()
-    drifting[0][-1] = 1.0
-    assert np.array_equal(drawing._curve_part(drop, replace(late, observed=drifting)), shown)
+def drawn_curves(points: list[PointView]) -> list[Any]:
+    """Return the axes of the picture of the first page."""
+    figure = Figure(figsize=(7, 3))
+    FigureCanvasSVG(figure)
+    drawing.draw_curves(figure, points, EN, Letters())
+    return list(figure.axes)
+
+
+@pytest.mark.parametrize("geophone", [False, True])
+def test_the_curve_has_the_peak_of_the_table(tmp_path: Path, geophone: bool) -> None:
+    setup = SETUP
+    if geophone:
+        setup = replace(SETUP, geophone_natural_frequency=4.5, geophone_damping=0.56)
+    drops = []
+    for number in (1, 2, 3, 4):
+        drop = half_sine_drop(number, 8000.0 + number)
+        moved = drop.channels[0].values
+        if geophone:
+            channel = Channel(0.0, "velocity", np.gradient(moved, drop.time))
+            drop = replace(drop, channels=(channel,))
+        drops.append(drop)
+    write_traces(tmp_path / "A.csv", TracePoint("", setup, tuple(drops), ()))
+    list(import_files([str(tmp_path / "A.csv")], tmp_path / "survey"))
+    report = gather(tmp_path / "survey")
+
+    row = dict(zip((table := points_table(report, EN)).columns, table.rows[0], strict=True))
+    (axes,) = drawn_curves(list(report.points))
+    lines = [line for line in axes.lines if line.get_label().isdigit()]
+    peaks = [float(line.get_ydata().max()) for line in lines]
+    assert " / ".join(f"{peak:.3f}" for peak in peaks) == row["s, mm"]
+    facts = report.points[0].facts[1:]
+    np.testing.assert_allclose(peaks, [fact.peak_deflection * 1e3 for fact in facts], rtol=1e-12)
+    if geophone:
+        assert peaks[0] > 1.1 * 0.5  # the record without its response taken out has 0.5 mm
+    for line in lines:
+        bottom, top = axes.get_ylim()
+        assert top < line.get_ydata().min() <= line.get_ydata().max() < bottom
+        assert line.get_xdata()[-1] > line.get_xdata()[line.get_ydata().argmax()]
+
+
+def deepened(point: PointView, times: float) -> PointView:
+    """Return a point whose plate went down further."""
+    drops = []
+    for drop in point.drops:
+        assert drop.deflection is not None
+        deeper = replace(drop.deflection, deflection=times * drop.deflection.deflection)
+        drops.append(replace(drop, deflection=deeper))
+    return replace(point, drops=tuple(drops))
+
+
+@pytest.mark.parametrize(("times", "own"), [(2.4, set()), (2.6, {2})])
+def test_a_much_deeper_point_has_a_scale_of_its_own(
+    survey: Path, times: float, own: set[int]
+) -> None:
+    first, second = gather(survey).points
+    points = [first, second, deepened(first, times)]
+    assert drawing.points_with_own_scale(points) == own
+    axes = drawn_curves(points)
+    assert axes[0].get_ylim() == axes[1].get_ylim()
+    assert (axes[2].get_ylim() != axes[0].get_ylim()) == bool(own)
+    assert ["own scale" in [text.get_text() for text in place.texts] for place in axes] == [
+        False,
+        False,
+        bool(own),
+    ]
+    for place in axes:
+        bottom, top = place.get_ylim()
+        for line in place.lines:
+            assert top <= min(line.get_ydata())
+            assert max(line.get_ydata()) < bottom
+
+
+def test_the_deflection_of_a_drop_without_traces_or_centre_is_none() -> None:
+    drop = half_sine_drop(1, 8000.0)
+    assert judged_deflection(drop, SETUP) is not None
+    aside = replace(drop, channels=(replace(drop.channels[0], offset=0.3),))
+    upwards = replace(drop, channels=(replace(drop.channels[0], values=-drop.channels[0].values),))
+    flat = replace(drop, load=np.zeros_like(drop.load))
+    assert [judged_deflection(other, SETUP) for other in (aside, upwards, flat)] == [None] * 3
+
+
+def test_the_reason_of_each_verdict_is_on_the_first_page(survey: Path) -> None:
+    assert not verdict_reasons(gather(survey), EN)
+    report = gather(survey, ReportOptions(target=50e6))
+    _, reasons = (b for b in certificate_blocks(report, EN, Letters()) if isinstance(b, Pairs))
+    reason = "the whole 95 % interval misses the target"
+    assert reasons.rows == (("✗ fail", f"{reason} (all 2 points)"),)
+    (reasons,) = verdict_reasons(replace(report, points=report.points[:1]), EN)
+    assert reasons == Pairs((("✗ fail", reason),))
+    (reasons,) = verdict_reasons(report, DE)
+    reason = "das ganze 95-%-Intervall verfehlt den Sollwert (alle 2 Punkte)"
+    assert reasons == Pairs((("✗ nicht erfüllt", reason),))
+
+
+@pytest.mark.parametrize(
+    ("recorded", "zone", "shown"),
+    [
+        ({"time_local": "2026-07-01T14:05:09+02:00"}, None, "2026-07-01 14:05:09 UTC+02:00"),
+        ({"time_utc": "2026-07-01T12:05:09+00:00"}, None, "2026-07-01 12:05:09 UTC"),
+        ({"time_utc": "2026-07-01T12:05:09Z"}, "+02:00", "2026-07-01 14:05:09 UTC+02:00"),
+        ({"time_local": "2026-07-01T14:05:09"}, "+02:00", "2026-07-01 14:05:09 UTC+02:00"),
+        ({"time_local": "2026-07-01T14:05:09"}, None, "2026-07-01 14:05:09 zone not declared"),
+        ({}, None, ""),
+    ],
+)
+def test_times_are_local_and_name_their_zone(
+    survey: Path, recorded: dict[str, str], zone: str | None, shown: str
+) -> None:
+    point = gather(survey).points[0]
+    drops = tuple(replace(drop, metadata=recorded) for drop in point.drops)
+    point = replace(point, drops=drops, job=replace(point.job, time_zone=zone))
+    assert time_with_zone(point, EN) == shown
 
 
 def test_pictures_of_curves_have_room_below(survey: Path) -> None:
     points = gather(survey).points
     assert curves_height(points[:1]) == 62.0
     assert curves_height(points) == 33.0 + 8.0
+    assert curves_height([*points] * 6) == 2 * 30.0 + 8.0  # six side by side
 
 
 def test_numbers_of_an_axis_are_those_of_its_steps() -> None:
