@@ -69,7 +69,7 @@ def test_a_language_of_ones_own_is_a_file(tmp_path: Path) -> None:
         (catalogue(summary="{summary.__class__}"), "summary: a text with the words in braces"),
         (catalogue(verdicts=EN["verdicts"].replace("{pass}", "{pass:>9999999999}")), "verdicts: "),
         (catalogue(summary="{"), "summary: a text with the words in braces"),
-        (catalogue(code="<script>"), 'code: one such as "fr", came'),
+        (catalogue(code="<script>"), 'code: one such as "fr", got'),
         ("summary = ", "expected TOML, got"),
         ("x" * 1_000_001, "at most 1000000 bytes, got more"),
         ("\ud800", "expected TOML, got"),
