@@ -1,6 +1,6 @@
-"""The instrument side: bytes to drops, and drops to the disk.
+"""The instrument side: from bytes to drops, and from drops to the disk.
 
-The names below are loaded on first use, so that the command line answers before numpy is in.
+The names below are loaded on first use: the command line then starts without numpy.
 """
 
 from typing import TYPE_CHECKING

@@ -1,10 +1,10 @@
-r"""From counts to newtons and metres per second, and how long that may be believed.
+r"""Calibration of counts to newtons, metres per second and metres, and its expiry.
 
 .. math:: x = \frac{n \, U / 2^{b-1} - z}{s}
 
 with n the counts, U the range and b the bits of the converter, z the zero (V) and s the sensitivity
-(V per N, V per m/s). What comes out still carries the response of the geophone: it is applied to
-the model in the inversion, never removed from what is kept.
+(V per N, V per m/s). The result still contains the response of the geophone: the inversion applies
+it to the model, and no recorded drop is corrected for it.
 """
 
 import datetime
@@ -18,7 +18,7 @@ from pfwd_device.errors import SetupError
 from pfwd_device.identity import ChannelIdentity, Identity, Role
 
 EXPIRES_SOON = datetime.timedelta(days=30)
-"""From here on the coming end of a calibration is announced."""
+"""Time before the expiry of a calibration at which a warning begins."""
 
 _QUANTITY_OF_ROLE: dict[Role, Quantity] = {
     Role.GEOPHONE: "velocity",
@@ -29,7 +29,7 @@ _QUANTITY_OF_ROLE: dict[Role, Quantity] = {
 def to_si(
     counts: NDArray[np.int32], channel: ChannelIdentity, volts_per_count: float
 ) -> NDArray[np.float64]:
-    """Calibrated values of one channel.
+    """Return the calibrated values of one channel.
 
     Parameters
     ----------
@@ -47,29 +47,29 @@ def to_si(
 
 
 def counts_per_unit(channel: ChannelIdentity, identity: Identity) -> float:
-    """Counts that one N, m/s or m makes; its sign is the polarity."""
+    """Return the counts for one N, m/s or m; the sign is the polarity."""
     return channel.sensitivity / identity.volts_per_count
 
 
 def load_channel(identity: Identity) -> int:
-    """Index of the load cell.
+    """Return the index of the load cell.
 
     Raises
     ------
     SetupError
         If there is none or more than one.
     """
-    found = [i for i, channel in enumerate(identity.channels) if channel.role is Role.LOAD]
-    if len(found) != 1:
+    load_cells = [i for i, channel in enumerate(identity.channels) if channel.role is Role.LOAD]
+    if len(load_cells) != 1:
         raise SetupError(
             f"channels of {identity.serial_number!r}: expected one with the role load, got "
-            f"{len(found)}; give the roles in [[channels]] of the setup file"
+            f"{len(load_cells)}; give the roles in [[channels]] of the setup file"
         )
-    return found[0]
+    return load_cells[0]
 
 
 def sensor_channels(identity: Identity) -> list[int]:
-    """Indices of the channels that measure motion, the nearest to the plate centre first.
+    """Return the indices of the channels that measure motion, from the plate centre outward.
 
     Raises
     ------
@@ -77,13 +77,13 @@ def sensor_channels(identity: Identity) -> list[int]:
         If there is none.
     """
     channels = identity.channels
-    found = [i for i, channel in enumerate(channels) if channel.role in _QUANTITY_OF_ROLE]
-    if not found:
+    sensors = [i for i, channel in enumerate(channels) if channel.role in _QUANTITY_OF_ROLE]
+    if not sensors:
         raise SetupError(
             f"channels of {identity.serial_number!r}: expected at least one with the role geophone "
             "or displacement, got none; give the roles in [[channels]] of the setup file"
         )
-    return sorted(found, key=lambda i: nearest_first(channels[i].offset))
+    return sorted(sensors, key=lambda i: nearest_first(channels[i].offset))
 
 
 def calibrate(
@@ -93,15 +93,15 @@ def calibrate(
     trigger: int,
     identity: Identity,
 ) -> Drop:
-    """The calibrated drop.
+    """Return the calibrated drop.
 
     Parameters
     ----------
     number : int
-        Of the drop within its point.
+        Number of the drop within its point.
     counts : (n, channels) ndarray of int
     missing : sequence of (start, length)
-        Samples that never came; NaN in the drop.
+        Samples that were not received; NaN in the drop.
     trigger : int
         Index of the sample at time 0.
     identity : Identity
@@ -116,13 +116,13 @@ def calibrate(
         If the instrument has no load cell or no sensor of motion.
     """
     scale = identity.volts_per_count
-    gone = np.zeros(len(counts), bool)
+    is_missing = np.zeros(len(counts), bool)
     for start, length in missing:
-        gone[start : start + length] = True
+        is_missing[start : start + length] = True
 
     def values(index: int) -> NDArray[np.float64]:
         calibrated = to_si(counts[:, index], identity.channels[index], scale)
-        calibrated[gone] = np.nan
+        calibrated[is_missing] = np.nan
         return calibrated
 
     return Drop(
@@ -141,16 +141,16 @@ def calibrate(
 
 
 def calibration_warnings(identity: Identity, today: datetime.date) -> list[str]:
-    """What should be known of the calibration before it is relied upon, one sentence each."""
-    found = []
+    """Return a warning for each channel whose calibration is undated, expired or expires soon."""
+    warnings = []
     for channel in identity.channels:
         if channel.role is Role.UNUSED:
             continue
         if channel.due is None:
             if channel.calibrated is None:
-                found.append(f"calibration of {channel.name}: no date is known")
+                warnings.append(f"calibration of {channel.name}: no date is known")
         elif channel.due < today:
-            found.append(f"calibration of {channel.name} EXPIRED on {channel.due}")
+            warnings.append(f"calibration of {channel.name} EXPIRED on {channel.due}")
         elif channel.due - today <= EXPIRES_SOON:
-            found.append(f"calibration of {channel.name} expires on {channel.due}")
-    return found
+            warnings.append(f"calibration of {channel.name} expires on {channel.due}")
+    return warnings

@@ -1,10 +1,10 @@
-"""How a Python process is started: it takes no code from the current folder.
+"""Start of Python processes that import no code from the current folder.
 
 The current folder is usually a survey, and a survey may come from a stranger. ``python -m`` and
-``python -c`` put that folder before everything else on the path of imports, so a file ``json.py``
-in it would run in place of Python's own. Whoever starts a Python process starts it by what is here.
+``python -c`` put that folder first on the import path, so a file ``json.py`` in it would run in
+place of Python's own. Every Python process of the program is started by these functions.
 
-A path that the user set himself (PYTHONPATH) stays: it is his own decision.
+A path that the user has set (PYTHONPATH) stays in force.
 """
 
 import contextlib
@@ -20,7 +20,7 @@ _SAFE_PATH = "PYTHONSAFEPATH"
 
 
 def python_command(*arguments: str) -> list[str]:
-    """The command that starts this Python without the current folder on its path.
+    """Return the command that starts this Python without the current folder on its path.
 
     Examples
     --------
@@ -28,14 +28,14 @@ def python_command(*arguments: str) -> list[str]:
     ['-P', '-m', 'package']
     """
     if getattr(sys, "frozen", False):
-        # The program in one folder (PyInstaller), which is its own Python: its beginning takes
-        # -m, and no code comes from the current folder or from PYTHONPATH.
+        # The program in one folder (PyInstaller) is its own Python: its entry point handles -m,
+        # and no code comes from the current folder or from PYTHONPATH.
         return [sys.executable, *arguments]
     return [sys.executable, "-P", *arguments]
 
 
 def python_environment() -> dict[str, str]:
-    """The variables for such a process: it finds the packages that this one finds.
+    """Return the environment of a child, with the import path of this process.
 
     An empty entry of the path stands for the current folder and is left out.
     """
@@ -46,66 +46,65 @@ def python_environment() -> dict[str, str]:
 def start_child(
     *arguments: str, stdin: int = subprocess.PIPE, stderr: int = subprocess.DEVNULL
 ) -> subprocess.Popen[bytes]:
-    """A Python process beside this one that is spoken to through pipes.
+    """Start a Python process that communicates through pipes.
 
-    Ctrl+C does not reach it: who started it decides when it ends, by closing its input or by
-    ending it. On Windows it has no window of its own.
+    Ctrl+C does not reach it: its parent ends it, by closing its input or by a signal. On Windows
+    it has no window.
 
     Parameters
     ----------
     *arguments : str
         As on the command line of Python: ``"-m", "package.module"``.
     stdin : int
-        A pipe, or `subprocess.DEVNULL` for a process that is told nothing.
+        A pipe, or `subprocess.DEVNULL` for a process without input.
     stderr : int
         `subprocess.DEVNULL`, so that nothing is written over a screen, or a pipe.
 
     Raises
     ------
     OSError
-        If the system starts no more processes.
+        If the system cannot start another process.
     """
-    return subprocess.Popen(python_command(*arguments), **_beside(stdin, stderr))
+    return subprocess.Popen(python_command(*arguments), **_pipe_options(stdin, stderr))
 
 
 def start_text_child(
     *arguments: str, stdin: int = subprocess.PIPE, stderr: int = subprocess.PIPE
 ) -> subprocess.Popen[str]:
-    """The same for a process that speaks in lines of UTF-8."""
+    """Start a Python process whose pipes carry lines of UTF-8; see `start_child`."""
     return subprocess.Popen(
         python_command(*arguments),
-        **_beside(stdin, stderr),
+        **_pipe_options(stdin, stderr),
         text=True,
         encoding="utf-8",
         errors="replace",
     )
 
 
-def _beside(stdin: int, stderr: int) -> dict[str, Any]:
+def _pipe_options(stdin: int, stderr: int) -> dict[str, Any]:
     return {
         "stdin": stdin,
         "stdout": subprocess.PIPE,
         "stderr": stderr,
         "env": python_environment(),
         "start_new_session": os.name == "posix",
-        # Of Windows alone.
+        # These flags exist on Windows alone.
         "creationflags": getattr(subprocess, "CREATE_NO_WINDOW", 0)
         | getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
     }
 
 
 def ignore_interrupts() -> None:
-    """For a process that works for another one: who started it decides when to end."""
+    """Ignore Ctrl+C in a child process: its parent decides when it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextlib.contextmanager
 def children_shielded() -> Iterator[None]:
-    """The same for what is started within the block, where the command is made by others.
+    """Keep the current folder off the import path of processes that a library starts.
 
-    That is a library which starts processes of its own. The variable is the whole process's: what
-    another thread starts meanwhile is shielded as well. Python itself, started with -E, sets the
-    variable aside.
+    Use it where the library builds the command itself. The environment variable holds for all
+    threads of this process within the block. A Python that is started with -E ignores it.
     """
     before = os.environ.get(_SAFE_PATH)
     os.environ[_SAFE_PATH] = "1"

@@ -1,4 +1,4 @@
-"""One drop as the instrument recorded it: the load and one time history per sensor."""
+"""One recorded drop: the load and one time history for each sensor."""
 
 from dataclasses import dataclass
 from typing import Literal, Self
@@ -10,7 +10,7 @@ Quantity = Literal["velocity", "displacement"]
 
 
 def nearest_first(offset: float) -> tuple[float, bool]:
-    """Sorts sensors from the plate centre outward; at one distance the negative side comes last."""
+    """Return the sort key of a sensor from the plate centre outward, the negative side last."""
     return abs(offset), offset < 0
 
 
@@ -22,7 +22,7 @@ class Channel:
     """Distance from the plate centre, m; 0 is the centre sensor, negative the other side of the
     plate: -0.3 and 0.3 are two sensors."""
     quantity: Quantity
-    """What the sensor measured."""
+    """Measured quantity."""
     values: NDArray[np.float64]
     """Record, (n,), m/s or m, downward positive; read-only."""
 
@@ -43,15 +43,15 @@ class Peaks:
 
     @property
     def centre(self) -> float | None:
-        """Of the sensor in the centre, m; None when there is none."""
+        """Peak displacement of the centre sensor, m; None without such a sensor."""
         return next((peak for offset, peak in self.displacements if offset == 0), None)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Drop:
-    """One fall of the weight, all channels on one time axis; or its peaks alone.
+    """One impact of the weight, all channels on one time axis; or its peaks alone.
 
-    A drop of which no more than peaks was recorded has no samples: nothing is made up.
+    A drop of which only peaks were recorded has no samples.
     """
 
     number: int
@@ -63,14 +63,16 @@ class Drop:
     channels: tuple[Channel, ...]
     """The sensors, each with n values."""
     only_peaks: Peaks | None = None
-    """As another program recorded them in place of traces; None: there are traces."""
+    """Peaks that another program recorded in place of traces; None for a drop with traces."""
 
     @classmethod
     def of_peaks(cls, number: int, peaks: Peaks) -> Self:
-        """A drop without time histories."""
-        none = np.empty(0)
-        channels = tuple(Channel(offset, "displacement", none) for offset, _ in peaks.displacements)
-        return cls(number, none, none, channels, peaks)
+        """Return a drop without time histories."""
+        no_samples = np.empty(0)
+        channels = tuple(
+            Channel(offset, "displacement", no_samples) for offset, _ in peaks.displacements
+        )
+        return cls(number, no_samples, no_samples, channels, peaks)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", _read_only_vector(self.time, "time"))
@@ -100,15 +102,15 @@ class Drop:
 
     @property
     def sampling_rate(self) -> float:
-        """Samples per second, Hz, from the whole length of the time axis."""
+        """Samples per second, Hz, as the mean over the time axis."""
         return float((self.time.size - 1) / (self.time[-1] - self.time[0]))
 
-    def has_samples_of(self, other: Self) -> bool:
-        """Whether two drops hold the same samples, bit for bit; never, where there are none."""
-        pairs = [(self.time, other.time), (self.load, other.load)]
-        if self.only_peaks is not None or len(self.channels) != len(other.channels):
+    def has_samples_of(self, drop: Self) -> bool:
+        """Return True if both drops hold the same samples, bit for bit; False without samples."""
+        pairs = [(self.time, drop.time), (self.load, drop.load)]
+        if self.only_peaks is not None or len(self.channels) != len(drop.channels):
             return False
-        for mine, theirs in zip(self.channels, other.channels, strict=True):
+        for mine, theirs in zip(self.channels, drop.channels, strict=True):
             if (mine.offset, mine.quantity) != (theirs.offset, theirs.quantity):
                 return False
             pairs.append((mine.values, theirs.values))
@@ -116,7 +118,7 @@ class Drop:
 
 
 def _read_only_vector(values: NDArray[np.float64], name: str) -> NDArray[np.float64]:
-    # A copy: the caller's array neither changes the drop later nor is locked by it.
+    # A copy: a later change of the caller's array does not reach the drop, and it stays writable.
     vector = np.array(values, dtype=np.float64)
     if vector.ndim != 1:
         raise ValueError(f"{name}: expected one dimension, got shape {vector.shape}")

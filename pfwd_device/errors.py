@@ -1,8 +1,8 @@
-"""Errors of the instrument side. A message says what was expected, what came, and what to try."""
+"""Errors of the instrument side. A message has the expected and the actual value and a remedy."""
 
 
 class DeviceError(Exception):
-    """Base of everything the instrument side refuses."""
+    """Base class of the errors of the instrument side."""
 
 
 class DeviceLost(DeviceError, ConnectionError):
@@ -14,7 +14,7 @@ class PortError(DeviceError, OSError):
 
 
 class DeviceRefused(DeviceError):
-    """The instrument answered that it will not do what was asked."""
+    """The instrument refused a command."""
 
 
 class ProtocolError(DeviceError, ValueError):
@@ -22,7 +22,7 @@ class ProtocolError(DeviceError, ValueError):
 
 
 class SetupError(DeviceError, ValueError):
-    """What is declared about the instrument is incomplete or outside its range; names the key."""
+    """The declared instrument is incomplete or out of range; the message names the key."""
 
 
 class RecordingError(DeviceError):
@@ -34,4 +34,4 @@ class SurveyLocked(RecordingError):
 
 
 class StorageFull(RecordingError, OSError):
-    """The disk took no more; what was to be saved is not acknowledged and still in memory."""
+    """The disk is full: the data that were to be saved are in memory and not acknowledged."""

@@ -1,4 +1,4 @@
-"""Identity of an instrument: its channels, their calibration, its plate; and its form in JSON."""
+"""Identity of an instrument (channels, calibration, plate) and its form in JSON."""
 
 import dataclasses
 import datetime
@@ -10,15 +10,15 @@ from typing import Any, Literal
 
 from pfwd_device.errors import SetupError
 
-MOST_CHANNELS = 8
+MAX_CHANNELS = 8
 FASTEST_SAMPLING = 50_000.0
-"""Hz; per channel."""
+"""Highest sampling rate of a channel, Hz."""
 LONGEST_NAME = 32
 """Characters of a name or a version."""
 
 
 class Role(StrEnum):
-    """What a channel measures."""
+    """Measured quantity of a channel."""
 
     LOAD = "load"
     """Force of the load cell."""
@@ -27,7 +27,7 @@ class Role(StrEnum):
     DISPLACEMENT = "displacement"
     """Displacement, as of an integrated accelerometer or a laser."""
     UNUSED = "unused"
-    """Nothing that is looked at."""
+    """Channel that is ignored."""
 
 
 UNIT_OF_ROLE = {Role.LOAD: "N", Role.GEOPHONE: "m/s", Role.DISPLACEMENT: "m", Role.UNUSED: "V"}
@@ -36,12 +36,12 @@ UNIT_OF_ROLE = {Role.LOAD: "N", Role.GEOPHONE: "m/s", Role.DISPLACEMENT: "m", Ro
 
 @dataclass(frozen=True, slots=True)
 class ChannelIdentity:
-    """One channel: what it measures, where, and how its volts become SI values."""
+    """One channel: measured quantity, position, and calibration from volts to SI values."""
 
     name: str
-    """As printed on the instrument, at most 32 characters."""
+    """Name as printed on the instrument, at most 32 characters."""
     role: Role
-    """What it measures."""
+    """Measured quantity."""
     offset: float = 0.0
     """Distance from the plate centre, m; 0 is the centre (and the load cell), negative the other
     side of the plate."""
@@ -51,11 +51,11 @@ class ChannelIdentity:
     zero: float = 0.0
     """Volts at rest."""
     natural_frequency: float | None = None
-    """Of the geophone, Hz, > 0; None: its record needs no correction."""
+    """Natural frequency of the geophone, Hz, > 0; None if its record needs no correction."""
     damping: float | None = None
     """Damping ratio of the geophone, > 0; given with the natural frequency or not at all."""
     shunt: float | None = None
-    """What the calibration shunt of the load cell simulates, N; None: there is none."""
+    """Force that the calibration shunt of the load cell simulates, N; None without a shunt."""
     calibrated: datetime.date | None = None
     """Date of the calibration."""
     due: datetime.date | None = None
@@ -79,16 +79,16 @@ class ChannelIdentity:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What an instrument is. None: not said."""
+    """Properties of an instrument. None: not declared."""
 
     serial_number: str
     """Unique to the instrument, at most 32 characters."""
     model: str
     """Name of the product, at most 32 characters."""
     firmware: str
-    """Version of what runs in it, at most 32 characters."""
+    """Version of its firmware, at most 32 characters."""
     sampling_rate: float
-    """Samples per second and channel as configured now, Hz, > 0."""
+    """Configured sampling rate of each channel, Hz, > 0."""
     adc_bits: int
     """Bits of the converter, 8 to 24; counts run from -2^(bits-1) to 2^(bits-1) - 1."""
     adc_range: float
@@ -100,19 +100,19 @@ class Identity:
     plate_mass: float | None = None
     """Mass between load cell and ground, kg, >= 0."""
     centre_sensor: Literal["plate", "ground"] = "plate"
-    """What the sensor at offset 0 stands on."""
+    """Base of the sensor at offset 0."""
     protocol_version: int = 1
-    """Version that was agreed on; what follows is said from version 2 on."""
+    """Negotiated version of the protocol; the fields below are sent from version 2 on."""
     ring_samples: int = 0
-    """So many of the last samples can be asked for again; 0: none."""
+    """Number of the latest samples that can be requested again; 0: no buffer."""
     drop_samples: int = 0
-    """Samples of the longest drop that it keeps until it is acknowledged; 0: it keeps none."""
+    """Samples of the longest drop that it stores until acknowledged; 0: it stores no drops."""
     drop_slots: int = 0
-    """Drops that may wait for that."""
+    """Number of drops that it can store until acknowledged."""
     lasting: bool = False
-    """Whether the drops that it keeps outlast a reset."""
+    """True if stored drops survive a reset."""
     streams: bool = True
-    """Whether it can send samples as they are taken."""
+    """True if it can send samples continuously."""
 
     def __post_init__(self) -> None:
         where = f"identity of {self.serial_number!r}"
@@ -125,7 +125,7 @@ class Identity:
         _require(8 <= self.adc_bits <= 24, where, "adc_bits from 8 to 24", self.adc_bits)
         _require(0 < self.adc_range < math.inf, where, "adc_range > 0 V", self.adc_range)
         count = len(self.channels)
-        _require(1 <= count <= MOST_CHANNELS, where, f"1 to {MOST_CHANNELS} channels", count)
+        _require(1 <= count <= MAX_CHANNELS, where, f"1 to {MAX_CHANNELS} channels", count)
         radius, mass = self.plate_radius, self.plate_mass
         _require(radius is None or 0 < radius < math.inf, where, "plate_radius > 0 m", radius)
         _require(mass is None or 0 <= mass < math.inf, where, "plate_mass >= 0 kg", mass)
@@ -134,22 +134,22 @@ class Identity:
 
     @property
     def volts_per_count(self) -> float:
-        """V."""
+        """Voltage of one count, V."""
         return self.adc_range / (1 << (self.adc_bits - 1))
 
     @property
     def keeps_drops(self) -> bool:
-        """Whether it finds drops itself and keeps them until they are acknowledged."""
+        """True if it detects drops itself and stores them until they are acknowledged."""
         return self.drop_samples > 0 and self.drop_slots > 0
 
 
-def _require(holds: bool, where: str, expected: str, came: object) -> None:
+def _require(holds: bool, where: str, expected: str, value: object) -> None:
     if not holds:
-        raise SetupError(f"{where}: expected {expected}, got {came}")
+        raise SetupError(f"{where}: expected {expected}, got {value}")
 
 
 _DATES = ("calibrated", "due")
-"""Fields of a channel that JSON holds as ISO 8601 texts."""
+"""Date fields of a channel, in JSON as ISO 8601 texts."""
 
 
 def identity_as_dict(identity: Identity) -> dict[str, Any]:
@@ -168,7 +168,7 @@ def _channel_as_dict(channel: ChannelIdentity) -> dict[str, Any]:
 
 
 def identity_from_dict(table: Mapping[str, Any]) -> Identity:
-    """Return the identity that `identity_as_dict` described.
+    """Return the identity described by the values of `identity_as_dict`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What every reader of a raw record needs: its offset, its sensors, their displacement."""
+"""Offset, sensors, displacement and peaks of a raw record."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,10 +8,10 @@ from pfwd_device.drop import Peaks, nearest_first
 
 
 def quiet_samples(time: NDArray[np.float64]) -> int:
-    """Number of samples at the start of a record that are taken as quiet.
+    """Return the number of quiet samples at the start of a record.
 
-    The first half of what lies before the trigger: the second half may hold the start of the pulse,
-    because a device triggers at a level and not at the first touch.
+    These are the first half of the samples before the trigger. The second half may hold the start
+    of the pulse, because a device triggers at a level and not at the first contact.
 
     Parameters
     ----------
@@ -27,12 +27,12 @@ def quiet_samples(time: NDArray[np.float64]) -> int:
 
 
 def channels_outward(drop: Drop) -> list[Channel]:
-    """The channels of a drop from the plate centre outward, as a fit has them; files need not."""
+    """Return the channels of a drop from the plate centre outward, the order of a fit."""
     return sorted(drop.channels, key=lambda channel: nearest_first(channel.offset))
 
 
 def remove_offset(time: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A record less its mean over the quiet samples; unchanged when there are none.
+    """Return a record minus its mean over the quiet samples; unchanged without quiet samples.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def remove_offset(time: NDArray[np.float64], values: NDArray[np.float64]) -> NDA
 
 
 def displacement_of(channel: Channel, time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Displacement of a channel, offset removed; a velocity is integrated by trapezoids.
+    """Return the displacement of a channel without offset; velocity is integrated by trapezoids.
 
     Parameters
     ----------

@@ -1,17 +1,17 @@
-"""Text from an instrument or a file, made harmless at the edge where it comes in."""
+"""Cleaning of text from an instrument or a file before it is stored or shown."""
 
 import unicodedata
 
 LONGEST_TEXT = 64
-"""Characters; names and serial numbers are shorter, and a screen has no room for more."""
+"""Default limit, characters; names and serial numbers are shorter."""
 
 _HARMFUL = frozenset(["Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"])
-"""Controls, formats such as overrides of direction, what is no character, and separators of lines
-and paragraphs."""
+"""Unicode categories: controls, formats such as overrides of the writing direction, code points
+without a character, separators of lines and paragraphs."""
 
 
 def clean(text: str | bytes, limit: int = LONGEST_TEXT) -> str:
-    """Text of bounded length on one line without control characters, which become U+FFFD.
+    """Return one line of text of bounded length, with U+FFFD in place of control characters.
 
     Escape sequences could rename a terminal's window, overrides of the writing direction could
     make a line read as another.
@@ -19,7 +19,7 @@ def clean(text: str | bytes, limit: int = LONGEST_TEXT) -> str:
     Parameters
     ----------
     text : str or bytes
-        Bytes are read as UTF-8; what is none becomes U+FFFD.
+        Bytes are decoded as UTF-8; invalid ones become U+FFFD.
     limit : int
         Longest result, characters.
 
@@ -31,13 +31,13 @@ def clean(text: str | bytes, limit: int = LONGEST_TEXT) -> str:
     if isinstance(text, bytes):
         text = text[: 16 * limit].decode("utf-8", "replace")
     text = text[: 4 * limit]
-    if text.isascii() and text.isprintable():  # nearly always
+    if text.isascii() and text.isprintable():  # the usual case needs no search
         return text[:limit]
     return harmless(unicodedata.normalize("NFC", text)[:limit])
 
 
 def harmless(text: str) -> str:
-    """The text with U+FFFD in place of each such character, at its full length.
+    """Return the text at its full length, with U+FFFD in place of each harmful character.
 
     Examples
     --------

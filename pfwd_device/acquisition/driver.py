@@ -26,8 +26,7 @@ from pfwd_device.acquisition.link import (
 from pfwd_device.errors import DeviceRefused, PortError
 from pfwd_device.identity import Identity
 from pfwd_device.transport.base import Transport
-from pfwd_device.transport.finder import PortFinder
-from pfwd_device.transport.opening import BAUD_RATE
+from pfwd_device.transport.opening import BAUD_RATE, PortFinder
 from pfwd_device.wire.dialect import Dialect
 from pfwd_device.wire.messages import (
     Arm,

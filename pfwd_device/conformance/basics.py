@@ -7,7 +7,7 @@ import numpy as np
 
 from pfwd_device.conformance.talk import ANSWER_TIME, Failed, NotOffered, Talk, blocks, require
 from pfwd_device.identity import Identity
-from pfwd_device.wire.binary import HELLO, MAGIC, START, VERSION
+from pfwd_device.wire.binary import HELLO, HELLO_MAGIC, START, VERSION
 from pfwd_device.wire.framing import encode_frame
 from pfwd_device.wire.messages import (
     Acknowledge,
@@ -138,7 +138,7 @@ def _is_an_answer(message: object) -> bool:
 
 def bytes_behind(talk: Talk) -> str:
     """P-19."""
-    talk.say_frame(HELLO, MAGIC + bytes([1, VERSION]) + b"said by a newer version")
+    talk.say_frame(HELLO, HELLO_MAGIC + bytes([1, VERSION]) + b"said by a newer version")
     if talk.until(Identity) is None:
         raise Failed(f"expected an Identity for a longer Hello, got {talk.lately()}")
     return "ignored"

@@ -1,4 +1,4 @@
-"""Where bytes come from and go to, whatever the cable: what every transport promises."""
+"""Interface of all transports, and their common behaviour when they are closed."""
 
 import sys
 import threading
@@ -8,20 +8,21 @@ from typing import Protocol
 
 from pfwd_device.errors import DeviceLost
 
-SLICE = 0.1
-"""s; a reader wakes up so often, so that closing never waits longer where a port cannot be
+POLL_INTERVAL_S = 0.1
+"""Interval at which a reader wakes up, s: closing waits no longer, even where a port cannot be
 interrupted."""
-WRITE_TIMEOUT = 1.0
-"""s; commands are a few bytes: who takes longer does not listen."""
-_CLOSE_TIMEOUT = 2.0
-"""s; the longest that closing waits for a reader or a writer to leave the port."""
+WRITE_TIMEOUT_S = 1.0
+"""Longest time to send a command, s. Commands are a few bytes: an instrument that takes longer
+does not receive."""
+_CLOSE_TIMEOUT_S = 2.0
+"""Longest wait of `close` for a reader or a writer to leave the port, s."""
 
 PORT_ERRORS: tuple[type[Exception], ...] = (OSError, TypeError, ValueError, AttributeError)
-"""What a serial port raises when its device goes or when it is closed under a reader."""
+"""Exceptions of a serial port whose device disappears or that is closed during a read."""
 if sys.platform != "win32":
     import termios
 
-    # Of flush() and reset_input_buffer() after an unplug; no child of OSError.
+    # flush() and reset_input_buffer() raise it after an unplug; it is no OSError.
     PORT_ERRORS += (termios.error,)
 
 
@@ -29,17 +30,17 @@ class Transport(Protocol):
     """An open link to an instrument."""
 
     url: str
-    """What it was opened as."""
+    """URL with which it was opened."""
     description: str
-    """The same for people."""
+    """Description for messages."""
 
     def read(self, timeout: float) -> bytes:
-        """Bytes that are there, waiting up to `timeout` s for the first; b"" on silence.
+        """Return the received bytes, after up to `timeout` s for the first; b"" on silence.
 
         Raises
         ------
         DeviceLost
-            If the link is gone; all bytes that came before were handed out.
+            If the link is gone; earlier calls have returned all bytes received before.
         """
         ...
 
@@ -49,20 +50,20 @@ class Transport(Protocol):
         Raises
         ------
         DeviceLost
-            If the link is gone or the other end does not take them in time.
+            If the link is gone or the instrument does not receive them in time.
         """
         ...
 
     def close(self) -> None:
-        """End the link, from any thread; a reader in another thread gets `DeviceLost`."""
+        """End the link, from any thread; `read` in another thread raises `DeviceLost`."""
         ...
 
 
 class LockedTransport(ABC):
-    """A transport that is not closed while another thread is inside of the port.
+    """Transport that is not closed while another thread uses the port.
 
-    Closing a descriptor under a reader ends in a crash of the reader or, when its number is
-    given out anew, in reading somebody else's bytes.
+    Closing a descriptor during a read crashes the reader. If the system reuses its number, the
+    reader receives the bytes of another file.
     """
 
     def __init__(self, url: str, description: str) -> None:
@@ -78,9 +79,9 @@ class LockedTransport(ABC):
         with self._reading:
             while True:
                 self._require_open()
-                left = deadline - time.monotonic()
-                data = self._read(max(0.0, min(left, SLICE)))
-                if data or left <= SLICE:
+                remaining = deadline - time.monotonic()
+                data = self._read(max(0.0, min(remaining, POLL_INTERVAL_S)))
+                if data or remaining <= POLL_INTERVAL_S:
                     return data
 
     def write(self, data: bytes) -> None:
@@ -109,7 +110,7 @@ class LockedTransport(ABC):
 
     @abstractmethod
     def _read(self, timeout: float) -> bytes:
-        """Bytes that are there, waiting up to `timeout` s, which is at most `SLICE`."""
+        """Return the received bytes after up to `timeout` s, at most `POLL_INTERVAL_S`."""
 
     @abstractmethod
     def _write(self, data: bytes) -> None: ...
@@ -123,4 +124,4 @@ class LockedTransport(ABC):
 
 
 def _acquired(lock: threading.Lock) -> bool:
-    return lock.acquire(timeout=_CLOSE_TIMEOUT)
+    return lock.acquire(timeout=_CLOSE_TIMEOUT_S)

@@ -1,28 +1,30 @@
-"""One way to open whatever an instrument hangs on."""
+"""Opening of the port of an instrument, and of the same port again after a loss."""
 
 from typing import Any
 
-from pfwd_device.transport.base import WRITE_TIMEOUT, Transport
+from pfwd_device.errors import PortError
+from pfwd_device.transport import ports
+from pfwd_device.transport.base import WRITE_TIMEOUT_S, Transport
 from pfwd_device.transport.serial_port import SerialTransport, open_serial
 from pfwd_device.transport.tcp import SCHEMES, open_tcp
 
 BAUD_RATE = 115_200
-"""Where nothing else is said; adapters that are no UART (USB CDC) ignore it."""
+"""Default baud rate; adapters without a UART (USB CDC) ignore it."""
 
 
 def open_transport(
-    port: str | Any, baud_rate: int = BAUD_RATE, write_timeout: float = WRITE_TIMEOUT
+    port: str | Any, baud_rate: int = BAUD_RATE, write_timeout: float = WRITE_TIMEOUT_S
 ) -> Transport:
-    """An open transport.
+    """Open the link to an instrument.
 
     Parameters
     ----------
     port : str, or an open port
         A URL: /dev/ttyUSB0, COM3, socket://host:port, tcp://host:port, rfc2217://host:port,
-        loop:// and whatever else pyserial knows; or an open port of pyserial or one alike; or a
-        transport, which is returned as it is.
+        loop:// and all others that pyserial can open; or an open port of pyserial or an equivalent
+        object; or a transport, which is returned unchanged.
     baud_rate : int
-        Of a serial port.
+        Baud rate of a serial port.
     write_timeout : float, s
 
     Returns
@@ -32,7 +34,7 @@ def open_transport(
     Raises
     ------
     PortError
-        If it cannot be opened; the message says why and what to try.
+        If it cannot be opened; the message has the cause and a remedy.
 
     Examples
     --------
@@ -50,3 +52,44 @@ def open_transport(
         return SerialTransport(port)
     transport: Transport = port
     return transport
+
+
+class PortFinder:
+    """Opens the port of an instrument, later at whatever name the same USB adapter has.
+
+    Parameters
+    ----------
+    url : str
+        See `open_transport`.
+    baud_rate : int
+        Baud rate of a serial port.
+    """
+
+    def __init__(self, url: str, baud_rate: int = BAUD_RATE) -> None:
+        self._url = url
+        self._baud_rate = baud_rate
+        self._adapter: ports.Adapter | None = None
+        self._turn = 0
+
+    def __call__(self) -> Transport:
+        """Return an open transport.
+
+        Raises
+        ------
+        PortError
+            If it cannot be opened, or the adapter is not connected.
+        """
+        urls = ports.candidate_urls(self._url, self._adapter)
+        if not urls:
+            raise PortError(
+                f"{self._url}: expected the adapter of this instrument, got another one; plug "
+                "the instrument's own adapter in again"
+            )
+        # Adapters without a serial number are indistinguishable: try one after the other.
+        url = urls[self._turn % len(urls)]
+        self._turn += 1
+        transport = open_transport(url, self._baud_rate)
+        if self._adapter is None:
+            self._adapter = ports.adapter_of(url)
+            self._turn = 0
+        return transport

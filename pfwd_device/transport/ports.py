@@ -1,7 +1,7 @@
-"""Which ports there are, and which of them was the instrument's.
+"""List of the serial ports, and search for the port of a known USB adapter.
 
-A serial port's name may change when the adapter is plugged in again; what the adapter says of
-itself on the USB does not.
+The name of a serial port may change when the adapter is plugged in again; the USB identity of the
+adapter does not.
 """
 
 import glob
@@ -15,12 +15,12 @@ from pfwd_device.text import clean
 
 @dataclass(frozen=True, slots=True)
 class Adapter:
-    """What tells one USB adapter from another, whatever its port is called."""
+    """USB identity of an adapter, independent of the name of its port."""
 
     vid: int
     pid: int
     serial_number: str | None
-    """None: it has none, as many cheap adapters; then a second one of its kind is its equal."""
+    """Serial number; None for many cheap adapters, of which two of a kind are equal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,51 +28,51 @@ class Port:
     """A serial port of this computer."""
 
     url: str
-    """What to open."""
+    """Name with which it is opened."""
     description: str
-    """For people; as the adapter says it, made harmless."""
+    """Description that the adapter declares, without control characters."""
     adapter: Adapter | None = None
-    """None: not on the USB."""
+    """USB adapter; None for a port without USB."""
     by_id: str | None = None
-    """A name that stays with the adapter, where the platform gives one (Linux)."""
+    """Name that stays with the adapter, where the platform has one (Linux)."""
 
 
 def list_ports() -> list[Port]:
-    """The serial ports of this computer, by name."""
+    """Return the serial ports of this computer, sorted by name."""
     by_id = {os.path.realpath(link): link for link in sorted(glob.glob("/dev/serial/by-id/*"))}
     ports = []
-    for found in _serial_ports.comports():
+    for info in _serial_ports.comports():
         adapter = None
-        if found.vid is not None and found.pid is not None:
-            number = clean(found.serial_number) if found.serial_number else None
-            adapter = Adapter(found.vid, found.pid, number)
-        description = found.description if found.description != "n/a" else found.device
-        link = by_id.get(os.path.realpath(found.device))
-        ports.append(Port(found.device, clean(description or found.device), adapter, link))
+        if info.vid is not None and info.pid is not None:
+            number = clean(info.serial_number) if info.serial_number else None
+            adapter = Adapter(info.vid, info.pid, number)
+        description = info.description if info.description != "n/a" else info.device
+        link = by_id.get(os.path.realpath(info.device))
+        ports.append(Port(info.device, clean(description or info.device), adapter, link))
     return sorted(ports, key=lambda port: port.url)
 
 
 def adapter_of(url: str) -> Adapter | None:
-    """The USB adapter that a port hangs on; None when it is none or cannot be told."""
+    """Return the USB adapter of a port; None if it has none or it cannot be determined."""
     return next((port.adapter for port in list_ports() if _same_name(port.url, url)), None)
 
 
-def find_again(url: str, adapter: Adapter | None) -> list[str]:
-    """Where to look for an instrument that was lost, best first.
+def candidate_urls(url: str, adapter: Adapter | None) -> list[str]:
+    """Return the ports at which a lost instrument may be connected, the best first.
 
     Parameters
     ----------
     url : str
-        What it was first opened as.
+        Port at which it was first opened.
     adapter : Adapter or None
-        The USB adapter that it hung on then.
+        USB adapter of that port.
 
     Returns
     -------
     list of str
-        The ports of that adapter, the old name first if it is among them. Without one the old
-        name, which may be a link that points elsewhere by now or a port that is not there yet, but
-        never a port of another adapter that got the old name.
+        Ports of that adapter, the old name first if it is among them. Without such a port the old
+        name: it may be a link to another port by now, or a port that does not exist yet. Empty if
+        another adapter has the old name.
     """
     if adapter is None:
         return [url]
@@ -82,8 +82,8 @@ def find_again(url: str, adapter: Adapter | None) -> list[str]:
         return sorted(
             (url if _same_name(name, url) else name for name in same), key=lambda name: name != url
         )
-    taken = any(port.adapter is not None and _same_name(port.url, url) for port in ports)
-    return [] if taken else [url]
+    is_reused = any(port.adapter is not None and _same_name(port.url, url) for port in ports)
+    return [] if is_reused else [url]
 
 
 def _same_name(name: str, url: str) -> bool:

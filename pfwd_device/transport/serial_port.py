@@ -1,4 +1,4 @@
-"""Serial ports, and whatever else pyserial can open."""
+"""Serial ports, and all other links that pyserial can open."""
 
 import contextlib
 import errno
@@ -9,27 +9,32 @@ from typing import Any
 import serial
 
 from pfwd_device.errors import DeviceLost, PortError
-from pfwd_device.transport.base import PORT_ERRORS, SLICE, WRITE_TIMEOUT, LockedTransport
+from pfwd_device.transport.base import (
+    POLL_INTERVAL_S,
+    PORT_ERRORS,
+    WRITE_TIMEOUT_S,
+    LockedTransport,
+)
 from pfwd_device.transport.ports import list_ports
 
-MOST_PORTS_SHOWN = 8
-"""In a message; `pfwd ports` lists all."""
+MAX_LISTED_PORTS = 8
+"""Ports that a message lists; `pfwd ports` lists all."""
 
-_NO_SUCH = {errno.ENOENT, errno.ENODEV, errno.ENXIO}
-_IN_USE = {errno.EAGAIN, errno.EBUSY}
-_NOT_ALLOWED = {errno.EACCES, errno.EPERM}
-_NO_PORT = {errno.ENOTTY, errno.EISDIR, errno.EINVAL}
+_MISSING_ERRNOS = {errno.ENOENT, errno.ENODEV, errno.ENXIO}
+_BUSY_ERRNOS = {errno.EAGAIN, errno.EBUSY}
+_DENIED_ERRNOS = {errno.EACCES, errno.EPERM}
+_NOT_SERIAL_ERRNOS = {errno.ENOTTY, errno.EISDIR, errno.EINVAL}
 
 
 class SerialTransport(LockedTransport):
-    """An open port of pyserial, or anything that behaves like one.
+    """Transport over an open port of pyserial or an object with the same methods.
 
     Parameters
     ----------
-    port : serial.Serial or alike
-        Open. Its timeout is shortened, so that closing need not wait long.
+    port : serial.Serial or an equivalent object
+        Open port. Its timeout is shortened, so that `close` need not wait long.
     url : str
-        What it was opened as; default: the name of the port.
+        URL with which it was opened; default: the name of the port.
     """
 
     def __init__(self, port: Any, url: str | None = None) -> None:
@@ -37,14 +42,14 @@ class SerialTransport(LockedTransport):
         rate = getattr(port, "baudrate", None)
         super().__init__(name, f"serial port {name}" + (f" at {rate} baud" if rate else ""))
         self._port = port
-        if port.timeout != SLICE:  # setting it configures the port anew
-            port.timeout = SLICE
+        if port.timeout != POLL_INTERVAL_S:  # setting it reconfigures the port
+            port.timeout = POLL_INTERVAL_S
 
     def _read(self, timeout: float) -> bytes:
         port = self._port
         try:
-            # Never more than what waits: a longer read throws away what it already holds when the
-            # device goes.
+            # Read no more than what waits: a longer read discards the bytes that it already has
+            # when the device disappears.
             waiting = port.in_waiting
             if not waiting and timeout <= 0:
                 return b""
@@ -52,7 +57,7 @@ class SerialTransport(LockedTransport):
         except PORT_ERRORS as err:
             raise self._lost(err) from err
         if not waiting and data:
-            # The rest of what came with the byte that woke us; an error is the next read's.
+            # Read what arrived together with the first byte; the next read raises an error.
             with contextlib.suppress(*PORT_ERRORS):
                 data += port.read(port.in_waiting)
         return data
@@ -61,13 +66,13 @@ class SerialTransport(LockedTransport):
         try:
             self._port.write(data)
         except serial.SerialTimeoutException as err:
-            message = f"{self.url}: expected {len(data)} bytes to be taken, got no end of it"
+            message = f"{self.url}: expected to send {len(data)} bytes, got a timeout"
             raise DeviceLost(f"{message}; is the instrument switched on?") from err
         except PORT_ERRORS as err:
             raise self._lost(err) from err
 
     def _interrupt(self) -> None:
-        for name in ("cancel_read", "cancel_write"):  # not every kind of port has them
+        for name in ("cancel_read", "cancel_write"):  # some ports have neither
             with contextlib.suppress(*PORT_ERRORS):
                 getattr(self._port, name)()
 
@@ -83,26 +88,28 @@ class SerialTransport(LockedTransport):
 
 
 _BUSY = "one in use by another program"
-# s within which whoever closed a port lets go of it.
-_LET_GO_S = 1.0
+_RELEASE_TIMEOUT_S = 1.0
+"""Time within which a program that has closed a port releases it, s."""
 
 
-def open_serial(url: str, baud_rate: int, write_timeout: float = WRITE_TIMEOUT) -> SerialTransport:
-    """An open serial port that no other program with manners can open as well.
+def open_serial(
+    url: str, baud_rate: int, write_timeout: float = WRITE_TIMEOUT_S
+) -> SerialTransport:
+    """Open a serial port and lock it against other programs that respect the lock.
 
     Raises
     ------
     PortError
         If it cannot be opened; the message says why and what to try.
     """
-    # Windows opens every port for one program only and refuses to be told so.
+    # On Windows every port is exclusive, and pyserial rejects the option.
     exclusive = None if sys.platform == "win32" else True
     port = None
     try:
         port = serial.serial_for_url(url, do_not_open=True)
         port.baudrate = baud_rate
-        port.timeout = SLICE
-        if not url.lower().startswith("rfc2217:"):  # knows none, and says so by an error
+        port.timeout = POLL_INTERVAL_S
+        if not url.lower().startswith("rfc2217:"):  # it raises an error for a write timeout
             port.write_timeout = write_timeout
         port.exclusive = exclusive
         _open_when_free(port)
@@ -115,8 +122,8 @@ def open_serial(url: str, baud_rate: int, write_timeout: float = WRITE_TIMEOUT) 
 
 
 def _open_when_free(port: Any) -> None:
-    """Open; a port that was closed just now may stay in use for a moment."""
-    until = time.monotonic() + _LET_GO_S
+    """Open a port; one that was just closed may be in use for a moment."""
+    until = time.monotonic() + _RELEASE_TIMEOUT_S
     while True:
         try:
             port.open()
@@ -128,35 +135,35 @@ def _open_when_free(port: Any) -> None:
 
 
 def port_error(url: str, cause: Exception) -> PortError:
-    """What to tell of a port that could not be opened."""
-    if getattr(cause, "errno", None) in _NO_SUCH or "FileNotFoundError" in str(cause):
-        return PortError(_not_found(url))
-    came, hint = _explain(cause)
-    return PortError(f"{url}: expected a free serial port, got {came}; {hint}")
+    """Return the error for a port that could not be opened: the cause and a remedy."""
+    if getattr(cause, "errno", None) in _MISSING_ERRNOS or "FileNotFoundError" in str(cause):
+        return PortError(_describe_missing_port(url))
+    problem, hint = _explain(cause)
+    return PortError(f"{url}: expected a free serial port, got {problem}; {hint}")
 
 
-def _not_found(url: str) -> str:
-    found = list_ports()
-    shown = [
+def _describe_missing_port(url: str) -> str:
+    connected = list_ports()
+    listed = [
         port.url if port.description == port.url else f"{port.url} ({port.description})"
-        for port in found[:MOST_PORTS_SHOWN]
+        for port in connected[:MAX_LISTED_PORTS]
     ]
-    more = ", ..." if len(found) > len(shown) else ""
-    ports = f"Connected ports: {', '.join(shown)}{more}" if found else "No port is connected"
+    more = ", ..." if len(connected) > len(listed) else ""
+    ports = f"Connected ports: {', '.join(listed)}{more}" if connected else "No port is connected"
     return f"port {url}: not found. {ports}. Check the cable or choose another port"
 
 
 def _explain(cause: Exception) -> tuple[str, str]:
     number, text = getattr(cause, "errno", None), str(cause)
-    # On Windows the reason is inside of the text only, and a port in use is "Access is denied".
-    if number in _IN_USE or "PermissionError" in text:
+    # On Windows only the text has the reason, and a busy port is "Access is denied".
+    if number in _BUSY_ERRNOS or "PermissionError" in text:
         return _BUSY, "end that program"
-    if number in _NOT_ALLOWED:
+    if number in _DENIED_ERRNOS:
         hint = "see who may open it"
         if sys.platform.startswith("linux"):
-            hint = "`sudo usermod -aG dialout $USER`, then log in anew"
+            hint = "`sudo usermod -aG dialout $USER`, then log in again"
         return "one that this user may not open", hint
-    if number in _NO_PORT or "configure port" in text:
+    if number in _NOT_SERIAL_ERRNOS or "configure port" in text:
         return f"something that is no serial port ({text})", "`pfwd ports` lists serial ports"
     if isinstance(cause, ValueError):
         return text, "check the spelling of the URL and the baud rate"

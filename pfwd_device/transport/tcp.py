@@ -1,7 +1,7 @@
-"""Instruments in the network, by plain sockets.
+"""Instruments in the network, through plain sockets.
 
-pyserial's own socket:// tells of one waiting byte at most and is therefore read byte by byte; it
-cannot keep up with an instrument.
+The socket:// of pyserial reports at most one waiting byte and is therefore read byte by byte, too
+slowly for an instrument.
 """
 
 import contextlib
@@ -9,41 +9,41 @@ import socket
 from urllib.parse import urlsplit
 
 from pfwd_device.errors import DeviceLost, PortError
-from pfwd_device.transport.base import WRITE_TIMEOUT, LockedTransport
+from pfwd_device.transport.base import WRITE_TIMEOUT_S, LockedTransport
 
 SCHEMES = ("socket", "tcp")
-CONNECT_TIMEOUT = 3.0
-"""s."""
-_CHUNK = 65536
+CONNECT_TIMEOUT_S = 3.0
+_RECEIVE_BYTES = 65536
 _KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
-"""s, s, and how often: a pulled network cable is noticed even while nothing is asked."""
+"""Idle time (s), interval (s) and number of probes: they detect an unplugged network cable while
+nothing is sent."""
 
 
 class TcpTransport(LockedTransport):
-    """A connected stream socket.
+    """Transport over a connected stream socket.
 
     Parameters
     ----------
     connection : socket.socket
-        Connected; belongs to the transport from now on.
+        Connected socket; the transport closes it.
     url : str
-        What it was opened as.
+        URL with which it was opened.
     write_timeout : float, s
     """
 
     def __init__(
-        self, connection: socket.socket, url: str, write_timeout: float = WRITE_TIMEOUT
+        self, connection: socket.socket, url: str, write_timeout: float = WRITE_TIMEOUT_S
     ) -> None:
         super().__init__(url, f"TCP connection to {url.partition('://')[2] or url}")
         self._incoming = connection
-        # The timeout belongs to the object: reading and writing have one each.
+        # A socket object has one timeout: reading and writing need an object each.
         self._outgoing = connection.dup()
         self._outgoing.settimeout(write_timeout)
 
     def _read(self, timeout: float) -> bytes:
         try:
             self._incoming.settimeout(timeout)
-            data = self._incoming.recv(_CHUNK)
+            data = self._incoming.recv(_RECEIVE_BYTES)
         except (TimeoutError, BlockingIOError):
             return b""
         except OSError as err:
@@ -56,7 +56,7 @@ class TcpTransport(LockedTransport):
         try:
             self._outgoing.sendall(data)
         except TimeoutError as err:
-            raise self._lost(f"no end of sending {len(data)} bytes") from err
+            raise self._lost(f"a timeout while sending {len(data)} bytes") from err
         except OSError as err:
             raise self._lost(err.strerror or str(err)) from err
 
@@ -68,17 +68,17 @@ class TcpTransport(LockedTransport):
         self._outgoing.close()
         self._incoming.close()
 
-    def _lost(self, came: str) -> DeviceLost:
+    def _lost(self, problem: str) -> DeviceLost:
         return DeviceLost(
-            f"{self.url}: expected a connection, got {came}; is the instrument switched on and "
+            f"{self.url}: expected a connection, got {problem}; is the instrument switched on and "
             "within reach of the network?"
         )
 
 
 def open_tcp(
-    url: str, write_timeout: float = WRITE_TIMEOUT, connect_timeout: float = CONNECT_TIMEOUT
+    url: str, write_timeout: float = WRITE_TIMEOUT_S, connect_timeout: float = CONNECT_TIMEOUT_S
 ) -> TcpTransport:
-    """A connection to socket://host:port or tcp://host:port.
+    """Connect to socket://host:port or tcp://host:port.
 
     Raises
     ------
@@ -89,18 +89,18 @@ def open_tcp(
     try:
         connection = socket.create_connection((host, port), connect_timeout)
     except OSError as err:
-        came = "no answer" if isinstance(err, TimeoutError) else err.strerror or str(err)
+        problem = "no answer" if isinstance(err, TimeoutError) else err.strerror or str(err)
         hint = "is the instrument switched on, and are address and port right?"
-        raise PortError(f"{url}: expected a connection, got {came}; {hint}") from err
+        raise PortError(f"{url}: expected a connection, got {problem}; {hint}") from err
     try:
-        # A command is a few bytes and should not wait for more.
+        # A command is a few bytes and must not wait for further data.
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         for name, value in _KEEPALIVE.items():
-            if hasattr(socket, name):  # not on every platform
+            if hasattr(socket, name):  # some platforms lack it
                 connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
         return TcpTransport(connection, url, write_timeout)
-    except OSError as err:  # gone between the connection and here
+    except OSError as err:  # the connection ended meanwhile
         connection.close()
         raise PortError(f"{url}: expected a connection, got {err}; try again") from err
 

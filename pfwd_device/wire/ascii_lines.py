@@ -1,7 +1,7 @@
-"""Lines of numbers, as simple instruments print them: `t_us,v1,v2,...`. Rules in docs/protocol.md.
+"""Dialect of simple instruments that print lines `t_us,v1,v2,...`. Rules in docs/protocol.md.
 
-Lines carry no check, so damage is found by their form alone: a digit that became another one is a
-wrong sample that nobody can tell from a right one. The binary protocol has none of this.
+Lines have no check sum, so damage is detected by their form alone: a changed digit is a wrong
+sample that cannot be recognised. The binary protocol avoids this.
 """
 
 import re
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pfwd_device.errors import SetupError
 from pfwd_device.identity import Identity
 from pfwd_device.wire.dialect import LinkCounters
+from pfwd_device.wire.framing import Cutter
 from pfwd_device.wire.messages import (
     HostMessage,
     InstrumentMessage,
@@ -21,16 +22,15 @@ from pfwd_device.wire.messages import (
     RefusalCode,
     SampleBlock,
 )
-from pfwd_device.wire.pieces import Cutter
-from pfwd_device.wire.sample_clock import Placed, SampleClock
+from pfwd_device.wire.sample_clock import PlacedLines, SampleClock
 
-LONGEST_LINE = 512
-"""Bytes before the line feed; a longer line is thrown away as it comes."""
-MOST_COLUMNS = 64
-"""Values in a line."""
-WIDTH_VOTES = 3
-"""So many lines with another number of values, one after the other, are no damage: the instrument
-prints that many."""
+MAX_LINE_BYTES = 512
+"""Longest line, without its line feed; a longer one is discarded as it arrives."""
+MAX_COLUMNS = 64
+"""Largest number of values in a line."""
+N_LINES_TO_CHANGE_WIDTH = 3
+"""Number of successive lines with another number of values that count as a change of the output
+and no longer as damage."""
 
 # Digits are limited: every number is exact as a double (times) or far from overflowing (values).
 _TIME = rb"[ \t]*+[0-9]{1,15}[ \t]*+"
@@ -39,38 +39,39 @@ _DECIMAL = (
     rb"[ \t]*+[+-]?(?:[0-9]{1,15}(?:\.[0-9]{0,15})?|\.[0-9]{1,15})(?:[eE][+-]?[0-9]{1,2})?[ \t]*+"
 )
 _SKIPPED = re.compile(rb"[ \t]*+(?:#[^\n]*|t_us[ \t]*+\r?(?:,[^\n]*)?)")
-_BLANK = b" \t\r"
-# Wider than what is read as a sample: any program that prints numbers, whatever their digits.
-_NUMBER = rb"\s*[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?\s*"
-_LINE_OF_NUMBERS = re.compile(rb"\d+\s*(?:," + _NUMBER + rb"){1,9}")
-_ENOUGH_LINES = 3
-_LEAST, _MOST = -(2.0**31), 2.0**31 - 1
-_RATE_WINDOW = 1000
-"""Samples over which the mean step is compared with the sampling rate."""
+_BLANKS = b" \t\r"
+# More forms than in a sample: recognition must not depend on the number of digits.
+_PRINTED_NUMBER = rb"\s*[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?\s*"
+_LINE_OF_NUMBERS = re.compile(rb"\d+\s*(?:," + _PRINTED_NUMBER + rb"){1,9}")
+_N_RECOGNISED_LINES = 3
+_MIN_COUNT, _MAX_COUNT = -(2.0**31), 2.0**31 - 1
+_RATE_WINDOW_SAMPLES = 1000
+"""Number of samples over which the mean step is compared with the sampling rate."""
 _RATE_TOLERANCE = 0.01
-"""Of the step: more than any two oscillators differ, less than any other sampling rate."""
+"""Largest relative error of the step: more than the difference of two oscillators, less than the
+difference to another sampling rate."""
 
 
 class _Line(NamedTuple):
-    """A line that has the form of a sample."""
+    """A line with the form of a sample."""
 
     used: bytes
-    """From the time to the last value that is used."""
+    """Part from the time to the last used value."""
     size: int
-    """Bytes of the whole line."""
+    """Bytes of the line."""
 
 
 class AsciiDialect:
-    """The host's end of an instrument that prints lines.
+    """Host end of the link to an instrument that prints lines.
 
     Parameters
     ----------
     identity : Identity
-        What the instrument would say of itself; it cannot.
+        Declared identity; the instrument cannot report it.
     columns : sequence of int
-        For each channel of the identity its column, 0 is the first after the time.
+        Column of each channel of the identity, 0 is the first after the time.
     resolution : sequence of float or None
-        For each channel the value of one count: values are decimals. None: values are counts.
+        Value of one count of each channel: values are decimals. None: values are counts.
     first_stream : int
         Number of the first stream; each restart of the instrument adds one.
 
@@ -101,23 +102,25 @@ class AsciiDialect:
         value = _INTEGER if resolution is None else _DECIMAL
         self._line = _line_pattern(value, max(columns) + 1)
         self._width: int | None = None
-        self._other_width, self._votes = 0, 0
+        self._candidate_width, self._votes = 0, 0
         self._clock = SampleClock(identity.sampling_rate, first_stream)
         self._introduced = False
-        self._cutter = Cutter(b"\n", LONGEST_LINE, self.counters)
+        self._cutter = Cutter(b"\n", MAX_LINE_BYTES, self.counters)
         self._held: list[_Line] = []
         self._mark: tuple[int, int, int] | None = None
         self._rate_refused = False
 
     def feed(self, data: bytes) -> list[InstrumentMessage]:
-        """Blocks as large as these bytes allow; before the first one the identity. A refusal says
-        that the times contradict the sampling rate."""
+        """Return the largest possible blocks of samples, before the first one the identity.
+
+        A refusal reports that the times contradict the sampling rate.
+        """
         lines = self._good_lines(data)
         if not lines:
             return []
         lines = self._held + lines
-        table = b",".join([line.used for line in lines]).translate(None, _BLANK)
-        # The lines have been matched: nothing that numpy could misread is left.
+        table = b",".join([line.used for line in lines]).translate(None, _BLANKS)
+        # All lines matched the pattern, so numpy cannot misread them.
         values = np.fromstring(table, sep=",").reshape(len(lines), -1)
         placed = self._clock.place(values[:, 0])
         self._held = lines[-1:] if placed.pending else []
@@ -131,11 +134,11 @@ class AsciiDialect:
         return messages
 
     def encode(self, message: HostMessage) -> bytes:
-        """Nothing: such an instrument does not listen."""
+        """Return no bytes: such an instrument receives no commands."""
         return b""
 
     def reset(self) -> None:
-        """Forget a line that has begun; indices go on if the times do."""
+        """Discard an incomplete line; the indices continue if the times do."""
         self._cutter.reset()
         self.counters.bytes_discarded += sum(line.size for line in self._held)
         self._held = []
@@ -143,40 +146,40 @@ class AsciiDialect:
         self._rate_refused = False
 
     def _good_lines(self, data: bytes) -> list[_Line]:
-        """The lines that have the form of a sample."""
+        """Return the lines with the form of a sample."""
         good = []
         for line in self._cutter.feed(data):
             match = self._line.fullmatch(line)
             if match is not None and self._has_width(line.count(b",")):
                 good.append(_Line(match[1], len(line) + 1))
             else:
-                self._count_other(line)
+                self._count_rejected(line)
         return good
 
     def _has_width(self, width: int) -> bool:
-        """Whether the line has as many values as the others: no line feed was lost in it."""
+        """Return True if the line has the usual number of values, so that no line feed was lost."""
         if self._width is None:
             self._width = width
         if width == self._width:
             self._votes = 0
             return True
-        self._votes = self._votes + 1 if width == self._other_width else 1
-        self._other_width = width
-        if self._votes < WIDTH_VOTES:
+        self._votes = self._votes + 1 if width == self._candidate_width else 1
+        self._candidate_width = width
+        if self._votes < N_LINES_TO_CHANGE_WIDTH:
             return False
         self._width, self._votes = width, 0
         return True
 
-    def _count_other(self, line: bytes) -> None:
-        if not line.strip(_BLANK):
-            return  # as an extra zero between frames
+    def _count_rejected(self, line: bytes) -> None:
+        if not line.strip(_BLANKS):
+            return  # a blank line does no harm
         if _SKIPPED.fullmatch(line):
             self.counters.frames_good += 1
             return
         self.counters.frames_damaged += 1
         self.counters.bytes_discarded += len(line) + 1
 
-    def _count(self, lines: list[_Line], placed: Placed) -> None:
+    def _count(self, lines: list[_Line], placed: PlacedLines) -> None:
         good = int(np.count_nonzero(placed.good))
         dropped = len(lines) - good - placed.pending
         self.counters.frames_good += good
@@ -185,8 +188,10 @@ class AsciiDialect:
             judged = zip(lines[: len(lines) - placed.pending], placed.good.tolist(), strict=False)
             self.counters.bytes_discarded += sum(line.size for line, keep in judged if not keep)
 
-    def _messages(self, values: NDArray[np.float64], placed: Placed) -> list[InstrumentMessage]:
-        """Consecutive samples as blocks, and a word if their times contradict the identity."""
+    def _messages(
+        self, values: NDArray[np.float64], placed: PlacedLines
+    ) -> list[InstrumentMessage]:
+        """Return blocks of consecutive samples, and a refusal if their rate is not the declared."""
         stream, index = placed.stream[placed.good], placed.index[placed.good]
         clock = placed.clock_us[placed.good]
         counts = self._counts(values[placed.good][:, self._columns])
@@ -207,15 +212,15 @@ class AsciiDialect:
     def _judge_rate(
         self, stream: NDArray[np.int64], index: NDArray[np.int64], clock: NDArray[np.int64]
     ) -> tuple[int, Refusal | None]:
-        """At which sample it shows that the instrument samples at another rate, and what to say."""
+        """Return the first sample that reveals another sampling rate, and the refusal to report."""
         if self._rate_refused:
             return 0, None
-        for at in np.flatnonzero(index % _RATE_WINDOW == 0).tolist():
+        for at in np.flatnonzero(index % _RATE_WINDOW_SAMPLES == 0).tolist():
             earlier = self._mark
             mark = self._mark = int(stream[at]), int(index[at]), int(clock[at])
-            if earlier is None or earlier[:2] != (mark[0], mark[1] - _RATE_WINDOW):
+            if earlier is None or earlier[:2] != (mark[0], mark[1] - _RATE_WINDOW_SAMPLES):
                 continue
-            rate = 1e6 * _RATE_WINDOW / (mark[2] - earlier[2])
+            rate = 1e6 * _RATE_WINDOW_SAMPLES / (mark[2] - earlier[2])
             declared = self._identity.sampling_rate
             if abs(declared / rate - 1) > _RATE_TOLERANCE:
                 self._rate_refused = True
@@ -226,34 +231,34 @@ class AsciiDialect:
     def _counts(self, values: NDArray[np.float64]) -> NDArray[np.int32]:
         if self._resolution is not None:
             values = np.rint(values / self._resolution)
-        return np.asarray(np.clip(values, _LEAST, _MOST).astype(np.int32))
+        return np.asarray(np.clip(values, _MIN_COUNT, _MAX_COUNT).astype(np.int32))
 
 
 def looks_like_lines(data: bytes) -> bool:
-    """Whether the last whole lines are `t_us,v1,v2,...`."""
-    lines = [line for line in data.splitlines()[1:-1] if line.strip()][-_ENOUGH_LINES:]
-    return len(lines) == _ENOUGH_LINES and all(map(_LINE_OF_NUMBERS.fullmatch, lines))
+    """Return True if the last complete lines are `t_us,v1,v2,...`."""
+    lines = [line for line in data.splitlines()[1:-1] if line.strip()][-_N_RECOGNISED_LINES:]
+    return len(lines) == _N_RECOGNISED_LINES and all(map(_LINE_OF_NUMBERS.fullmatch, lines))
 
 
-def _line_pattern(value: bytes, least: int) -> re.Pattern[bytes]:
-    """Matches a line with so many values or more; its group is the time and so many."""
+def _line_pattern(value: bytes, min_columns: int) -> re.Pattern[bytes]:
+    """Return the pattern of a line; its group is the time and the first `min_columns` values."""
     values = b"(?:," + value + b"){%d}"
     more = b"(?:," + value + b"){0,%d}+"
-    pattern = b"(" + _TIME + values % least + b")" + more % (MOST_COLUMNS - least)
+    pattern = b"(" + _TIME + values % min_columns + b")" + more % (MAX_COLUMNS - min_columns)
     return re.compile(pattern + rb"\r?")
 
 
 def _check_columns(columns: Sequence[int], channels: int) -> None:
     if len(columns) != channels:
         raise SetupError(f"columns: expected one for each of {channels} channels, got {columns}")
-    if len(set(columns)) != channels or not all(0 <= column < MOST_COLUMNS for column in columns):
-        last = MOST_COLUMNS - 1
+    if len(set(columns)) != channels or not all(0 <= column < MAX_COLUMNS for column in columns):
+        last = MAX_COLUMNS - 1
         raise SetupError(f"columns: expected different ones from 0 to {last}, got {columns}")
 
 
 def _check_resolution(resolution: Sequence[float], channels: int) -> None:
     if len(resolution) != channels:
         raise SetupError(f"resolution: expected one for each channel, {channels}, got {resolution}")
-    # Smaller ones divide to infinity; then there is no telling a large value from a small one.
+    # Division by a smaller one gives infinity, in which large and small values are the same.
     if not all(1e-30 <= value <= 1e30 for value in resolution):
         raise SetupError(f"resolution: expected values from 1e-30 to 1e30, got {resolution}")

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from pfwd_device.errors import ProtocolError, SetupError
-from pfwd_device.identity import FASTEST_SAMPLING, MOST_CHANNELS, Identity
+from pfwd_device.identity import FASTEST_SAMPLING, MAX_CHANNELS, Identity
 from pfwd_device.wire.dialect import LinkCounters
 from pfwd_device.wire.fields import (
     BYTE,
     Reader,
-    finite_or_none,
-    or_nan,
-    or_none,
+    decode_optional,
+    decode_reading,
+    encode_optional,
     pack_int24,
     text,
     unpack_int24,
@@ -49,15 +49,15 @@ from pfwd_device.wire.messages import (
 )
 
 OLDEST_VERSION, VERSION = 1, 2
-MAGIC = b"PFWD"
+HELLO_MAGIC = b"PFWD"
 NO_CLOCK = 2**64 - 1
-LAST_SAMPLE = 2**63 - 1
-"""Higher indices are damaged: what counts samples further on has signed integers."""
-MOST_SAMPLE_BYTES = 6144
-"""Bytes of the samples in one block: 2048 values of 3 bytes."""
-MOST_DROP_SAMPLES = 10 * int(FASTEST_SAMPLING)
-"""Samples of a drop: ten seconds, the longest that a setup file can ask for."""
-MOST_BLOCKS = 65535
+MAX_SAMPLE_INDEX = 2**63 - 1
+"""Largest sample index; a higher one is damage, because indices are stored as signed integers."""
+MAX_SAMPLE_BYTES = 6144
+"""Largest size of the samples in one block: 2048 values of 3 bytes."""
+MAX_DROP_SAMPLES = 10 * int(FASTEST_SAMPLING)
+"""Longest drop: ten seconds, the limit of a setup file."""
+MAX_DROP_BLOCKS = 65535
 
 HELLO, CONFIGURE, START, STOP, SHUNT = 0x01, 0x02, 0x03, 0x04, 0x05
 ARM, FETCH, ACKNOWLEDGE, RESEND, CALIBRATE = 0x06, 0x07, 0x08, 0x09, 0x0A
@@ -69,11 +69,11 @@ _RATE = struct.Struct("<d")
 _SAMPLES = struct.Struct("<IQQBBH")
 _STATUS = struct.Struct("<QffQB")
 _DROPS = struct.Struct("<HI")
-"""What a status of version 2 has more."""
+"""Additional fields of a status in version 2."""
 _TRIGGER = struct.Struct("<BBIHIII")
 _FETCH = struct.Struct("<IQHH")
 _NAME = struct.Struct("<IQ")
-"""Of a drop: run of the sampler and index of the first sample."""
+"""Name of a drop: run of the sampler and index of the first sample."""
 _RANGE = struct.Struct("<IQI")
 _CALIBRATE = struct.Struct("<BdddddII")
 _OFFER = struct.Struct("<IQQIIBBHId")
@@ -86,13 +86,13 @@ _SAMPLING = 1
 
 
 def encode_message(message: Message, counter: int) -> bytes:
-    """The frame that carries a message, its closing zero included.
+    """Return the frame of a message, including its closing zero.
 
     Parameters
     ----------
     message : Message
     counter : int
-        Counts the frames of the sender.
+        Number of the frame, counted by the sender.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def encode_message(message: Message, counter: int) -> bytes:
     Raises
     ------
     ProtocolError
-        If the message holds more than its layout can.
+        If a value does not fit into the layout of the message.
     """
     try:
         type_, payload = _pack(message)
@@ -115,7 +115,10 @@ def _pack(message: Message) -> tuple[int, bytes]:
         case SampleBlock():
             return SAMPLES, _pack_samples(message)
         case Status():
-            battery, temperature = or_nan(message.battery_v), or_nan(message.temperature_c)
+            battery, temperature = (
+                encode_optional(message.battery_v),
+                encode_optional(message.temperature_c),
+            )
             flags = _SAMPLING if message.sampling else 0
             payload = _STATUS.pack(message.clock_us, battery, temperature, message.overruns, flags)
             if message.drops_waiting is not None:
@@ -128,7 +131,7 @@ def _pack(message: Message) -> tuple[int, bytes]:
         case Identity():
             return IDENTITY, pack_identity(message)
         case Hello():
-            return HELLO, _HELLO.pack(MAGIC, message.oldest_version, message.newest_version)
+            return HELLO, _HELLO.pack(HELLO_MAGIC, message.oldest_version, message.newest_version)
         case Configure():
             return CONFIGURE, _RATE.pack(message.sampling_rate)
         case Start():
@@ -138,10 +141,10 @@ def _pack(message: Message) -> tuple[int, bytes]:
         case Shunt():
             return SHUNT, BYTE.pack(message.on)
         case _:
-            return _pack_kept(message)
+            return _pack_version_2(message)
 
 
-def _pack_kept(
+def _pack_version_2(
     message: Arm
     | Fetch
     | Acknowledge
@@ -153,7 +156,7 @@ def _pack_kept(
     | Released
     | SamplesGone,
 ) -> tuple[int, bytes]:
-    """What version 2 says of drops and samples that are kept."""
+    """Return type and payload of a message that exists from version 2 on."""
     match message:
         case Arm():
             return ARM, _pack_trigger(message.trigger)
@@ -194,9 +197,9 @@ def _pack_calibrate(message: Calibrate) -> bytes:
         message.channel,
         message.sensitivity,
         message.zero,
-        or_nan(message.natural_frequency),
-        or_nan(message.damping),
-        or_nan(message.shunt),
+        encode_optional(message.natural_frequency),
+        encode_optional(message.damping),
+        encode_optional(message.shunt),
         message.calibrated,
         message.due,
     )
@@ -221,12 +224,12 @@ def _pack_offer(offer: DropOffer) -> bytes:
 
 def _pack_samples(block: SampleBlock) -> bytes:
     count, channels = block.counts.shape
-    if not (count and 1 <= channels <= MOST_CHANNELS):
+    if not (count and 1 <= channels <= MAX_CHANNELS):
         raise ValueError(
-            f"expected samples of 1 to {MOST_CHANNELS} channels, got {count}x{channels}"
+            f"expected samples of 1 to {MAX_CHANNELS} channels, got {count}x{channels}"
         )
-    if count * channels * 3 > MOST_SAMPLE_BYTES:
-        raise ValueError(f"expected at most {MOST_SAMPLE_BYTES} bytes, got {count}x{channels}x3")
+    if count * channels * 3 > MAX_SAMPLE_BYTES:
+        raise ValueError(f"expected at most {MAX_SAMPLE_BYTES} bytes, got {count}x{channels}x3")
     clock = NO_CLOCK if block.clock_us is None else block.clock_us
     flags = _SHUNT_ON if block.shunt else 0
     head = _SAMPLES.pack(block.stream, block.first_sample, clock, flags, channels, count)
@@ -238,9 +241,9 @@ def _read_samples(payload: bytes) -> SampleBlock:
     stream, first, clock, flags, channels, count = reader.fields(_SAMPLES)
     data = reader.rest()
     length = 3 * channels * count
-    if not (1 <= channels <= MOST_CHANNELS and 0 < length <= len(data)):
+    if not (1 <= channels <= MAX_CHANNELS and 0 < length <= len(data)):
         raise ValueError(f"{len(data)} bytes for {count} samples of {channels} channels")
-    if first > LAST_SAMPLE - count:
+    if first > MAX_SAMPLE_INDEX - count:
         raise ValueError(f"first sample {first}")
     counts = unpack_int24(data[:length]).reshape(count, channels)
     clock_us = None if clock == NO_CLOCK else clock
@@ -251,7 +254,7 @@ def _read_status(payload: bytes) -> Status:
     reader = Reader(payload)
     clock, battery, temperature, overruns, flags = reader.fields(_STATUS)
     sampling = bool(flags & _SAMPLING)
-    battery, temperature = finite_or_none(battery), finite_or_none(temperature)
+    battery, temperature = decode_reading(battery), decode_reading(temperature)
     rest = reader.rest()
     drops = _DROPS.unpack_from(rest) if len(rest) >= _DROPS.size else (None, None)
     return Status(clock, battery, temperature, overruns, sampling, *drops)
@@ -272,13 +275,13 @@ def _read_refusal(payload: bytes) -> Refusal:
 def _read_identity(payload: bytes) -> Identity | Refusal:
     try:
         return read_identity(payload)
-    except SetupError as err:  # arrived whole: it is the instrument that talks nonsense
+    except SetupError as err:  # the frame is undamaged: the instrument itself sent the value
         return Refusal(RefusalCode.FAULT, str(err))
 
 
 def _read_hello(payload: bytes) -> Hello:
     magic, oldest, newest = Reader(payload).fields(_HELLO)
-    if magic != MAGIC:
+    if magic != HELLO_MAGIC:
         raise ValueError(f"greeting {magic!r}")
     return Hello(oldest, newest)
 
@@ -288,14 +291,14 @@ def _read_shunt(payload: bytes) -> Shunt:
 
 
 def _read_trigger(payload: bytes) -> Trigger:
-    on, *others = Reader(payload).fields(_TRIGGER)
-    return Trigger(bool(on), *others)
+    on, *settings = Reader(payload).fields(_TRIGGER)
+    return Trigger(bool(on), *settings)
 
 
 def _read_calibrate(payload: bytes) -> Calibrate:
     reader = Reader(payload)
-    channel, sensitivity, zero, *others, calibrated, due = reader.fields(_CALIBRATE)
-    frequency, damping, shunt = map(or_none, others)
+    channel, sensitivity, zero, *settings, calibrated, due = reader.fields(_CALIBRATE)
+    frequency, damping, shunt = map(decode_optional, settings)
     return Calibrate(
         channel, sensitivity, zero, frequency, damping, shunt, calibrated, due, reader.text()
     )
@@ -306,19 +309,21 @@ def _read_offer(payload: bytes) -> DropOffer:
         payload
     ).fields(_OFFER)
     sound = (
-        1 <= channels <= MOST_CHANNELS
-        and 1 <= samples <= MOST_DROP_SAMPLES
+        1 <= channels <= MAX_CHANNELS
+        and 1 <= samples <= MAX_DROP_SAMPLES
         and trigger <= samples
         and block >= 1
-        and -(-samples // block) <= MOST_BLOCKS
-        and first <= LAST_SAMPLE - samples
+        and -(-samples // block) <= MAX_DROP_BLOCKS
+        and first <= MAX_SAMPLE_INDEX - samples
         and 0 < rate <= FASTEST_SAMPLING
     )
     if not sound:
         raise ValueError(f"a drop of {samples} samples of {channels} channels in blocks of {block}")
-    said = {name: bool(flags >> bit & 1) for bit, name in enumerate(_OFFER_FLAGS)}
+    flagged = {name: bool(flags >> bit & 1) for bit, name in enumerate(_OFFER_FLAGS)}
     clock_us = None if clock == NO_CLOCK else clock
-    return DropOffer(stream, first, clock_us, trigger, samples, channels, block, crc, rate, **said)
+    return DropOffer(
+        stream, first, clock_us, trigger, samples, channels, block, crc, rate, **flagged
+    )
 
 
 def _read_block(payload: bytes) -> DropBlock:
@@ -357,7 +362,7 @@ _FROM_HOST: dict[int, Callable[[bytes], HostMessage]] = {
 
 
 class BinaryDialect:
-    """The host's end of the binary protocol."""
+    """Host end of the binary protocol."""
 
     name = "pfwd"
 
@@ -367,37 +372,37 @@ class BinaryDialect:
         self._sent = 0
 
     def feed(self, data: bytes) -> list[InstrumentMessage]:
-        """Messages that are complete with these bytes; consecutive sample blocks as one."""
+        """Return the messages that these bytes complete; consecutive sample blocks are joined."""
         packets = self._deframer.feed(data)
         return list(_joined(_read(packets, _FROM_INSTRUMENT, self.counters)))
 
     def encode(self, message: HostMessage) -> bytes:
-        """The frame that carries a message, after a zero that ends whatever noise came before."""
+        """Return the frame of a message, after a zero that ends preceding noise."""
         frame = encode_message(message, self._sent)
         self._sent += 1
         return b"\0" + frame
 
     def reset(self) -> None:
-        """Forget a frame that has begun."""
+        """Discard an incomplete frame."""
         self._deframer.reset()
 
 
 class BinaryInstrumentEnd:
-    """The instrument's end of the binary protocol, for a simulated one."""
+    """Instrument end of the binary protocol, for a simulated instrument."""
 
     def __init__(self) -> None:
         self.counters = LinkCounters()
         self._deframer = Deframer(self.counters)
 
     def feed(self, data: bytes) -> list[HostMessage]:
-        """What the host said."""
+        """Return the messages of the host that these bytes complete."""
         return list(_read(self._deframer.feed(data), _FROM_HOST, self.counters))
 
 
 def read_from_instrument(
     packets: Iterable[Packet], counters: LinkCounters
 ) -> Iterator[InstrumentMessage]:
-    """The messages of packets one by one, sample blocks as they were sent."""
+    """Return the messages of packets one by one; sample blocks are not joined."""
     return _read(packets, _FROM_INSTRUMENT, counters)
 
 
@@ -413,13 +418,13 @@ def _read(
             continue
         try:
             yield read(packet.payload)
-        except (struct.error, ValueError):  # the check was right, the content is not
+        except (struct.error, ValueError):  # the CRC is right, the content is not
             counters.frames_damaged += 1
             counters.frames_good -= 1
 
 
 def _joined(messages: Iterable[InstrumentMessage]) -> Iterator[InstrumentMessage]:
-    """Blocks that follow each other without a gap as one: fewer, larger arrays downstream."""
+    """Join sample blocks without a gap between them, for fewer and larger arrays."""
     run: list[SampleBlock] = []
     for message in messages:
         if run and not (isinstance(message, SampleBlock) and _follows(run[-1], message)):

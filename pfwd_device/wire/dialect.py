@@ -1,4 +1,4 @@
-"""The interface behind which the languages of instruments hide."""
+"""Interface of a dialect, the protocol of an instrument."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -8,35 +8,34 @@ from pfwd_device.wire.messages import HostMessage, InstrumentMessage
 
 @dataclass(slots=True)
 class LinkCounters:
-    """Everything that was received, and everything of it that was thrown away."""
+    """Number of received and of discarded bytes and frames."""
 
     bytes_received: int = 0
     bytes_discarded: int = 0
-    """Bytes that belonged to no whole frame or line."""
+    """Bytes outside of complete frames or lines."""
     frames_good: int = 0
     frames_damaged: int = 0
-    """Frames or lines whose check or form was wrong."""
+    """Frames or lines with a wrong CRC or form."""
     frames_unknown: int = 0
-    """Whole frames of a type that this program does not know."""
+    """Complete frames of an unknown type."""
     frames_lost: int = 0
-    """Told by jumps of the frame counter; frames that came later than others are counted too."""
+    """Gaps in the frame counter; frames that arrived out of order are counted too."""
 
 
 class Dialect(Protocol):
-    """Turns bytes into messages and messages into bytes; damaged input is counted, never raised."""
+    """Decoder and encoder of messages; damaged input is counted and never raises an error."""
 
     name: str
     counters: LinkCounters
 
     def feed(self, data: bytes) -> list[InstrumentMessage]:
-        """Messages that are complete with these bytes, in order. Does not depend on how the
-        bytes were cut."""
+        """Return the messages that these bytes complete, in order, however the bytes are cut."""
         ...
 
     def encode(self, message: HostMessage) -> bytes:
-        """Bytes that say this; empty when the dialect has no word for it."""
+        """Return the bytes of a message; empty if the dialect has no such message."""
         ...
 
     def reset(self) -> None:
-        """Forget a frame that has begun: the link was cut. Counters stay."""
+        """Discard an incomplete frame after the link was cut; the counters stay."""
         ...

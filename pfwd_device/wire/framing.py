@@ -1,9 +1,9 @@
-"""Frames on a byte stream: COBS, so that a zero ends each, and CRC-32, so that damage is seen.
+"""Frames on a byte stream: COBS, so that a zero ends each, and CRC-32, which detects damage.
 
 A packet is a type (1 byte), a counter (2 bytes), a payload and the CRC-32 of these (4 bytes), all
 little-endian; on the wire it is COBS-encoded and followed by one zero byte. Cheshire and Baker
-(1999), IEEE/ACM Trans. Networking 7(2), 159-172. Any damage costs the frames that it touches: the
-next zero is the start of the next frame. Byte tables in docs/protocol.md.
+(1999), IEEE/ACM Trans. Networking 7(2), 159-172. Damage destroys only the frames in which it lies:
+after the next zero a new frame starts. Byte tables in docs/protocol.md.
 """
 
 import struct
@@ -13,20 +13,72 @@ from typing import NamedTuple
 from cobs import cobs
 
 from pfwd_device.wire.dialect import LinkCounters
-from pfwd_device.wire.pieces import Cutter
 
-HEAD = struct.Struct("<BH")
-CHECK = struct.Struct("<I")
-SHORTEST_PACKET = HEAD.size + CHECK.size
-LONGEST_FRAME = 8192
-"""Bytes between two zeros; a longer run is no frame and is thrown away as it comes."""
-LONGEST_PAYLOAD = 8000
-"""Bytes; with head, check and the overhead of COBS it stays below `LONGEST_FRAME`."""
+PACKET_HEAD = struct.Struct("<BH")
+PACKET_CRC = struct.Struct("<I")
+MIN_PACKET_BYTES = PACKET_HEAD.size + PACKET_CRC.size
+MAX_FRAME_BYTES = 8192
+"""Largest number of bytes between two zeros; a longer run is discarded as it arrives."""
+MAX_PAYLOAD_BYTES = 8000
+"""Largest payload; with head, CRC and the overhead of COBS it is below `MAX_FRAME_BYTES`."""
 COUNTER_PERIOD = 1 << 16
 
 
+class Cutter:
+    """Splits a byte stream at the byte that ends each frame or line, however the stream is cut.
+
+    Parameters
+    ----------
+    end : bytes
+        End byte.
+    longest : int
+        Largest number of bytes before the end byte. The bytes of a longer piece are discarded as
+        they arrive, and it counts as one damaged frame.
+    counters : LinkCounters
+        Counters of bytes and frames, which are updated.
+    """
+
+    def __init__(self, end: bytes, longest: int, counters: LinkCounters) -> None:
+        self._end, self._longest, self._counters = end, longest, counters
+        self._partial = b""
+        self._overlong = False
+
+    @property
+    def held(self) -> int:
+        """Number of bytes of an incomplete piece."""
+        return len(self._partial)
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Return the pieces that these bytes complete, without their end bytes."""
+        counters = self._counters
+        counters.bytes_received += len(data)
+        *pieces, rest = (self._partial + data).split(self._end)
+        good = []
+        for piece in pieces:
+            if not self._overlong and len(piece) <= self._longest:
+                good.append(piece)
+                continue
+            counters.frames_damaged += not self._overlong  # else it was counted with its start
+            counters.bytes_discarded += len(piece) + 1
+            self._overlong = False
+        if len(rest) > self._longest and not self._overlong:
+            self._overlong = True
+            counters.frames_damaged += 1
+        if self._overlong:
+            counters.bytes_discarded += len(rest)
+            rest = b""
+        self._partial = rest
+        return good
+
+    def reset(self) -> None:
+        """Discard an incomplete piece after the link was cut."""
+        self._counters.bytes_discarded += len(self._partial)
+        self._partial = b""
+        self._overlong = False
+
+
 class Packet(NamedTuple):
-    """What one frame carries."""
+    """Content of one frame."""
 
     type: int
     counter: int
@@ -34,14 +86,14 @@ class Packet(NamedTuple):
 
 
 def encode_frame(type_: int, counter: int, payload: bytes) -> bytes:
-    """The bytes of one frame, the closing zero included.
+    """Return the bytes of one frame, including the closing zero.
 
     Parameters
     ----------
     type_ : int, 0 to 255
     counter : int
-        Counts the frames of the sender; taken modulo 65536.
-    payload : bytes, up to `LONGEST_PAYLOAD`
+        Number of the frame, counted by the sender; it is sent modulo 65536.
+    payload : bytes, up to `MAX_PAYLOAD_BYTES`
 
     Returns
     -------
@@ -52,33 +104,33 @@ def encode_frame(type_: int, counter: int, payload: bytes) -> bytes:
     ValueError
         If the payload is too long.
     """
-    if len(payload) > LONGEST_PAYLOAD:
-        raise ValueError(f"payload: expected at most {LONGEST_PAYLOAD} bytes, got {len(payload)}")
-    packet = HEAD.pack(type_, counter % COUNTER_PERIOD) + payload
-    return bytes(cobs.encode(packet + CHECK.pack(zlib.crc32(packet)))) + b"\0"
+    if len(payload) > MAX_PAYLOAD_BYTES:
+        raise ValueError(f"payload: expected at most {MAX_PAYLOAD_BYTES} bytes, got {len(payload)}")
+    packet = PACKET_HEAD.pack(type_, counter % COUNTER_PERIOD) + payload
+    return bytes(cobs.encode(packet + PACKET_CRC.pack(zlib.crc32(packet)))) + b"\0"
 
 
 class Deframer:
-    """Cuts a byte stream into packets; what is damaged is counted and passed over.
+    """Splits a byte stream into packets; damaged frames are counted and skipped.
 
     Parameters
     ----------
     counters : LinkCounters
-        Where bytes and frames are counted.
+        Counters of bytes and frames, which are updated.
     """
 
     def __init__(self, counters: LinkCounters) -> None:
         self._counters = counters
-        self._cutter = Cutter(b"\0", LONGEST_FRAME, counters)
+        self._cutter = Cutter(b"\0", MAX_FRAME_BYTES, counters)
         self._expected: int | None = None
 
     def feed(self, data: bytes) -> list[Packet]:
-        """The packets that are complete with these bytes."""
+        """Return the packets that these bytes complete."""
         counters = self._counters
         packets = []
         for frame in self._cutter.feed(data):
             if not frame:
-                continue  # an extra zero is the sender's way to end whatever came before
+                continue  # senders put an extra zero before a frame to end preceding noise
             packet = _open(frame)
             if packet is None:
                 counters.frames_damaged += 1
@@ -90,28 +142,28 @@ class Deframer:
         return packets
 
     def reset(self) -> None:
-        """Forget a frame that has begun, and which number comes next: the link was cut."""
+        """Discard an incomplete frame and the expected frame number after the link was cut."""
         self._cutter.reset()
         self._expected = None
 
     def _count(self, counter: int) -> None:
         if self._expected is not None:
             ahead = (counter - self._expected) % COUNTER_PERIOD
-            if ahead < COUNTER_PERIOD // 2:  # else it counts anew after a reset, or repeats
+            if ahead < COUNTER_PERIOD // 2:  # else the counter restarted or the frame is a repeat
                 self._counters.frames_lost += ahead
         self._expected = (counter + 1) % COUNTER_PERIOD
 
 
 def _open(frame: bytes) -> Packet | None:
-    """The packet in a frame, None when it is damaged."""
+    """Return the packet in a frame; None if it is damaged."""
     try:
         packet = cobs.decode(frame)
     except cobs.DecodeError:
         return None
-    if len(packet) < SHORTEST_PACKET:
+    if len(packet) < MIN_PACKET_BYTES:
         return None
-    body, check = packet[: -CHECK.size], packet[-CHECK.size :]
-    if zlib.crc32(body) != CHECK.unpack(check)[0]:
+    body, check = packet[: -PACKET_CRC.size], packet[-PACKET_CRC.size :]
+    if zlib.crc32(body) != PACKET_CRC.unpack(check)[0]:
         return None
-    type_, counter = HEAD.unpack_from(body)
-    return Packet(type_, counter, bytes(body[HEAD.size :]))
+    type_, counter = PACKET_HEAD.unpack_from(body)
+    return Packet(type_, counter, bytes(body[PACKET_HEAD.size :]))

@@ -1,32 +1,40 @@
-"""The identity of an instrument as a payload. Byte tables in docs/protocol.md."""
+"""Layout of the identity of an instrument in a payload. Byte tables in docs/protocol.md."""
 
 import datetime
 import struct
 
 from pfwd_device.errors import SetupError
 from pfwd_device.identity import LONGEST_NAME, ChannelIdentity, Identity, Role
-from pfwd_device.wire.fields import BYTE, Reader, day, day_of, or_nan, or_none, text
+from pfwd_device.wire.fields import (
+    BYTE,
+    Reader,
+    day,
+    day_of,
+    decode_optional,
+    encode_optional,
+    text,
+)
 
 BUFFERS_SINCE = 2
-"""Version of the protocol from which on an identity tells what is kept."""
+"""First version of the protocol whose identity describes the buffers of the instrument."""
 
 _CONVERTER = struct.Struct("<dBdddBB")
 _CHANNEL = struct.Struct("<BddddddII")
 _BUFFERS = struct.Struct("<IIHB")
-"""Ring, longest drop, drops that may wait, flags; from version 2 on."""
+"""Samples of the ring, samples of the longest drop, drop slots, flags; from version 2 on."""
 _LASTING, _STREAMS = 1, 2
 _ROLES = (Role.UNUSED, Role.LOAD, Role.GEOPHONE, Role.DISPLACEMENT)
 _SEATS = ("plate", "ground")
 
 
 def pack_identity(identity: Identity) -> bytes:
-    """The payload that carries an identity."""
+    """Return the payload of an identity."""
     converter = _CONVERTER.pack(
         identity.sampling_rate,
         identity.adc_bits,
         identity.adc_range,
-        or_nan(identity.plate_radius),
-        or_nan(identity.plate_mass),
+        encode_optional(identity.plate_radius),
+        encode_optional(identity.plate_mass),
         _SEATS.index(identity.centre_sensor),
         len(identity.channels),
     )
@@ -49,23 +57,23 @@ def _pack_channel(channel: ChannelIdentity) -> bytes:
         channel.offset,
         channel.sensitivity,
         channel.zero,
-        or_nan(channel.natural_frequency),
-        or_nan(channel.damping),
-        or_nan(channel.shunt),
+        encode_optional(channel.natural_frequency),
+        encode_optional(channel.damping),
+        encode_optional(channel.shunt),
         day(channel.calibrated),
         day(channel.due),
     )
 
 
 def read_identity(payload: bytes) -> Identity:
-    """The identity in a payload.
+    """Return the identity in a payload.
 
     Raises
     ------
     struct.error
         If the payload is too short.
     SetupError
-        If a value is outside of its range.
+        If a value is out of range.
     """
     reader = Reader(payload)
     (version,) = reader.fields(BYTE)
@@ -82,8 +90,8 @@ def read_identity(payload: bytes) -> Identity:
         sampling_rate=rate,
         adc_bits=bits,
         adc_range=volts,
-        plate_radius=or_none(radius),
-        plate_mass=or_none(mass),
+        plate_radius=decode_optional(radius),
+        plate_mass=decode_optional(mass),
         centre_sensor="ground" if seat == 1 else "plate",
         channels=channels,
         protocol_version=version,
@@ -102,14 +110,14 @@ def _read_channel(reader: Reader) -> ChannelIdentity:
     )
     return ChannelIdentity(
         name=name,
-        # A role of a newer version is nothing that this program could use.
+        # This program cannot use a role of a newer version.
         role=_ROLES[role] if role < len(_ROLES) else Role.UNUSED,
         offset=offset,
         sensitivity=sensitivity,
         zero=zero,
-        natural_frequency=or_none(frequency),
-        damping=or_none(damping),
-        shunt=or_none(shunt),
+        natural_frequency=decode_optional(frequency),
+        damping=decode_optional(damping),
+        shunt=decode_optional(shunt),
         calibrated=_day_of(calibrated, name, "calibrated"),
         due=_day_of(due, name, "due"),
     )

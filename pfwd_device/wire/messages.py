@@ -1,4 +1,7 @@
-"""What instrument and host say to each other, free of any encoding."""
+"""Messages between instrument and host, independent of their encoding.
+
+The docstring of a message begins with its sender.
+"""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -11,7 +14,7 @@ from pfwd_device.identity import Identity
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """Host: who are you, and which versions of the protocol do we share?"""
+    """Host: request the identity and negotiate the version of the protocol."""
 
     oldest_version: int = 1
     newest_version: int = 2
@@ -19,15 +22,15 @@ class Hello:
 
 @dataclass(frozen=True, slots=True)
 class Configure:
-    """Host: sample so fast. Answered by an `Identity` that holds what was really set."""
+    """Host: set the sampling rate. The response is an `Identity` with the rate that was set."""
 
     sampling_rate: float
-    """Hz per channel; the instrument takes the nearest it can."""
+    """Requested rate of each channel, Hz; the instrument sets the nearest possible one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Host: send samples. Answered by the first `SampleBlock`."""
+    """Host: send samples. The response is the first `SampleBlock`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,55 +40,55 @@ class Stop:
 
 @dataclass(frozen=True, slots=True)
 class Shunt:
-    """Host: switch the calibration shunt of the load cell; samples tell by a flag."""
+    """Host: switch the calibration shunt of the load cell; a flag of the samples reports it."""
 
     on: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Trigger:
-    """When the instrument itself finds a drop and how much of it is kept.
+    """Settings of the drop detection inside the instrument.
 
-    From the host: find drops so, or none; from the instrument: what was really set.
+    The host sends the requested settings, the instrument the settings in force.
     """
 
     on: bool
-    """Whether drops are looked for."""
+    """True if drops are detected."""
     channel: int
-    """Whose counts are looked at."""
+    """Index of the monitored channel."""
     threshold: int
-    """Counts away from rest."""
+    """Deviation from rest that triggers, counts."""
     confirm: int
-    """Samples for which the counts have to stay beyond half of the threshold."""
+    """Number of samples for which the counts must exceed half of the threshold."""
     before: int
-    """Samples kept before the trigger."""
+    """Number of stored samples before the trigger."""
     after: int
-    """Samples kept from the trigger on."""
+    """Number of stored samples from the trigger on."""
     hold_off: int
-    """For so many samples after a drop only a larger one begins another."""
+    """Number of samples after a drop within which only a larger pulse is a new drop."""
 
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """Host: find drops yourself and keep them. Answered by `Armed`."""
+    """Host: detect drops and store them. The response is `Armed`."""
 
     trigger: Trigger
 
 
 @dataclass(frozen=True, slots=True)
 class Fetch:
-    """Host: send these blocks of a drop that waits. Answered by `DropBlock`."""
+    """Host: send these blocks of a stored drop. The responses are `DropBlock`."""
 
     stream: int
     first_sample: int
     first_block: int = 0
     blocks: int = 0
-    """How many; 0: all up to the last."""
+    """Number of blocks; 0: all up to the last."""
 
 
 @dataclass(frozen=True, slots=True)
 class Acknowledge:
-    """Host: this drop is safe on the disk, forget it. Answered by `Released`."""
+    """Host: this drop is safe on the disk, delete it. The response is `Released`."""
 
     stream: int
     first_sample: int
@@ -93,7 +96,7 @@ class Acknowledge:
 
 @dataclass(frozen=True, slots=True)
 class Resend:
-    """Host: send these samples of the stream again. Answered by `SampleBlock`, `SamplesGone`."""
+    """Host: send these samples again. The responses are `SampleBlock` and `SamplesGone`."""
 
     stream: int
     first_sample: int
@@ -102,26 +105,26 @@ class Resend:
 
 @dataclass(frozen=True, slots=True)
 class Calibrate:
-    """Host: keep this calibration of a channel. Answered by an `Identity` with it."""
+    """Host: store this calibration of a channel. The response is an `Identity` with it."""
 
     channel: int
-    """From 0, in the order of the samples."""
+    """Index of the channel from 0, in the order of the samples."""
     sensitivity: float
     """V per N, m/s or m; not 0."""
     zero: float
     """Volts at rest."""
     natural_frequency: float | None = None
-    """Hz, > 0, with the damping or not at all."""
+    """Natural frequency, Hz, > 0; declared together with the damping."""
     damping: float | None = None
     shunt: float | None = None
-    """What the calibration shunt simulates, N, > 0."""
+    """Force that the calibration shunt simulates, N, > 0."""
     calibrated: int = 0
-    """Day of the calibration as yyyymmdd; 0: not said. A number, since an instrument has to refuse
-    one that is no day."""
+    """Day of the calibration as yyyymmdd; 0: not declared. It is a number so that a test can send
+    an invalid day, which an instrument must refuse."""
     due: int = 0
-    """Day on which it expires, likewise."""
+    """Day of expiry as yyyymmdd; 0: not declared."""
     serial_number: str = ""
-    """Of the instrument; empty: it stays as it is."""
+    """New serial number of the instrument; empty: no change."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -133,142 +136,142 @@ class SampleBlock:
     first_sample: int
     """Index of the first sample within the stream, from 0."""
     clock_us: int | None
-    """Clock of the instrument at the first sample, microseconds; None: it has none."""
+    """Clock of the instrument at the first sample, microseconds; None without a clock."""
     counts: NDArray[np.int32]
-    """(n, channels)."""
+    """Counts, (n, channels)."""
     shunt: bool = False
-    """The calibration shunt is on: these samples are no measurement."""
+    """True if the calibration shunt is on: these samples are no measurement."""
 
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Instrument: how it is, at least every half second, also when it does not sample."""
+    """Instrument: its state, at least every half second, even while it does not sample."""
 
     clock_us: int
     """Clock of the instrument, microseconds."""
     battery_v: float | None
-    """V."""
+    """Voltage of the battery, V."""
     temperature_c: float | None
-    """Of the electronics, degrees Celsius."""
+    """Temperature of the electronics, degrees Celsius."""
     overruns: int
-    """Samples that the instrument itself has thrown away since it was switched on."""
+    """Number of samples that the instrument has discarded since it was switched on."""
     sampling: bool
-    """Whether samples are being sent."""
+    """True while samples are sent."""
     drops_waiting: int | None = None
-    """Drops that wait to be acknowledged; None: not said (version 1)."""
+    """Number of stored drops that are not acknowledged; None in version 1."""
     drops_lost: int | None = None
-    """Drops for which there was no room since it was switched on; None: not said."""
+    """Number of drops for which there was no room since it was switched on; None in version 1."""
 
 
 class EventKind(IntEnum):
-    """What an `Event` tells."""
+    """Kind of an `Event`."""
 
     BOOT = 1
     """The instrument has just started."""
     TRIGGER = 2
-    """The operator pressed the button: record now, whatever the load does."""
+    """The operator pressed the button: record now, independent of the load."""
     LOW_BATTERY = 3
-    """The battery will not last."""
+    """The battery is nearly empty."""
     END = 4
-    """There is nothing more to come (a replayed or simulated instrument)."""
+    """End of the data of a replayed or simulated instrument."""
     SHUNT_ON = 5
     SHUNT_OFF = 6
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Instrument: something happened."""
+    """Instrument: report of an event."""
 
     kind: int
-    """An `EventKind`, or a number that a newer instrument knows."""
+    """An `EventKind`, or a number of a newer version."""
     clock_us: int
-    """When, by the clock of the instrument, microseconds."""
+    """Clock of the instrument at the event, microseconds."""
     text: str = ""
-    """More, for people."""
+    """Details as text."""
 
 
 class RefusalCode(IntEnum):
-    """Why an instrument does not do what was asked."""
+    """Reason why an instrument refuses a command."""
 
     VERSION = 1
     """No version in common."""
     UNKNOWN = 2
-    """The message means nothing to it."""
+    """The instrument does not have the command."""
     ARGUMENT = 3
-    """A value is outside of its range."""
+    """A value is out of range."""
     BUSY = 4
-    """Not now."""
+    """The command is not possible at present."""
     FAULT = 5
-    """Something in it is broken."""
+    """The instrument has a fault."""
 
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Instrument: no, or: I am broken."""
+    """Instrument: refusal of a command, or report of a fault."""
 
     code: int
-    """A `RefusalCode`, or a number that a newer instrument knows."""
+    """A `RefusalCode`, or a number of a newer version."""
     text: str = ""
-    """Why, for people."""
+    """Reason as text."""
 
 
 @dataclass(frozen=True, slots=True)
 class Armed:
-    """Instrument: drops are looked for so."""
+    """Instrument: the settings of the drop detection in force."""
 
     trigger: Trigger
 
 
 @dataclass(frozen=True, slots=True)
 class DropOffer:
-    """Instrument: a drop waits here; fetch it and acknowledge it when it is safe."""
+    """Instrument: a drop is stored; fetch it, and acknowledge it when it is safe."""
 
     stream: int
     """Number of the run of the sampler."""
     first_sample: int
-    """Index of the first sample within the run; with the number of the run the drop's name."""
+    """Index of the first sample within the run; run and index identify the drop."""
     clock_us: int | None
-    """Clock of the instrument at the trigger, microseconds; None: not known any more."""
+    """Clock of the instrument at the trigger, microseconds; None if it is lost."""
     trigger: int
-    """Samples before time 0."""
+    """Number of samples before time 0."""
     samples: int
-    """How many there are."""
+    """Number of samples."""
     channels: int
     block_samples: int
     """Samples in each block but the last."""
     crc: int
-    """CRC-32 of the counts of all samples as they travel, 3 bytes each."""
+    """CRC-32 of the counts of all samples as they are sent, 3 bytes each."""
     sampling_rate: float
-    """Hz per channel, when the drop fell."""
+    """Sampling rate of each channel at the time of the drop, Hz."""
     shunt: bool = False
-    """The calibration shunt was on for a part of it or all of it."""
+    """True if the calibration shunt was on for a part of the drop or all of it."""
     by_operator: bool = False
-    """Triggered by the button of the instrument."""
+    """True if the button of the instrument triggered it."""
     earlier: bool = False
-    """From before the last reset: its clock is not the one of now."""
+    """True if it was recorded before the last reset, by another run of the clock."""
 
     @property
     def blocks(self) -> int:
-        """How many blocks it comes in."""
+        """Number of blocks in which it is sent."""
         return -(-self.samples // self.block_samples)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DropBlock:
-    """Instrument: a piece of a drop that waits."""
+    """Instrument: one block of a stored drop."""
 
     stream: int
     first_sample: int
-    """Both together name the drop."""
+    """Index of the first sample of the drop; stream and index identify the drop."""
     number: int
-    """Of the block within the drop, from 0."""
+    """Number of the block within the drop, from 0."""
     data: bytes
-    """Counts as they travel: 3 bytes each, channel by channel of each sample."""
+    """Counts as they are sent: 3 bytes each, the channels of each sample together."""
 
 
 @dataclass(frozen=True, slots=True)
 class Released:
-    """Instrument: this drop is not kept any more, or never was."""
+    """Instrument: this drop is deleted, or never existed."""
 
     stream: int
     first_sample: int
@@ -276,7 +279,7 @@ class Released:
 
 @dataclass(frozen=True, slots=True)
 class SamplesGone:
-    """Instrument: these samples cannot be sent again."""
+    """Instrument: these samples are no longer available."""
 
     stream: int
     first_sample: int

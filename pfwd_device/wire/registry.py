@@ -1,8 +1,8 @@
-"""The dialects that instruments are spoken to in, by the name that a setup file says.
+"""Registry of the dialects, by the name in setup files.
 
-A new one is a module with a class like :class:`pfwd_device.wire.dialect.Dialect` and one entry in
-``OWN``; in another package, an entry point of the group ``pfwd.dialects``. What a dialect needs,
-and how it is recognised at a port, is said by its entry; nobody else asks for a name.
+A new dialect is a module with a class like :class:`pfwd_device.wire.dialect.Dialect` and an entry
+in ``BUILT_IN``; in another package, an entry point of the group ``pfwd.dialects``. The entry holds
+what a dialect needs and how it is recognised at a port; no other code compares names.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -18,35 +18,35 @@ from pfwd_device.wire.dialect import Dialect
 
 @dataclass(frozen=True, slots=True)
 class DeclaredLink:
-    """What the setup file says that a dialect may need."""
+    """Declarations of the setup file that a dialect may need."""
 
     identity: Identity | None = None
-    """What the instrument would say of itself; None: it says so itself."""
+    """Declared identity of the instrument; None if the instrument reports it."""
     columns: tuple[int, ...] = ()
-    """For each channel its column, 0 is the first; empty unless the dialect needs columns."""
+    """Column of each channel, 0 is the first; empty unless the dialect needs columns."""
     resolution: tuple[float, ...] = ()
-    """For each channel what one count stands for."""
+    """Value of one count for each channel."""
     first_stream: int = 0
-    """Number of the first run of a sampler that does not number its runs itself."""
+    """Number of the first run of a sampler that does not number its runs."""
 
 
 @dataclass(frozen=True, slots=True)
 class DialectEntry:
-    """A dialect and what has to be known to speak it."""
+    """A dialect and its requirements."""
 
     name: str
-    """In setup files, scenarios and the header of captures; small letters."""
+    """Name in setup files, scenarios and the header of captures; small letters."""
     title: str
-    """For people; the model of an instrument that does not say one."""
+    """Title on screen; the model of an instrument that does not report one."""
     make: Callable[[DeclaredLink], Dialect]
-    """A fresh one."""
+    """Factory of the dialect."""
     needs_identity: bool = False
-    """Whether the instrument says nothing of itself, so that the setup file has to say it all."""
+    """True if the instrument reports no identity, so that the setup file has to declare it."""
     needs_columns: bool = False
-    """Whether each channel has to be declared with its column."""
+    """True if each channel has to be declared with its column."""
     recognises: Callable[[bytes], bool] | None = None
-    """Whether bytes that came unasked are of this dialect; None: an instrument answers when it is
-    asked who it is."""
+    """Test of whether unrequested bytes belong to this dialect; None if an instrument of this
+    dialect replies to a request for its identity."""
 
 
 def _ascii(declared: DeclaredLink) -> Dialect:
@@ -59,7 +59,7 @@ def _ascii(declared: DeclaredLink) -> Dialect:
     )
 
 
-OWN: Mapping[str, DialectEntry] = MappingProxyType(
+BUILT_IN: Mapping[str, DialectEntry] = MappingProxyType(
     {
         entry.name: entry
         for entry in (
@@ -75,23 +75,23 @@ OWN: Mapping[str, DialectEntry] = MappingProxyType(
         )
     }
 )
-"""Those of this program; the first is what an instrument speaks when nothing is declared."""
+"""Dialects of this program by name; the first is the default."""
 
-DEFAULT = next(iter(OWN))
+DEFAULT = next(iter(BUILT_IN))
 
 
 def find_dialect(name: str) -> DialectEntry | None:
-    """The dialect of a name; None when there is none."""
-    return OWN.get(name) or pfwd_plugins.load(pfwd_plugins.DIALECTS, name, DialectEntry)
+    """Return the dialect of a name; None if there is none."""
+    return BUILT_IN.get(name) or pfwd_plugins.load(pfwd_plugins.DIALECTS, name, DialectEntry)
 
 
 def dialect_names() -> tuple[str, ...]:
-    """Names of all dialects, those of other packages last."""
-    others = pfwd_plugins.names(pfwd_plugins.DIALECTS)
-    return tuple(dict.fromkeys((*OWN, *others)))
+    """Return the names of all dialects, those of other packages last."""
+    plugin_names = pfwd_plugins.names(pfwd_plugins.DIALECTS)
+    return tuple(dict.fromkeys((*BUILT_IN, *plugin_names)))
 
 
 def all_dialects() -> Sequence[DialectEntry]:
-    """All dialects that can be spoken, those of other packages last."""
-    others = pfwd_plugins.load_all(pfwd_plugins.DIALECTS, DialectEntry, OWN)
-    return (*OWN.values(), *(entry for _, entry in others))
+    """Return all dialects that can be loaded, those of other packages last."""
+    plugin_names = pfwd_plugins.load_all(pfwd_plugins.DIALECTS, DialectEntry, BUILT_IN)
+    return (*BUILT_IN.values(), *(entry for _, entry in plugin_names))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pfwd_device.errors import SetupError
 from pfwd_device.identity import FASTEST_SAMPLING, Identity
-from pfwd_device.wire.binary import MOST_SAMPLE_BYTES, OLDEST_VERSION, VERSION
+from pfwd_device.wire.binary import MAX_SAMPLE_BYTES, OLDEST_VERSION, VERSION
 from pfwd_device.wire.identity_layout import BUFFERS_SINCE
 from pfwd_device.wire.messages import (
     Acknowledge,
@@ -404,7 +404,7 @@ class PortlessInstrument:
             self._event(EventKind.BOOT)
 
     def _block_samples(self) -> int:
-        most = MOST_SAMPLE_BYTES // (3 * len(self.scenario.device.channels))
+        most = MAX_SAMPLE_BYTES // (3 * len(self.scenario.device.channels))
         wanted = self.scenario.link.block_samples or math.ceil(LONGEST_BLOCK * self._rate)
         return min(wanted, most)
 

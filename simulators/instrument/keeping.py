@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pfwd_device.wire.binary import MOST_SAMPLE_BYTES
+from pfwd_device.wire.binary import MAX_SAMPLE_BYTES
 from pfwd_device.wire.fields import pack_int24
 from pfwd_device.wire.messages import (
     DropBlock,
@@ -279,7 +279,7 @@ def _name(kept: Kept) -> tuple[int, int]:
 
 def cut(block: SampleBlock, most: int) -> list[SampleBlock]:
     """A block in pieces of up to so many samples."""
-    most = min(most, MOST_SAMPLE_BYTES // (3 * block.counts.shape[1]))
+    most = min(most, MAX_SAMPLE_BYTES // (3 * block.counts.shape[1]))
     return [
         replace(
             block,

@@ -13,9 +13,9 @@ import numpy as np
 
 from pfwd_device.errors import SetupError
 from pfwd_device.identity import ChannelIdentity, Identity, Role
-from pfwd_device.wire.ascii_lines import LONGEST_LINE, AsciiDialect
+from pfwd_device.wire.ascii_lines import MAX_LINE_BYTES, AsciiDialect
 from pfwd_device.wire.binary import BinaryDialect, BinaryInstrumentEnd, encode_message
-from pfwd_device.wire.framing import LONGEST_FRAME, encode_frame
+from pfwd_device.wire.framing import MAX_FRAME_BYTES, encode_frame
 from pfwd_device.wire.identity_layout import pack_identity, read_identity
 from pfwd_device.wire.messages import Refusal, SampleBlock
 
@@ -110,14 +110,14 @@ def framed(data: bytes, types: bytes) -> bytes:
 @target("wire")
 def binary_bytes(data: bytes) -> None:
     """The host's end, any bytes."""
-    check_stream(BinaryDialect, data, LONGEST_FRAME)
+    check_stream(BinaryDialect, data, MAX_FRAME_BYTES)
 
 
 @target("wire")
 def binary_payloads(data: bytes) -> None:
     """The host's end, any payloads; what was understood can be said again and means the same."""
     stream = framed(data, b"\x81\x82\x83\x84\x85\x86")
-    check_stream(BinaryDialect, stream, LONGEST_FRAME)
+    check_stream(BinaryDialect, stream, MAX_FRAME_BYTES)
     for message in BinaryDialect().feed(stream):
         if isinstance(message, SampleBlock):
             assert message.counts.dtype == np.int32
@@ -133,23 +133,23 @@ def binary_payloads(data: bytes) -> None:
 @target("wire")
 def instrument_bytes(data: bytes) -> None:
     """The instrument's end, any bytes."""
-    check_stream(BinaryInstrumentEnd, data, LONGEST_FRAME)
+    check_stream(BinaryInstrumentEnd, data, MAX_FRAME_BYTES)
 
 
 @target("wire")
 def instrument_payloads(data: bytes) -> None:
     """The instrument's end, any payloads."""
     stream = framed(data, b"\x01\x02\x03\x04\x05\x06")
-    check_stream(BinaryInstrumentEnd, stream, LONGEST_FRAME)
+    check_stream(BinaryInstrumentEnd, stream, MAX_FRAME_BYTES)
 
 
 @target("wire")
 def ascii_bytes(data: bytes) -> None:
     """Lines, any bytes; both kinds of values."""
-    check_stream(lambda: AsciiDialect(IDENTITY, [0, 1]), data, 2 * LONGEST_LINE + 2)
+    check_stream(lambda: AsciiDialect(IDENTITY, [0, 1]), data, 2 * MAX_LINE_BYTES + 2)
     decimals = [0.5, 1e-6]
     make = lambda: AsciiDialect(IDENTITY, [1, 0], resolution=decimals)  # noqa: E731
-    check_stream(make, data, 2 * LONGEST_LINE + 2)
+    check_stream(make, data, 2 * MAX_LINE_BYTES + 2)
 
 
 @target("wire")
@@ -190,7 +190,7 @@ def ascii_times(data: bytes) -> None:
         time = max(0, time) if jump & 2 else time % 2**32
         lines.append(b"%d,%d,%d\n" % (time, at, -at))
     stream = b"".join(lines)
-    check_stream(lambda: AsciiDialect(IDENTITY, [0, 1]), stream, 2 * LONGEST_LINE + 2)
+    check_stream(lambda: AsciiDialect(IDENTITY, [0, 1]), stream, 2 * MAX_LINE_BYTES + 2)
     last: tuple[int, int] = (0, -1)
     for message in AsciiDialect(IDENTITY, [0, 1]).feed(stream):
         if isinstance(message, SampleBlock):

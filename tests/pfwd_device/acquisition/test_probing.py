@@ -17,12 +17,12 @@ from pfwd_device.acquisition import probing
 from pfwd_device.acquisition.probing import Probe, probe, probe_all
 from pfwd_device.transport.opening import open_transport
 from pfwd_device.wire.ascii_lines import looks_like_lines
-from pfwd_device.wire.registry import OWN
+from pfwd_device.wire.registry import BUILT_IN
 from tests.pfwd_device.acquisition.scripted import Instrument, PtyHost, tcp_host
 
 
 def ask(url: str, timeout: float = 0.5) -> Probe:
-    return probe(url, list(OWN.values()), timeout)
+    return probe(url, list(BUILT_IN.values()), timeout)
 
 
 @contextlib.contextmanager
@@ -93,7 +93,7 @@ def test_all_at_once(tmp_path: Path) -> None:
     first = PtyHost(instrument, str(tmp_path / "one"))
     second = PtyHost(silent, str(tmp_path / "two"))
     urls = [str(tmp_path / name) for name in ("two", "one", "three")]
-    answers = probe_all(urls, list(OWN.values()), 0.8)
+    answers = probe_all(urls, list(BUILT_IN.values()), 0.8)
     first.unplug()
     second.unplug()
     assert [answer.url for answer in answers] == urls
@@ -110,7 +110,7 @@ def test_a_port_that_never_opens_is_given_up(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(probing, "probe", hang)
     monkeypatch.setattr(probing, "_OPENING_TIME", 0.1)
     began = time.monotonic()
-    (answer,) = probe_all(["/dev/rfcomm0"], list(OWN.values()), 0.1)
+    (answer,) = probe_all(["/dev/rfcomm0"], list(BUILT_IN.values()), 0.1)
     assert time.monotonic() - began < 10
     assert "did not open" in answer.reason
     release.set()

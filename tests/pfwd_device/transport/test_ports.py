@@ -7,10 +7,9 @@ from typing import Any
 import pytest
 
 from pfwd_device.errors import PortError
-from pfwd_device.transport import finder as finder_module
-from pfwd_device.transport import ports
-from pfwd_device.transport.finder import PortFinder
-from pfwd_device.transport.ports import Adapter, adapter_of, find_again, list_ports
+from pfwd_device.transport import opening, ports
+from pfwd_device.transport.opening import PortFinder
+from pfwd_device.transport.ports import Adapter, adapter_of, candidate_urls, list_ports
 
 FTDI = Adapter(0x0403, 0x6001, "A50285BI")
 
@@ -52,34 +51,34 @@ def test_a_link_is_the_port_it_points_to(plugged: list[Any], tmp_path: Path) -> 
     plugged.append(usb(str(device)))
     assert adapter_of(str(link)) == FTDI
     assert adapter_of("socket://host:1") is None
-    assert find_again(str(link), FTDI) == [str(link)]
+    assert candidate_urls(str(link), FTDI) == [str(link)]
 
 
 def test_the_adapter_is_found_under_another_name(plugged: list[Any]) -> None:
     other = Adapter(0x0403, 0x6001, "OTHER")
     plugged += [usb("/dev/ttyUSB0", other), usb("/dev/ttyUSB3")]
-    assert find_again("/dev/ttyUSB0", FTDI) == ["/dev/ttyUSB3"]
+    assert candidate_urls("/dev/ttyUSB0", FTDI) == ["/dev/ttyUSB3"]
 
 
 def test_another_adapter_under_the_old_name_is_not_the_instrument(plugged: list[Any]) -> None:
     plugged.append(usb("/dev/ttyUSB0", Adapter(1, 2, None)))
-    assert find_again("/dev/ttyUSB0", FTDI) == []
+    assert candidate_urls("/dev/ttyUSB0", FTDI) == []
 
 
 def test_equal_adapters_are_all_candidates_the_old_name_first(plugged: list[Any]) -> None:
     cheap = Adapter(0x1A86, 0x7523, None)
     plugged += [usb("/dev/ttyUSB0", cheap), usb("/dev/ttyUSB1", cheap)]
-    assert find_again("/dev/ttyUSB1", cheap) == ["/dev/ttyUSB1", "/dev/ttyUSB0"]
+    assert candidate_urls("/dev/ttyUSB1", cheap) == ["/dev/ttyUSB1", "/dev/ttyUSB0"]
 
 
 def test_what_is_not_listed_is_tried_by_name(plugged: list[Any]) -> None:
-    assert find_again("/dev/pts/3", None) == ["/dev/pts/3"]
-    assert find_again("/dev/ttyUSB0", FTDI) == ["/dev/ttyUSB0"]
+    assert candidate_urls("/dev/pts/3", None) == ["/dev/pts/3"]
+    assert candidate_urls("/dev/ttyUSB0", FTDI) == ["/dev/ttyUSB0"]
 
 
 def test_finder_follows_the_adapter(plugged: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[str] = []
-    monkeypatch.setattr(finder_module, "open_transport", lambda url, rate: opened.append(url))
+    monkeypatch.setattr(opening, "open_transport", lambda url, rate: opened.append(url))
     find = PortFinder("/dev/ttyUSB0")
     plugged[:] = [usb("/dev/ttyUSB0")]
     find()
@@ -95,7 +94,7 @@ def test_finder_asks_equal_adapters_in_turn(
     plugged: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened: list[str] = []
-    monkeypatch.setattr(finder_module, "open_transport", lambda url, rate: opened.append(url))
+    monkeypatch.setattr(opening, "open_transport", lambda url, rate: opened.append(url))
     cheap = Adapter(0x1A86, 0x7523, None)
     plugged += [usb("/dev/ttyUSB0", cheap), usb("/dev/ttyUSB1", cheap)]
     find = PortFinder("/dev/ttyUSB0")

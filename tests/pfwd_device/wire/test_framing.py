@@ -9,13 +9,16 @@ from hypothesis import strategies as st
 
 from pfwd_device.wire.dialect import LinkCounters
 from pfwd_device.wire.framing import (
-    LONGEST_FRAME,
-    LONGEST_PAYLOAD,
+    MAX_FRAME_BYTES,
+    MAX_PAYLOAD_BYTES,
+    Cutter,
     Deframer,
     Packet,
     encode_frame,
 )
 
+STREAM = b"ab;;cdefg;hi;" + 9 * b"x" + b";j;rest"
+PIECES = [b"ab", b"", b"hi", b"j"]
 PAYLOADS = st.lists(st.binary(max_size=60), min_size=1, max_size=8)
 
 
@@ -93,7 +96,7 @@ def test_a_frame_without_end_is_thrown_away_as_it_comes(piece: int) -> None:
     deframer = Deframer(counters)
     for at in range(0, len(noise), piece):
         deframer.feed(noise[at : at + piece])
-        assert deframer._cutter.held <= LONGEST_FRAME
+        assert deframer._cutter.held <= MAX_FRAME_BYTES
     assert (counters.frames_damaged, counters.bytes_discarded) == (1, 50_000)
     packets = deframer.feed(b"\x07\0" + stream_of([b"good"]))
     assert [packet.payload for packet in packets] == [b"good"]
@@ -102,7 +105,7 @@ def test_a_frame_without_end_is_thrown_away_as_it_comes(piece: int) -> None:
 
 def test_the_longest_payload_passes_and_no_longer_one() -> None:
     for byte in (b"\0", b"\x01", b"\xff"):
-        payload = byte * LONGEST_PAYLOAD
+        payload = byte * MAX_PAYLOAD_BYTES
         assert deframe(encode_frame(1, 0, payload))[0] == [Packet(1, 0, payload)]
     with pytest.raises(ValueError, match="payload: expected at most 8000 bytes, got 8001"):
         encode_frame(1, 0, b"\0" * 8001)
@@ -156,3 +159,32 @@ def test_frames_of_random_packets_survive_between_noise() -> None:
     packets, counters, _ = deframe(stream)
     assert [packet.payload for packet in packets] == sent
     assert counters.frames_lost == 0
+
+
+@pytest.mark.parametrize("size", range(1, len(STREAM) + 1))
+def test_pieces_do_not_depend_on_how_the_stream_is_cut(size: int) -> None:
+    counters = LinkCounters()
+    cutter = Cutter(b";", 4, counters)
+    pieces = [
+        piece
+        for start in range(0, len(STREAM), size)
+        for piece in cutter.feed(STREAM[start : start + size])
+    ]
+    assert pieces == PIECES
+    assert counters.bytes_received == len(STREAM)
+    assert counters.frames_damaged == 2
+    assert counters.bytes_discarded == len(b"cdefg;") + len(b"xxxxxxxxx;")
+
+
+def test_a_piece_of_the_longest_length_is_accepted() -> None:
+    counters = LinkCounters()
+    assert Cutter(b"\n", 4, counters).feed(b"abcd\nabcde\n") == [b"abcd"]
+
+
+def test_reset_discards_an_incomplete_piece_and_counts_it() -> None:
+    counters = LinkCounters()
+    cutter = Cutter(b";", 4, counters)
+    assert cutter.feed(b"ab") == []
+    cutter.reset()
+    assert counters.bytes_discarded == 2
+    assert cutter.feed(b"c;") == [b"c"]

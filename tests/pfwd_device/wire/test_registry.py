@@ -4,15 +4,15 @@ import pytest
 
 from pfwd_device.errors import SetupError
 from pfwd_device.setup import DeviceSetup, read_device_setup
-from pfwd_device.wire.registry import DEFAULT, OWN, all_dialects, dialect_names, find_dialect
+from pfwd_device.wire.registry import BUILT_IN, DEFAULT, all_dialects, dialect_names, find_dialect
 
 
 def test_each_dialect_has_the_name_that_it_is_found_by() -> None:
-    for name, entry in OWN.items():
+    for name, entry in BUILT_IN.items():
         assert find_dialect(name) is entry
         assert entry.name == name
-    assert [entry.name for entry in all_dialects()][: len(OWN)] == list(OWN)
-    assert dialect_names()[: len(OWN)] == tuple(OWN)
+    assert [entry.name for entry in all_dialects()][: len(BUILT_IN)] == list(BUILT_IN)
+    assert dialect_names()[: len(BUILT_IN)] == tuple(BUILT_IN)
 
 
 def test_nothing_declared_is_the_binary_protocol() -> None:
