@@ -35,3 +35,35 @@ class SurveyLocked(RecordingError):
 
 class StorageFull(RecordingError, OSError):
     """The disk is full: the data that were to be saved are in memory and not acknowledged."""
+
+
+MAX_QUOTE_LENGTH = 60
+"""Characters of foreign text in a message: enough to find it, too few to flood a line."""
+
+
+def refusal(where: str, expected: str, got: str, hint: str = "") -> str:
+    """Return the message of an error in the form that all messages share.
+
+    Parameters
+    ----------
+    where : str
+        File and line, or the option.
+    expected, got : str
+    hint : str
+        Advice; may be empty.
+
+    Returns
+    -------
+    str
+        ``where: expected ..., got ...; hint``
+    """
+    return f"{where}: expected {expected}, got {got}" + (f"; {hint}" if hint else "")
+
+
+def quote(value: object) -> str:
+    """Return a foreign value for a message: escaped, on one line, of bounded length."""
+    try:
+        text = ascii(value)
+    except ValueError:  # Python writes no whole number of more than 4300 digits
+        text = "a number of thousands of digits"
+    return text if len(text) <= MAX_QUOTE_LENGTH else text[: MAX_QUOTE_LENGTH - 3] + "..."

@@ -1,19 +1,16 @@
-"""What a setup file says of the instrument: link, channels with calibration, detection.
+"""Instrument part of a setup file: link, channels with calibration, detection.
 
-Whatever it says wins over what the instrument says of itself. An instrument that says nothing (the
-ASCII lines of a microcontroller) is described by it completely.
+The file overrides what the instrument reports of itself. An instrument that reports nothing, such
+as the ASCII lines of a microcontroller, is described by the file completely.
 """
 
 import dataclasses
-import datetime
-import difflib
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 from pfwd_device.acquisition.detection import DetectionSettings
-from pfwd_device.errors import SetupError
+from pfwd_device.errors import SetupError, quote, refusal
 from pfwd_device.identity import (
     FASTEST_SAMPLING,
     LONGEST_NAME,
@@ -21,7 +18,17 @@ from pfwd_device.identity import (
     Identity,
     Role,
 )
-from pfwd_device.text import clean
+from pfwd_device.schema import (
+    Array,
+    Choice,
+    Date,
+    Integer,
+    Key,
+    Number,
+    Table,
+    TableReader,
+    Text,
+)
 from pfwd_device.wire.dialect import Dialect
 from pfwd_device.wire.registry import (
     DEFAULT,
@@ -31,157 +38,127 @@ from pfwd_device.wire.registry import (
     find_dialect,
 )
 
-MOST_COLUMNS = 64
+MAX_COLUMNS = 64
+"""Columns of an ASCII line."""
 
-Table = Mapping[str, Any]
-
-
-class SetupKey(NamedTuple):
-    """How one key is checked and where its value goes."""
-
-    attribute: str
-    """Field of `Identity`, `ChannelIdentity`, `DetectionSettings` or `DeviceSetup`."""
-    expected: str | Callable[[], str]
-    """What is accepted, in words, for the message; a function where it takes time to know."""
-    accepts: Callable[[Any], bool]
-    """Whether a value is accepted."""
-
-
-def _number(low: float, high: float = math.inf, *, or_low: bool = False) -> Callable[[Any], bool]:
-    """Accepts finite numbers above `low`, up to `high`; `or_low`: that one too."""
-
-    def accepts(value: Any) -> bool:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            return False
-        try:
-            number = float(value)
-        except OverflowError:  # an integer of hundreds of digits
-            return False
-        return (low < number or (or_low and low == number)) and number <= high and number < math.inf
-
-    return accepts
-
-
-def _whole(low: int, high: int) -> Callable[[Any], bool]:
-    return lambda value: type(value) is int and low <= value <= high
-
-
-def _word(value: Any) -> bool:
-    return isinstance(value, str) and 0 < len(value) <= LONGEST_NAME and value.isprintable()
-
-
-def _one_of(*words: str) -> Callable[[Any], bool]:
-    return lambda value: isinstance(value, str) and value in words
-
-
-def _is_dialect(value: Any) -> bool:
-    return isinstance(value, str) and find_dialect(value) is not None
-
-
-def _alternatives(words: Sequence[str]) -> str:
-    return " or ".join(f'"{word}"' for word in words)
-
-
-def _date(value: Any) -> bool:
-    return isinstance(value, datetime.date) and not isinstance(value, datetime.datetime)
-
-
-_TEXT = f"text of 1 to {LONGEST_NAME} letters on one line"
-_DATE = "a date as 2026-05-31, without quotation marks"
+_NAME = Text(LONGEST_NAME, min_length=1)
+_POSITIVE = Number(above=0)
 
 LINK_KEYS = {
-    "dialect": SetupKey("dialect", lambda: _alternatives(dialect_names()), _is_dialect),
-    "baud_rate": SetupKey(
-        "baud_rate", "a whole number from 300 to 20000000", _whole(300, 20_000_000)
+    "dialect": Key(
+        Choice(dialect_names), meaning="Language of the instrument, as `pfwd ports` lists it."
     ),
-    "sampling_rate_hz": SetupKey(
+    "baud_rate": Key(Integer(300, 20_000_000), meaning="Speed of a serial port."),
+    "sampling_rate_hz": Key(
+        Number("Hz", above=0, maximum=FASTEST_SAMPLING),
         "sampling_rate",
-        f"a number > 0 up to {FASTEST_SAMPLING:g}, in Hz",
-        _number(0, FASTEST_SAMPLING),
+        "Sampling rate requested of the instrument; with ASCII lines the rate that it has.",
     ),
 }
 INSTRUMENT_KEYS = {
-    "serial_number": SetupKey("serial_number", _TEXT, _word),
-    "model": SetupKey("model", _TEXT, _word),
-    "adc_bits": SetupKey("adc_bits", "a whole number from 8 to 24", _whole(8, 24)),
-    "adc_range_v": SetupKey("adc_range", "a number > 0, in V", _number(0)),
+    "serial_number": Key(_NAME, meaning="Serial number of the instrument."),
+    "model": Key(_NAME, meaning="Product name of the instrument."),
+    "adc_bits": Key(Integer(8, 24), meaning="Bits of the converter."),
+    "adc_range_v": Key(
+        Number("V", above=0), "adc_range", "Full scale: the converter covers -range to +range."
+    ),
 }
 CHANNEL_KEYS = {
-    "name": SetupKey("name", _TEXT, _word),
-    "role": SetupKey("role", _alternatives(tuple(Role)), _one_of(*Role)),
-    "column": SetupKey(
-        "column", f"a whole number from 1 to {MOST_COLUMNS}", _whole(1, MOST_COLUMNS)
+    "name": Key(
+        _NAME,
+        meaning="Name of the channel.",
+        hint="`pfwd ports` shows the names",
+        required=True,
     ),
-    "resolution": SetupKey("resolution", "a number > 0: what one count stands for", _number(0)),
-    "offset_m": SetupKey("offset", "a finite number, in m", _number(-math.inf)),
-    "sensitivity": SetupKey(
-        "sensitivity",
-        "a number other than 0, in V per N, V per m/s or V per m",
-        lambda value: _number(-math.inf)(value) and value != 0,
+    "role": Key(Choice(Role), meaning="Measured quantity."),
+    "column": Key(Integer(1, MAX_COLUMNS), meaning="Column of the ASCII lines, from 1."),
+    "resolution": Key(_POSITIVE, meaning="Value of one count of the ASCII lines."),
+    "offset_m": Key(
+        Number("m"),
+        "offset",
+        "Distance from the plate centre; negative on the other side of the plate.",
     ),
-    "zero_v": SetupKey("zero", "a finite number, in V", _number(-math.inf)),
-    "natural_frequency_hz": SetupKey("natural_frequency", "a number > 0, in Hz", _number(0)),
-    "damping": SetupKey("damping", "a number > 0", _number(0)),
-    "shunt_n": SetupKey("shunt", "a number > 0, in N", _number(0)),
-    "calibrated": SetupKey("calibrated", _DATE, _date),
-    "due": SetupKey("due", _DATE, _date),
+    "sensitivity": Key(
+        Number("V per N, V per m/s or V per m", nonzero=True),
+        meaning="Sensitivity; negative for a sensor that is mounted upside down.",
+    ),
+    "zero_v": Key(Number("V"), "zero", "Reading at rest."),
+    "natural_frequency_hz": Key(
+        Number("Hz", above=0), "natural_frequency", "Natural frequency of the geophone."
+    ),
+    "damping": Key(_POSITIVE, meaning="Damping ratio of the geophone."),
+    "shunt_n": Key(
+        Number("N", above=0), "shunt", "Load that the calibration shunt of the load cell simulates."
+    ),
+    "calibrated": Key(Date(), meaning="Date of the calibration."),
+    "due": Key(Date(), meaning="Date on which the calibration expires."),
 }
 DETECTION_KEYS = {
-    key: SetupKey(attribute, f"a number > 0{unit}", _number(0))
-    for key, attribute, unit in (
-        ("threshold_n", "threshold", ", in N"),
-        ("noise_factor", "noise_factor", ""),
-        ("hysteresis", "hysteresis", " and < 1"),
-        ("confirm_s", "confirm", ", in s"),
-        ("pre_trigger_s", "pre_trigger", ", in s"),
-        ("post_trigger_s", "post_trigger", ", in s"),
-        ("rebound_window_s", "rebound_window", ", in s"),
-        ("rebound_pre_trigger_s", "rebound_pre_trigger", ", in s"),
-        ("rebound_post_trigger_s", "rebound_post_trigger", ", in s"),
-    )
+    "threshold_n": Key(Number("N", above=0), "threshold", "Load above which a drop may begin."),
+    "noise_factor": Key(
+        _POSITIVE, meaning="Smallest threshold over the standard deviation of the noise."
+    ),
+    "hysteresis": Key(
+        Number(above=0, below=1), meaning="Load at which an impact ends, over the threshold."
+    ),
+    "confirm_s": Key(
+        Number("s", above=0), "confirm", "Time that the load must stay above the threshold."
+    ),
+    "pre_trigger_s": Key(Number("s", above=0), "pre_trigger", "Record before the trigger."),
+    "post_trigger_s": Key(Number("s", above=0), "post_trigger", "Record after the trigger."),
+    "rebound_window_s": Key(
+        Number("s", above=0),
+        "rebound_window",
+        "Time after a drop in which an impact is a rebound of the weight.",
+    ),
+    "rebound_pre_trigger_s": Key(
+        Number("s", above=0), "rebound_pre_trigger", "Record before the trigger of a rebound."
+    ),
+    "rebound_post_trigger_s": Key(
+        Number("s", above=0), "rebound_post_trigger", "Record after the trigger of a rebound."
+    ),
 }
 TABLES = {
-    "link": LINK_KEYS,
-    "instrument": INSTRUMENT_KEYS,
-    "channels": CHANNEL_KEYS,
-    "detection": DETECTION_KEYS,
+    "link": Key(Table(LINK_KEYS), meaning="Link to the instrument."),
+    "instrument": Key(Table(INSTRUMENT_KEYS), meaning="Instrument."),
+    "channels": Key(Array(Table(CHANNEL_KEYS)), meaning="Channels, one table each."),
+    "detection": Key(Table(DETECTION_KEYS), meaning="Detection of drops."),
 }
-"""The tables of a setup file that speak of the instrument, and their keys."""
+"""Tables of a setup file that describe the instrument, and their keys."""
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceSetup:
-    """What is declared about the instrument; empty: the instrument says it all."""
+    """Declarations about the instrument; empty: the instrument reports everything."""
 
     dialect: str = DEFAULT
-    """Name of one in `pfwd_device.wire.registry`."""
+    """Name of a dialect in `pfwd_device.wire.registry`."""
     baud_rate: int = 115_200
-    """Of a serial port; a USB port with its own protocol ignores it."""
+    """Speed of a serial port; a USB port with its own protocol ignores it."""
     sampling_rate: float | None = None
-    """Asked of the instrument, Hz; with ASCII lines: what it does."""
+    """Requested rate, Hz; with ASCII lines the rate that the instrument has."""
     instrument: Mapping[str, Any] = field(default_factory=dict)
-    """Fields of `Identity` that win over the instrument's own."""
+    """Fields of `Identity` that override those of the instrument."""
     channels: tuple[Mapping[str, Any], ...] = ()
     """Fields of `ChannelIdentity` by channel, with "name", and "column" of the ASCII lines."""
     detection: DetectionSettings = field(default_factory=DetectionSettings)
-    """When a drop begins and how much of it is kept."""
+    """Settings of the detection of drops."""
 
     @property
     def _entry(self) -> DialectEntry:
         entry = find_dialect(self.dialect)
         if entry is None:
-            came = clean(ascii(self.dialect))
-            expected = _alternatives(dialect_names())
-            raise SetupError(f"setup, dialect: expected {expected}, got {came}")
+            expected = LINK_KEYS["dialect"].value.expected
+            raise SetupError(refusal("setup, dialect", expected, quote(self.dialect)))
         return entry
 
     @property
     def needs_identity(self) -> bool:
-        """Whether the instrument says nothing of itself, so that all of it has to be declared."""
+        """True when the instrument does not report its identity; the file has to declare it."""
         return self._entry.needs_identity
 
     def apply(self, identity: Identity) -> Identity:
-        """The identity with what the file says in place of what the instrument says.
+        """Return the identity with the values of the file in place of the instrument's.
 
         Raises
         ------
@@ -192,122 +169,112 @@ class DeviceSetup:
             return identity
         channels = list(identity.channels)
         names = [channel.name for channel in channels]
-        for said in self.channels:
-            name = said["name"]
+        for declared in self.channels:
+            name = declared["name"]
             if names.count(name) != 1:
-                has = ", ".join(map(repr, names))
-                raise SetupError(f"setup, channels: expected a name among {has}, got {name!r}")
-            fields = {key: value for key, value in said.items() if key in _CHANNEL_FIELDS}
+                expected = f"a name among {', '.join(map(repr, names))}"
+                raise SetupError(refusal("setup, channels", expected, repr(name)))
+            fields = {key: value for key, value in declared.items() if key in _CHANNEL_FIELDS}
             index = names.index(name)
             channels[index] = dataclasses.replace(channels[index], **fields)
         return dataclasses.replace(identity, **self.instrument, channels=tuple(channels))
 
     def make_dialect(self, first_stream: int = 0) -> Dialect:
-        """The language that the instrument speaks.
+        """Return the dialect of the instrument.
 
         Parameters
         ----------
         first_stream : int
-            Number of the first run of a sampler that does not number its runs itself; tells its
-            drops from those of another day.
+            Number of the first run of a sampler that does not number its runs itself. It keeps
+            drops of different days distinct.
 
         Raises
         ------
         SetupError
-            If something is not declared that an instrument of this dialect does not say.
+            If a value is missing that an instrument of this dialect does not report.
         """
         entry = self._entry
         identity = self.declared_identity() if self.needs_identity else None
         columns: list[int] = []
         if entry.needs_columns:
-            columns = [said["column"] - 1 for said in self.channels]
-        resolution = [said.get("resolution", 1.0) for said in self.channels]
+            columns = [channel["column"] - 1 for channel in self.channels]
+        resolution = [channel.get("resolution", 1.0) for channel in self.channels]
         return entry.make(DeclaredLink(identity, tuple(columns), tuple(resolution), first_stream))
 
     def declared_identity(self) -> Identity:
-        """The identity of an instrument that says nothing of itself.
+        """Return the declared identity of an instrument that does not report one.
 
         Raises
         ------
         SetupError
-            If the file does not say all of it.
+            If the file does not declare all of it.
         """
         title = self._entry.title
-        needed = ("column", "role", "sensitivity")[0 if self._entry.needs_columns else 1 :]
+        required = ("column", "role", "sensitivity")[0 if self._entry.needs_columns else 1 :]
         if self.sampling_rate is None:
             raise SetupError(_missing("link: sampling_rate_hz", title))
         if not self.channels:
             raise SetupError(_missing("[[channels]]", title))
-        for said in self.channels:
-            for key in needed:
-                if key not in said:
-                    raise SetupError(_missing(f"channels, {said['name']!r}: {key}", title))
+        for channel in self.channels:
+            for key in required:
+                if key not in channel:
+                    raise SetupError(_missing(f"channels, {channel['name']!r}: {key}", title))
         for key in ("adc_bits", "adc_range"):
             if key not in self.instrument:
                 raise SetupError(_missing(f"instrument: {key.replace('range', 'range_v')}", title))
-        channels = [
-            ChannelIdentity(**{key: value for key, value in said.items() if key in _CHANNEL_FIELDS})
-            for said in self.channels
+        identities = [
+            ChannelIdentity(
+                **{key: value for key, value in channel.items() if key in _CHANNEL_FIELDS}
+            )
+            for channel in self.channels
         ]
-        if sum(channel.role is Role.LOAD for channel in channels) != 1:
+        if sum(channel.role is Role.LOAD for channel in identities) != 1:
             raise SetupError('channels: expected one with role = "load", got none or several')
-        if not any(channel.role in (Role.GEOPHONE, Role.DISPLACEMENT) for channel in channels):
+        if not any(channel.role in (Role.GEOPHONE, Role.DISPLACEMENT) for channel in identities):
             raise SetupError(
                 'channels: expected one with role = "geophone" or "displacement", got none'
             )
-        about = {"serial_number": "unknown", "model": title, "firmware": ""}
+        defaults = {"serial_number": "unknown", "model": title, "firmware": ""}
         return Identity(
-            **{**about, **self.instrument},
+            **{**defaults, **self.instrument},
             sampling_rate=self.sampling_rate,
-            channels=tuple(channels),
+            channels=tuple(identities),
         )
 
 
-_CHANNEL_FIELDS = {known.name for known in dataclasses.fields(ChannelIdentity)}
+_CHANNEL_FIELDS = {item.name for item in dataclasses.fields(ChannelIdentity)}
 
 
-def read_device_setup(table: Table, where: str) -> DeviceSetup:
-    """The instrument's part of a setup file.
+def read_device_setup(table: Mapping[str, Any], where: str) -> DeviceSetup:
+    """Return the instrument's part of a setup file.
 
     Parameters
     ----------
     table : mapping
-        As TOML read it; only the keys of `TABLES` are looked at.
+        Content of the file as TOML read it, with the keys of `TABLES` alone.
     where : str
         Name of the file, for messages.
-
-    Returns
-    -------
-    DeviceSetup
 
     Raises
     ------
     SetupError
         If a key is unknown or a value outside its range; the message names file, table and key.
     """
-    link = _read(table.get("link", {}), LINK_KEYS, f"{where}, [link]")
-    instrument = _read(table.get("instrument", {}), INSTRUMENT_KEYS, f"{where}, [instrument]")
-    detection = _read(table.get("detection", {}), DETECTION_KEYS, f"{where}, [detection]")
-    entries = table.get("channels", [])
-    if not isinstance(entries, list):
-        raise SetupError(f"{where}: channels: expected tables under [[channels]]")
-    channels = []
-    for number, entry in enumerate(entries, 1):
-        place = f"{where}, [[channels]] {number}"
-        said = _read(entry, CHANNEL_KEYS, place)
-        if "name" not in said:
-            raise SetupError(f"{place}: expected a name, got none; `pfwd ports` shows the names")
-        if "role" in said:
-            said["role"] = Role(said["role"])
-        channels.append(said)
-    _refuse_twice([said["name"] for said in channels], f"{where}, [[channels]]: name")
-    _refuse_twice([said.get("column") for said in channels], f"{where}, [[channels]]: column")
+    values = TableReader(SetupError, where).read(table, TABLES)
+    channels: tuple[dict[str, Any], ...] = values.get("channels", ())
+    for channel in channels:
+        if "role" in channel:
+            channel["role"] = Role(channel["role"])
+    for key in ("name", "column"):
+        _refuse_twice([channel.get(key) for channel in channels], f"{where}, channels: {key}")
     try:
-        settings = DetectionSettings(**detection)
-    except SetupError as err:
-        raise SetupError(f"{where}: {err}") from err
-    setup = DeviceSetup(**link, instrument=instrument, channels=tuple(channels), detection=settings)
-    try:
+        detection = DetectionSettings(**values.get("detection", {}))
+        setup = DeviceSetup(
+            **values.get("link", {}),
+            instrument=values.get("instrument", {}),
+            channels=channels,
+            detection=detection,
+        )
         if setup.needs_identity:
             setup.declared_identity()
     except SetupError as err:
@@ -315,31 +282,11 @@ def read_device_setup(table: Table, where: str) -> DeviceSetup:
     return setup
 
 
-def _read(table: Any, rules: Mapping[str, SetupKey], where: str) -> dict[str, Any]:
-    if not isinstance(table, Mapping):
-        raise SetupError(f"{where}: expected a table, got {clean(ascii(table))}")
-    values = {}
-    for key, value in table.items():
-        if key not in rules:
-            near = difflib.get_close_matches(key, rules, 1)
-            hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(rules)}"
-            raise SetupError(f"{where}: expected a key of it, got {clean(ascii(key))}; {hint}")
-        rule = rules[key]
-        if not rule.accepts(value):
-            came = clean(ascii(value))
-            expected = rule.expected if isinstance(rule.expected, str) else rule.expected()
-            raise SetupError(f"{where}: {key}: expected {expected}, got {came}")
-        values[rule.attribute] = value
-    return values
-
-
 def _refuse_twice(values: Sequence[object], where: str) -> None:
-    said = [value for value in values if value is not None]
-    for value in said:
-        if said.count(value) > 1:
-            came = clean(ascii(value))
-            raise SetupError(f"{where}: expected each value once, got {came} twice")
+    for value in values:
+        if value is not None and values.count(value) > 1:
+            raise SetupError(refusal(where, "each value once", f"{quote(value)} twice"))
 
 
-def _missing(what: str, title: str) -> str:
-    return f"{what}: expected a value, got none; {title} say nothing of the instrument"
+def _missing(key: str, title: str) -> str:
+    return refusal(key, "a value", "none", f"{title} do not describe the instrument")

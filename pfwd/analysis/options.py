@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from pfwd.errors import OptionError, TraceError, refusal
-from pfwd.files.header import DEEPEST_BEDROCK, SHALLOWEST_BEDROCK, check_value
+from pfwd.files.header import MAX_BEDROCK_DEPTH_M, MIN_BEDROCK_DEPTH_M, check_value
 
 if TYPE_CHECKING:
     from pfwd.analysis.results import DropResult
@@ -115,11 +115,11 @@ class AnalysisOptions:
                 raise OptionError(str(err)) from err
         depth = self.bedrock_depth
         if not isinstance(depth, str | None) and not (
-            SHALLOWEST_BEDROCK <= depth <= DEEPEST_BEDROCK
+            MIN_BEDROCK_DEPTH_M <= depth <= MAX_BEDROCK_DEPTH_M
         ):
             expected = (
-                f"a number from {SHALLOWEST_BEDROCK:g} to {DEEPEST_BEDROCK:g}, in m, or unknown or "
-                "none"
+                f"a number from {MIN_BEDROCK_DEPTH_M:g} to {MAX_BEDROCK_DEPTH_M:g}, in m, or "
+                "unknown or none"
             )
             raise OptionError(refusal("--bedrock-depth", expected, f"{depth:g}"))
         if self.seed < 0:
@@ -135,8 +135,8 @@ class AnalysisOptions:
         if self.thickness is None or self.thickness == "unknown":
             return
         listed = ",".join(f"{value:g}" for value in self.thickness)
-        if not all(0.0 < value <= DEEPEST_BEDROCK for value in self.thickness):
-            expected = f"numbers > 0 up to {DEEPEST_BEDROCK:g}, in m, or unknown"
+        if not all(0.0 < value <= MAX_BEDROCK_DEPTH_M for value in self.thickness):
+            expected = f"numbers > 0 up to {MAX_BEDROCK_DEPTH_M:g}, in m, or unknown"
             raise OptionError(refusal("--thickness", expected, listed))
         n_thicknesses = None if layers == "auto" else (layers or 1) - 1
         if n_thicknesses is None or len(self.thickness) != n_thicknesses:

@@ -5,7 +5,7 @@ import datetime
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -13,6 +13,7 @@ from inversion.notices import Notice, from_sentence
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.toml import toml_line
 from pfwd.toml_reading import LARGEST_TOML, parse_toml
+from pfwd_device.schema import AnyOf, Choice, Integer, Key, Number, Text, describe, keys_of
 from pfwd_device.text import clean
 
 if TYPE_CHECKING:
@@ -35,11 +36,11 @@ are shown as warnings."""
 LONGEST_REMARK = 300
 """Characters of such a remark."""
 
-SMALLEST_PLATE_RADIUS = 0.01
-"""m; a smaller plate is a mistake of units: the smallest of a light device has 0.05 m."""
+MIN_PLATE_RADIUS_M = 0.01
+"""A smaller plate is a mistake of units: the smallest of a light device has 0.05 m."""
 
-SHALLOWEST_BEDROCK, DEEPEST_BEDROCK = 0.01, 10_000.0
-"""m; shallower than a plate feels, and far deeper than one does: then it is a half-space."""
+MIN_BEDROCK_DEPTH_M, MAX_BEDROCK_DEPTH_M = 0.01, 10_000.0
+"""The first is too shallow for any plate to notice; below the second the ground is a half-space."""
 
 LARGEST_PLATE_RADIUS = 1.0
 """m; load plates end at 0.4 m, so a larger value was most likely written in another unit."""
@@ -52,10 +53,12 @@ _KEY = re.compile(r"""[ \t]*(?:([\w-]+)|"([^"\\]*)"|'([^']*)')[ \t]*[.=]""")
 
 FreeText = str | int | float
 
+_FREE = AnyOf((Text(), Number()), "text in quotation marks or a finite number")
+
 
 @dataclass(frozen=True, slots=True)
 class PointSetup:
-    """What a trace file declares. None: not declared, hence unknown.
+    """Declarations of a trace file. None: not declared, hence unknown.
 
     Raises
     ------
@@ -63,76 +66,187 @@ class PointSetup:
         If a value is outside its range or of the wrong type; the message names the key of the file.
     """
 
-    plate_radius: float
-    """Radius of the load plate, m, > 0; 0 in a stiffness test, which needs none."""
-    plate_mass: float | None = None
-    """Mass that moves between load cell and ground, kg, >= 0."""
-    poisson_ratio: float | None = None
-    """Poisson's ratio of the ground, 0 <= value < 0.5."""
-    density: float | None = None
-    """Density of the ground, kg/m3, > 0."""
-    bedrock_depth: float | None = None
-    """Depth of a rigid base, m, > 0; inf: known to have none."""
-    centre_sensor: Literal["plate", "ground"] = "plate"
-    """What the sensor at offset 0 stands on; "ground" is through a hole in the plate."""
-    geophone_natural_frequency: float | None = None
-    """Natural frequency of the response that the velocity columns still carry, Hz; 0: none, the
-    record is corrected."""
-    geophone_damping: float | None = None
-    """Damping ratio of that response, > 0; declared with the frequency or not at all, and not
-    needed with 0 Hz."""
-    load_filter_frequency: float | None = None
-    """Corner frequency of the filter in the load channel, Hz, > 0."""
-    load_delay: float | None = None
-    """Delay of the load channel, s."""
-    seating_drops: int = 0
-    """How many of the first drops are seating."""
-    model_floor: float | None = None
-    """Displacement error of the model that the user grants, m, >= 0."""
-    device: FreeText | None = None
-    """Identity of the instrument; points with the same one share the device's effects."""
-    site: FreeText | None = None
-    """Name of the site."""
-    point: FreeText | None = None
-    """Name of the test point."""
-    operator: FreeText | None = None
-    """Who measured."""
-    latitude: FreeText | None = None
-    """Degrees, north positive, when a number."""
-    longitude: FreeText | None = None
-    """Degrees, east positive, when a number."""
-    time_utc: FreeText | None = None
-    """When; dates and times of TOML are kept as their ISO 8601 text."""
-    procedure: FreeText | None = None
-    """Name of the measuring procedure; with one, rejected drops do not count as seating."""
-    material: FreeText | None = None
-    """Soil or layer, as a procedure's targets name it."""
-    moisture: float | None = None
-    """Moisture of the ground, percent by mass, >= 0."""
-    temperature: float | None = None
-    """Temperature of air or ground, degrees Celsius."""
-    test: Literal["ground", "stiffness"] = "ground"
-    """What the weight fell on; "stiffness" is a rig of springs, which has no modulus."""
-    rig_stiffness: float | None = None
-    """Known stiffness of that rig, N/m, > 0."""
-    photos: FreeText | None = None
-    """Names of pictures of the point, separated by commas."""
-    zone: FreeText | None = None
-    """Part of the site that the point counts to in statistics."""
-    plate_load_modulus: float | None = None
-    """Modulus of a static plate load test at the point, Pa, > 0."""
-    source: FreeText | None = None
-    """Where the record comes from."""
+    plate_radius: float = field(
+        metadata=describe(
+            Number("m", minimum=MIN_PLATE_RADIUS_M),
+            "Radius of the load plate; 0 in a stiffness test, which needs none.",
+            key=RADIUS,
+        )
+    )
+    plate_mass: float | None = field(
+        default=None,
+        metadata=describe(
+            Number("kg", minimum=0),
+            "Mass that moves between load cell and ground.",
+            key="plate_mass_kg",
+        ),
+    )
+    poisson_ratio: float | None = field(
+        default=None,
+        metadata=describe(
+            Number(minimum=0, below=0.5),
+            "Poisson's ratio of the ground.",
+            hint="0.5 is an incompressible soil, whose pressure waves are infinitely fast and "
+            "which no model here supports: use 0.49 for saturated clay",
+        ),
+    )
+    density: float | None = field(
+        default=None,
+        metadata=describe(Number("kg/m3", above=0), "Density of the ground.", key="density_kg_m3"),
+    )
+    bedrock_depth: float | None = field(
+        default=None,
+        metadata=describe(
+            Number(
+                "m",
+                minimum=MIN_BEDROCK_DEPTH_M,
+                maximum=MAX_BEDROCK_DEPTH_M,
+                infinity_means="none",
+            ),
+            "Depth of a rigid base; inf: known to have none.",
+            key="bedrock_depth_m",
+        ),
+    )
+    centre_sensor: Literal["plate", "ground"] = field(
+        default="plate",
+        metadata=describe(
+            Choice(("plate", "ground")),
+            'Support of the sensor at offset 0; "ground" is through a hole in the plate.',
+        ),
+    )
+    geophone_natural_frequency: float | None = field(
+        default=None,
+        metadata=describe(
+            Number("Hz", minimum=0),
+            "Natural frequency of the response that the velocity columns still carry; 0: the "
+            "record is corrected.",
+            key=RESPONSE,
+            hint="0 where the record is corrected",
+        ),
+    )
+    geophone_damping: float | None = field(
+        default=None,
+        metadata=describe(
+            Number(above=0),
+            "Damping ratio of that response; declared together with the frequency, and not needed "
+            "with 0 Hz.",
+        ),
+    )
+    load_filter_frequency: float | None = field(
+        default=None,
+        metadata=describe(
+            Number("Hz", above=0),
+            "Corner frequency of the filter in the load channel.",
+            key="load_filter_hz",
+        ),
+    )
+    load_delay: float | None = field(
+        default=None,
+        metadata=describe(Number("s"), "Delay of the load channel.", key="load_delay_s"),
+    )
+    seating_drops: int = field(
+        default=0, metadata=describe(Integer(0), "Number of seating drops, the first of a point.")
+    )
+    model_floor: float | None = field(
+        default=None,
+        metadata=describe(
+            Number("m", minimum=0),
+            "Displacement error that the user concedes to the model.",
+            key="model_floor_m",
+        ),
+    )
+    device: FreeText | None = field(
+        default=None,
+        metadata=describe(
+            _FREE,
+            "Identity of the instrument; points with the same one share the device's effects.",
+        ),
+    )
+    site: FreeText | None = field(default=None, metadata=describe(_FREE, "Name of the site."))
+    point: FreeText | None = field(
+        default=None, metadata=describe(_FREE, "Name of the test point.")
+    )
+    operator: FreeText | None = field(
+        default=None, metadata=describe(_FREE, "Name of the operator.")
+    )
+    latitude: FreeText | None = field(
+        default=None, metadata=describe(_FREE, "Degrees, north positive, when a number.")
+    )
+    longitude: FreeText | None = field(
+        default=None, metadata=describe(_FREE, "Degrees, east positive, when a number.")
+    )
+    time_utc: FreeText | None = field(
+        default=None,
+        metadata=describe(
+            _FREE, "Time of the test; dates and times of TOML are stored as their ISO 8601 text."
+        ),
+    )
+    source: FreeText | None = field(default=None, metadata=describe(_FREE, "Origin of the record."))
+    procedure: FreeText | None = field(
+        default=None,
+        metadata=describe(
+            _FREE,
+            "Name of the measuring procedure; with one, rejected drops do not count as seating.",
+        ),
+    )
+    material: FreeText | None = field(
+        default=None, metadata=describe(_FREE, "Soil or layer, as a procedure's targets name it.")
+    )
+    photos: FreeText | None = field(
+        default=None,
+        metadata=describe(_FREE, "Names of pictures of the point, separated by commas."),
+    )
+    zone: FreeText | None = field(
+        default=None,
+        metadata=describe(_FREE, "Part of the site that the point counts to in statistics."),
+    )
+    plate_load_modulus: float | None = field(
+        default=None,
+        metadata=describe(
+            Number("Pa", above=0),
+            "Modulus of a static plate load test at the point.",
+            key="plate_load_modulus_pa",
+        ),
+    )
+    moisture: float | None = field(
+        default=None,
+        metadata=describe(
+            Number("percent by mass", minimum=0),
+            "Moisture of the ground.",
+            key="moisture_percent",
+        ),
+    )
+    test: Literal["ground", "stiffness"] = field(
+        default="ground",
+        metadata=describe(
+            Choice(("ground", "stiffness")),
+            'Object of the test; "stiffness" is a rig of springs, which has no modulus.',
+        ),
+    )
+    rig_stiffness: float | None = field(
+        default=None,
+        metadata=describe(
+            Number("N/m", above=0), "Known stiffness of that rig.", key="stiffness_n_per_m"
+        ),
+    )
+    temperature: float | None = field(
+        default=None,
+        metadata=describe(
+            Number("degrees Celsius", minimum=-90, maximum=100),
+            "Temperature of air or ground.",
+            key="temperature_c",
+        ),
+    )
     extra: Mapping[str, Any] = field(default_factory=dict, hash=False)
     """Keys that the format does not know, as TOML read them."""
 
     def __post_init__(self) -> None:
-        for key, rule in KEYS.items():
-            value = getattr(self, rule.attribute)
+        for key, description in KEYS.items():
+            value = getattr(self, description.attribute)
             if key == RADIUS and value == 0 and self.is_stiffness_test:
                 continue
             if value is not None:
-                check_value(key, value, f"header key {key}")
+                check_value(key, value, "header")
         corrected = self.geophone_natural_frequency == 0 and self.geophone_damping is None
         alone = (self.geophone_natural_frequency is None) != (self.geophone_damping is None)
         if alone and not corrected:
@@ -157,115 +271,8 @@ class PointSetup:
         return self.test == "stiffness" or self.rig_stiffness is not None
 
 
-class HeaderKey(NamedTuple):
-    """How one key of the header is checked and where its value goes."""
-
-    attribute: str
-    """Field of PointSetup."""
-    expected: str
-    """What is accepted, in words, for the message."""
-    accepts: Callable[[object], bool]
-    """Whether a value is accepted."""
-    hint: str = ""
-    """What to try when it is not."""
-
-
-def _number(accepts: Callable[[float], bool]) -> Callable[[object], bool]:
-    def check(value: object) -> bool:
-        # bool is an int to Python, and a number to nobody else.
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            return False
-        try:
-            return accepts(float(value))
-        except OverflowError:  # an integer of hundreds of digits
-            return False
-
-    return check
-
-
-_positive = _number(lambda value: 0 < value < math.inf)
-_not_negative = _number(lambda value: 0 <= value < math.inf)
-_finite = _number(math.isfinite)
-
-
-def _free(value: object) -> bool:
-    return isinstance(value, str) or _finite(value)
-
-
-def _free_rule(attribute: str) -> HeaderKey:
-    return HeaderKey(attribute, "text in quotation marks or a finite number", _free)
-
-
-KEYS: dict[str, HeaderKey] = {
-    "plate_radius_m": HeaderKey(
-        "plate_radius",
-        f"a number >= {SMALLEST_PLATE_RADIUS:g}, in m",
-        _number(lambda value: SMALLEST_PLATE_RADIUS <= value < math.inf),
-    ),
-    "plate_mass_kg": HeaderKey("plate_mass", "a number >= 0, in kg", _not_negative),
-    "poisson_ratio": HeaderKey(
-        "poisson_ratio",
-        "0 <= number < 0.5",
-        _number(lambda value: 0 <= value < 0.5),
-        "0.5 is an incompressible soil, whose pressure waves are infinitely fast and which no "
-        "model here supports: use 0.49 for saturated clay",
-    ),
-    "density_kg_m3": HeaderKey("density", "a number > 0, in kg/m3", _positive),
-    "bedrock_depth_m": HeaderKey(
-        "bedrock_depth",
-        f"a number from {SHALLOWEST_BEDROCK:g} to {DEEPEST_BEDROCK:g}, in m, or inf for none",
-        _number(lambda value: SHALLOWEST_BEDROCK <= value <= DEEPEST_BEDROCK or value == math.inf),
-    ),
-    "centre_sensor": HeaderKey(
-        "centre_sensor",
-        '"plate" or "ground"',
-        lambda value: isinstance(value, str) and value in ("plate", "ground"),
-    ),
-    RESPONSE: HeaderKey(
-        "geophone_natural_frequency",
-        "a number > 0, in Hz, or 0 where the record is corrected",
-        _not_negative,
-    ),
-    "geophone_damping": HeaderKey("geophone_damping", "a number > 0", _positive),
-    "load_filter_hz": HeaderKey("load_filter_frequency", "a number > 0, in Hz", _positive),
-    "load_delay_s": HeaderKey("load_delay", "a finite number, in s", _finite),
-    "seating_drops": HeaderKey(
-        "seating_drops",
-        "a whole number >= 0",
-        lambda value: isinstance(value, int) and not isinstance(value, bool) and value >= 0,
-    ),
-    "model_floor_m": HeaderKey("model_floor", "a number >= 0, in m", _not_negative),
-    **{
-        name: _free_rule(name)
-        for name in (
-            "device",
-            "site",
-            "point",
-            "operator",
-            "latitude",
-            "longitude",
-            "time_utc",
-            "source",
-            "procedure",
-            "material",
-            "photos",
-            "zone",
-        )
-    },
-    "plate_load_modulus_pa": HeaderKey("plate_load_modulus", "a number > 0, in Pa", _positive),
-    "moisture_percent": HeaderKey("moisture", "a number >= 0, in percent by mass", _not_negative),
-    "test": HeaderKey(
-        "test",
-        '"ground" or "stiffness"',
-        lambda value: isinstance(value, str) and value in ("ground", "stiffness"),
-    ),
-    "stiffness_n_per_m": HeaderKey("rig_stiffness", "a number > 0, in N/m", _positive),
-    "temperature_c": HeaderKey(
-        "temperature",
-        "a number from -90 to 100, in degrees Celsius",
-        _number(lambda value: -90 <= value <= 100),
-    ),
-}
+KEYS: Mapping[str, Key] = keys_of(PointSetup)
+"""Keys of a header."""
 
 
 def check_value(key: str, value: object, where: str) -> None:
@@ -276,7 +283,7 @@ def check_value(key: str, value: object, where: str) -> None:
     key : str
         One of ``KEYS``.
     value : object
-        As TOML read it.
+        Value as TOML read it.
     where : str
         File and line, or option, for the message.
 
@@ -284,9 +291,7 @@ def check_value(key: str, value: object, where: str) -> None:
     ------
     TraceError
     """
-    rule = KEYS[key]
-    if not rule.accepts(value):
-        raise TraceError(refusal(where, f"{key}: {rule.expected}", quote(value), rule.hint))
+    KEYS[key].check(value, f"{where}, {key}", TraceError)
 
 
 class Declaration(NamedTuple):
@@ -441,7 +446,7 @@ def setup_from(declarations: Mapping[str, Declaration], where: str) -> PointSetu
             extra[key] = declaration.value
             continue
         value = declaration.value
-        if isinstance(value, datetime.date | datetime.time) and KEYS[key].accepts is _free:
+        if isinstance(value, datetime.date | datetime.time) and KEYS[key].value is _FREE:
             value = value.isoformat()
         check_value(key, value, declaration.where)
         known[KEYS[key].attribute] = value

@@ -7,7 +7,6 @@ file says wins over what the instrument says.
 """
 
 import datetime
-import difflib
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -28,12 +27,12 @@ from pfwd_device.drop import nearest_first
 from pfwd_device.errors import RecordingError, SetupError
 from pfwd_device.identity import UNIT_OF_ROLE, ChannelIdentity, Identity, Role
 from pfwd_device.recording.record import point_name
+from pfwd_device.schema import AnyOf, Flag, Key, Table, TableReader, Text, unknown_key
 from pfwd_device.setup import (
     CHANNEL_KEYS,
     INSTRUMENT_KEYS,
     TABLES,
     DeviceSetup,
-    SetupKey,
     read_device_setup,
 )
 
@@ -41,7 +40,22 @@ LARGEST_FILE = 100_000
 """Characters; a setup takes a few thousand."""
 
 PROCEDURE_KEY = "procedure"
-_PROCEDURE_KEYS = ("name", "file", "enforce_unverified")
+PROCEDURE_KEYS = {
+    "name": Key(Text(min_length=1), meaning="Name of a procedure, as `pfwd procedures` lists it."),
+    "file": Key(Text(min_length=1), meaning="File of a procedure, relative to the setup file."),
+    "enforce_unverified": Key(
+        Flag(), meaning="True: numbers that are not verified are enforced too."
+    ),
+}
+SETUP_KEYS = {
+    **KEYS,
+    PROCEDURE_KEY: Key(
+        AnyOf((Text(min_length=1), Table(PROCEDURE_KEYS)), "a name or a table [procedure]"),
+        meaning="Measuring procedure.",
+    ),
+    **TABLES,
+}
+"""Keys of a setup file."""
 
 FULL_SCALE = 1e-9, 1e12
 """N, m/s or m; far beyond what any converter and sensor of an instrument measure at most."""
@@ -149,13 +163,13 @@ def _refuse_scale(channel: ChannelIdentity, adc_range: float) -> None:
 def _otherwise(
     mine: Identity | ChannelIdentity,
     theirs: Identity | ChannelIdentity,
-    keys: Mapping[str, SetupKey],
+    keys: Mapping[str, Key],
     where: str,
 ) -> list[str]:
     """The keys of a table that the file says otherwise than the instrument."""
     lines = []
     for key, rule in keys.items():
-        ours, said = (getattr(side, rule.attribute, None) for side in (mine, theirs))
+        ours, said = (getattr(side, rule.attribute or key, None) for side in (mine, theirs))
         if ours != said:
             old = "nothing" if said is None else _shown(said)
             lines.append(
@@ -261,9 +275,7 @@ def parse_setup(text: str, file: str, procedure_text: str = "") -> MeasuringSetu
         if key in TABLES or key == FORMAT_KEY:
             continue
         if key not in KEYS:
-            near = difflib.get_close_matches(key, [*KEYS, *TABLES], 1)
-            hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(KEYS)}"
-            raise TraceError(refusal(where, "a key of a setup file", quote(key), hint))
+            raise TraceError(unknown_key(key, SETUP_KEYS, where))
         if isinstance(value, datetime.date | datetime.datetime | datetime.time):
             value = value.isoformat()
         check_value(key, value, where)
@@ -315,25 +327,16 @@ def with_procedure(
 def _procedure(chosen: Declaration, file: str, text: str) -> Procedure:
     value, where = chosen
     table = {"name": value} if isinstance(value, str) else value
-    if not isinstance(table, dict):
-        hint = '[procedure] with name = "mndot" or file = "ours.toml"'
-        raise TraceError(refusal(where, "a table [procedure]", quote(value), hint))
-    for key in table:
-        if key not in _PROCEDURE_KEYS:
-            known = f"known are {', '.join(_PROCEDURE_KEYS)}"
-            raise TraceError(refusal(where, "a key of [procedure]", quote(key), known))
-    unverified = table.get("enforce_unverified", False)
-    if not isinstance(unverified, bool):
-        expected = "enforce_unverified, true or false"
-        raise TraceError(refusal(where, expected, quote(unverified)))
-    given = [key for key in ("name", "file") if key in table]
-    if len(given) != 1 or not isinstance(table[given[0]], str) or not table[given[0]]:
-        came = " and ".join(given) or "none"
-        raise TraceError(refusal(where, "name or file in [procedure], a text", came))
+    choice = TableReader(TraceError, where).read(table, PROCEDURE_KEYS, PROCEDURE_KEY)
+    unverified = choice.get("enforce_unverified", False)
+    names = [key for key in ("name", "file") if key in choice]
+    if len(names) != 1:
+        place = f"{where}, {PROCEDURE_KEY}"
+        raise TraceError(refusal(place, "either name or file", " and ".join(names) or "none"))
     if text:
         return parse_procedure(text, where, enforce_unverified=unverified)
-    name = str(table[given[0]])
-    if given == ["file"]:  # beside the setup, wherever the program was started
+    name = choice[names[0]]
+    if names == ["file"]:  # relative to the setup file, not to the working directory
         name = os.path.join(os.path.dirname(file), name)
         return read_procedure(name, enforce_unverified=unverified)
     return find_procedure(name, enforce_unverified=unverified)

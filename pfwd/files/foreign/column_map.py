@@ -1,17 +1,28 @@
 """A TOML file that says what the columns of another program's text hold."""
 
 import codecs
-import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.units import DISPLACEMENT, FORCE, TIME, VELOCITY
 from pfwd.files.header import Declaration, Declarations
 from pfwd.toml_reading import LARGEST_TOML, parse_toml
 from pfwd_device.drop import Quantity
+from pfwd_device.schema import (
+    AnyOf,
+    Array,
+    Choice,
+    Flag,
+    Integer,
+    Key,
+    Number,
+    Table,
+    TableReader,
+    Text,
+)
 
 DELIMITERS = {",": ",", ";": ";", "\t": "\t", "tab": "\t", "|": "|", "blank": None}
 """What separates columns; None: any run of blanks."""
@@ -22,6 +33,20 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "velocity": VELOCITY,
     "displacement": DISPLACEMENT,
 }
+
+
+class Encoding(Text):
+    """Name of an encoding of text."""
+
+    expected: ClassVar[str] = "an encoding such as utf-8 or cp1252"
+
+    def accepts(self, value: Any) -> bool:
+        """Return whether a value names an encoding of text."""
+        try:
+            # Some codecs are not for texts (hex, zip).
+            return isinstance(value, str) and codecs.lookup(value)._is_text_encoding
+        except (LookupError, ValueError):
+            return False
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,156 +125,171 @@ def read_map(path: str | os.PathLike[str]) -> ColumnMap:
         if isinstance(err, TraceError):
             raise
         raise TraceError(refusal(file, "TOML", quote(str(err)))) from err
-    return _Reader(file, table).read()
+    return parse_map(table, file)
 
 
-class _Reader:
-    """Takes keys out of tables; what is left over is a mistake."""
+_PLACE = AnyOf((Text(min_length=1), Integer(1)), "a name, or a position from 1")
+_EXAMPLE = "an example is examples/column-map.toml"
 
-    def __init__(self, file: str, table: dict[str, Any]) -> None:
-        self._file = file
-        self._table = table
 
-    def read(self) -> ColumnMap:
-        text = self._section("text", needed=False)
-        time, load = self._section("time"), self._section("load")
-        sensors = self._table.pop("sensor", None)
-        if not isinstance(sensors, list) or not sensors:
-            raise self._error("sensor", "at least one table [[sensor]]", sensors)
-        drop = self._section("drop", needed=False)
-        made = ColumnMap(
-            file=self._file,
-            delimiter=DELIMITERS[self._choice(text, "text.delimiter", ",", DELIMITERS)],
-            decimal=self._choice(text, "text.decimal", ".", (".", ",")),
-            encoding=self._encoding(text),
-            skip_lines=self._count(text, "text.skip_lines"),
-            names=self._flag(text, "text.names", True),
-            units_line=self._flag(text, "text.units_line", False),
-            time=self._column(time, "time", "time") if "column" in time else None,
-            rate=self._number(time, "time.sampling_rate_hz", None),
-            trigger=self._number(time, "time.trigger_s", 0.0) or 0.0,
-            load=self._column(load, "load", "load"),
-            sensors=tuple(self._sensor(one, n) for n, one in enumerate(sensors, start=1)),
-            drop=self._place(drop, "drop") if drop else None,
-            declarations={},
-        )
-        for name, left in (("text", text), ("time", time), ("load", load), ("drop", drop)):
-            self._refuse_unknown(name, left)
-        self._refuse_contradictions(made)
-        where = self._file
-        declared = {key: Declaration(value, where) for key, value in self._table.items()}
-        return replace(made, declarations=declared)
+def _column_keys(quantity: str) -> dict[str, Key]:
+    """Return the keys of a column, with the units of its quantity."""
+    return {
+        "column": Key(_PLACE, meaning="Name of the column, or its position.", hint=_EXAMPLE),
+        "unit": Key(Choice(UNITS[quantity]), meaning="Unit of the numbers.", hint=_EXAMPLE),
+        "factor": Key(
+            Number(nonzero=True), meaning="SI units in one unit of the numbers.", hint=_EXAMPLE
+        ),
+    }
 
-    def _refuse_contradictions(self, made: ColumnMap) -> None:
-        if (made.time is None) == (made.rate is None):
-            came = "both" if made.time else "neither"
-            raise self._error("time", "either column or sampling_rate_hz", came)
-        if made.rate is not None and made.rate <= 0:
-            raise self._error("time.sampling_rate_hz", "a number > 0", made.rate)
-        if made.decimal == made.delimiter:
-            raise self._error("text.decimal", "another sign than the delimiter", made.decimal)
-        columns = [made.load, *(sensor.where for sensor in made.sensors)]
-        columns += [made.time] if made.time else []
-        places = [column.column for column in columns] + ([made.drop] if made.drop else [])
-        if len(set(places)) < len(places):
-            raise self._error("column", "every column once", places)
-        if not made.names and any(isinstance(place, str) for place in places):
-            hint = "positions from 1, as the file has no names"
-            raise self._error("column", hint, places)
-        kinds = [(sensor.quantity, sensor.offset) for sensor in made.sensors]
-        if len(set(kinds)) < len(kinds):
-            raise self._error("sensor", "every sensor at a place of its own", kinds)
 
-    def _sensor(self, table: object, number: int) -> SensorColumn:
-        name = f"sensor {number}"
-        if not isinstance(table, dict):
-            raise self._error(name, "a table [[sensor]]", table)
-        kinds: dict[str, Quantity] = {"velocity": "velocity", "displacement": "displacement"}
-        quantity = kinds[self._choice(table, f"{name}.quantity", None, kinds)]
-        offset = self._number(table, f"{name}.offset_m", None)
-        if offset is None:
-            raise self._error(f"{name}.offset_m", "a distance in m", offset)
-        made = SensorColumn(self._column(table, name, quantity), quantity, offset)
-        self._refuse_unknown(name, table)
-        return made
+def _signed(keys: Mapping[str, Key]) -> dict[str, Key]:
+    return {**keys, "positive": Key(Choice(("down", "up")), meaning="Positive direction.")}
 
-    def _column(self, table: dict[str, Any], name: str, quantity: str) -> Column:
-        place = self._place(table, name)
-        units = UNITS[quantity]
-        factor = self._number(table, f"{name}.factor", None)
-        if ("unit" in table) == (factor is not None):
-            raise self._error(name, f"either unit ({', '.join(units)}) or factor to SI", "not one")
-        if factor is None:
-            factor = units[self._choice(table, f"{name}.unit", None, units)]
-        positive = "down" if quantity != "time" else None
-        if positive and self._choice(table, f"{name}.positive", "down", ("down", "up")) == "up":
-            factor = -factor
-        if factor == 0:
-            raise self._error(f"{name}.factor", "a number other than 0", factor)
-        return Column(place, factor)
 
-    def _place(self, table: dict[str, Any], name: str) -> str | int:
-        place = table.pop("column", None)
-        if isinstance(place, bool) or not isinstance(place, str | int) or place in (0, ""):
-            raise self._error(f"{name}.column", "a name, or a position from 1", place)
-        if isinstance(place, int) and place < 0:
-            raise self._error(f"{name}.column", "a name, or a position from 1", place)
-        return place
+_SENSOR_KEYS = _signed(
+    {
+        **_column_keys("displacement"),
+        "unit": Key(
+            Choice((*UNITS["displacement"], *UNITS["velocity"])),
+            meaning="Unit of the numbers.",
+            hint=_EXAMPLE,
+        ),
+        "quantity": Key(
+            Choice(("velocity", "displacement")),
+            meaning="Recorded quantity.",
+            hint=_EXAMPLE,
+            required=True,
+        ),
+        "offset_m": Key(
+            Number("m"),
+            "offset",
+            "Distance from the plate centre; negative on the other side of the plate.",
+            _EXAMPLE,
+            required=True,
+        ),
+    }
+)
+KEYS = {
+    "text": Key(
+        Table(
+            {
+                "delimiter": Key(Choice(DELIMITERS), meaning="Sign between columns."),
+                "decimal": Key(Choice((".", ",")), meaning="Decimal sign."),
+                "encoding": Key(Encoding(), meaning="Encoding of the text."),
+                "skip_lines": Key(Integer(0, 100_000), meaning="Lines before the names."),
+                "names": Key(Flag(), meaning="True: a line with names precedes the numbers."),
+                "units_line": Key(Flag(), meaning="True: a line with units follows the names."),
+            }
+        ),
+        meaning="Layout of the text.",
+    ),
+    "time": Key(
+        Table(
+            {
+                **_column_keys("time"),
+                "sampling_rate_hz": Key(
+                    Number("Hz", above=0), "rate", "Sampling rate, in place of a column."
+                ),
+                "trigger_s": Key(
+                    Number("s"), "trigger", "Time of the trigger by the clock of the file."
+                ),
+            }
+        ),
+        meaning="Time of the samples.",
+        hint=_EXAMPLE,
+        required=True,
+    ),
+    "load": Key(
+        Table(_signed(_column_keys("load"))), meaning="Load.", hint=_EXAMPLE, required=True
+    ),
+    "sensor": Key(
+        Array(Table(_SENSOR_KEYS), min_items=1),
+        "sensors",
+        "Sensors, one table each.",
+        _EXAMPLE,
+        required=True,
+    ),
+    "drop": Key(
+        Table({"column": Key(_PLACE, meaning="Column with the number of the drop.")}),
+        meaning="Number of the drop; without it the file is one drop.",
+    ),
+}
+"""Keys of a column map; the others declare the measurement, as in a header."""
 
-    def _section(self, name: str, *, needed: bool = True) -> dict[str, Any]:
-        table = self._table.pop(name, None if needed else {})
-        if not isinstance(table, dict):
-            raise self._error(name, f"a table [{name}]", table)
-        return table
 
-    def _choice(self, table: dict[str, Any], name: str, default: str | None, among: Any) -> str:
-        value = table.pop(name.rpartition(".")[2], default)
-        if not isinstance(value, str) or value not in among:
-            raise self._error(name, "one of " + ", ".join(map(repr, among)), value)
-        return value
+def parse_map(table: Mapping[str, Any], file: str) -> ColumnMap:
+    """Return the column map of a table.
 
-    def _encoding(self, table: dict[str, Any]) -> str:
-        value = table.pop("encoding", "utf-8-sig")
-        try:
-            # Some codecs are none of texts (hex, zip).
-            known = isinstance(value, str) and codecs.lookup(value)._is_text_encoding
-        except (LookupError, ValueError):
-            known = False
-        if not known:
-            raise self._error("text.encoding", "an encoding such as utf-8 or cp1252", value)
-        return str(value)
+    Raises
+    ------
+    TraceError
+        If a key is missing or unknown, or a value is not accepted.
+    """
+    own = {key: value for key, value in table.items() if key in KEYS}
+    values = TableReader(TraceError, file).read(own, KEYS)
+    text, time, drop = (values.get(key, {}) for key in ("text", "time", "drop"))
+    column_map = ColumnMap(
+        file=file,
+        delimiter=DELIMITERS[text.get("delimiter", ",")],
+        decimal=text.get("decimal", "."),
+        encoding=text.get("encoding", "utf-8-sig"),
+        skip_lines=text.get("skip_lines", 0),
+        names=text.get("names", True),
+        units_line=text.get("units_line", False),
+        time=_column(time, "time", f"{file}, time") if "column" in time else None,
+        rate=time.get("rate"),
+        trigger=time.get("trigger", 0.0),
+        load=_column(values["load"], "load", f"{file}, load"),
+        sensors=tuple(
+            SensorColumn(
+                _column(sensor, sensor["quantity"], f"{file}, sensor[{number}]"),
+                sensor["quantity"],
+                sensor["offset"],
+            )
+            for number, sensor in enumerate(values["sensors"], 1)
+        ),
+        drop=drop.get("column"),
+        declarations={
+            key: Declaration(value, file) for key, value in table.items() if key not in KEYS
+        },
+    )
+    _refuse_contradictions(column_map)
+    return column_map
 
-    def _number(self, table: dict[str, Any], name: str, default: float | None) -> float | None:
-        value = table.pop(name.rpartition(".")[2], default)
-        if value is None:
-            return None
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self._error(name, "a number", value)
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
-        if not math.isfinite(number):
-            raise self._error(name, "a finite number", value)
-        return number
 
-    def _count(self, table: dict[str, Any], name: str) -> int:
-        value = table.pop(name.rpartition(".")[2], 0)
-        if type(value) is not int or not 0 <= value <= 100_000:
-            raise self._error(name, "a whole number >= 0", value)
-        return value
+def _column(values: Mapping[str, Any], quantity: str, where: str) -> Column:
+    if "column" not in values:
+        raise TraceError(refusal(f"{where}.column", _PLACE.expected, "none", _EXAMPLE))
+    units = UNITS[quantity]
+    if ("unit" in values) == ("factor" in values):
+        got = "both" if "unit" in values else "neither"
+        expected = f"either unit ({', '.join(units)}) or factor to SI"
+        raise TraceError(refusal(where, expected, got, _EXAMPLE))
+    if "unit" in values:
+        Key(Choice(units), hint=_EXAMPLE).check(values["unit"], f"{where}.unit", TraceError)
+    factor = units[values["unit"]] if "unit" in values else values["factor"]
+    return Column(values["column"], -factor if values.get("positive") == "up" else factor)
 
-    def _flag(self, table: dict[str, Any], name: str, default: bool) -> bool:
-        value = table.pop(name.rpartition(".")[2], default)
-        if not isinstance(value, bool):
-            raise self._error(name, "true or false", value)
-        return value
 
-    def _refuse_unknown(self, name: str, table: Mapping[str, Any]) -> None:
-        if table:
-            raise self._error(name, "known keys only", ", ".join(table))
+def _refuse_contradictions(column_map: ColumnMap) -> None:
+    def require(holds: bool, key: str, expected: str, got: object) -> None:
+        if not holds:
+            place = f"{column_map.file}, {key}"
+            raise TraceError(refusal(place, expected, quote(got), _EXAMPLE))
 
-    def _error(self, name: str, expected: str, came: object) -> TraceError:
-        text = "none" if came is None else quote(came)
-        hint = "an example is examples/column-map.toml"
-        return TraceError(refusal(f"{self._file}, {name}", expected, text, hint))
+    has_time, has_rate = column_map.time is not None, column_map.rate is not None
+    got = "both" if has_time else "neither"
+    require(has_time != has_rate, "time", "either column or sampling_rate_hz", got)
+    distinct = column_map.decimal != column_map.delimiter
+    require(distinct, "text.decimal", "another sign than the delimiter", column_map.decimal)
+    columns = [column_map.load, *(sensor.where for sensor in column_map.sensors)]
+    columns += [column_map.time] if column_map.time else []
+    places = [column.column for column in columns]
+    places += [] if column_map.drop is None else [column_map.drop]
+    require(len(set(places)) == len(places), "column", "every column once", places)
+    named = any(isinstance(place, str) for place in places)
+    expected = "positions from 1, as the file has no names"
+    require(column_map.names or not named, "column", expected, places)
+    kinds = [(sensor.quantity, sensor.offset) for sensor in column_map.sensors]
+    require(len(set(kinds)) == len(kinds), "sensor", "every sensor at a place of its own", kinds)

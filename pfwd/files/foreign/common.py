@@ -280,7 +280,7 @@ def position_of(latitude: object, longitude: object) -> dict[str, float]:
 def temperature_of(value: object) -> float | None:
     """A temperature in degrees Celsius; None when it is none, or one that no ground has."""
     number = finite(value)
-    return number if number is not None and KEYS["temperature_c"].accepts(number) else None
+    return number if number is not None and KEYS["temperature_c"].value.accepts(number) else None
 
 
 def moment_of(text: object) -> dict[str, str]:

@@ -22,11 +22,11 @@ from pfwd.files.header import PointSetup
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"plate_radius": 0.0}, "--plate-radius: expected plate_radius_m: a number >= 0.01"),
-        ({"plate_radius": 1e-9}, "--plate-radius: expected plate_radius_m: a number >= 0.01"),
-        ({"poisson_ratio": 0.5}, "--poisson-ratio: .* got 0.5; 0.5 is an incompressible"),
-        ({"density": -1.0}, "--density: expected density_kg_m3"),
-        ({"plate_mass": float("nan")}, "--plate-mass: expected plate_mass_kg"),
+        ({"plate_radius": 0.0}, "--plate-radius, plate_radius_m: expected a number >= 0.01"),
+        ({"plate_radius": 1e-9}, "--plate-radius, plate_radius_m: expected a number >= 0.01"),
+        ({"poisson_ratio": 0.5}, "--poisson-ratio, .* got 0.5; 0.5 is an incompressible"),
+        ({"density": -1.0}, "--density, density_kg_m3: expected"),
+        ({"plate_mass": float("nan")}, "--plate-mass, plate_mass_kg: expected"),
         ({"bedrock_depth": 0.0}, "--bedrock-depth: expected a number from 0.01 .* got 0"),
         ({"bedrock_depth": 1e300}, r"--bedrock-depth: expected .* to 10000, .* got 1e\+300"),
         ({"layers": 2, "thickness": (1e300,)}, "--thickness: expected numbers > 0 up to 10000"),

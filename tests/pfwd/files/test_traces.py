@@ -141,7 +141,7 @@ def test_an_option_supplies_a_missing_plate_radius(write: Write) -> None:
 
 def test_a_bad_value_in_a_header_file_is_found_there(write: Write) -> None:
     header = write(["# mine", "", 'plate_radius_m = "0.15"'], "setup.toml")
-    with pytest.raises(TraceError, match=r"setup\.toml, line 3: expected plate_radius_m: a number"):
+    with pytest.raises(TraceError, match=r"setup\.toml, line 3, plate_radius_m: expected a number"):
         read_traces(write([*HEADER, NAMES, *rows()]), header)
 
 

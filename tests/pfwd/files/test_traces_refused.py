@@ -15,29 +15,29 @@ from tests.pfwd.files.trace_lines import HEADER, NAMES, Write, rows
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("plate_mass_kg = -1", "expected plate_mass_kg: a number >= 0, in kg, got -1"),
+        ("plate_mass_kg = -1", "plate_mass_kg: expected a number >= 0, in kg, got -1"),
         ("plate_mass_kg = nan", "got nan"),
-        ("plate_mass_kg = true", "expected plate_mass_kg: a number >= 0, in kg, got True"),
+        ("plate_mass_kg = true", "plate_mass_kg: expected a number >= 0, in kg, got True"),
         ('plate_mass_kg = "5"', "got '5'"),
-        ("poisson_ratio = -0.1", "expected poisson_ratio: 0 <= number < 0.5, got -0.1"),
+        ("poisson_ratio = -0.1", "poisson_ratio: expected a number >= 0 and < 0.5, got -0.1"),
         ("poisson_ratio = 0.5", "got 0.5; 0.5 is an incompressible soil.*use 0.49"),
-        ("density_kg_m3 = 0", "expected density_kg_m3: a number > 0, in kg/m3, got 0"),
+        ("density_kg_m3 = 0", "density_kg_m3: expected a number > 0, in kg/m3, got 0"),
         ("density_kg_m3 = inf", "got inf"),
         ("density_kg_m3 = 1" + 400 * "0", r"got 10+\.\.\."),
-        ("bedrock_depth_m = 0", "expected bedrock_depth_m: a number from 0.01 to 10000, in m, or"),
+        ("bedrock_depth_m = 0", "bedrock_depth_m: expected a number from 0.01 to 10000, in m, or"),
         ("bedrock_depth_m = 1e300", "to 10000, in m, or inf for none, got 1e\\+300"),
         ("bedrock_depth_m = -inf", "got -inf"),
-        ('centre_sensor = "hole"', 'expected centre_sensor: "plate" or "ground", got \'hole\''),
-        ("geophone_damping = 0", "expected geophone_damping: a number > 0, got 0"),
-        ("geophone_natural_frequency_hz = -1", "a number > 0, in Hz, or 0 .*, got -1"),
-        ("load_filter_hz = 0", "expected load_filter_hz"),
-        ("load_delay_s = inf", "expected load_delay_s: a finite number, in s, got inf"),
-        ("seating_drops = -1", "expected seating_drops: a whole number >= 0, got -1"),
+        ('centre_sensor = "hole"', 'centre_sensor: expected "plate" or "ground", got \'hole\''),
+        ("geophone_damping = 0", "geophone_damping: expected a number > 0, got 0"),
+        ("geophone_natural_frequency_hz = -1", "a number >= 0, in Hz, got -1; 0 where"),
+        ("load_filter_hz = 0", "load_filter_hz: expected"),
+        ("load_delay_s = inf", "load_delay_s: expected a finite number, in s, got inf"),
+        ("seating_drops = -1", "seating_drops: expected a whole number >= 0, got -1"),
         ("seating_drops = 1.0", "got 1.0"),
         ("seating_drops = true", "got True"),
-        ("model_floor_m = -1e-6", "expected model_floor_m"),
-        ("site = true", "expected site: text in quotation marks or a finite number, got True"),
-        ("latitude = nan", "expected latitude"),
+        ("model_floor_m = -1e-6", "model_floor_m: expected"),
+        ("site = true", "site: expected text in quotation marks or a finite number, got True"),
+        ("latitude = nan", "latitude: expected"),
         ("plate_mass_kg = 5,0", "expected one TOML key = value, got 'plate_mass_kg = 5,0'"),
         ("site = km 12", "text goes in quotation marks"),
         ("measured on a rainy day", "expected one TOML key = value"),
@@ -50,14 +50,14 @@ from tests.pfwd.files.trace_lines import HEADER, NAMES, Write, rows
 def test_a_bad_header_line_is_refused_with_its_number(
     write: Write, line: str, message: str
 ) -> None:
-    with pytest.raises(TraceError, match=f"point.csv, line 3: .*{message}"):
+    with pytest.raises(TraceError, match=f"point.csv, line 3.*{message}"):
         read_traces(write([*HEADER, f"# {line}", NAMES, *rows()]))
 
 
 @pytest.mark.parametrize("radius", ["0", "-0.15", "inf", "nan", "true", '"0.15"'])
 def test_a_bad_plate_radius_is_refused(write: Write, radius: str) -> None:
     lines = ["# pfwd-traces = 1", f"# plate_radius_m = {radius}", NAMES, *rows()]
-    with pytest.raises(TraceError, match=r"line 2: expected plate_radius_m: a number >= 0\.01"):
+    with pytest.raises(TraceError, match=r"line 2, plate_radius_m: expected a number >= 0\.01"):
         read_traces(write(lines))
 
 

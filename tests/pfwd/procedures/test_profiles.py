@@ -131,17 +131,26 @@ def test_targets_are_chosen_by_moisture_and_material() -> None:
     [
         (("pfwd-procedure = 1", "pfwd-procedure = 2"), "expected pfwd-procedure = 1, got 2"),
         (("name = ", "nmae = "), "got 'nmae'; did you mean name"),
-        (("value = 2, ", "value = 2.5, "), r"\[drops\] seating: expected a whole number from 0"),
-        (("value = 3, ", "value = 0, "), r"\[drops\] measured: expected a whole number from 1"),
+        (
+            ("value = 2, ", "value = 2.5, "),
+            r"drops\.seating\.value: expected a whole number from 0",
+        ),
+        (("value = 3, ", "value = 0, "), r"drops\.measured\.value: expected a whole number from 1"),
         (('{ value = 2.0, source = "contract 7, 2", verified = true }', "2.0"), "with its source"),
-        ((", verified = true }\nmeasured", " }\nmeasured"), "verified, true or false, got none"),
-        (('source = "contract 7, 2"', 'source = " "'), "expected source, a text"),
-        (("value = 2.0", "value = -2.0"), r"\[formula\] factor: expected a number > 0"),
-        (("value = 2.0", "value = nan"), "expected value, a finite number"),
-        (('"E_LWD"', '"E_v2"'), "quantity, one of E_vd, E_LWD, modulus, deflection, got 'E_v2'"),
+        (
+            (", verified = true }\nmeasured", " }\nmeasured"),
+            "verified: expected true or false, got none",
+        ),
+        (('source = "contract 7, 2"', 'source = " "'), "source: expected text"),
+        (("value = 2.0", "value = -2.0"), r"formula\.factor\.value: expected a number > 0"),
+        (("value = 2.0", "value = nan"), "value: expected a number > 0, got nan"),
+        (('"E_LWD"', '"E_v2"'), 'quantity: expected "E_vd" or .* or "deflection", got .E_v2'),
         (("[formula]", "[formulas]"), "did you mean formula"),
-        (("[formula]", "[checks]\nleast_load = 3\n[formula]"), r"\[checks\]: expected a key"),
-        (("factor =", "poisson_ratio ="), r"\[formula\] poisson_ratio: expected 0 <= number"),
+        (("[formula]", "[checks]\nleast_load = 3\n[formula]"), "checks: expected a known key"),
+        (
+            ("factor =", "poisson_ratio ="),
+            r"poisson_ratio\.value: expected a number from 0 to 0\.5",
+        ),
     ],
 )
 def test_a_fault_is_told_with_its_place(change: tuple[str, str], message: str) -> None:
@@ -205,29 +214,47 @@ moisture_from_percent = 5
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (('name = "ours"\n', ""), "expected name, a text, got none"),
-        (('title = "Ours"\n', ""), "expected title, a text, got none"),
-        (('source = "contract 7"\n', ""), "expected source, a text, got none"),
-        (('name = "ours"', 'name = " "'), "expected name, a text, got none"),
-        (('name = "ours"', "name = 7"), "name: expected text in quotation marks, got 7"),
+        (('name = "ours"\n', ""), "name: expected text in quotation marks, not empty, got none"),
+        (('title = "Ours"\n', ""), "title: expected text in quotation marks, not empty, got none"),
+        (
+            ('source = "contract 7"\n', ""),
+            "source: expected text in quotation marks, not empty, got none",
+        ),
+        (('name = "ours"', 'name = " "'), "name: expected text in quotation marks, not empty"),
+        (('name = "ours"', "name = 7"), "name: expected text in quotation marks, not empty, got 7"),
         (("pfwd-procedure = 1", ""), "expected pfwd-procedure = 1, got none"),
         (("pfwd-procedure = 1", "pfwd-procedure = true"), "expected pfwd-procedure = 1"),
-        (('quantity = "E_LWD"\n', ""), "expected quantity, one of .*, got none"),
-        (("quantity =", 'average = "median"\nquantity ='), "average, one of deflection, modulus"),
-        (("value = 2, ", "value = 101, "), r"seating: expected a whole number from 0 to 100"),
-        (("value = 3, ", "value = 100.5, "), r"measured: expected a whole number from 1 to 100"),
-        (("value = 2.0", "value = 0"), r"\[formula\] factor: expected a number > 0, got 0"),
-        (("value = 2.0", "value = true"), "expected value, a finite number, got True"),
-        (("{ value = 2.0, ", "{ "), "expected value, a finite number, got none"),
+        (('quantity = "E_LWD"\n', ""), 'quantity: expected "E_vd" or .*, got none'),
+        (
+            ("quantity =", 'average = "median"\nquantity ='),
+            'average: expected "deflection" or "modulus"',
+        ),
+        (
+            ("value = 2, ", "value = 101, "),
+            r"seating\.value: expected a whole number from 0 to 100",
+        ),
+        (
+            ("value = 3, ", "value = 100.5, "),
+            r"measured\.value: expected a whole number from 1 to 100",
+        ),
+        (("value = 2.0", "value = 0"), r"factor\.value: expected a number > 0, got 0"),
+        (("value = 2.0", "value = true"), "value: expected a number > 0, got True"),
+        (("{ value = 2.0, ", "{ "), "value: expected a number > 0, got none"),
         (("verified = true }\n[formula]", "verified = 1 }\n[formula]"), "true or false, got 1"),
-        (('source = "contract 7, 2", ', ""), "source, a text, got none"),
-        (("[drops]", "drops = 3\n[other]"), "expected a key of a procedure, got 'other'"),
-        (("material = 'gravel'", "material = 3"), r"\[\[targets\]\] 1 material: expected text"),
-        (("percent = 5", "percent = '5'"), "moisture_from_percent: expected a number, in percent"),
-        (("percent = 5", "percent = true"), "moisture_from_percent: expected a number, in percent"),
-        (("value = 45e6", "value = 0"), r"value_pa: expected a number > 0, got 0"),
+        (('source = "contract 7, 2", ', ""), "source: expected text .*, got none"),
+        (("[drops]", "drops = 3\n[other]"), "expected a known key, got 'other'"),
+        (("material = 'gravel'", "material = 3"), r"targets\[1\]\.material: expected text"),
+        (
+            ("percent = 5", "percent = '5'"),
+            "moisture_from_percent: expected a finite number, in percent",
+        ),
+        (
+            ("percent = 5", "percent = true"),
+            "moisture_from_percent: expected a finite number, in percent",
+        ),
+        (("value = 45e6", "value = 0"), r"value_pa\.value: expected a number > 0, in Pa, got 0"),
         (("value_pa", "value_m"), "expected value_pa for E_LWD, got value_m"),
-        (("[[targets]]", "[targets]"), r"targets: expected tables \[\[targets\]\]"),
+        (("[[targets]]", "[targets]"), "targets: expected an array of tables"),
     ],
 )
 def test_every_rule_of_the_format_is_kept(change: tuple[str, str], message: str) -> None:
@@ -244,11 +271,11 @@ def test_what_lies_on_a_bound_is_taken() -> None:
     for ratio in ("0", "0.5"):
         given = f"poisson_ratio = {{ value = {ratio}, source = 'x', verified = true }}\n"
         assert parse_procedure(PLAIN + given, "t").poisson_ratio is not None
-    with pytest.raises(OptionError, match=r"0 <= number <= 0\.5, got 0\.51"):
+    with pytest.raises(OptionError, match=r"a number from 0 to 0\.5, got 0\.51"):
         parse_procedure(PLAIN + given.replace("0.5,", "0.51,"), "t")
     check = "[checks]\nleast_peak_load_n = {{ value = {}, source = 'x', verified = true }}\n"
     assert parse_procedure(PLAIN + check.format(0), "t").checks["least_peak_load_n"].value == 0
-    with pytest.raises(OptionError, match=r"least_peak_load_n: expected a number >= 0"):
+    with pytest.raises(OptionError, match=r"least_peak_load_n\.value: expected a number >= 0"):
         parse_procedure(PLAIN + check.format(-0.5), "t")
 
 
@@ -261,7 +288,7 @@ def test_a_target_of_a_deflection_is_in_metres() -> None:
     text = (PLAIN + TARGET).replace("E_LWD", "deflection").replace("value_pa", "value_m")
     assert parse_procedure(text.replace("45e6", "0.5e-3"), "t").targets[0].value.value == 0.5e-3
     both = text + "value_pa = { value = 45e6, source = 'contract 7', verified = true }\n"
-    with pytest.raises(OptionError, match=r"expected value_m for deflection, got value_m, .*"):
+    with pytest.raises(OptionError, match=r"expected value_m for deflection, got .*value_m"):
         parse_procedure(both, "t")
 
 

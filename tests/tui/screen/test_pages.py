@@ -537,7 +537,7 @@ def test_the_setup_page_checks_what_is_typed(size: tuple[int, int]) -> None:
         await pilot.press(*"0.7")
         await pilot.pause()
         assert field.has_class("wrong")
-        assert "expected 0 <= number < 0.5" in app.text
+        assert "expected a number >= 0 and < 0.5" in app.text
         await pilot.press("ctrl+s")
         assert app.source.starts == 1  # type: ignore[attr-defined]
         field.value = "0.4"

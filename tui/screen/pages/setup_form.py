@@ -152,7 +152,9 @@ def value_of(
         except TraceError as err:
             rule = KEYS[field.name]
             shown = units.unit(field.quantity) if field.quantity else ""
-            raise ValueError(f"expected {rule.expected.split(', in')[0]} {shown}".strip()) from err
+            raise ValueError(
+                f"expected {rule.value.expected.split(', in')[0]} {shown}".strip()
+            ) from err
     elif not 0 < value < math.inf:
         raise ValueError("expected a number > 0")
     if field.kind == "target":

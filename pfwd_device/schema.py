@@ -1,0 +1,405 @@
+"""Schema of the files that people write: keys, accepted values, units and meanings.
+
+A setup, a header, a column map, a procedure and a scenario are TOML tables. Each key is described
+once, by a :class:`Key`. The description serves the reader, its error messages and the JSON Schema
+with which an editor completes and checks a file.
+"""
+
+import dataclasses
+import datetime
+import difflib
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Protocol
+
+from pfwd_device.errors import quote, refusal
+
+JSON_SCHEMA = "https://json-schema.org/draft/2020-12/schema"
+
+_KEY = "pfwd key"
+"""Entry of a dataclass field's metadata that holds the `Key`."""
+
+
+class Value(Protocol):
+    """Kind of value that a key accepts."""
+
+    @property
+    def expected(self) -> str:
+        """Accepted values in words, for a message."""
+        ...
+
+    def accepts(self, value: Any) -> bool:
+        """Return whether a value, as TOML read it, is accepted."""
+        ...
+
+    def convert(self, value: Any) -> Any:
+        """Return an accepted value as the program uses it."""
+        ...
+
+    def json_schema(self) -> dict[str, Any]:
+        """Return the JSON Schema of the accepted values."""
+        ...
+
+
+class _Unchanged:
+    """Mixin for values that the program uses as TOML reads them."""
+
+    def convert(self, value: Any) -> Any:
+        return value
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """Number within limits; whole numbers and infinity only where declared."""
+
+    unit: str = ""
+    above: float = -math.inf
+    """Exclusive lower limit."""
+    minimum: float = -math.inf
+    below: float = math.inf
+    """Exclusive upper limit."""
+    maximum: float = math.inf
+    nonzero: bool = False
+    integral: bool = False
+    """True: the number has no fraction; 3.0 is accepted."""
+    infinity_means: str = ""
+    """Meaning of inf; empty: inf is not accepted."""
+
+    @property
+    def expected(self) -> str:
+        signs = ((">", self.above), (">=", self.minimum), ("<", self.below), ("<=", self.maximum))
+        limits = [f"{sign} {limit:.10g}" for sign, limit in signs if math.isfinite(limit)]
+        if math.isfinite(self.minimum) and math.isfinite(self.maximum):
+            limits = [f"from {self.minimum:.10g} to {self.maximum:.10g}"]
+        if self.nonzero:
+            limits.append("other than 0")
+        kind = "a whole number" if self.integral else "a number" if limits else "a finite number"
+        text = f"{kind} {' and '.join(limits)}".strip()
+        text += f", in {self.unit}" if self.unit else ""
+        return text + (f", or inf for {self.infinity_means}" if self.infinity_means else "")
+
+    def accepts(self, value: Any) -> bool:
+        # bool is an int to Python.
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return False
+        try:
+            number = float(value)
+        except OverflowError:  # an integer of hundreds of digits
+            return False
+        if number == math.inf:
+            return bool(self.infinity_means)
+        return (
+            math.isfinite(number)
+            and self.above < number < self.below
+            and self.minimum <= number <= self.maximum
+            and not (self.nonzero and number == 0)
+            and not (self.integral and number != int(number))
+        )
+
+    def convert(self, value: Any) -> float:
+        return float(value)
+
+    def json_schema(self) -> dict[str, Any]:
+        limits = {
+            "exclusiveMinimum": self.above,
+            "minimum": self.minimum,
+            "exclusiveMaximum": self.below,
+            "maximum": self.maximum,
+        }
+        schema: dict[str, Any] = {"type": "integer" if self.integral else "number"}
+        if not self.infinity_means:
+            schema |= {name: limit for name, limit in limits.items() if math.isfinite(limit)}
+        else:  # inf lies above each upper limit, and JSON has no number for it
+            schema |= {name: v for name, v in list(limits.items())[:2] if math.isfinite(v)}
+        return schema | ({"not": {"const": 0}} if self.nonzero else {})
+
+
+@dataclass(frozen=True, slots=True)
+class Integer(_Unchanged):
+    """Whole number within limits, written without a decimal point."""
+
+    minimum: int
+    maximum: int | None = None
+
+    @property
+    def expected(self) -> str:
+        if self.maximum is None:
+            return f"a whole number >= {self.minimum}"
+        return f"a whole number from {self.minimum} to {self.maximum}"
+
+    def accepts(self, value: Any) -> bool:
+        return (
+            type(value) is int
+            and self.minimum <= value
+            and (self.maximum is None or value <= self.maximum)
+        )
+
+    def json_schema(self) -> dict[str, Any]:
+        top = {} if self.maximum is None else {"maximum": self.maximum}
+        return {"type": "integer", "minimum": self.minimum, **top}
+
+
+@dataclass(frozen=True, slots=True)
+class Text(_Unchanged):
+    """Text of any characters, or of one printable line where its length is limited."""
+
+    max_length: int | None = None
+    """Characters; with a limit the text must be one printable line."""
+    min_length: int = 0
+    """Characters other than blanks that it must have."""
+
+    @property
+    def expected(self) -> str:
+        if self.max_length is None:
+            return "text in quotation marks" + (", not empty" if self.min_length else "")
+        return f"text of {self.min_length} to {self.max_length} letters on one line"
+
+    def accepts(self, value: Any) -> bool:
+        if not isinstance(value, str) or len(value.strip()) < self.min_length:
+            return False
+        return self.max_length is None or (len(value) <= self.max_length and value.isprintable())
+
+    def json_schema(self) -> dict[str, Any]:
+        top = {} if self.max_length is None else {"maxLength": self.max_length}
+        return {"type": "string", **({"pattern": r"\S"} if self.min_length else {}), **top}
+
+
+@dataclass(frozen=True, slots=True)
+class Choice(_Unchanged):
+    """One of several words; a function where the list takes time to make."""
+
+    words: Iterable[str] | Callable[[], Iterable[str]]
+
+    def _words(self) -> list[str]:
+        # An enumeration is both.
+        return list(self.words if isinstance(self.words, Iterable) else self.words())
+
+    @property
+    def expected(self) -> str:
+        return " or ".join(f'"{word}"' for word in self._words())
+
+    def accepts(self, value: Any) -> bool:
+        return isinstance(value, str) and value in self._words()
+
+    def json_schema(self) -> dict[str, Any]:
+        return {"enum": [str(word) for word in self._words()]}
+
+
+@dataclass(frozen=True, slots=True)
+class Flag(_Unchanged):
+    """True or false."""
+
+    expected: ClassVar[str] = "true or false"
+
+    def accepts(self, value: Any) -> bool:
+        return isinstance(value, bool)
+
+    def json_schema(self) -> dict[str, Any]:
+        return {"type": "boolean"}
+
+
+@dataclass(frozen=True, slots=True)
+class Date(_Unchanged):
+    """Date of TOML, without a time."""
+
+    expected: ClassVar[str] = "a date as 2026-05-31, without quotation marks"
+
+    def accepts(self, value: Any) -> bool:
+        return isinstance(value, datetime.date) and not isinstance(value, datetime.datetime)
+
+    def json_schema(self) -> dict[str, Any]:
+        return {"type": "string", "format": "date"}
+
+
+@dataclass(frozen=True, slots=True)
+class AnyOf(_Unchanged):
+    """Value of any of several kinds."""
+
+    kinds: tuple[Value, ...]
+    expected: str
+
+    def accepts(self, value: Any) -> bool:
+        return any(kind.accepts(value) for kind in self.kinds)
+
+    def json_schema(self) -> dict[str, Any]:
+        return {"anyOf": [kind.json_schema() for kind in self.kinds]}
+
+
+@dataclass(frozen=True, slots=True)
+class Table(_Unchanged):
+    """Table with keys of its own; :func:`read_table` reads what is inside."""
+
+    keys: Mapping[str, "Key"]
+    expected: str = "a table"
+
+    def accepts(self, value: Any) -> bool:
+        return isinstance(value, Mapping)
+
+    def json_schema(self) -> dict[str, Any]:
+        return table_schema(self.keys)
+
+
+@dataclass(frozen=True, slots=True)
+class Array(_Unchanged):
+    """Array whose items are of one kind; with a `Table` an array of tables."""
+
+    item: Value
+    min_items: int = 0
+
+    @property
+    def expected(self) -> str:
+        items = "an array of tables" if isinstance(self.item, Table) else "an array"
+        return f"{items} with {self.min_items} or more" if self.min_items else items
+
+    def accepts(self, value: Any) -> bool:
+        return isinstance(value, list | tuple) and len(value) >= self.min_items
+
+    def json_schema(self) -> dict[str, Any]:
+        schema: dict[str, Any] = {"type": "array", "items": self.item.json_schema()}
+        return schema | ({"minItems": self.min_items} if self.min_items else {})
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """Description of one key of a table."""
+
+    value: Value
+    attribute: str = ""
+    """Field that holds the value; empty: it has the name of the key."""
+    meaning: str = ""
+    hint: str = ""
+    """Advice in the message that refuses a value."""
+    required: bool = False
+
+    def check(self, value: object, where: str, error: type[Exception]) -> None:
+        """Raise an error for a value that the key does not accept.
+
+        Parameters
+        ----------
+        value : object
+            Value as TOML read it.
+        where : str
+            File, line and key, for the message.
+        error : type of exception
+        """
+        if not self.value.accepts(value):
+            raise error(refusal(where, self.value.expected, quote(value), self.hint))
+
+
+def describe(value: Value, meaning: str = "", *, key: str = "", hint: str = "") -> dict[str, Any]:
+    """Return the metadata of a dataclass field that a key of a file fills.
+
+    Parameters
+    ----------
+    value : Value
+        Accepted values.
+    meaning : str
+    key : str
+        Name of the key; empty: the name of the field.
+    hint : str
+        Advice in the message that refuses a value.
+    """
+    return {_KEY: (key, Key(value, "", meaning, hint))}
+
+
+def keys_of(class_: type[Any]) -> dict[str, Key]:
+    """Return the keys that fill the fields of a dataclass, by name; see :func:`describe`."""
+    keys = {}
+    for item in dataclasses.fields(class_):
+        if _KEY in item.metadata:
+            name, key = item.metadata[_KEY]
+            missing = item.default is dataclasses.MISSING
+            no_default = missing and item.default_factory is dataclasses.MISSING
+            keys[name or item.name] = dataclasses.replace(
+                key, attribute=item.name, required=no_default
+            )
+    return keys
+
+
+@dataclass(frozen=True, slots=True)
+class TableReader:
+    """Reader of tables whose errors name the file, the key and the value."""
+
+    error: type[Exception]
+    """Class of the errors."""
+    path: str = field(default="")
+    """File, for the messages."""
+
+    def read(self, table: object, keys: Mapping[str, Key], where: str = "") -> dict[str, Any]:
+        """Return the values of a table by attribute, those of tables inside as dictionaries.
+
+        Parameters
+        ----------
+        table : object
+            Value as TOML read it.
+        keys : mapping of str to Key
+        where : str
+            Place of the table in the file: ``channels[2]``; empty: the file itself.
+
+        Raises
+        ------
+        Exception
+            Of the class `error`: a key is unknown or missing, or a value is not accepted.
+        """
+        if not isinstance(table, Mapping):
+            raise self.error(refusal(self._place(where), "a table", quote(table)))
+        for name in table:
+            if name not in keys:
+                raise self.error(unknown_key(name, keys, self._place(where)))
+        values = {}
+        for name, key in keys.items():
+            inner = f"{where}.{name}" if where else name
+            if name in table:
+                values[key.attribute or name] = self._value(key, table[name], inner)
+            elif key.required:
+                raise self.error(refusal(self._place(inner), key.value.expected, "none", key.hint))
+        return values
+
+    def _value(self, key: Key, value: Any, where: str) -> Any:
+        key.check(value, self._place(where), self.error)
+        kind = key.value
+        if isinstance(kind, Table):
+            return self.read(value, kind.keys, where)
+        if isinstance(kind, Array):
+            item_key = dataclasses.replace(key, value=kind.item)
+            items = enumerate(value, 1)
+            return tuple(self._value(item_key, item, f"{where}[{n}]") for n, item in items)
+        return kind.convert(value)
+
+    def _place(self, where: str) -> str:
+        return f"{self.path}, {where}" if self.path and where else self.path or where
+
+
+def unknown_key(name: str, keys: Iterable[str], where: str) -> str:
+    """Return the message that refuses an unknown key and suggests the known ones."""
+    keys = list(keys)
+    similar = difflib.get_close_matches(name, keys, 1)
+    hint = f"did you mean {similar[0]}?" if similar else f"known are {', '.join(keys)}"
+    return refusal(where, "a known key", quote(name), hint)
+
+
+def table_schema(keys: Mapping[str, Key], *, more_keys: bool = False) -> dict[str, Any]:
+    """Return the JSON Schema of a table.
+
+    Parameters
+    ----------
+    keys : mapping of str to Key
+    more_keys : bool
+        True: keys of any other name are accepted.
+    """
+    properties = {}
+    for name, key in keys.items():
+        described = key.value.json_schema()
+        if not isinstance(key.value, Table | Array):
+            described["description"] = f"{key.meaning} Expected {key.value.expected}.".lstrip()
+        elif key.meaning:
+            described["description"] = key.meaning
+        properties[name] = described
+    required = [name for name, key in keys.items() if key.required]
+    return {
+        "type": "object",
+        "properties": properties,
+        **({"required": required} if required else {}),
+        "additionalProperties": more_keys,
+    }
