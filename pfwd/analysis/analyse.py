@@ -147,8 +147,8 @@ def analyse_point(
         for i in group:
             ordered = [records[i], *(records[j] for j in group if j != i)]
             requests[i] = _request_of(ordered, settings, options, screenings[i], point.warnings)
-        if use_stored and point.kept:
-            answers = [stored_answer(point.kept[i], requests[i].question) for i in group]
+        if use_stored and point.survey_drops:
+            answers = [stored_answer(point.survey_drops[i], requests[i].question) for i in group]
             if None not in answers:
                 stored |= {i: answer for i, answer in zip(group, answers, strict=True) if answer}
                 continue
@@ -229,7 +229,7 @@ def analyse_file(
         for point in _read(path, options):
             analyses = analyse_point(point, options, library, use_stored=use_stored)
             results += [drop_result(path, it, point.warnings, point.setup.point) for it in analyses]
-            stored_drops: Sequence[SurveyDrop | None] = point.kept or [None] * len(analyses)
+            stored_drops: Sequence[SurveyDrop | None] = point.survey_drops or [None] * len(analyses)
             numbers += [None if drop is None else drop.number for drop in stored_drops]
     except SurveyError as error:
         return FileOutcome(path, error=str(error))

@@ -23,8 +23,8 @@ import numpy as np
 from pfwd.analysis.options import AS_DECLARED
 from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.errors import SurveyError
+from pfwd.files.folders import open_for_edits
 from pfwd.files.header import PointSetup, declared_values
-from pfwd.files.spare import open_for_edits
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint, read_survey
 from pfwd_device.recording.layout import ResultKind

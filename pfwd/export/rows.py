@@ -16,7 +16,7 @@ from pfwd.analysis.screening.drops import ONLY_PEAKS
 from pfwd.errors import SurveyError
 from pfwd.export.columns import COLUMNS
 from pfwd.files.header import Declaration, setup_from
-from pfwd.files.imported import on_rig
+from pfwd.files.importing import on_rig
 from pfwd.judging import DropView, Job, PointView, job_of, point_view
 from pfwd.judging.places import Place, local_of, number, place_of, utc_of
 from pfwd.notice_texts import STIFFNESS_TEST

@@ -1,1 +1,1 @@
-"""Files: trace files and their headers, surveys as points, what is said of them afterwards."""
+"""Files: trace files and their headers, surveys with their points, edits and photos."""

@@ -1,4 +1,4 @@
-"""Helpers for writing files: errors in one line, replacement in one step, synchronisation."""
+"""Writing of files: errors in one line, replacement in one step, synchronisation."""
 
 import contextlib
 import os

@@ -1,16 +1,15 @@
-"""Edits of the points and drops of a survey; nothing that was recorded is changed."""
+"""Edits and events of a survey; nothing that was recorded is changed."""
 
 import json
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from pfwd.errors import OptionError, TraceError, quote, refusal
-from pfwd.files.folders import refuse_no_survey
+from pfwd.files.folders import open_for_edits, refuse_no_survey, spare_folder
 from pfwd.files.moving import move_with, point_called, restore_with
-from pfwd.files.spare import open_for_edits, spare_folder
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import Survey, SurveyDrop, SurveyPoint, SurveyWriter, read_survey
 from pfwd_device.recording.index import no_collections
@@ -18,6 +17,7 @@ from pfwd_device.recording.record import point_name
 
 __all__ = [
     "Edit",
+    "add_events",
     "choose_drop",
     "choose_point",
     "edit_survey",
@@ -33,12 +33,12 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Edit:
-    """One thing to say."""
+    """Change of one property of a point or drop."""
 
     what: str
     """note, target, discard, restore, position, name, operator or declared."""
     value: Any = None
-    """As JSON knows it."""
+    """JSON data."""
 
 
 def edit_survey(
@@ -56,12 +56,12 @@ def edit_survey(
     point : str, optional
         Name of the point; None: the only one.
     drop : int, optional
-        Number of the drop within the point; None: the edit is about the point.
+        Number of the drop within the point; None: the edit concerns the point.
 
     Returns
     -------
     Survey
-        With the edits.
+        The survey with the edits.
 
     Raises
     ------
@@ -91,10 +91,31 @@ def edit_survey(
         return writer.contents()
 
 
+def add_events(
+    folder: str | os.PathLike[str], events: Iterable[tuple[str, Mapping[str, Any]]]
+) -> None:
+    """Add events to a survey that no program measures into.
+
+    Parameters
+    ----------
+    folder : path of a survey
+    events : iterable of name and details
+
+    Raises
+    ------
+    SurveyError, RecordingError
+        If it is no survey, or another program writes it.
+    """
+    refuse_no_survey(folder)
+    with open_for_edits(folder) as writer:
+        for kind, details in events:
+            writer.note_event(kind, details)
+
+
 def move_drop(
     folder: str | os.PathLike[str], point: str | None, drop: int | None, to: str
 ) -> Survey:
-    """Move a drop of a survey that nobody writes now to another point, known or new.
+    """Move a drop of a survey that no program writes to another point, present or new.
 
     Parameters
     ----------
@@ -104,12 +125,12 @@ def move_drop(
     drop : int, optional
         Number of the drop within it.
     to : str
-        Name of the point where it belongs.
+        Name of the right point.
 
     Returns
     -------
     Survey
-        As it is after it.
+        The survey after the move.
 
     Raises
     ------
@@ -140,13 +161,12 @@ def _refuse_contradictions(survey: Survey, chosen: SurveyPoint, edits: Sequence[
         except RecordingError as err:
             expected = "a name of 1 to 64 characters"
             raise OptionError(refusal("--name", expected, quote(edit.value))) from err
-        others = [point for point in survey.points if point is not chosen]
-        if any(name in (point.name, point.title) for point in others):
+        if any(name in (point.name, point.title) for point in survey.points if point is not chosen):
             raise OptionError(refusal("--name", "a name that no other point has", quote(name)))
 
 
 def choose_point(survey: Survey, name: str | None) -> SurveyPoint:
-    """A point by its name or title; None: the only one. Raises OptionError."""
+    """Return a point by its name or title; None: the only one. Raises OptionError."""
     names = [point.name for point in survey.points]
     if name is None and len(names) == 1:
         return survey.points[0]
@@ -161,17 +181,17 @@ def choose_point(survey: Survey, name: str | None) -> SurveyPoint:
 
 
 def choose_drop(point: SurveyPoint, number: int) -> SurveyDrop:
-    """A drop by its number within the point. Raises OptionError."""
+    """Return a drop by its number within the point. Raises OptionError."""
     for drop in point.drops:
         if drop.drop == number:
             return drop
-    known = ", ".join(str(drop.drop) for drop in point.drops) or "there are none"
-    expected = f"a drop of point {point.name} ({known})"
+    numbers = ", ".join(str(drop.drop) for drop in point.drops) or "there are none"
+    expected = f"a drop of point {point.name} ({numbers})"
     raise OptionError(refusal("--drop", expected, str(number)))
 
 
 def parse_position(text: str) -> dict[str, float]:
-    """Latitude and longitude in degrees, north and east positive, with a comma between them.
+    """Parse latitude and longitude in degrees, north and east positive, separated by a comma.
 
     Raises
     ------
@@ -189,7 +209,7 @@ def parse_position(text: str) -> dict[str, float]:
 
 
 def parse_declaration_option(text: str) -> dict[str, Any]:
-    """A key of a trace file's header and its value, as plate_mass_kg=12.5.
+    """Parse a key of a trace file's header with its value, as plate_mass_kg=12.5.
 
     Raises
     ------
@@ -213,7 +233,7 @@ def parse_declaration_option(text: str) -> dict[str, Any]:
 
 
 def target_pa(megapascals: float) -> float:
-    """A target modulus in Pa.
+    """Return a target modulus in Pa.
 
     Raises
     ------
@@ -225,7 +245,7 @@ def target_pa(megapascals: float) -> float:
 
 
 def survey_overview(folder: str | os.PathLike[str]) -> list[dict[str, Any]]:
-    """Every point with what was said of it, one record each.
+    """Return a record of each point with its declarations and edits.
 
     Raises
     ------
@@ -234,35 +254,34 @@ def survey_overview(folder: str | os.PathLike[str]) -> list[dict[str, Any]]:
     """
     refuse_no_survey(folder)
     survey = read_survey(folder)
-    found = overview_of(survey)
+    overview = overview_of(survey)
     survey.close()
-    return found
+    return overview
 
 
 def overview_of(survey: Survey) -> list[dict[str, Any]]:
-    """As :func:`survey_overview`, of a survey that has been read."""
-    return [_overview(point) for point in survey.points]
-
-
-def _overview(point: SurveyPoint) -> dict[str, Any]:
-    return {
-        "point": point.name,
-        "name": point.title,
-        "order": point.order,
-        "discarded": point.discarded,
-        "notes": list(point.notes),
-        "position": point.position,
-        "target_pa": point.target,
-        "declared": point.declared,
-        "drops": [
-            {
-                "drop": drop.drop,
-                "record": drop.number,
-                "discarded": drop.discarded,
-                "notes": list(drop.notes),
-                "position": drop.position,
-                "results": drop.result_count,
-            }
-            for drop in point.drops
-        ],
-    }
+    """Return the records of :func:`survey_overview` for a survey in memory."""
+    return [
+        {
+            "point": point.name,
+            "name": point.title,
+            "order": point.order,
+            "discarded": point.discarded,
+            "notes": list(point.notes),
+            "position": point.position,
+            "target_pa": point.target,
+            "declared": point.declared,
+            "drops": [
+                {
+                    "drop": drop.drop,
+                    "record": drop.number,
+                    "discarded": drop.discarded,
+                    "notes": list(drop.notes),
+                    "position": drop.position,
+                    "results": drop.result_count,
+                }
+                for drop in point.drops
+            ],
+        }
+        for point in survey.points
+    ]

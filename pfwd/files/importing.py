@@ -1,4 +1,7 @@
-"""Takes drops from files into a survey."""
+"""Import of drops from files into a survey.
+
+An exported survey is imported with counts, metadata, edits and results.
+"""
 
 import contextlib
 import dataclasses
@@ -6,30 +9,66 @@ import datetime
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pfwd.errors import SurveyError, quote, refusal
-from pfwd.files.folders import is_survey
+from pfwd.files.folders import is_survey, spare_folder
 from pfwd.files.foreign.common import Channels
-from pfwd.files.header import PointSetup, declared_values
-from pfwd.files.imported import Imported, kind_of, remarks_of
-from pfwd.files.importing_survey import import_survey, read_exported
+from pfwd.files.header import IMPORTED, declared_values
 from pfwd.files.output_path import refuse_inside_survey
 from pfwd.files.reading import read_points
-from pfwd.files.spare import spare_folder
-from pfwd.files.survey_file import is_survey_file
+from pfwd.files.survey_file import is_survey_file, read_survey_file
 from pfwd.files.traces import TracePoint
 from pfwd.procedures.judging import RULES_EVENT, RULES_VERSION
 from pfwd_device import Drop
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
+from pfwd_device.recording import (
+    DropRecord,
+    SurveyDrop,
+    SurveyPoint,
+    SurveyWriter,
+    read_survey,
+)
 from pfwd_device.recording.drop_file import software_version
+from pfwd_device.recording.index import EDITS
+from pfwd_device.recording.payload import encode_json
 from pfwd_device.recording.record import point_name
 from pfwd_device.recording.survey_content import SurveyContent
 from pfwd_device.text import LONGEST_TEXT, clean
+
+MAX_EDIT_CHARACTERS = 65_536
+"""Characters of JSON that a survey accepts as one edit."""
+
+MAX_REMARK_KINDS = 3
+"""Kinds of omitted edits that a remark lists; a file may hold any number."""
+
+Kind = Literal["traces", "peaks", "stiffness"]
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """Imported drop, refused file, or remark on a file."""
+
+    file: str
+    point: str = ""
+    number: int = 0
+    """Number of the drop within the point."""
+    record: int = 0
+    """Number of the drop within the survey."""
+    before: bool = False
+    """True if the survey had this drop before: nothing is imported twice."""
+    error: str | None = None
+    """Reason of the refusal; None: not refused."""
+    remark: str | None = None
+    """Omissions from a file whose drops were imported; then this is no drop."""
+    kind: Kind = "traces"
+    """Kind of the record: time histories on the ground or on a rig of springs, or peaks."""
+    remarks: tuple[str, ...] = ()
+    """Remarks on how its file was read."""
 
 
 def import_files(
@@ -40,22 +79,21 @@ def import_files(
     column_map: str | None = None,
     channels: Channels | None = None,
 ) -> Iterator[Imported]:
-    """Import the drops of files; a refused file does not keep the others out.
+    """Import the drops of files; after a refused file the others follow.
 
-    A point is named as its file declares it, else after the file. The same drop is never imported
-    twice; another drop with a number that is taken gets the next free one.
+    A point has the name that its file declares, else that of the file. The same drop is never
+    imported twice; another drop with an assigned number gets the next free one. Without a header an
+    exported survey is imported with counts, metadata, edits and results.
 
     Parameters
     ----------
     files : sequence of str
-        Whatever `read_points` takes.
-    survey : path of a folder, new or begun
+        Files that `read_points` accepts.
+    survey : path of a folder, new or a survey
     header : path of a TOML file, optional
-        Its keys win over those of the files.
+        Its keys override those of the files.
     column_map, channels : optional
         As for `read_points`.
-
-    Without a header an exported survey is taken whole: counts, metadata, edits, results and all.
 
     Yields
     ------
@@ -76,22 +114,23 @@ def import_files(
             exported: SurveyContent | None = None
             try:
                 if header is None and is_survey_file(file):
-                    exported = read_exported(file)
+                    exported = read_survey_file(file)
                 else:
                     points = read_points(file, header, column_map=column_map, channels=channels)
                 names = [_name_of(point, file) for point in points]
                 if exported is None and not any(point.drops for point in points):
                     raise SurveyError(refusal(file, "at least one drop", "none"))
-            except SurveyError as err:
+            except (SurveyError, RecordingError) as err:
                 yield Imported(file, error=str(err))
                 continue
             if writer is None:
-                # Files of which none can be read leave no survey behind.
-                opened = SurveyWriter.open(survey, spare=spare_folder(), fall_back=False)
-                writer = stack.enter_context(opened)
+                # Opened now, so that unreadable files leave no survey behind.
+                writer = stack.enter_context(
+                    SurveyWriter.open(survey, spare=spare_folder(), fall_back=False)
+                )
                 before = {drop.number: drop.drop for drop in read_survey(writer.folder).drops}
                 if not before and exported is None:
-                    # An exported survey brings its own events along.
+                    # An exported survey has its own events.
                     writer.note_event(RULES_EVENT, {"version": RULES_VERSION})
             if exported is not None:
                 yield from import_survey(writer, file, exported, before)
@@ -103,7 +142,7 @@ def import_files(
 
 
 def _name_of(point: TracePoint, file: str) -> str:
-    """Of the test point: as declared, else after the file, whose name may be long."""
+    """Return the declared name of a test point, else that of its file, shortened if necessary."""
     if point.setup.point is not None:
         try:
             return point_name(str(point.setup.point))
@@ -125,13 +164,13 @@ def _import_drop(
     drop: Drop,
     before: Mapping[int, int],
 ) -> Imported:
-    declared = _plain(point.setup)
+    # As JSON data: what a survey returns when it is read again.
+    declared = dict(json.loads(json.dumps(declared_values(point.setup), default=str)))
     key = _fingerprint(drop, declared)
     kind, remarks = kind_of(drop, declared), remarks_of(declared)
-    known = writer.find_key(key)
-    if known is None:
-        taken = writer.next_number(name)
-        number = drop.number if drop.number >= taken else taken
+    stored = writer.find_key(key)
+    if stored is None:
+        number = max(drop.number, writer.next_number(name))
         metadata = {
             "key": key,
             "imported_from": os.path.basename(file),
@@ -143,21 +182,187 @@ def _import_drop(
         saved = writer.save_drop(record)
         writer.publish(saved)
         return Imported(file, record.point, number, saved, kind=kind, remarks=remarks)
-    there = before.get(known, drop.number)
-    return Imported(file, name, there, known, before=True, kind=kind, remarks=remarks)
-
-
-def _plain(setup: PointSetup) -> dict[str, Any]:
-    """What is declared, as JSON knows it."""
-    text = json.dumps(declared_values(setup), default=str)
-    return dict(json.loads(text))
+    number = before.get(stored, drop.number)
+    return Imported(file, name, number, stored, before=True, kind=kind, remarks=remarks)
 
 
 def _fingerprint(drop: Drop, declared: dict[str, Any]) -> str:
-    """The same for the same drop declared alike, wherever its file stands."""
+    """Return a key that depends on samples, number and declarations of a drop alone."""
     digest = hashlib.sha256(json.dumps(declared, sort_keys=True).encode())
     if drop.only_peaks is not None:
         digest.update(json.dumps(dataclasses.astuple(drop.only_peaks)).encode())
     for values in (drop.time, drop.load, *(channel.values for channel in drop.channels)):
         digest.update(values.tobytes())
     return f"import/{drop.number}/{digest.hexdigest()}"
+
+
+def import_survey(
+    writer: SurveyWriter, file: str, content: SurveyContent, before: MutableMapping[int, int]
+) -> Iterator[Imported]:
+    """Import every drop with its edits and results; nothing is imported twice.
+
+    Edits that this version does not support, of a newer version perhaps, are omitted; one remark at
+    the end lists them.
+
+    Parameters
+    ----------
+    writer : SurveyWriter
+    file : str
+        Path of the exported survey, for messages.
+    content : SurveyContent
+        Content of that file.
+    before : mapping of number within the survey to number within the point
+        Drops of the survey; imported ones are added.
+
+    Yields
+    ------
+    Imported
+
+    Raises
+    ------
+    RecordingError
+        If the survey cannot be written.
+    """
+    survey = read_survey(writer.folder)
+    omitted: Counter[str] = Counter()
+    points = {point.name: point for point in survey.points}
+    drops = {drop.number: drop for drop in survey.drops}
+    for point in content.points:
+        if point.name not in points:
+            writer.add_point(point.name, _declared_first(point))
+    for drop in content.drops:
+        yield _import_stored_drop(writer, file, content, drop, before, drops, omitted)
+    for point in content.points:
+        present = points.get(point.name)
+        edits = _missing(point.edits, present.edits if present else ())
+        for edit in _supported_edits(edits, omitted):
+            writer.edit(edit["what"], edit.get("value"), point=point.name)
+    for check in _well_formed(_missing(content.checks, survey.checks), "check", omitted):
+        writer.save_check(dict(check.get("details") or {}))
+    for event in _well_formed(_missing(content.events, survey.events), "event", omitted):
+        if event.get("event") != "recovery":  # which concerns files of the other folder
+            writer.note_event(str(event.get("event")), dict(event.get("details") or {}))
+    if omitted:
+        yield Imported(file, remark=_omission_remark(file, omitted))
+
+
+def _import_stored_drop(
+    writer: SurveyWriter,
+    file: str,
+    content: SurveyContent,
+    drop: SurveyDrop,
+    before: MutableMapping[int, int],
+    drops: Mapping[int, SurveyDrop],
+    omitted: Counter[str],
+) -> Imported:
+    # A drop without a key of its own gets one, so that it is not imported twice.
+    key = drop.key or f"export/{content.survey_id}/{drop.number}"
+    stored = writer.find_key(key)
+    if stored is not None:
+        edits = drops[stored].edits if stored in drops else ()
+        for edit in _supported_edits(_missing(drop.edits, edits), omitted):
+            writer.edit(edit["what"], edit.get("value"), number=stored)
+        number = before.get(stored, drop.drop)
+        return Imported(file, drop.point, number, stored, before=True)
+    try:
+        record, results = drop.read(), drop.read_results()
+    except RecordingError as err:
+        return Imported(file, drop.point, drop.drop, error=str(err))
+    number = max(record.drop.number, writer.next_number(record.point))
+    saved = writer.save_drop(
+        replace(
+            record,
+            drop=replace(record.drop, number=number),
+            metadata={**record.metadata, "key": key},
+        )
+    )
+    writer.publish(saved)
+    for result in results:
+        writer.save_result(saved, result)
+    for edit in _supported_edits(drop.edits, omitted):
+        writer.edit(edit["what"], edit.get("value"), number=saved)
+    before[saved] = number
+    kind, remarks = kind_of(record.drop, record.declared), remarks_of(record.declared)
+    return Imported(file, record.point, number, saved, kind=kind, remarks=remarks)
+
+
+def _declared_first(point: SurveyPoint) -> dict[str, Any]:
+    """Return the declarations of a point that no edit has replaced."""
+    edited = {
+        key
+        for edit in point.edits
+        if edit["what"] == "declared" and isinstance(edit.get("value"), Mapping)
+        for key in edit["value"]
+    }
+    return {key: value for key, value in point.declared.items() if key not in edited}
+
+
+def _supported_edits(
+    edits: Sequence[Mapping[str, Any]], omitted: Counter[str]
+) -> Iterator[Mapping[str, Any]]:
+    """Yield the edits that a survey accepts; count the others."""
+    for edit in edits:
+        if edit["what"] not in EDITS:
+            omitted[f"edit {quote(edit['what'])}"] += 1
+        elif len(encode_json(edit.get("value"))) > MAX_EDIT_CHARACTERS:
+            omitted[f"edit {edit['what']} of more than {MAX_EDIT_CHARACTERS} characters"] += 1
+        else:
+            yield edit
+
+
+def _well_formed(
+    entries: Sequence[Any], kind: str, omitted: Counter[str]
+) -> Iterator[Mapping[str, Any]]:
+    """Yield the entries with the layout of events and checks; count the others."""
+    for entry in entries:
+        if isinstance(entry, Mapping) and isinstance(entry.get("details") or {}, Mapping):
+            yield entry
+        else:
+            omitted[f"{kind} that is none"] += 1
+
+
+def _omission_remark(file: str, omitted: Counter[str]) -> str:
+    count = sum(omitted.values())
+    listed = [f"{name} ({times})" for name, times in omitted.most_common(MAX_REMARK_KINDS)]
+    more = (
+        [f"{len(omitted) - MAX_REMARK_KINDS} other kinds"]
+        if len(omitted) > MAX_REMARK_KINDS
+        else []
+    )
+    return (
+        f"{file}: expected what this version knows, got {count} times something else, which is "
+        f"left out: {', '.join([*listed, *more])}; a newer version of this program may know it"
+    )
+
+
+def _missing(
+    entries: Sequence[Mapping[str, Any]], present: Sequence[Mapping[str, Any]]
+) -> list[Mapping[str, Any]]:
+    """Return the entries that are not present, whatever their times and numbers are."""
+    contents = {_timeless(entry) for entry in present}
+    return [entry for entry in entries if _timeless(entry) not in contents]
+
+
+def _timeless(entry: Any) -> str:
+    if isinstance(entry, Mapping):
+        entry = {key: value for key, value in entry.items() if key not in ("time_utc", "number")}
+    return json.dumps(entry, sort_keys=True, default=str)
+
+
+def kind_of(drop: Drop, declared: Mapping[str, Any]) -> Kind:
+    """Return the kind of a record: time histories on the ground or on a rig, or peaks."""
+    if drop.only_peaks is not None:
+        return "peaks"
+    return "stiffness" if on_rig(declared) else "traces"
+
+
+def on_rig(declared: Mapping[str, Any]) -> bool:
+    """Return whether a drop fell on a rig of springs; see `PointSetup.is_stiffness_test`."""
+    return declared.get("test") == "stiffness" or declared.get("stiffness_n_per_m") is not None
+
+
+def remarks_of(declared: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the remarks on how another program's file was read."""
+    details = declared.get(IMPORTED)
+    remarks = details.get("remarks") if isinstance(details, Mapping) else None
+    return tuple(map(str, remarks)) if isinstance(remarks, list | tuple) else ()

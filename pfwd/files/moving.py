@@ -1,7 +1,7 @@
-"""Moves a drop that was measured under the wrong point; nothing that was recorded is changed.
+"""Move of a drop that was measured under the wrong point; nothing that was recorded is changed.
 
-The same record is saved again under the right point, with where it comes from; under the point
-where it does not belong it is marked as moved, and counts there as if it had not fallen.
+The same record is saved again under the right point, with its origin. Under the wrong point it is
+marked as moved and no longer counts.
 """
 
 from collections.abc import Mapping
@@ -14,11 +14,11 @@ from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyWriter
 from pfwd_device.recording.record import point_name
 
 MOVED_TO = "moved_to"
-"""In the value of a discard: point and number of the drop there."""
+"""Key in the value of a discard: point and number of the moved drop."""
 
 
 def point_called(survey: Survey, to: str) -> str:
-    """Name that the drops of a point have, by its name or title; a new name is returned as it is.
+    """Return the name of a point by its name or title; a new name is returned unchanged.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def move_with(writer: SurveyWriter, drop: SurveyDrop, to: str) -> int:
     Raises
     ------
     OptionError, RecordingError
-        If it is there already, or the disk does not take it.
+        If it has this point already, or cannot be written.
     """
     if drop.point == to:
         raise OptionError(refusal("--move", "another point", f"{quote(to)}, where the drop is"))
@@ -54,7 +54,7 @@ def move_with(writer: SurveyWriter, drop: SurveyDrop, to: str) -> int:
         "moved_from": {"point": drop.point, "drop": drop.drop, "record": drop.number},
     }
     key = record.metadata.get("key")
-    if isinstance(key, str):  # the same samples are recorded twice, and on purpose
+    if isinstance(key, str):  # the same samples are recorded twice on purpose
         metadata["key"] = f"{key}/moved/{drop.number}/{number}"
     moved = DropRecord(
         to,
@@ -83,12 +83,12 @@ def restore_with(writer: SurveyWriter, drop: SurveyDrop) -> SurveyDrop | None:
     Returns
     -------
     SurveyDrop or None
-        The copy, as it was before; None: the drop was not moved.
+        The copy in its former state; None: the drop was not moved.
 
     Raises
     ------
     RecordingError
-        If the disk does not take it.
+        If the survey cannot be written.
     """
     copy = _copy_in_use(writer.contents(), drop)
     if copy is not None:
@@ -99,7 +99,7 @@ def restore_with(writer: SurveyWriter, drop: SurveyDrop) -> SurveyDrop | None:
 
 
 def _copy_in_use(survey: Survey, drop: SurveyDrop) -> SurveyDrop | None:
-    """Return the copy of a moved drop that counts, which may have been moved on itself."""
+    """Return the copy of a moved drop that counts; copies may have been moved too."""
     by_name = {(each.point, each.drop): each for each in survey.drops}
     copy, visited = drop, {drop.number}
     while copy.discarded:
@@ -120,8 +120,8 @@ def _place_after_move(drop: SurveyDrop) -> tuple[Any, Any] | None:
 
 
 def moved_to(value: object) -> str | None:
-    """Where a drop was moved, by the value of its discard; None: it was not."""
-    said = value.get(MOVED_TO) if isinstance(value, Mapping) else None
-    if not isinstance(said, Mapping):
+    """Return the new place of a drop as text, by the value of its discard; None: not moved."""
+    place = value.get(MOVED_TO) if isinstance(value, Mapping) else None
+    if not isinstance(place, Mapping):
         return None
-    return f"moved to point {said.get('point')}, drop {said.get('drop')}"
+    return f"moved to point {place.get('point')}, drop {place.get('drop')}"

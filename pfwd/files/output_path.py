@@ -1,4 +1,4 @@
-"""Whether a file or folder can be written at a place, checked before the work and not after it."""
+"""Checks of output paths, made before the work and not after it."""
 
 import os
 import stat
@@ -8,20 +8,20 @@ from pathlib import Path
 from pfwd.errors import OptionError, refusal
 from pfwd.files.folders import is_survey
 
-STREAMS = ("/dev/stdout", "/dev/stderr", "/dev/fd/1", "/dev/fd/2")
-"""Names of the streams of this process, for what is written piece by piece."""
+STANDARD_STREAMS = ("/dev/stdout", "/dev/stderr", "/dev/fd/1", "/dev/fd/2")
+"""Paths of the streams of this process, for outputs that are written piece by piece."""
 
 
 def require_writable(path: str | os.PathLike[str], option: str, *, streams: bool = False) -> Path:
-    """Refuse a place for a file that cannot be written or must not; nothing is left there.
+    """Refuse the path of an output that cannot or must not be written; leaves nothing there.
 
     Parameters
     ----------
-    path : of the file that is wanted
+    path : path of the output
     option : str
-        That named it, for the message.
+        Option with this path, for the message.
     streams : bool
-        Whether the streams of this process, `STREAMS`, are accepted.
+        True accepts `STANDARD_STREAMS`.
 
     Returns
     -------
@@ -30,11 +30,11 @@ def require_writable(path: str | os.PathLike[str], option: str, *, streams: bool
     Raises
     ------
     OptionError
-        If it is inside a survey, exists and is no regular file, its folder is not there, or takes
-        no file.
+        If it is inside a survey, exists and is no regular file, its folder does not exist, or no
+        file can be written there.
     """
     target = Path(path)
-    if streams and str(target) in STREAMS:
+    if streams and str(target) in STANDARD_STREAMS:
         return target
     where = f"{option} {target}"
     refuse_inside_survey(target, option)
@@ -42,31 +42,31 @@ def require_writable(path: str | os.PathLike[str], option: str, *, streams: bool
     if target.is_dir() or not target.name:
         raise OptionError(refusal(where, "the name of a file", "a folder"))
     if not target.parent.is_dir():
-        came = "none" if not target.parent.exists() else "a file"
-        raise OptionError(refusal(where, f"the folder {target.parent}", came, "make it first"))
+        actual = "a file" if target.parent.exists() else "none"
+        raise OptionError(refusal(where, f"the folder {target.parent}", actual, "make it first"))
     try:
-        # Rights alone do not tell: the disk may be full, or read-only as a whole.
+        # Permissions are not enough: the disk may be full or read-only.
         with tempfile.TemporaryFile(dir=target.parent, prefix=".pfwd-"):
             pass
         if target.exists() and not os.access(target, os.W_OK):
             raise PermissionError(None, "no right to write over it")
     except OSError as err:
-        came = err.strerror or str(err)
-        raise OptionError(refusal(where, "a file to write", came, "name another one")) from err
+        reason = err.strerror or str(err)
+        raise OptionError(refusal(where, "a file to write", reason, "name another one")) from err
     return target
 
 
 def refuse_inside_survey(path: str | os.PathLike[str], option: str) -> None:
-    """Refuse a place inside the folder of a survey, or a link that leads into one.
+    """Refuse a path inside the folder of a survey, or a link that leads into one.
 
-    A survey itself is no place inside it: a command that continues surveys may be given one.
+    The folder of a survey itself is accepted: some commands continue surveys.
 
     Raises
     ------
     OptionError
     """
     target = Path(path)
-    # A link is replaced by some commands and written through by others: both places count.
+    # Some commands replace a link, others write through it: both paths count.
     named = Path(os.path.realpath(target.parent)) / target.name
     for place in (named, Path(os.path.realpath(target))):
         survey = next((folder for folder in place.parents if is_survey(folder)), None)
@@ -78,7 +78,7 @@ def refuse_inside_survey(path: str | os.PathLike[str], option: str) -> None:
 
 
 def refuse_special_file(path: str | os.PathLike[str], option: str) -> None:
-    """Refuse a device, a named pipe and the like, which a file would replace or be lost in.
+    """Refuse a device or a named pipe, which a file would replace or be lost in.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def refuse_special_file(path: str | os.PathLike[str], option: str) -> None:
     """
     try:
         mode = os.stat(path).st_mode
-    except OSError:  # nothing is there, or it is refused when it is written
+    except OSError:  # it does not exist, or writing it fails with the reason
         return
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         kinds = ((stat.S_ISFIFO, "a named pipe"), (stat.S_ISSOCK, "a socket"))

@@ -17,19 +17,20 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pfwd.errors import OptionError, SurveyError, refusal
+from pfwd.files.disk import replaced_durably
 
 MAX_PHOTO_BYTES = 20_000_000
-"""A phone's largest pictures have half of it."""
+"""Largest picture; the largest ones of a phone have half of it."""
 
 MAX_PHOTO_PIXELS = 200_000_000
 
 MAX_PHOTOS_OF_A_POINT = 100
-"""More are a mistake, or somebody who fills the disk."""
+"""Pictures of a point; more would be a mistake, or an attempt to fill the disk."""
 
-_ENDINGS = {"JPEG": ".jpg", "PNG": ".png"}
+_SUFFIX_BY_FORMAT = {"JPEG": ".jpg", "PNG": ".png"}
 
 _ORIENTATION = 0x0112
-"""Exif tag that says which side of the picture is up."""
+"""Exif tag with the orientation of the picture."""
 
 # ISO/IEC 10918-1, table B.1: markers without a length. A scan's data end before any other marker.
 _JPEG_START, _JPEG_END, _JPEG_SCAN = 0xD8, 0xD9, 0xDA
@@ -56,7 +57,7 @@ def store_photo(
         Name of a test point as its drops have it.
     data : bytes of a JPEG or PNG file
     keep_position : bool
-        Store the file as it is. Otherwise position and all else that is not the picture go.
+        Store the file unchanged. Otherwise only the picture is stored, without its position.
 
     Returns
     -------
@@ -83,17 +84,12 @@ def store_photo(
         expected = f"at most {MAX_PHOTOS_OF_A_POINT} pictures of a point"
         raise OptionError(refusal(point, expected, "one more"))
     moment = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
-    file = folder / f"{moment}-{checksum}{_ENDINGS[kind]}"
-    draft = folder / f".{checksum}.{os.getpid()}.tmp"
+    file = folder / f"{moment}-{checksum}{_SUFFIX_BY_FORMAT[kind]}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with open(draft, "xb") as stream:
+        with replaced_durably(file) as draft, open(draft, "xb") as stream:
             stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(draft, file)
     except OSError as err:
-        draft.unlink(missing_ok=True)
         raise SurveyError(f"{file}: {err.strerror or err}; the picture is not stored") from err
     return file
 
@@ -112,11 +108,11 @@ def photos_of(survey: str | os.PathLike[str], point: str) -> list[Path]:
     # ValueError: no file has such a name.
     except (OSError, ValueError):
         return []
-    endings = tuple(_ENDINGS.values())
+    suffixes = tuple(_SUFFIX_BY_FORMAT.values())
     return [
         _folder(survey, point) / name
         for name in sorted(names)
-        if name.endswith(endings) and not name.startswith(".")
+        if name.endswith(suffixes) and not name.startswith(".")
     ]
 
 
@@ -137,7 +133,10 @@ def _inspect(data: bytes) -> tuple[str, int]:
     from PIL import Image, UnidentifiedImageError
 
     try:
-        with warnings.catch_warnings(), Image.open(io.BytesIO(data), formats=[*_ENDINGS]) as image:
+        with (
+            warnings.catch_warnings(),
+            Image.open(io.BytesIO(data), formats=[*_SUFFIX_BY_FORMAT]) as image,
+        ):
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             kind, pixels = str(image.format), image.width * image.height
             if pixels <= MAX_PHOTO_PIXELS:
@@ -167,8 +166,8 @@ def _stripped_jpeg(data: bytes, orientation: int) -> bytes:
     parts = [b"\xff\xd8", exif]
     for marker, part in _jpeg_parts(data):
         is_colour = (marker == 0xE2 and part[4:].startswith(b"ICC_PROFILE\0")) or marker == 0xEE
-        is_beside = marker in _JPEG_APPLICATION or marker == _JPEG_COMMENT
-        if not is_beside or is_colour:
+        is_metadata = marker in _JPEG_APPLICATION or marker == _JPEG_COMMENT
+        if not is_metadata or is_colour:
             parts.append(part)
     return b"".join(parts)
 

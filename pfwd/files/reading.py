@@ -1,8 +1,7 @@
-"""Reads the test points of whatever a command is given: a survey, one of its drop files, traces,
-files of other programs."""
+"""Test points of any readable file: surveys, their drop files, trace files, foreign files."""
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
 from typing import Any
@@ -36,23 +35,23 @@ def read_points(
     column_map: str | os.PathLike[str] | None = None,
     channels: Channels | None = None,
 ) -> list[TracePoint]:
-    """The test points of a survey, exported or not, a drop file, a trace file or a foreign one.
+    """Read the test points of a survey, a drop file, a trace file or another program's file.
 
-    Discarded drops and points are left out. Drops of a point that were declared differently (the
-    plate was changed) come as two points.
+    Discarded drops and points are omitted. Drops of a point with different declarations, because
+    the plate was changed for instance, are returned as two points.
 
     Parameters
     ----------
     path : path of a survey folder, an exported survey or a drop file (.h5), a trace file, or a file
         of another program
     header : path of a TOML file, optional
-        Its keys win over what is declared.
+        Its keys override the declarations of the file.
     overrides : mapping of header key to value, optional
-        Win over both.
+        Override both.
     column_map : path of a TOML file, optional
-        Says what the columns of a text hold that is no trace file.
+        Describes the columns of a text that is no trace file.
     channels : "raw" or "stored", optional
-        Which channels are taken of a file that has both; not said: the raw ones.
+        Channels to read from a file that has both; None: the raw ones.
 
     Returns
     -------
@@ -61,17 +60,17 @@ def read_points(
     Raises
     ------
     SurveyError
-        If it is refused.
+        If the file is refused.
     """
     file = os.fspath(path)
     try:
         if os.path.isdir(file):
-            return _survey_points(read_survey(file), _said(header, overrides))
+            return _survey_points(read_survey(file), _declarations(header, overrides))
         if is_hdf5(file) and is_survey_file(file):
-            return _survey_points(read_survey_file(file), _said(header, overrides))
+            return _survey_points(read_survey_file(file), _declarations(header, overrides))
         if is_hdf5(file):
             record = read_drop_file(file)
-            return [_point(file, record.point, [record], _said(header, overrides))]
+            return [_point(file, record.point, [record], _declarations(header, overrides))]
     except RecordingError as err:
         raise SurveyError(str(err)) from err
     form = find_format(file)
@@ -79,14 +78,16 @@ def read_points(
         form = TEXT
     if form is None:
         return [read_traces(path, header, overrides)]
-    wanted = Request(
-        _said(header, overrides), channels, None if column_map is None else os.fspath(column_map)
+    request = Request(
+        _declarations(header, overrides),
+        channels,
+        None if column_map is None else os.fspath(column_map),
     )
-    return read_foreign(form, file, wanted)
+    return read_foreign(form, file, request)
 
 
 def survey_content(path: str | os.PathLike[str]) -> SurveyContent:
-    """What a survey holds, in its folder or exported.
+    """Read the content of a survey, in its folder or exported.
 
     Raises
     ------
@@ -101,75 +102,78 @@ def survey_content(path: str | os.PathLike[str]) -> SurveyContent:
             return read_survey_file(file)
     except RecordingError as err:
         raise SurveyError(str(err)) from err
-    came = "another folder" if os.path.isdir(file) else "another file"
-    came = came if os.path.exists(file) else "no such file or folder"
+    actual = "another folder" if os.path.isdir(file) else "another file"
+    if not os.path.exists(file):
+        actual = "no such file or folder"
     hint = "pfwd import makes a survey of other files"
-    raise SurveyError(refusal(file, "a survey, or one that was exported as h5", came, hint))
+    raise SurveyError(refusal(file, "a survey, or one that was exported as h5", actual, hint))
 
 
-def _survey_points(survey: SurveyContent, said: Declarations) -> list[TracePoint]:
+def _survey_points(survey: SurveyContent, declared: Declarations) -> list[TracePoint]:
     file = survey.path
-    points = [trace for point in survey.points for trace in points_of(file, point, said)]
+    points = [trace for point in survey.points for trace in points_of(file, point, declared)]
     if not points:
-        what = "all are discarded" if survey.drops else "none"
+        actual = "all are discarded" if survey.drops else "none"
         hint = f"; damage: {'; '.join(survey.damage)}" if survey.damage else ""
-        raise SurveyError(refusal(file, "a survey with drops", what) + hint)
-    # Nothing is lost in silence.
+        raise SurveyError(refusal(file, "a survey with drops", actual) + hint)
     lost = tuple(Notice("survey-damaged", {"damage": text}) for text in survey.damage)
     points[0] = replace(points[0], warnings=(*points[0].warnings, *lost))
     return points
 
 
 def is_hdf5(file: str | os.PathLike[str]) -> bool:
-    """Whether a file begins like HDF5."""
+    """Return whether a file begins with the signature of HDF5."""
     if not os.path.isfile(file):
         return False  # a pipe may wait for ever
     try:
         with open(file, "rb") as stream:
             return stream.read(len(HDF5_SIGNATURE)) == HDF5_SIGNATURE
     except OSError:
-        return False  # the reader of trace files says what is wrong
+        return False  # the reader of trace files reports the reason
 
 
-def _said(
+def _declarations(
     header: str | os.PathLike[str] | None, overrides: Mapping[str, object] | None
 ) -> Declarations:
-    said: Declarations = read_header_file(header) if header is not None else {}
-    return said | {key: Declaration(v, "command line") for key, v in (overrides or {}).items()}
+    declared: Declarations = read_header_file(header) if header is not None else {}
+    return declared | {key: Declaration(v, "command line") for key, v in (overrides or {}).items()}
 
 
 def points_of(
-    file: str, point: SurveyPoint, said: Declarations | None = None
+    file: str, point: SurveyPoint, declared: Declarations | None = None
 ) -> Iterator[TracePoint]:
-    """The drops of a point that are not discarded; declared differently, as points of their own."""
+    """Yield the drops of a point that are not discarded, one point for each set of declarations."""
     if point.discarded:
         return
-    edits = _edited(point)
+    edits = _later_declarations(point)
     records = [(drop.read(), drop) for drop in point.drops if not drop.discarded]
-    for declared, group in groupby(records, key=lambda read: dict(read[0].declared)):
-        found = list(group)
-        same = [replace(record, declared=declared | edits) for record, _ in found]
-        kept = tuple(drop for _, drop in found)
-        yield replace(_point(file, point.title, same, said or {}), kept=kept)
+    for recorded, group in groupby(records, key=lambda pair: dict(pair[0].declared)):
+        edited, drops = zip(
+            *((replace(record, declared=recorded | edits), drop) for record, drop in group),
+            strict=True,
+        )
+        yield replace(_point(file, point.title, edited, declared or {}), survey_drops=drops)
 
 
-def _edited(point: SurveyPoint) -> dict[str, Any]:
-    """What was said of a point later, as keys of a header; the last counts."""
-    edits: dict[str, Any] = {}
+def _later_declarations(point: SurveyPoint) -> dict[str, Any]:
+    """Return the declarations among the edits of a point, as keys of a header."""
+    declared: dict[str, Any] = {}
     for edit in point.edits:
-        what, value = edit["what"], edit.get("value")
-        if what in ("declared", "position") and isinstance(value, dict):
-            edits |= value
-        elif what == "operator" and value is not None:
-            edits["operator"] = value
-    return edits
+        value = edit.get("value")
+        if edit["what"] in ("declared", "position") and isinstance(value, dict):
+            declared |= value
+        elif edit["what"] == "operator" and value is not None:
+            declared["operator"] = value
+    return declared
 
 
-def _point(file: str, title: str, records: list[DropRecord], said: Declarations) -> TracePoint:
+def _point(
+    file: str, title: str, records: Sequence[DropRecord], overrides: Declarations
+) -> TracePoint:
     where = f"{file}, point {title}"
-    declared = {"point": title, **records[0].declared}
-    declared["point"] = title
-    known = {key: Declaration(value, where) for key, value in declared.items()}
-    setup = setup_from(known | said, where)
+    values = {"point": title, **records[0].declared}
+    values["point"] = title
+    declared = {key: Declaration(value, where) for key, value in values.items()}
+    setup = setup_from(declared | overrides, where)
     drops = tuple(record.drop for record in records)
     return TracePoint(file, setup, drops, setup_warnings(setup, drops))

@@ -1,4 +1,4 @@
-"""Writes the TOML values of a trace file's header; reading is the standard library's."""
+"""Writing of TOML values; reading them is the standard library's."""
 
 import datetime
 import json
@@ -8,13 +8,13 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def toml_line(key: str, value: object) -> str:
-    """``key = value`` in TOML, on one line.
+    """Return ``key = value`` in TOML, on one line.
 
     Parameters
     ----------
     key : str
     value : bool, int, float, str, date, time, list or dict
-        Whatever ``tomllib`` returns.
+        Value of a type that ``tomllib`` returns.
 
     Returns
     -------

@@ -5,13 +5,17 @@ one :class:`~pfwd.errors.TraceError`, which names the line; what is odd about a 
 sound file is judged by :mod:`pfwd.analysis.screening.drops`.
 """
 
+import contextlib
+import csv
 import itertools
+import math
 import os
 import re
 import stat
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TextIO
 
 import numpy as np
@@ -19,7 +23,7 @@ from numpy.typing import NDArray
 
 from inversion.notices import Notice
 from pfwd.errors import TraceError, quote, refusal
-from pfwd.files.columns import DROP, LOAD, TIME, Columns, parse_columns, sensor_name
+from pfwd.files.disk import replaced_at_once
 from pfwd.files.header import (
     FORMAT_KEY,
     FORMAT_VERSION,
@@ -33,50 +37,91 @@ from pfwd.files.header import (
     setup_warnings,
 )
 from pfwd.toml_reading import LARGEST_TOML
-from pfwd_device import Channel, Drop
+from pfwd_device import Channel, Drop, Quantity
 from pfwd_device.recording import SurveyDrop
 
-LARGEST_FILE = 500_000_000
-"""Bytes; a point of ten drops takes under 10 MB, so a larger file is something else."""
+MAX_FILE_BYTES = 500_000_000
+"""Largest trace file; a point of ten drops takes under 10 MB, so a larger file is no trace file."""
 
-MOST_NUMBERS = 20_000_000
-"""Of a file: three drops of 10 s at 50 kHz with 8 channels, and a hundred times a usual point. They
-take 160 MB, and as much again as drops."""
+MAX_FILE_NUMBERS = 20_000_000
+"""Numbers in a file: three drops of 10 s at 50 kHz with 8 channels, a hundred times a typical
+point. They take 160 MB, and as much again as drops."""
 
-MOST_DROPS = 10_000
-"""Of a file; a point has some ten, and a file is one point."""
+MAX_FILE_DROPS = 10_000
+"""Drops in a file; a file is one point, which has about ten."""
 
-FEWEST_SAMPLES = 16
-"""A pulse, its flanks and a stretch before and after it cannot be told from fewer."""
+MIN_SAMPLES = 16
+"""Samples of a drop; with fewer a pulse cannot be separated from what precedes and follows it."""
 
-STEP_TOLERANCE = 0.01
+RELATIVE_STEP_TOLERANCE = 0.01
 """Largest deviation of a time step over the step: more than rounding, less than a lost sample."""
 
-LARGEST_DROP_NUMBER = 1_000_000
-"""Anything above is no drop number but another column's value."""
+MAX_DROP_NUMBER = 1_000_000
+"""Largest drop number; larger values belong to another column."""
 
-LONGEST_LINE = 65_536
-"""Characters of a line; without a line end in so many the file is no text."""
+MAX_LINE_CHARACTERS = 65_536
+"""Longest line; a file with a longer one is no text."""
 
-_BLOCK = 4096
+_BLOCK_LINES = 4096
+"""Lines that are parsed together in the search for a damaged one."""
+
+DROP_COLUMN, TIME_COLUMN, LOAD_COLUMN = "drop", "time_s", "load_N"
+
+_SENSOR_COLUMNS: dict[str, Quantity] = {
+    "velocity_m_s": "velocity",
+    "displacement_m": "displacement",
+}
+_SENSOR_NAME = re.compile(rf"({'|'.join(_SENSOR_COLUMNS)})@([0-9.eE+-]+)")
+_COLUMN_NAMES = (
+    f"{DROP_COLUMN}, {TIME_COLUMN}, {LOAD_COLUMN}, "
+    "velocity_m_s@R or displacement_m@R with R in metres"
+)
 
 _FORMAT_LINE = re.compile(rf"#\s*{FORMAT_KEY}\s*=")
 
 
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """Column with the trace of a sensor."""
+
+    index: int
+    """Position of the column, from 0."""
+    quantity: Quantity
+    """Measured quantity."""
+    offset: float
+    """Distance from the plate centre, m; negative: the other side of the plate."""
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Columns of a trace file by their meaning."""
+
+    names: tuple[str, ...]
+    """All names, in their order."""
+    drop: int | None
+    """Position of the drop numbers; None: all rows are drop 1."""
+    time: int
+    """Position of the time."""
+    load: int
+    """Position of the load."""
+    sensors: tuple[Sensor, ...]
+    """The sensors, in their order."""
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class TracePoint:
-    """One test point: what was declared about it and its drops."""
+    """One test point: its declared setup and its drops."""
 
     file: str
-    """Where it was read from, as the caller named it."""
+    """Path of the file, as given by the caller."""
     setup: PointSetup
-    """What is declared."""
+    """Declared setup."""
     drops: tuple[Drop, ...]
     """The drops in the order of the file."""
     warnings: tuple[Notice, ...] = ()
-    """What a user should know of the point as a whole."""
-    kept: tuple[SurveyDrop, ...] = field(default=(), compare=False, repr=False)
-    """The drops as their survey keeps them; empty: they are from no survey."""
+    """Remarks that concern the whole point."""
+    survey_drops: tuple[SurveyDrop, ...] = field(default=(), compare=False, repr=False)
+    """The same drops in their survey; empty: read from another file."""
 
 
 def read_traces(
@@ -84,16 +129,16 @@ def read_traces(
     header: str | os.PathLike[str] | None = None,
     overrides: Mapping[str, object] | None = None,
 ) -> TracePoint:
-    """The test point that a trace file holds.
+    """Read the test point of a trace file.
 
     Parameters
     ----------
     path : path of a trace file
     header : path of a TOML file, optional
-        Its keys win over those of the file. With it the file needs no ``pfwd-traces`` line; in a
+        Its keys override those of the file. With it the file needs no ``pfwd-traces`` line; in a
         file without that line, lines behind ``#`` are another program's remarks and skipped.
     overrides : mapping of header key to value, optional
-        Win over both.
+        Override both.
 
     Returns
     -------
@@ -127,17 +172,17 @@ def read_traces(
 
 
 def is_trace_file(path: str | os.PathLike[str]) -> bool:
-    """Whether a file begins with the line of a trace file."""
+    """Return whether a file begins with the line of a trace file."""
     try:
         _check_file(os.fspath(path))
         with _open(os.fspath(path), errors="replace") as stream:
-            return _FORMAT_LINE.match(stream.readline(LONGEST_LINE)) is not None
+            return _FORMAT_LINE.match(stream.readline(MAX_LINE_CHARACTERS)) is not None
     except (OSError, TraceError):
         return False
 
 
 def write_traces(path: str | os.PathLike[str], point: TracePoint) -> None:
-    """Write a test point as a trace file; nothing is lost, nothing is left half written.
+    """Write a test point as a trace file, which is complete or not there, without loss of digits.
 
     Parameters
     ----------
@@ -160,11 +205,17 @@ def write_traces(path: str | os.PathLike[str], point: TracePoint) -> None:
         raise TraceError(
             refusal(point.file, "the same sensors in every drop of a point", "different ones")
         )
-    names = [DROP, TIME, LOAD, *(sensor_name(*sensor) for group in sensors for sensor in group)]
-    target = os.path.abspath(path)
-    draft = f"{target}.{os.getpid()}.tmp"
+    names = [
+        DROP_COLUMN,
+        TIME_COLUMN,
+        LOAD_COLUMN,
+        *(sensor_name(*sensor) for group in sensors for sensor in group),
+    ]
     try:
-        with open(draft, "w", encoding="utf-8", newline="\n") as stream:
+        with (
+            replaced_at_once(Path(os.path.abspath(path))) as draft,
+            open(draft, "w", encoding="utf-8", newline="\n") as stream,
+        ):
             stream.writelines(f"# {line}\n" for line in declared_lines(point.setup))
             stream.write(",".join(names) + "\n")
             for drop in point.drops:
@@ -173,19 +224,15 @@ def write_traces(path: str | os.PathLike[str], point: TracePoint) -> None:
                 stream.writelines(
                     f"{drop.number},{','.join(map(repr, row))}\n" for row in rows.tolist()
                 )
-        os.replace(draft, target)
     except UnicodeEncodeError as err:
         raise TraceError(
             refusal(point.file, "text that UTF-8 can hold", quote(err.object))
         ) from err
-    finally:
-        if os.path.exists(draft):
-            os.unlink(draft)
 
 
 @dataclass(frozen=True, slots=True)
 class _Top:
-    """What stands above the numbers."""
+    """Declarations and column names above the numbers."""
 
     declarations: Declarations
     columns: Columns
@@ -197,18 +244,18 @@ def _at(file: str, line: int) -> str:
     return f"{file}, line {line}"
 
 
-def _not_text(where: str, came: str) -> str:
-    return refusal(where, "UTF-8 text", came, "save it as CSV in UTF-8")
+def _not_text(where: str, content: str) -> str:
+    return refusal(where, "UTF-8 text", content, "save it as CSV in UTF-8")
 
 
 def _check_file(file: str) -> None:
-    # Looked at before it is opened: a pipe may wait for ever, and 500 MB take a while.
+    # Checked before it is opened: a pipe may wait for ever, and 500 MB take a while.
     status = os.stat(file)
     if not stat.S_ISREG(status.st_mode):
-        came = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or pipe"
-        raise TraceError(refusal(file, "a trace file", came))
-    if status.st_size > LARGEST_FILE:
-        expected = f"at most {LARGEST_FILE / 1e6:.0f} MB"
+        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or pipe"
+        raise TraceError(refusal(file, "a trace file", kind))
+    if status.st_size > MAX_FILE_BYTES:
+        expected = f"at most {MAX_FILE_BYTES / 1e6:.0f} MB"
         raise TraceError(refusal(file, expected, f"{status.st_size / 1e6:.1f} MB"))
 
 
@@ -218,7 +265,7 @@ def _open(file: str, errors: str = "strict") -> TextIO:
 
 
 def _read_top(stream: TextIO, file: str, *, foreign: bool) -> _Top:
-    """Read up to and with the column names; `foreign`: the ``pfwd-traces`` line may be missing."""
+    """Read up to the column names, inclusive; `foreign`: no ``pfwd-traces`` line is needed."""
     declarations: Declarations = {}
     native = False
     length = 0
@@ -248,8 +295,8 @@ def _read_top(stream: TextIO, file: str, *, foreign: bool) -> _Top:
 
 def _numbered(stream: TextIO, file: str) -> Iterator[tuple[int, str]]:
     for line in itertools.count(1):
-        text = stream.readline(LONGEST_LINE)
-        if "\0" in text or len(text) == LONGEST_LINE:
+        text = stream.readline(MAX_LINE_CHARACTERS)
+        if "\0" in text or len(text) == MAX_LINE_CHARACTERS:
             raise TraceError(_not_text(_at(file, line), "binary data"))
         if not text:
             return
@@ -267,17 +314,17 @@ def _declare(declarations: Declarations, text: str, where: str) -> None:
 
 
 def _read_numbers(stream: TextIO, file: str, top: _Top) -> NDArray[np.float64]:
-    """The numbers below the column names, (rows, columns), all finite."""
+    """Return the numbers below the column names, (rows, columns), all finite."""
     width = len(top.columns.names)
     refuse_long(file, width)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # no rows at all: refused further on
+            warnings.simplefilter("ignore", UserWarning)  # no rows: refused below
             table = np.loadtxt(stream, delimiter=",", comments=None, ndmin=2)
     except UnicodeDecodeError:
         raise
     except ValueError as err:
-        # numpy counts neither blank lines nor the header, hence a second, slow and exact look.
+        # numpy counts neither blank lines nor the header, hence a second, slower pass.
         raise TraceError(_find_bad_line(file, top) or refusal(file, "numbers", str(err))) from err
     if table.size and table.shape[1] != width:
         raise TraceError(_find_bad_line(file, top) or refusal(file, f"{width} columns", "others"))
@@ -291,13 +338,13 @@ def _read_numbers(stream: TextIO, file: str, top: _Top) -> NDArray[np.float64]:
 
 
 def refuse_long(file: str, width: int) -> None:
-    """Refuse a text whose lines have no end, or hold too many numbers, before it is read.
+    """Refuse a text with a line without end or too many numbers, before it is parsed.
 
     Parameters
     ----------
     file : str
     width : int
-        How many numbers are taken of a line.
+        Numbers in a line.
 
     Raises
     ------
@@ -305,21 +352,23 @@ def refuse_long(file: str, width: int) -> None:
     """
     ends = 0
     with open(file, "rb") as stream:
-        while block := stream.read(LONGEST_LINE):
+        while block := stream.read(MAX_LINE_CHARACTERS):
             lines = max(block.count(b"\n"), block.count(b"\r"))
-            if not lines and len(block) == LONGEST_LINE:
-                came = f"none in {LONGEST_LINE} bytes"
-                raise TraceError(refusal(_at(file, ends + 1), "the end of a line", came))
+            if not lines and len(block) == MAX_LINE_CHARACTERS:
+                actual = f"none in {MAX_LINE_CHARACTERS} bytes"
+                raise TraceError(refusal(_at(file, ends + 1), "the end of a line", actual))
             ends += lines
-            if ends * width > MOST_NUMBERS:
-                expected = f"at most {MOST_NUMBERS} numbers"
-                came = f"over {ends} lines of {width}"
+            if ends * width > MAX_FILE_NUMBERS:
+                expected, actual = (
+                    f"at most {MAX_FILE_NUMBERS} numbers",
+                    f"over {ends} lines of {width}",
+                )
                 hint = "give the drops in several files"
-                raise TraceError(refusal(file, expected, came, hint))
+                raise TraceError(refusal(file, expected, actual, hint))
 
 
 def _data_lines(file: str, top: _Top) -> Iterator[tuple[int, str]]:
-    """Line number and text of the rows, without those that numpy passes over."""
+    """Yield line number and text of the rows that numpy does not skip."""
     with _open(file, errors="surrogateescape") as stream:
         for line, text in enumerate(stream, start=1):
             if line > top.names_line and text != "\n":
@@ -332,18 +381,18 @@ def _row_place(file: str, top: _Top, row: int) -> str:
 
 
 def _find_bad_line(file: str, top: _Top) -> str | None:
-    """What is wrong with the first row that is not as many numbers as there are columns."""
+    """Return the error of the first row without one number for each column; None: all have."""
     lines = _data_lines(file, top)
-    while block := list(itertools.islice(lines, _BLOCK)):
-        # numpy is thirty times as fast as a look at each number, of which there may be millions.
+    while block := list(itertools.islice(lines, _BLOCK_LINES)):
+        # numpy is thirty times as fast as a check of each number, of which there may be millions.
         try:
             table = np.loadtxt([text for _, text in block], delimiter=",", comments=None, ndmin=2)
             if table.shape[1] == len(top.columns.names):
                 continue
         except ValueError:
             pass
-        if (found := _bad_line_of(block, file, top)) is not None:
-            return found
+        if (problem := _bad_line_of(block, file, top)) is not None:
+            return problem
     return None
 
 
@@ -371,21 +420,21 @@ def _is_number(cell: str) -> bool:
 
 
 def _split(table: NDArray[np.float64], file: str, top: _Top) -> tuple[Drop, ...]:
-    """The drops of the table, each checked for its length and its time steps."""
-    if table.shape[0] < FEWEST_SAMPLES:
-        raise TraceError(_too_few(_at(file, top.names_line), "", table.shape[0]))
+    """Return the drops of the table, each checked for its length and its time steps."""
+    if table.shape[0] < MIN_SAMPLES:
+        raise TraceError(_too_short(_at(file, top.names_line), "", table.shape[0]))
     columns = top.columns
     numbers = table[:, columns.drop] if columns.drop is not None else np.ones(table.shape[0])
     _check_drop_numbers(numbers, file, top)
     starts = np.concatenate([[0], np.flatnonzero(np.diff(numbers)) + 1, [numbers.size]])
-    if starts.size > MOST_DROPS + 1:
-        raise TraceError(refusal(file, f"at most {MOST_DROPS} drops", str(starts.size - 1)))
+    if starts.size > MAX_FILE_DROPS + 1:
+        raise TraceError(refusal(file, f"at most {MAX_FILE_DROPS} drops", str(starts.size - 1)))
     drops = []
     for start, end in itertools.pairwise(starts.tolist()):
         number = int(numbers[start])
-        if end - start < FEWEST_SAMPLES:
+        if end - start < MIN_SAMPLES:
             where = _row_place(file, top, start)
-            raise TraceError(_too_few(where, f" in drop {number}", end - start))
+            raise TraceError(_too_short(where, f" in drop {number}", end - start))
         rows = table[start:end]
         _check_time(rows[:, columns.time], start, file, top)
         channels = tuple(
@@ -396,36 +445,104 @@ def _split(table: NDArray[np.float64], file: str, top: _Top) -> tuple[Drop, ...]
     return tuple(drops)
 
 
-def _too_few(where: str, of: str, samples: int) -> str:
-    return refusal(where, f"at least {FEWEST_SAMPLES} samples{of}", str(samples))
+def _too_short(where: str, of: str, samples: int) -> str:
+    return refusal(where, f"at least {MIN_SAMPLES} samples{of}", str(samples))
 
 
 def _check_drop_numbers(numbers: NDArray[np.float64], file: str, top: _Top) -> None:
-    odd = (numbers != np.floor(numbers)) | (numbers < 1) | (numbers > LARGEST_DROP_NUMBER)
+    odd = (numbers != np.floor(numbers)) | (numbers < 1) | (numbers > MAX_DROP_NUMBER)
     if odd.any():
         row = int(np.argmax(odd))
         where = _row_place(file, top, row)
         raise TraceError(refusal(where, "a whole drop number from 1", f"{numbers[row]:g}"))
     starts = np.concatenate([[0], np.flatnonzero(np.diff(numbers)) + 1])
-    seen: set[float] = set()
+    numbers_before: set[float] = set()
     for row in starts.tolist():
-        if numbers[row] in seen:
-            came = f"drop {numbers[row]:g} again after another drop"
-            raise TraceError(
-                refusal(_row_place(file, top, row), "the rows of a drop together", came)
-            )
-        seen.add(numbers[row])
+        if numbers[row] in numbers_before:
+            actual = f"drop {numbers[row]:g} again after another drop"
+            where = _row_place(file, top, row)
+            raise TraceError(refusal(where, "the rows of a drop together", actual))
+        numbers_before.add(numbers[row])
 
 
 def _check_time(time: NDArray[np.float64], start: int, file: str, top: _Top) -> None:
     steps = np.diff(time)
-    usual = float(np.median(steps))  # unlike the mean not moved by the gap that is looked for
-    uneven = ~(np.abs(steps - usual) <= STEP_TOLERANCE * usual) | (steps <= 0)
+    step = float(np.median(steps))  # unlike the mean not moved by a gap
+    uneven = ~(np.abs(steps - step) <= RELATIVE_STEP_TOLERANCE * step) | (steps <= 0)
     if uneven.any():
         row = int(np.argmax(uneven))
-        came = f"a step of {steps[row]:.6g} s"
+        actual = f"a step of {steps[row]:.6g} s"
         hint = ""
         if steps[row] <= 0 and top.columns.drop is None:
             hint = "several drops in one file need a column drop"
-        expected = f"even time steps, each within 1 % of {usual:.6g} s"
-        raise TraceError(refusal(_row_place(file, top, start + row + 1), expected, came, hint))
+        expected = f"even time steps, each within 1 % of {step:.6g} s"
+        raise TraceError(refusal(_row_place(file, top, start + row + 1), expected, actual, hint))
+
+
+def parse_columns(row: str, where: str) -> Columns:
+    """Return the columns of a trace file.
+
+    Parameters
+    ----------
+    row : str
+        Line with the column names.
+    where : str
+        File and line, for messages.
+
+    Returns
+    -------
+    Columns
+
+    Raises
+    ------
+    TraceError
+        If a column is unknown, given twice, or missing.
+    """
+    names = [name.strip() for name in next(csv.reader([row.strip()]), [])]
+    sensors = [
+        _parse_sensor(index, name, where)
+        for index, name in enumerate(names)
+        if name not in (DROP_COLUMN, TIME_COLUMN, LOAD_COLUMN)
+    ]
+    for name in (TIME_COLUMN, LOAD_COLUMN):
+        if name not in names:
+            raise TraceError(refusal(where, f"a column {name}", f"columns {quote(row.strip())}"))
+    _refuse_twins(names, sensors, where)
+    return Columns(
+        names=tuple(names),
+        drop=names.index(DROP_COLUMN) if DROP_COLUMN in names else None,
+        time=names.index(TIME_COLUMN),
+        load=names.index(LOAD_COLUMN),
+        sensors=tuple(sensors),
+    )
+
+
+def sensor_name(quantity: Quantity, offset: float) -> str:
+    """Return the column name of a sensor, such as ``velocity_m_s@0.3``."""
+    prefix = next(name for name, value in _SENSOR_COLUMNS.items() if value == quantity)
+    return f"{prefix}@{offset!r}"
+
+
+def _parse_sensor(index: int, name: str, where: str) -> Sensor:
+    match = _SENSOR_NAME.fullmatch(name)
+    offset = math.nan
+    if match is not None:
+        with contextlib.suppress(ValueError):
+            offset = float(match[2])
+    if match is None or not math.isfinite(offset):
+        hint = "separate the columns with commas" if re.search(r"[;\t]", name) else ""
+        if name in _SENSOR_COLUMNS:
+            hint = f"the centre sensor is {name}@0.0000"
+        raise TraceError(refusal(where, f"a column {_COLUMN_NAMES}", quote(name), hint))
+    return Sensor(index, _SENSOR_COLUMNS[match[1]], offset)
+
+
+def _refuse_twins(names: list[str], sensors: list[Sensor], where: str) -> None:
+    # @0.3 and @0.30 are one sensor; a velocity and a displacement may share an offset.
+    keys = {sensor.index: (sensor.quantity, sensor.offset) for sensor in sensors}
+    keys_before: set[object] = set()
+    for index, name in enumerate(names):
+        key = keys.get(index, name)
+        if key in keys_before:
+            raise TraceError(refusal(where, "every column once", f"{quote(name)} again"))
+        keys_before.add(key)

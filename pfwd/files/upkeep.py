@@ -1,12 +1,11 @@
-"""Recovery and check of a survey, as the command line shows them."""
+"""Recovery and check of a survey, with the results that the command line prints."""
 
 import os
 from pathlib import Path
 from typing import Any
 
-from pfwd.files.folders import refuse_no_survey
+from pfwd.files.folders import refuse_no_survey, spare_folder
 from pfwd.files.reading import is_hdf5
-from pfwd.files.spare import spare_folder
 from pfwd.files.survey_file import check_survey_file, is_survey_file
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import CheckReport, RecoveryReport, check, recover
@@ -15,12 +14,12 @@ from pfwd_device.recording.layout import Layout, refuse_links
 
 
 def refuse_links_in(folder: str | os.PathLike[str]) -> None:
-    """Refuse a survey, begun or not, that leads out of its folder by a link.
+    """Refuse the folder of a survey, existing or new, with a link that leads out of it.
 
     Raises
     ------
     RecordingError
-        Naming the link.
+        The message names the link.
     """
     refuse_links(Layout(Path(folder).absolute()))
 
@@ -28,10 +27,10 @@ def refuse_links_in(folder: str | os.PathLike[str]) -> None:
 def recover_survey(
     folder: str | os.PathLike[str], spare: str | os.PathLike[str] | None = None
 ) -> tuple[dict[str, Any], list[str]]:
-    """Put right whatever a crash left; the record of ``pfwd recover`` and what was done.
+    """Repair a survey after a crash; return the record of ``pfwd recover`` and the actions.
 
-    What the spare folder (by default the platform's) holds of the survey is brought home; a survey
-    of which nothing else is left is made anew from it.
+    Drops of the survey in the spare folder (by default the platform's) are moved back; a survey of
+    which nothing else remains is restored from it.
 
     Raises
     ------
@@ -48,8 +47,9 @@ def recover_survey(
 def check_survey(
     folder: str | os.PathLike[str], spare: str | os.PathLike[str] | None = None
 ) -> tuple[dict[str, Any], list[str]]:
-    """Look at every byte of a survey, in its folder or exported, or of the file of a drop; the
-    record of ``pfwd check`` and what is unfinished but no damage.
+    """Check every byte of a survey, in its folder or exported, or of the file of a drop.
+
+    Returns the record of ``pfwd check`` and notes on unfinished work that is no damage.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def _check_drop_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], list
             notes = [f"{path}: attributes are not covered by the digest of format version 1"]
     except RecordingError as err:
         damaged = [str(err)]
-    whole = {
+    record = {
         "survey": os.fspath(path),
         "drops_acknowledged": 1,
         "drops_published": 1 - len(damaged),
@@ -78,7 +78,7 @@ def _check_drop_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], list
         "damaged": damaged,
         "ok": not damaged,
     }
-    return whole, notes
+    return record, notes
 
 
 def _record(folder: str | os.PathLike[str], report: CheckReport | RecoveryReport) -> dict[str, Any]:

@@ -16,11 +16,18 @@ from pfwd.analysis.drop_facts import unbroken_peaks
 from pfwd.analysis.options import OPTION_OF_KEY
 from pfwd.errors import OptionError, TraceError, quote, refusal
 from pfwd.export.json_text import without_nan
-from pfwd.files.columns import DROP, LOAD, TIME, sensor_name
 from pfwd.files.header import PointSetup, declared_values
-from pfwd.files.imported import Kind, kind_of
+from pfwd.files.importing import Kind, kind_of
 from pfwd.files.reading import read_points
-from pfwd.files.traces import FEWEST_SAMPLES, STEP_TOLERANCE, TracePoint
+from pfwd.files.traces import (
+    DROP_COLUMN,
+    LOAD_COLUMN,
+    MIN_SAMPLES,
+    RELATIVE_STEP_TOLERANCE,
+    TIME_COLUMN,
+    TracePoint,
+    sensor_name,
+)
 from pfwd.scripting.options import analysis_options, reading
 from pfwd.scripting.shown import Shown, axes_or_new, count, data_frame, html_table, text_of
 from pfwd_device.drop import Channel, Peaks
@@ -147,20 +154,22 @@ class Drop(Shown):
     def to_dict(self) -> dict[str, Any]:
         """What is declared, and the arrays as lists, by the names of a trace file's columns."""
         drop = self._drop
-        arrays = {TIME: drop.time, LOAD: drop.load}
+        arrays = {TIME_COLUMN: drop.time, LOAD_COLUMN: drop.load}
         arrays |= {sensor_name(c.quantity, c.offset): c.values for c in drop.channels}
-        said = {"file": self.file, **self.declared, DROP: drop.number, **arrays}
+        said = {"file": self.file, **self.declared, DROP_COLUMN: drop.number, **arrays}
         found: dict[str, Any] = without_nan(said)
         return found
 
     def to_dataframe(self) -> DataFrame:
         """The traces, a row a sample, columns as in a trace file; needs pandas."""
         drop = self._drop
-        columns = {TIME: drop.time, LOAD: drop.load}
+        columns = {TIME_COLUMN: drop.time, LOAD_COLUMN: drop.load}
         columns |= {sensor_name(c.quantity, c.offset): c.values for c in drop.channels}
         names = list(columns)
         rows = zip(*(values.tolist() for values in columns.values()), strict=True)
-        return data_frame([{DROP: drop.number, **dict(zip(names, r, strict=True))} for r in rows])
+        return data_frame(
+            [{DROP_COLUMN: drop.number, **dict(zip(names, r, strict=True))} for r in rows]
+        )
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the displacement of every sensor (µm over ms), and return the axes."""
@@ -423,13 +432,13 @@ def time_and_load(
         If they are no record of a load with uniform steps.
     """
     axis, force = _vector("time", time), _vector("load", load)
-    if axis.size < FEWEST_SAMPLES:
-        raise TraceError(refusal("time", f"at least {FEWEST_SAMPLES} samples", str(axis.size)))
+    if axis.size < MIN_SAMPLES:
+        raise TraceError(refusal("time", f"at least {MIN_SAMPLES} samples", str(axis.size)))
     if force.size != axis.size:
         raise TraceError(refusal("load", f"{axis.size} samples as in time", str(force.size)))
     steps = np.diff(axis)
     middle = float(np.median(steps))
-    if not (middle > 0 and np.all(np.abs(steps - middle) <= STEP_TOLERANCE * middle)):
+    if not (middle > 0 and np.all(np.abs(steps - middle) <= RELATIVE_STEP_TOLERANCE * middle)):
         raise TraceError(refusal("time", "uniform, rising steps in s", "others", "resample it"))
     return axis, force
 

@@ -19,9 +19,8 @@ from typing import Any
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.errors import SurveyError, refusal
-from pfwd.files.folders import is_survey
+from pfwd.files.folders import is_survey, spare_folder
 from pfwd.files.output_path import refuse_inside_survey
-from pfwd.files.spare import spare_folder
 from pfwd.judging import Job, job_of
 from pfwd.procedures import NO_PROCEDURE
 from pfwd.session.events import DropSaved, Notice, SessionEvent

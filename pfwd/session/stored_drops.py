@@ -7,8 +7,7 @@ from pfwd.analysis.result_store import readable_results
 from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import compare, screen
 from pfwd.errors import SurveyError
-from pfwd.files.folders import refuse_no_survey
-from pfwd.files.spare import open_for_edits
+from pfwd.files.folders import open_for_edits, refuse_no_survey
 from pfwd.judging import Job, point_view
 from pfwd.judging.view import NO_SETUP
 from pfwd.session.events import SavedDrop

@@ -6,8 +6,7 @@ from collections import Counter
 
 from pfwd.errors import OptionError, refusal
 from pfwd.export.json_text import json_text
-from pfwd.files.imported import Imported
-from pfwd.files.importing import import_files
+from pfwd.files.importing import Imported, import_files
 from tui.output import clean, counted, next_commands, say
 
 _KINDS = {"peaks": "peaks only", "stiffness": "stiffness test"}

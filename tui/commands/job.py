@@ -3,8 +3,8 @@
 import argparse
 
 from pfwd.export.json_text import json_text
+from pfwd.files.editing import add_events
 from pfwd.files.folders import refuse_no_survey
-from pfwd.files.jobs import keep_events
 from pfwd.judging import JobRequest
 from pfwd.judging.job import time_zone_of
 from pfwd.procedures import find_procedure
@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> int:
         before = kept_job(args.survey, chosen)
         news = request.news(before)
         if news:
-            keep_events(args.survey, news.events())
+            add_events(args.survey, news.events())
             for text in request.differences(before):
                 say(f"job: {text}")
     job = kept_job(args.survey)

@@ -116,7 +116,9 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
     )
     stored = [
         drop
-        for drop, screening in zip(point.kept, screenings if point.kept else (), strict=True)
+        for drop, screening in zip(
+            point.survey_drops, screenings if point.survey_drops else (), strict=True
+        )
         if screening.status == "measured"
     ]
     return DiagnosisPoint(

@@ -20,7 +20,7 @@ from pfwd.files.header import (
     setup_from,
     setup_warnings,
 )
-from pfwd.files.traces import FEWEST_SAMPLES, TracePoint
+from pfwd.files.traces import MIN_SAMPLES, TracePoint
 from pfwd_device import Channel, Drop
 from pfwd_device.drop import Peaks, Quantity
 from pfwd_device.text import LONGEST_TEXT, clean
@@ -72,7 +72,7 @@ def even_time(times: Values, where: str) -> Values:
     TraceError
         If a time is further from even than rounding explains.
     """
-    if times.size < FEWEST_SAMPLES:
+    if times.size < MIN_SAMPLES:
         raise TraceError(too_few(where, times.size))
     refuse_infinite(times, "the time", where)
     step = (times[-1] - times[0]) / (times.size - 1)
@@ -110,7 +110,7 @@ def make_drop(
     ------
     TraceError
     """
-    if time.size < FEWEST_SAMPLES:
+    if time.size < MIN_SAMPLES:
         raise TraceError(too_few(where, time.size))
     for values, name in (
         (load, "the load"),
@@ -150,7 +150,7 @@ def peaks_drop(
 
 def too_few(where: str, samples: int) -> str:
     """The message of a record that is too short."""
-    return refusal(where, f"at least {FEWEST_SAMPLES} samples", str(samples))
+    return refusal(where, f"at least {MIN_SAMPLES} samples", str(samples))
 
 
 def refuse_infinite(values: Values, name: str, where: str) -> None:

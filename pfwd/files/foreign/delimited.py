@@ -12,9 +12,9 @@ from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.column_map import Column, ColumnMap, read_map
 from pfwd.files.foreign.common import Request, Values, even_time, make_drop, point_of
 from pfwd.files.traces import (
-    LARGEST_DROP_NUMBER,
-    LONGEST_LINE,
-    MOST_DROPS,
+    MAX_DROP_NUMBER,
+    MAX_FILE_DROPS,
+    MAX_LINE_CHARACTERS,
     TracePoint,
     refuse_long,
 )
@@ -88,8 +88,8 @@ def _numbers(stream: TextIO, file: str, columns: ColumnMap) -> tuple[Values, Seq
 
 def _cells(stream: TextIO, file: str, columns: ColumnMap) -> Iterator[Line]:
     for number in itertools.count(1):
-        text = stream.readline(LONGEST_LINE)
-        if len(text) == LONGEST_LINE or "\0" in text:
+        text = stream.readline(MAX_LINE_CHARACTERS)
+        if len(text) == MAX_LINE_CHARACTERS or "\0" in text:
             came = "binary data, or another encoding"
             raise TraceError(refusal(f"{file}, line {number}", "a line of text", came))
         if not text:
@@ -131,14 +131,14 @@ def _number(cell: str, columns: ColumnMap, where: str) -> float:
 
 def _drops(table: Values, lines: Sequence[int], file: str, columns: ColumnMap) -> list[Drop]:
     numbers = table[:, -1] if columns.drop is not None else np.ones(len(table))
-    odd = ~((numbers == np.floor(numbers)) & (numbers >= 1) & (numbers <= LARGEST_DROP_NUMBER))
+    odd = ~((numbers == np.floor(numbers)) & (numbers >= 1) & (numbers <= MAX_DROP_NUMBER))
     if odd.any():
         row = int(np.argmax(odd))
         where = f"{file}, line {lines[row]}"
         raise TraceError(refusal(where, "a whole drop number from 1", f"{numbers[row]:g}"))
     starts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(table)]
-    if len(starts) > MOST_DROPS + 1:
-        raise TraceError(refusal(file, f"at most {MOST_DROPS} drops", str(len(starts) - 1)))
+    if len(starts) > MAX_FILE_DROPS + 1:
+        raise TraceError(refusal(file, f"at most {MAX_FILE_DROPS} drops", str(len(starts) - 1)))
     found: dict[int, Drop] = {}
     for start, end in itertools.pairwise(starts):
         number = int(numbers[start])

@@ -31,7 +31,7 @@ from pfwd.files.foreign.common import (
 from pfwd.files.foreign.jils_head import OFFSETS, head_facts, sensor_offsets, station_name
 from pfwd.files.foreign.jils_peaks import PeaksStation, beside, compared, parse
 from pfwd.files.foreign.units import DISPLACEMENT, FORCE, POUND_FORCE, TIME
-from pfwd.files.traces import MOST_DROPS, MOST_NUMBERS, TracePoint
+from pfwd.files.traces import MAX_FILE_DROPS, MAX_FILE_NUMBERS, TracePoint
 from pfwd_device import Drop
 
 MOST_SAMPLES = 1_000_000
@@ -180,8 +180,8 @@ def _parse(lines: _Lines) -> tuple[dict[str, str], list[_Block]]:
             _rows(lines, block, int(match[2]))
             blocks.append(block)
             total += len(block.numbers)
-            if total > MOST_NUMBERS or len(blocks) > MOST_DROPS:
-                expected = f"at most {MOST_DROPS} drops and {MOST_NUMBERS} numbers"
+            if total > MAX_FILE_NUMBERS or len(blocks) > MAX_FILE_DROPS:
+                expected = f"at most {MAX_FILE_DROPS} drops and {MAX_FILE_NUMBERS} numbers"
                 raise TraceError(refusal(lines.here, expected, "more"))
         elif (match := _HEADING.match(text)) and not blocks:
             headings.setdefault(match[1], match[2])

@@ -19,7 +19,7 @@ from pfwd.files.foreign.common import (
     point_of,
 )
 from pfwd.files.header import RADIUS
-from pfwd.files.traces import LONGEST_LINE, MOST_DROPS, TracePoint
+from pfwd.files.traces import MAX_FILE_DROPS, MAX_LINE_CHARACTERS, TracePoint
 from pfwd_device import Drop
 
 LARGEST_TEXT = 32_000_000
@@ -64,7 +64,7 @@ def lines_of(file: str) -> Iterator[tuple[int, str]]:
     # What ended a text under DOS.
     text = text.rstrip("\x1a\0\r\n")
     for number, line in enumerate(text.split("\n"), start=1):
-        if len(line) > LONGEST_LINE:
+        if len(line) > MAX_LINE_CHARACTERS:
             raise TraceError(refusal(f"{file}, line {number}", "a line of text", "one without end"))
         yield number, line.rstrip("\r")
 
@@ -133,8 +133,8 @@ def points_of_stations(
     stations = [station for station in stations if station.drops]
     if not stations:
         raise TraceError(refusal(file, "drops with a load and deflections", "none"))
-    if sum(len(station.drops) for station in stations) > MOST_DROPS:
-        raise TraceError(refusal(file, f"at most {MOST_DROPS} drops", "more"))
+    if sum(len(station.drops) for station in stations) > MAX_FILE_DROPS:
+        raise TraceError(refusal(file, f"at most {MAX_FILE_DROPS} drops", "more"))
     placed = [index for index, offset in enumerate(offsets) if not isnan(offset)]
     taken, left_out = one_a_place([offsets[index] for index in placed])
     used = [placed[index] for index in taken]

@@ -16,7 +16,7 @@ from pathlib import Path
 import pfwd_plugins
 from pfwd.errors import SurveyError, TraceError, refusal
 from pfwd.files.foreign.common import Request
-from pfwd.files.traces import LARGEST_FILE, TracePoint, is_trace_file
+from pfwd.files.traces import MAX_FILE_BYTES, TracePoint, is_trace_file
 
 HEAD = 4096
 """Bytes that a file is recognised by."""
@@ -151,8 +151,8 @@ def read_foreign(form: Format, file: str, request: Request) -> list[TracePoint]:
     """
     try:
         size = os.path.getsize(file)
-        if size > LARGEST_FILE:
-            expected = f"at most {LARGEST_FILE / 1e6:.0f} MB"
+        if size > MAX_FILE_BYTES:
+            expected = f"at most {MAX_FILE_BYTES / 1e6:.0f} MB"
             raise TraceError(refusal(file, expected, f"{size / 1e6:.1f} MB"))
         points = list(form.reader()(file, request))
     except OSError as err:

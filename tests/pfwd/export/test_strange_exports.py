@@ -10,9 +10,7 @@ import h5py
 import pytest
 
 from pfwd.export.export import export_survey
-from pfwd.files.imported import Imported
-from pfwd.files.importing import import_files
-from pfwd.files.importing_survey import LONGEST_EDIT
+from pfwd.files.importing import MAX_EDIT_CHARACTERS, Imported, import_files
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import SurveyWriter, check, read_survey
 from pfwd_device.recording.drop_file import DIGEST
@@ -120,7 +118,10 @@ def test_what_is_no_event_or_check_is_left_out(
 
 
 def test_an_edit_that_is_too_long_is_left_out(survey: Path, tmp_path: Path) -> None:
-    too_long, longest = "x" * (LONGEST_EDIT - 1), "x" * (LONGEST_EDIT - 2)  # and the marks around
+    too_long, longest = (
+        "x" * (MAX_EDIT_CHARACTERS - 1),
+        "x" * (MAX_EDIT_CHARACTERS - 2),
+    )  # and the marks around
 
     def change(said: dict[str, Any]) -> None:
         said["points"][0]["edits"] += [

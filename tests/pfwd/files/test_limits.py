@@ -37,9 +37,9 @@ def test_limits_are_beyond_what_is_real() -> None:
     assert hdf5_tree.MOST_MEMBERS > 1024
     assert hdf5_texts.LARGEST_HEADER > hdf5_tree.MOST_ATTRIBUTES * 200
     assert 100 * survey <= survey_file.MOST_DROPS
-    assert traces.MOST_NUMBERS >= 3 * 10 * 50_000 * 10
-    assert traces.MOST_NUMBERS * 8 * 2 < 400e6
-    assert traces.MOST_DROPS >= 100 * 10
+    assert traces.MAX_FILE_NUMBERS >= 3 * 10 * 50_000 * 10
+    assert traces.MAX_FILE_NUMBERS * 8 * 2 < 400e6
+    assert traces.MAX_FILE_DROPS >= 100 * 10
     assert archive.LARGEST_TOTAL > 1000 * 100_000
     assert archive.LARGEST_TOTAL >= 2 * archive.LARGEST_MEMBER
     assert archive.LARGEST_DIRECTORY > 10 * 1000 * 100
@@ -58,11 +58,11 @@ def table(rows: int, line: str = "0,0,0") -> list[str]:
 def test_numbers_drops_header_and_lines_of_a_trace_file_end(
     write: Write, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(traces, "MOST_NUMBERS", 300)
+    monkeypatch.setattr(traces, "MAX_FILE_NUMBERS", 300)
     with pytest.raises(TraceError, match="expected at most 300 numbers, got over 203 lines of 3"):
         read_traces(write(table(200)))
     monkeypatch.undo()
-    monkeypatch.setattr(traces, "MOST_DROPS", 2)
+    monkeypatch.setattr(traces, "MAX_FILE_DROPS", 2)
     rows = [f"{n},{t / 1000},0,0" for n in (1, 2, 3) for t in range(16)]
     lines = [*table(0)[:2], "drop," + table(0)[2], *rows]
     with pytest.raises(TraceError, match="expected at most 2 drops, got 3"):

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pfwd.errors import DeviceError, SurveyError
-from pfwd.files.editing import Edit, edit_survey
-from pfwd.files.jobs import keep_events
+from pfwd.files.editing import Edit, add_events, edit_survey
 from pfwd.judging import JobRequest
 from pfwd.judging.view import job_of_folder
 from pfwd.session.events import Edited, JobReported, Notice
@@ -119,7 +118,7 @@ class SurveyEdits:
 
     def _keep_job(self, folder: Path, request: JobRequest) -> None:
         try:
-            keep_events(folder, request.events())
+            add_events(folder, request.events())
             job = job_of_folder(folder)
         except (SurveyError, DeviceError, OSError) as err:
             self._runner.put(Notice(str(err), serious=True))
