@@ -5,7 +5,7 @@ import difflib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from pfwd.export.registry import OWN as EXPORT_FORMATS
+from pfwd.export.registry import BUILT_IN_FORMATS as EXPORT_FORMATS
 from tui.argument_values import (
     PLOT_FORMATS,
     count,

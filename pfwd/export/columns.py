@@ -1,14 +1,14 @@
-"""The columns of a table of results: names with their units, kinds and meanings."""
+"""Columns of the exported tables of drops and points: name with unit, kind, and meaning."""
 
 from pfwd.analysis.result_columns import ResultColumn, result_columns
 
-COLUMNS = (
+DROP_COLUMNS = (
     ResultColumn("survey_id", "text", "identity of the survey"),
     ResultColumn("point", "text", "test point, as it was named last"),
     ResultColumn("drop", "whole", "number of the drop within the point"),
     ResultColumn("record", "whole", "number of the drop within the survey"),
     ResultColumn("discarded", "flag", "whether the drop or its point was discarded"),
-    ResultColumn("time_utc", "time", "when, ISO 8601"),
+    ResultColumn("time_utc", "time", "UTC, ISO 8601"),
     ResultColumn("latitude", "number", "degrees, north positive"),
     ResultColumn("longitude", "number", "degrees, east positive"),
     ResultColumn("altitude_m", "number", "m"),
@@ -19,10 +19,10 @@ COLUMNS = (
     ResultColumn("deflection_recorded_m", "number", "peak of the centre as recorded, m"),
     ResultColumn("target_pa", "number", "target modulus, Pa"),
     ResultColumn("status", "text", "measured, seating, rejected, or no result"),
-    ResultColumn("reason", "text", "why it was rejected, or why there is no result"),
+    ResultColumn("reason", "text", "reason of the rejection, or of the missing result"),
     *result_columns("established"),
     ResultColumn("notes", "texts", "of the drop and of its point"),
-    # Behind all others, so that whoever reads columns by their place is not disturbed.
+    # Columns of later versions come last: programs that read columns by position go on working.
     *result_columns("layers"),
     ResultColumn("kind", "text", "traces, peaks (no history) or stiffness (a rig)"),
     ResultColumn("sci_m", "number", "surface curvature index of peaks, d0 - d300, m"),
@@ -35,15 +35,51 @@ COLUMNS = (
     ResultColumn(
         "deflection_corrected_m",
         "number",
-        "the same with the declared response of the geophone taken out, m; procedures judge it",
+        "peak of the centre without the declared response of the geophone, m; procedures judge it",
     ),
-    ResultColumn("procedure", "text", "by which the point is judged; none: no one was chosen"),
-    ResultColumn("quantity", "text", "what it judges: E_vd, E_LWD, modulus or deflection"),
-    ResultColumn("value", "number", "of the point, in the unit"),
-    ResultColumn("interval_low", "number", "its 95 % interval"),
-    ResultColumn("interval_high", "number", "its 95 % interval"),
-    ResultColumn("unit", "text", "of value, interval and target: Pa or m"),
-    ResultColumn("target", "number", "that counts for the point"),
-    ResultColumn("verdict", "text", "of the point: pass, fail, undecided or none"),
+    ResultColumn("procedure", "text", "procedure of the point; none: no procedure was chosen"),
+    ResultColumn("quantity", "text", "judged quantity: E_vd, E_LWD, modulus or deflection"),
+    ResultColumn("value", "number", "judged value of the point, in the unit"),
+    ResultColumn("interval_low", "number", "lower end of its 95 % interval, in the unit"),
+    ResultColumn("interval_high", "number", "upper end of its 95 % interval, in the unit"),
+    ResultColumn("unit", "text", "unit of value, interval and target: Pa or m"),
+    ResultColumn("target", "number", "target of the point, in the unit"),
+    ResultColumn("verdict", "text", "verdict of the point: pass, fail, undecided or none"),
     *result_columns("last"),
 )
+"""Columns of the table of drops."""
+
+POINT_COLUMNS = (
+    ResultColumn("point", "text", "test point, as it was named last"),
+    ResultColumn("chainage_m", "number", "distance along the line, m"),
+    ResultColumn("latitude", "number", "degrees, north positive"),
+    ResultColumn("longitude", "number", "degrees, east positive"),
+    ResultColumn("altitude_m", "number", "m"),
+    ResultColumn("time_utc", "time", "UTC of the first averaged drop, ISO 8601"),
+    ResultColumn("time_local", "time", "local time of the first averaged drop, ISO 8601"),
+    ResultColumn("procedure", "text", "procedure of the point"),
+    ResultColumn("quantity", "text", "judged quantity: E_vd, E_LWD, modulus or deflection"),
+    ResultColumn("value", "number", "judged value, in the unit"),
+    ResultColumn("interval_low", "number", "lower end of its 95 % interval, in the unit"),
+    ResultColumn("interval_high", "number", "upper end of its 95 % interval, in the unit"),
+    ResultColumn("unit", "text", "unit of value, interval and target: Pa, or m for a deflection"),
+    ResultColumn("target", "number", "target, in the unit"),
+    ResultColumn("verdict", "text", "pass, fail, undecided, or none"),
+    ResultColumn("drops_measured", "whole", "number of averaged drops"),
+    ResultColumn("modulus_pa", "number", "modulus from the fits of the averaged drops, Pa"),
+    ResultColumn("modulus_interval_low_pa", "number", "lower end of its 95 % interval, Pa"),
+    ResultColumn("modulus_interval_high_pa", "number", "upper end of its 95 % interval, Pa"),
+    ResultColumn("diagnosis", "text", "clean, explained or unexplained; empty: not diagnosed"),
+    ResultColumn("discarded", "flag", "whether the point was discarded"),
+    ResultColumn("note", "text", "notes on the point"),
+    ResultColumn("verdict_reason", "text", "reason of the verdict, one sentence"),
+    ResultColumn("verdict_reason_code", "text", "kind of the reason; empty: no target"),
+    ResultColumn("value_not_supported", "text", "reason why the value decides nothing"),
+    ResultColumn("modulus_in_force_pa", "number", "modulus that may be used, Pa; empty: none"),
+    ResultColumn("modulus_in_force_interval_low_pa", "number", "lower end of its interval, Pa"),
+    ResultColumn("modulus_in_force_interval_high_pa", "number", "upper end of its interval, Pa"),
+    ResultColumn("modulus_source", "text", "source of the modulus in force: diagnosed or fitted"),
+    ResultColumn("modulus_not_supported", "text", "reason why the data do not support modulus_pa"),
+    ResultColumn("photos", "text", "paths of photos within the survey; empty: none"),
+)
+"""Columns of a point in every export."""

@@ -1,4 +1,4 @@
-"""Exports a survey: the one road for the command line and scripts."""
+"""Export of a survey, for the command line and for scripts."""
 
 import os
 from contextlib import ExitStack
@@ -7,8 +7,8 @@ from typing import Any
 
 import pfwd_plugins
 from pfwd.errors import OptionError, SurveyError, quote, refusal
-from pfwd.export.output import refuse_taken
-from pfwd.export.registry import OWN, ExportFormat, find_format, format_names
+from pfwd.export.output import refuse_existing
+from pfwd.export.registry import BUILT_IN_FORMATS, ExportFormat, find_format, format_names
 from pfwd.export.rows import Order, Results
 from pfwd.files.reading import survey_content
 from pfwd_device.errors import RecordingError
@@ -16,23 +16,23 @@ from pfwd_device.recording.index import no_collections
 
 
 @dataclass(frozen=True, slots=True)
-class Exported:
-    """What came of an export."""
+class ExportSummary:
+    """Summary of an export."""
 
     survey: str
     format: str
     path: str
     points: int
-    """Of the survey."""
+    """Number of points of the survey."""
     drops: int
-    """Of the survey, discarded ones with them."""
+    """Number of drops of the survey, discarded ones included."""
     results: int | None
-    """How many drops have a result; None: the format holds none."""
+    """Number of drops with a result; None: the format holds no results."""
     notes: tuple[str, ...]
-    """What was left out, a sentence each."""
+    """One sentence for each omission."""
 
     def as_dict(self) -> dict[str, Any]:
-        """The record of ``pfwd export --json``."""
+        """Return the record of ``pfwd export --json``."""
         return {
             "survey": self.survey,
             "format": self.format,
@@ -56,27 +56,29 @@ def export_survey(
     jobs: int = 1,
     delimiter: str | None = None,
     decimal: str | None = None,
-) -> Exported:
-    """Write a survey to a file, or for ``csv`` to a folder; it is there whole or not at all.
+) -> ExportSummary:
+    """Write a survey to a file, or for ``csv`` to a folder, which is complete or absent.
 
     Parameters
     ----------
     survey : path of a survey's folder, or of an exported one
     form : str or None
-        Name of a format in `pfwd.export.registry`; None: the one that the path's ending names.
-    path : of the file or folder, in a folder that is there
+        Name of a format in `pfwd.export.registry`; None: the format that the path's ending names.
+    path : path of the file or folder, in an existing folder
     force : bool
-        Whether what is there may be replaced.
+        Whether an existing file may be replaced.
     invert : bool
-        Invert the drops in place of taking the stored results. Nothing is written to the survey.
+        Invert the drops instead of using the stored results. Nothing is written to the survey.
     seed : int
-        Of the inversion, >= 0.
+        Random seed of the inversion, >= 0.
     jobs : int
-        Processes that may work on it; a script that asks for more than one needs a guard
+        Number of processes that may work on it. A script with more than one needs a guard
         ``if __name__ == "__main__"``, as for `multiprocessing`.
-    delimiter, decimal : str, optional
-        Of a text in columns: a sign, or ``tab``; ``.`` or ``,``. A comma and a point where nothing
-        is said; with a decimal comma a semicolon is between the columns.
+    delimiter : str, optional
+        Sign between the columns of a text, or ``tab``; default: a comma, or a semicolon where the
+        decimal sign is a comma.
+    decimal : str, optional
+        Decimal sign of a text, ``.`` (default) or ``,``.
 
     Returns
     -------
@@ -85,44 +87,45 @@ def export_survey(
     Raises
     ------
     OptionError
-        If the format is unknown or holds no results to invert for, or the name is taken.
+        If the format is unknown, or holds no results although `invert` is set, or the name is in
+        use.
     SurveyError
-        If the survey cannot be read, or what it holds does not fit into the format.
+        If the survey cannot be read, or does not fit into the format.
     """
     form = _format_of_path(path) if form is None else form
     chosen = _format(form, invert=invert)
     signs = _signs(chosen, delimiter, decimal)
-    refuse_taken(path, force=force)  # now, and not after the work
+    refuse_existing(path, force=force)  # before the work, not after it
     with ExitStack() as stack:
-        second = None
+        row_maker = None
         if chosen.by_parts and not invert:
             from pfwd.export.parts import second_process
 
-            stack.enter_context(no_collections())  # what is read is needed to the end
-            second = stack.enter_context(second_process(os.fspath(survey), jobs))
+            stack.enter_context(no_collections())  # all that is read is needed to the end
+            row_maker = stack.enter_context(second_process(os.fspath(survey), jobs))
         content = survey_content(survey)
         inverted = _inverted(os.fspath(survey), seed) if invert else None
-        order = Order(content, inverted, force, jobs, second, *signs)
+        order = Order(content, inverted, force, jobs, row_maker, *signs)
         notes, results = _written(chosen, order, path)
     drops = len(content.drops)
     if results is not None and results < drops:
         notes.append(f"{drops - results} of {drops} drops have no result")
-    lost = [f"damaged survey: {text}" for text in content.damage]
-    return Exported(
+    damage = [f"damaged survey: {text}" for text in content.damage]
+    return ExportSummary(
         os.fspath(survey),
         form,
         os.fspath(path),
         len(content.points),
         drops,
         results,
-        (*notes, *lost),
+        (*notes, *damage),
     )
 
 
 def _written(
     form: ExportFormat, order: Order, path: str | os.PathLike[str]
 ) -> tuple[list[str], int | None]:
-    """What was left out, and how many drops have a result; None: the format holds none."""
+    """Write the format; return the omissions and the number of drops with a result."""
     try:
         notes = list(form.writer()(order, path))
         return notes, order.results if form.with_results else None
@@ -131,11 +134,11 @@ def _written(
     except (SurveyError, OSError):
         raise
     except Exception as err:
-        if form.name in OWN:
+        if form.name in BUILT_IN_FORMATS:
             raise
         package = pfwd_plugins.package_of(pfwd_plugins.EXPORT_FORMATS, form.name)
-        came = f"{type(err).__name__}: {err}"
-        raise SurveyError(refusal(f"--format {form.name}", f"a file from {package}", came)) from err
+        text = f"{type(err).__name__}: {err}"
+        raise SurveyError(refusal(f"--format {form.name}", f"a file from {package}", text)) from err
 
 
 def _format_of_path(path: str | os.PathLike[str]) -> str:
@@ -144,7 +147,7 @@ def _format_of_path(path: str | os.PathLike[str]) -> str:
     Several formats are CSV, one of them a folder: the ending ``.csv`` names none of them.
     """
     name = os.path.splitext(path)[1].removeprefix(".").lower()
-    if name in OWN and name != "csv":
+    if name in BUILT_IN_FORMATS and name != "csv":
         return name
     names = ", ".join(format_names())
     hint = "--format table, points or csv" if name == "csv" else f"--format, one of {names}"
@@ -157,16 +160,18 @@ def _format(name: str, *, invert: bool) -> ExportFormat:
     if form is None:
         raise OptionError(refusal("--format", f"one of {', '.join(format_names())}", quote(name)))
     if invert and not form.with_results:
-        holding = ", ".join(sorted(own.name for own in OWN.values() if own.with_results))
+        formats = BUILT_IN_FORMATS.values()
+        holding = ", ".join(sorted(format_.name for format_ in formats if format_.with_results))
         raise OptionError(refusal("--invert", f"a format with results ({holding})", name))
     return form
 
 
 def _signs(form: ExportFormat, delimiter: str | None, decimal: str | None) -> tuple[str, str]:
-    """Between the columns, and within numbers."""
-    for option, said in (("--delimiter", delimiter), ("--decimal", decimal)):
-        if said is not None and not form.delimited:
-            holding = ", ".join(own.name for own in OWN.values() if own.delimited)
+    """Return the sign between the columns, and the decimal sign."""
+    for option, sign in (("--delimiter", delimiter), ("--decimal", decimal)):
+        if sign is not None and not form.delimited:
+            formats = BUILT_IN_FORMATS.values()
+            holding = ", ".join(format_.name for format_ in formats if format_.delimited)
             raise OptionError(refusal(option, f"a format in columns ({holding})", form.name))
     point = "." if decimal is None else decimal
     if point not in (".", ","):
@@ -178,8 +183,8 @@ def _signs(form: ExportFormat, delimiter: str | None, decimal: str | None) -> tu
     if not printable or between in "\"'+-." or between.isalnum():
         raise OptionError(refusal("--delimiter", "a sign such as ; or tab", quote(delimiter)))
     if between == point:
-        came = f"{quote(between)} for both"
-        raise OptionError(refusal("--delimiter and --decimal", "two signs", came))
+        text = f"{quote(between)} for both"
+        raise OptionError(refusal("--delimiter and --decimal", "two signs", text))
     return between, point
 
 
@@ -190,4 +195,4 @@ def _inverted(survey: str, seed: int) -> Results:
     (outcome,) = analyse_files([survey], AnalysisOptions(seed=seed))
     if outcome.error is not None:
         raise SurveyError(outcome.error)
-    return {(str(found.point), int(found.drop or 0)): found for found in outcome.results}
+    return {(str(result.point), int(result.drop or 0)): result for result in outcome.results}

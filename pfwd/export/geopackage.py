@@ -1,4 +1,4 @@
-"""``gpkg``: one feature for each point in an OGC GeoPackage 1.3 (OGC 12-128r17), written by SQLite.
+"""OGC GeoPackage 1.3 (``gpkg``, OGC 12-128r17) with a feature for each point, written by SQLite.
 
 The standard asks for the tables ``gpkg_spatial_ref_sys``, ``gpkg_contents`` and
 ``gpkg_geometry_columns``. The R-tree index is an extension of the standard (its annex F.3).
@@ -11,13 +11,14 @@ import sqlite3
 import struct
 from collections.abc import Iterator, Sequence
 
+from pfwd.export.columns import POINT_COLUMNS
 from pfwd.export.maps import without_position
 from pfwd.export.output import new_file
-from pfwd.export.point_rows import POINT_COLUMNS, PointValues, place_of_row, point_rows
+from pfwd.export.point_rows import PointValues, place_of_row, point_rows
 from pfwd.export.rows import Order
 from pfwd.judging.places import Place
 
-LAYER = "points"
+LAYER_NAME = "points"
 """Name of the layer, which is the name of its table."""
 
 APPLICATION_ID = 0x47504B47
@@ -26,7 +27,7 @@ USER_VERSION = 10300
 """Version 1.3.0 of the standard."""
 
 _WGS_84 = 4326
-"""EPSG number of the coordinates that receivers give."""
+"""EPSG number of the coordinates of receivers."""
 
 _POINT, _POINT_Z = 1, 1001
 """Kinds of geometry in well-known binary (ISO 13249-3)."""
@@ -34,7 +35,7 @@ _POINT, _POINT_Z = 1, 1001
 _COLUMN_TYPES = {"number": "REAL", "whole": "INTEGER", "flag": "BOOLEAN"}
 """SQL type for each kind of column; TEXT for the others."""
 
-_SCHEMA = """
+_TABLES_SQL = """
 CREATE TABLE gpkg_spatial_ref_sys (
     srs_name TEXT NOT NULL,
     srs_id INTEGER NOT NULL PRIMARY KEY,
@@ -168,7 +169,7 @@ def _add_points(database: sqlite3.Connection, rows: Sequence[PointValues]) -> No
     has_heights = all(place.altitude is not None for place in located)
     database.execute(f"PRAGMA application_id = {APPLICATION_ID}")
     database.execute(f"PRAGMA user_version = {USER_VERSION}")
-    database.executescript(_SCHEMA)
+    database.executescript(_TABLES_SQL)
     database.executemany(
         "INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, ?)", _REFERENCE_SYSTEMS
     )
@@ -176,7 +177,7 @@ def _add_points(database: sqlite3.Connection, rows: Sequence[PointValues]) -> No
         f'"{column.name}" {_COLUMN_TYPES.get(column.kind, "TEXT")}' for column in POINT_COLUMNS
     ]
     database.execute(
-        f"CREATE TABLE {LAYER} (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, geom POINT, "
+        f"CREATE TABLE {LAYER_NAME} (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, geom POINT, "
         f"{', '.join(columns)})"
     )
     extent = (
@@ -192,15 +193,15 @@ def _add_points(database: sqlite3.Connection, rows: Sequence[PointValues]) -> No
     now = datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds")
     database.execute(
         "INSERT INTO gpkg_contents VALUES (?, 'features', ?, '', ?, ?, ?, ?, ?, ?)",
-        (LAYER, LAYER, now.replace("+00:00", "Z"), *extent, _WGS_84),
+        (LAYER_NAME, LAYER_NAME, now.replace("+00:00", "Z"), *extent, _WGS_84),
     )
     database.execute(
         "INSERT INTO gpkg_geometry_columns VALUES (?, 'geom', 'POINT', ?, ?, 0)",
-        (LAYER, _WGS_84, int(has_heights)),
+        (LAYER_NAME, _WGS_84, int(has_heights)),
     )
     marks = ", ".join("?" * (2 + len(POINT_COLUMNS)))
     database.executemany(
-        f"INSERT INTO {LAYER} VALUES ({marks})",
+        f"INSERT INTO {LAYER_NAME} VALUES ({marks})",
         (
             (fid, place and _geometry(place, has_heights), *row.values())
             for fid, (row, place) in enumerate(zip(rows, places, strict=True), 1)
@@ -227,7 +228,7 @@ def _add_index(database: sqlite3.Connection, places: Sequence[Place | None]) -> 
     )
     database.execute(
         "INSERT INTO gpkg_extensions VALUES (?, 'geom', 'gpkg_rtree_index', ?, 'write-only')",
-        (LAYER, "http://www.geopackage.org/spec120/#extension_rtree"),
+        (LAYER_NAME, "http://www.geopackage.org/spec120/#extension_rtree"),
     )
     database.executescript(_INDEX_TRIGGERS)
 

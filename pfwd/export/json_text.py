@@ -1,4 +1,4 @@
-"""JSON as other programs read it: no NaN, no infinity."""
+"""JSON that every program can read: without NaN and infinity."""
 
 import json
 import math
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def json_text(data: Any) -> str:
-    """`data` as JSON on one line, NaN and infinity as null.
+    """Return `data` as JSON on one line, with null for NaN and infinity.
 
     Examples
     --------
@@ -18,7 +18,7 @@ def json_text(data: Any) -> str:
 
 
 def without_nan(value: Any) -> Any:
-    """The same with None for every number that JSON does not know."""
+    """Return `value` with None for NaN and infinity, which JSON does not have."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     match value:

@@ -1,7 +1,5 @@
-"""Results on the map: ``geojson``, a feature a drop (RFC 7946), ``points-geojson``, a feature a
-point, and ``gpx``, a way point a point.
-
-GPX is version 1.1; a point without a position cannot be in it.
+"""Results on the map: ``geojson`` with a feature for each drop (RFC 7946), ``points-geojson`` with
+a feature for each point, and ``gpx`` (1.1) with a way point for each point that has a position.
 """
 
 import datetime
@@ -12,7 +10,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from pfwd.export.json_text import json_text
-from pfwd.export.output import new_file
+from pfwd.export.output import new_file, new_text_file
 from pfwd.export.point_rows import PointValues, place_of_row, point_rows
 from pfwd.export.rows import Order, Row
 from pfwd.judging.job import target_text
@@ -20,8 +18,8 @@ from pfwd.judging.places import Place
 from pfwd_device.recording.drop_file import software_version
 from pfwd_device.text import clean
 
-NAMESPACE = "http://www.topografix.com/GPX/1/1"
-SCHEMA = f"{NAMESPACE} {NAMESPACE}/gpx.xsd"
+GPX_NAMESPACE = "http://www.topografix.com/GPX/1/1"
+GPX_SCHEMA = f"{GPX_NAMESPACE} {GPX_NAMESPACE}/gpx.xsd"
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"
 
 
@@ -31,15 +29,16 @@ def write_geojson(order: Order, path: str | os.PathLike[str]) -> list[str]:
     Returns
     -------
     list of str
-        How many have no position, and how many were left out.
+        Numbers of drops without a position and of omitted drops.
     """
     rows = order.rows
     used = [row for row in rows if row.used]
     _write_collection([_feature(row) for row in used], order, path)
     notes = []
-    nowhere = sum(row.place is None for row in used)
-    if nowhere:
-        notes.append(f"{nowhere} of {len(used)} drops have no position: their geometry is null")
+    without_place = sum(row.place is None for row in used)
+    if without_place:
+        text = f"{without_place} of {len(used)} drops have no position: their geometry is null"
+        notes.append(text)
     if len(used) < len(rows):
         notes.append(f"{len(rows) - len(used)} discarded or damaged drops are left out")
     return notes
@@ -51,7 +50,7 @@ def write_points_geojson(order: Order, path: str | os.PathLike[str]) -> list[str
     Returns
     -------
     list of str
-        How many have no position: their geometry is null.
+        Number of points without a position: their geometry is null.
     """
     rows = point_rows(order)
     features = []
@@ -71,11 +70,11 @@ def write_points_geojson(order: Order, path: str | os.PathLike[str]) -> list[str
 
 
 def without_position(rows: Sequence[PointValues]) -> list[str]:
-    """How many points have no position, as a note; nothing where all have one."""
-    nowhere = sum(place_of_row(row) is None for row in rows)
-    if not nowhere:
+    """Return a note with the number of points without a position; no note where all have one."""
+    without_place = sum(place_of_row(row) is None for row in rows)
+    if not without_place:
         return []
-    return [f"{nowhere} of {len(rows)} points have no position: their geometry is null"]
+    return [f"{without_place} of {len(rows)} points have no position: their geometry is null"]
 
 
 def _write_collection(
@@ -86,10 +85,7 @@ def _write_collection(
         "features": features,
         "pfwd": {"version": software_version(), "survey_id": order.content.survey_id},
     }
-    with (
-        new_file(path, force=order.force) as draft,
-        open(draft, "w", encoding="utf-8", newline="\n") as stream,
-    ):
+    with new_text_file(path, force=order.force) as stream:
         stream.write(json_text(collection) + "\n")
 
 
@@ -121,34 +117,34 @@ def write_gpx(order: Order, path: str | os.PathLike[str]) -> list[str]:
     Returns
     -------
     list of str
-        How many points were left out.
+        Number of omitted points.
     """
     root = ElementTree.Element(
         "gpx",
         {
             "version": "1.1",
             "creator": f"pfwd {software_version()}",
-            "xmlns": NAMESPACE,
+            "xmlns": GPX_NAMESPACE,
             "xmlns:xsi": _XSI,
-            "xsi:schemaLocation": SCHEMA,
+            "xsi:schemaLocation": GPX_SCHEMA,
         },
     )
     metadata = ElementTree.SubElement(root, "metadata")
     _add(metadata, "name", f"PFWD survey {order.content.survey_id}".strip())
-    left_out = 0
-    # By the name that drops carry: titles of two points may be alike.
+    omitted = 0
+    # By the name in the drops: two points may have the same title.
     for _, group in groupby(order.rows, key=lambda row: row.point.name):
         rows = [row for row in group if row.used]
         place = next((row.place for row in rows if row.place is not None), None)
         if place is None:
-            left_out += 1
+            omitted += 1
         else:
             _way_point(root, place, rows)
     with new_file(path, force=order.force) as draft:
         tree = ElementTree.ElementTree(root)
         ElementTree.indent(tree)
         tree.write(draft, encoding="utf-8", xml_declaration=True)
-    return [f"{left_out} points without a position or drops are left out"] if left_out else []
+    return [f"{omitted} points without a position or drops are left out"] if omitted else []
 
 
 def _way_point(root: ElementTree.Element, place: Place, rows: list[Row]) -> None:
@@ -167,7 +163,7 @@ def _way_point(root: ElementTree.Element, place: Place, rows: list[Row]) -> None
 
 
 def _moment(row: Row) -> str | None:
-    """When, with its time zone, as the schema wants it."""
+    """Return the time of a drop with its time zone, in the form of the schema; None: unknown."""
     try:
         moment = datetime.datetime.fromisoformat(str(row.values["time_utc"]))
     except ValueError:
@@ -179,12 +175,12 @@ def _moment(row: Row) -> str | None:
 
 
 def _add(parent: ElementTree.Element, name: str, text: str) -> None:
-    # XML has no letter for a control character, not even escaped.
+    # XML cannot hold control characters, not even escaped.
     ElementTree.SubElement(parent, name).text = clean(text, limit=100_000)
 
 
 def _verdict_words(row: Row) -> str:
-    """How the point of a drop stands on one line, units shown."""
+    """Return value and verdict of the point of a drop on one line, with units."""
     values = row.values
     unit, scale = ("mm", 1e3) if values["unit"] == "m" else ("MPa", 1e-6)
     parts = []
@@ -200,7 +196,7 @@ def _verdict_words(row: Row) -> str:
 
 
 def _result_words(row: Row) -> str:
-    """The result of a drop on one line, units shown."""
+    """Return the result of a drop on one line, with units."""
     values = row.values
     if values["modulus_pa"] is None:
         reason = values["reason"] or "; ".join(values["warnings"]) or "no modulus"

@@ -1,14 +1,14 @@
-"""Files that are there whole or not at all, and never in place of another one by mistake.
+"""Files and folders that are complete or absent, and replace another one only on request.
 
-What is written is a draft beside its place, with a name of its own::
+An export writes a draft in the same folder::
 
     NAME.3f9c0a52.tmp    the draft
-    NAME.3f9c0a52.lock   held by the operating system for whoever writes it
-    NAME.3f9c0a52.old    for a moment: the folder that is replaced
+    NAME.3f9c0a52.lock   locked by the writing process through the operating system
+    NAME.3f9c0a52.old    the replaced folder, for the moment of the exchange
 
-A program that is killed leaves them. The next export to the same place takes them away: a lock that
-nobody holds is that of a program that has ended, on every system and wherever it ran, while the
-number of a process may be another one's by then. Going on with a draft was considered; a folder is
+A program that is killed leaves these files, and the next export to the same place removes them. A
+file that no process locks belongs to a program that has ended, on every system; the number of a
+process would not show it, because numbers are used again. A draft is never continued: a folder is
 written in seconds, and the survey may have changed since.
 """
 
@@ -19,6 +19,7 @@ import secrets
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TextIO
 
 from filelock import FileLock, Timeout
 
@@ -33,46 +34,58 @@ from pfwd.files.output_path import (
 
 @contextlib.contextmanager
 def new_file(path: str | os.PathLike[str], *, force: bool) -> Iterator[Path]:
-    """A draft beside `path` that takes its name when the block ends well.
+    """Yield a draft in the folder of `path`, and rename it to `path` when the block ends well.
 
     Parameters
     ----------
-    path : of the file that is wanted
+    path : path of the file to write
     force : bool
-        Whether a file that is there may be replaced.
+        Whether an existing file may be replaced.
 
     Raises
     ------
     OptionError
-        If there is something already, or no folder to write into.
+        If the name is in use, or its folder does not exist.
     SurveyError
-        If the disk does not take it.
+        If the disk refuses the file.
     """
     target = Path(path)
     clear_leftovers(target)
     _check(target, force=force)
     if target.is_dir():
         raise OptionError(refusal(str(target), "the name of a file", "a folder"))
-    with _own_draft(target) as draft, disk_errors(target):
+    with _locked_draft(target) as draft, disk_errors(target):
         yield draft
         sync(draft)
         os.replace(draft, target)
 
 
 @contextlib.contextmanager
+def new_text_file(
+    path: str | os.PathLike[str], *, force: bool, newline: str = "\n"
+) -> Iterator[TextIO]:
+    """Yield a stream of UTF-8 text for a new file; see :func:`new_file`."""
+    with (
+        new_file(path, force=force) as draft,
+        open(draft, "w", encoding="utf-8", newline=newline) as stream,
+    ):
+        yield stream
+
+
+@contextlib.contextmanager
 def new_folder(path: str | os.PathLike[str], suffix: str, *, force: bool) -> Iterator[Path]:
-    """As :func:`new_file`, for a folder; a replaced one may only hold files of this suffix."""
+    """Yield the draft of a folder, see :func:`new_file`; it may replace one of *suffix files."""
     target = Path(path)
     refuse_inside_survey(target, "--output")
     clear_leftovers(target)
     if target.is_dir() and not any(target.iterdir()):
         target.rmdir()  # nothing is replaced
     _check(target, force=force)
-    others = [path.name for path in target.iterdir()] if target.is_dir() else []
-    if any(not name.endswith(suffix) for name in others) or target.is_file():
+    existing = [path.name for path in target.iterdir()] if target.is_dir() else []
+    if any(not name.endswith(suffix) for name in existing) or target.is_file():
         expected = f"a folder with nothing but *{suffix} files to replace"
         raise OptionError(refusal(str(target), expected, "something else", "name another one"))
-    with _own_draft(target) as draft, disk_errors(target):
+    with _locked_draft(target) as draft, disk_errors(target):
         draft.mkdir()
         yield draft
         for file in draft.iterdir():
@@ -90,10 +103,10 @@ def new_folder(path: str | os.PathLike[str], suffix: str, *, force: bool) -> Ite
 
 
 def clear_leftovers(target: Path) -> None:
-    """Take away what programs that were killed have left of exports to this place.
+    """Remove the files of killed exports to this place.
 
-    A folder that was about to be replaced is put back. What somebody is writing stays, and so does
-    what cannot be removed: it is in nobody's way.
+    A folder that was about to be replaced is put back. Files of a running export stay, and so do
+    those that cannot be removed: they do no harm.
     """
     if not target.name:
         return
@@ -101,15 +114,15 @@ def clear_leftovers(target: Path) -> None:
     try:
         names = os.listdir(target.parent)
     except OSError:
-        return  # said when it is written
+        return  # `new_file` reports it
     for name in filter(pattern.fullmatch, names):
         path = target.with_name(name)
-        # A link might lead the lock, which is opened for writing, to a file of somebody's.
+        # The lock is opened for writing, and a link may lead to a user's file.
         if path.is_symlink() or not path.is_file():
             continue
-        # Somebody is at it; or the disk has no locks, and nobody can tell whose it is: then
-        # filelock takes the file itself for one that is held, or, in earlier versions, says
-        # NotImplementedError. Either way it stays, in nobody's way.
+        # Another process writes the draft; or the disk has no locks, and the owner is unknown: then
+        # filelock reports the file as locked or, in earlier versions, raises NotImplementedError.
+        # Either way the draft stays.
         with contextlib.suppress(Timeout, OSError, NotImplementedError):
             with FileLock(path, timeout=0):
                 _remove(path.with_suffix(".tmp"))
@@ -121,14 +134,13 @@ def clear_leftovers(target: Path) -> None:
 
 
 @contextlib.contextmanager
-def _own_draft(target: Path) -> Iterator[Path]:
-    """The name of a draft that nobody else takes away; whatever has it goes with the block."""
+def _locked_draft(target: Path) -> Iterator[Path]:
+    """Yield the name of a locked draft; whatever has this name is removed after the block."""
     draft = target.with_name(f"{target.name}.{secrets.token_hex(4)}.tmp")
     path = draft.with_suffix(".lock")
     lock = FileLock(path)
-    # On a disk without locks the draft goes without one: nobody takes it away while it is written,
-    # see `clear_leftovers`, for nobody else can hold its lock either. A disk that takes no file at
-    # all is said with the draft, which follows.
+    # On a disk without locks the draft has none, and `clear_leftovers` does not remove it, because
+    # it cannot lock it either. A disk that refuses every file is reported for the draft itself.
     with contextlib.suppress(OSError, NotImplementedError):
         lock.acquire()
     try:
@@ -142,15 +154,15 @@ def _own_draft(target: Path) -> Iterator[Path]:
 
 
 def _remove(path: Path) -> None:
-    """A file or a folder; a link goes itself, not what it leads to."""
+    """Remove a file or a folder; of a link only the link itself."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
         path.unlink(missing_ok=True)
 
 
-def refuse_taken(path: str | os.PathLike[str], *, force: bool) -> None:
-    """Refuse a name that is taken, or whose folder takes nothing.
+def refuse_existing(path: str | os.PathLike[str], *, force: bool) -> None:
+    """Refuse a name that is in use, or whose folder cannot be written.
 
     Raises
     ------
@@ -159,7 +171,7 @@ def refuse_taken(path: str | os.PathLike[str], *, force: bool) -> None:
     target = Path(path)
     refuse_inside_survey(target, "--output")
     if target.is_dir() and not any(target.iterdir()):
-        return  # for a format that makes a folder; for others said when it is written
+        return  # right for a format that makes a folder; `new_file` refuses it for the rest
     _check(target, force=force)
     if not target.is_dir():
         require_writable(target, "--output")

@@ -1,11 +1,10 @@
-"""The rows of a large survey as text, made by two processes from both ends.
+"""Rows of a large survey as text, made by two processes from both ends.
 
-Making rows keeps one processor busy, and nothing of it can be shared between threads. The second
-process starts while the first reads the survey. It is told where the journal has the drops of a
-part, and makes the last part, then the one before, and so on, until the first process has come
-there from the beginning: whichever is quicker makes more, and a second process that never gets
-anything done delays little. What it does not find at its place is left to the first, which looks
-for it elsewhere.
+Making rows keeps one processor busy, and threads cannot share it. The second process starts while
+the first one reads the survey. It receives the places of the drops of a part in the journal, and
+makes the last part, then the one before, until it meets the first process, which begins at the
+front. The faster process makes more, and a second process that makes nothing delays little. A part
+with a drop that is not at its place is left to the first process, which has further copies.
 """
 
 import contextlib
@@ -34,30 +33,29 @@ from pfwd_device.recording.survey_content import (
     read_result,
 )
 
-LARGE_LEDGER = 600_000
-"""Bytes of a ledger, those of 2,000 drops: in the time that a second process takes to start the
-rows of so many are made."""
+MIN_LEDGER_BYTES = 600_000
+"""Size of the ledger of 2,000 drops, whose rows take as long as the start of a second process."""
 
-DROPS_AT_ONCE = 250
-"""In a part, or more where its last point has them: some 100 ms, for which one process may have to
-wait for the other in the end."""
+MIN_DROPS_IN_PART = 250
+"""Some 100 ms of work, for which one process may have to wait for the other at the end. A part ends
+with the point that reaches this number."""
 
 Texts = Callable[[Iterable[Row]], Iterator[str]]
-"""Makes the text of each row, one after the other; a function that a module has by its name."""
+"""Function at the top of a module that yields the text of each row."""
 
 Points = Sequence[SurveyPoint]
 
 
 class Part(NamedTuple):
-    """What the second process has made."""
+    """Texts from the second process."""
 
     text: str
     results: int
-    """How many of the drops have a result."""
+    """Number of drops with a result."""
 
 
 class SecondProcess(HelperProcess):
-    """A process that makes parts of the rows."""
+    """Process that makes the texts of parts of the rows."""
 
     def __init__(self) -> None:
         super().__init__(_load)
@@ -65,40 +63,40 @@ class SecondProcess(HelperProcess):
     def make(
         self, survey_id: str, job: Job, texts: Texts, parts: Sequence[Points]
     ) -> Sequence[Future[Part] | None]:
-        """Request these parts, the last one first; None: the process has ended."""
-        points = [_PointsElsewhere(part, job) for part in parts]
+        """Request parts, the last one first; None: the process has ended."""
+        points = [_RemotePoints(part, job) for part in parts]
         return self.submit(partial(_part, texts, survey_id), points)
 
 
 def second_process(survey: str, jobs: int) -> AbstractContextManager[SecondProcess | None]:
-    """One for the block; None when it would not help, or cannot be had.
+    """Return a second process for a block; None: it would not help, or cannot be started.
 
     Parameters
     ----------
     survey : path of a survey
     jobs : int
-        Processes that may work, this one included.
+        Number of processes that may work, this one included.
     """
     return beside(
-        SecondProcess, jobs > 1 and processors() > 1 and has_ledger_of(survey, LARGE_LEDGER)
+        SecondProcess, jobs > 1 and processors() > 1 and has_ledger_of(survey, MIN_LEDGER_BYTES)
     )
 
 
 def row_texts(order: Order, texts: Texts) -> Iterator[str]:
-    """The texts of all rows, point by point; those of several rows in one where it comes so.
+    """Yield the texts of all rows, point by point; one text may hold several rows.
 
     Parameters
     ----------
     order : Order
-        Is told how many drops have a result.
+        Receives the number of drops with a result.
     texts : callable
     """
     parts = parts_of(order.content.points)
-    asked: Sequence[Future[Part] | None] = [None] * len(parts)
-    if order.second is not None and order.inverted is None:
-        asked = order.second.make(order.content.survey_id, order.job, texts, parts)
+    futures: Sequence[Future[Part] | None] = [None] * len(parts)
+    if order.row_maker is not None and order.inverted is None:
+        futures = order.row_maker.make(order.content.survey_id, order.job, texts, parts)
     count = 0
-    for part, future in zip(parts, asked, strict=True):
+    for part, future in zip(parts, futures, strict=True):
         made = helper_result(future)
         if made is not None:
             count += made.results
@@ -108,11 +106,11 @@ def row_texts(order: Order, texts: Texts) -> Iterator[str]:
             rows = list(order.rows_of(order.point(point)))
             count += sum(row.has_result for row in rows)
             yield from texts(rows)
-    vars(order)["results"] = count  # where `cached_property` keeps it
+    vars(order)["results"] = count  # the place in which `cached_property` stores it
 
 
 def parts_of(points: Points) -> list[Points]:
-    """Points in parts of some drops each, without those that have none; a point is never parted."""
+    """Return the points that have drops in parts of `MIN_DROPS_IN_PART`, each point in one part."""
     parts: list[Points] = []
     part: list[SurveyPoint] = []
     drops = 0
@@ -121,16 +119,16 @@ def parts_of(points: Points) -> list[Points]:
             continue
         part.append(point)
         drops += len(point.drops)
-        if drops >= DROPS_AT_ONCE:
+        if drops >= MIN_DROPS_IN_PART:
             parts.append(part)
             part, drops = [], 0
     return [*parts, part] if part else parts
 
 
-class _PointsElsewhere:
-    """Points as they are sent to the other process, which reads and judges them itself.
+class _RemotePoints:
+    """Points that the second process reads and judges.
 
-    They are made ready when they are sent, and most of those that the first process makes are not.
+    They are prepared when they are pickled, which most parts of the first process never are.
     """
 
     def __init__(self, points: Points, job: Job) -> None:
@@ -139,9 +137,9 @@ class _PointsElsewhere:
     def __reduce__(self) -> tuple[Any, ...]:
         sent = [(replace(point, drops=()), list(map(_sent, point.drops))) for point in self._points]
         stations = [self._job.station(point.title) for point in self._points]
-        # Nothing else of it is looked at, and a job may have very many stations.
+        # The rest of the job is not needed there, and a job may have very many stations.
         job = replace(self._job, stations=tuple(filter(None, stations)), changes=())
-        return _points_here, (job, sent)
+        return _received_points, (job, sent)
 
 
 def _sent(drop: SurveyDrop) -> tuple[Any, ...]:
@@ -149,24 +147,24 @@ def _sent(drop: SurveyDrop) -> tuple[Any, ...]:
     if place is None:
         raise RecordingError(f"drop {drop.number} is not in the journal")
     diagnosis = None
-    with contextlib.suppress(RecordingError):  # as nobody had asked for it
+    with contextlib.suppress(RecordingError):  # the first process reports it
         diagnosis = drop.read_diagnosis()
-    said = (drop.discarded, drop.notes, drop.position, drop.target, drop.edits)
-    return (place, tuple(map(os.fspath, drop.results)), diagnosis, *said)
+    edited = (drop.discarded, drop.notes, drop.position, drop.target, drop.edits)
+    return (place, tuple(map(os.fspath, drop.results)), diagnosis, *edited)
 
 
-# In the second process.
+# The rest runs in the second process.
 
 
-class _NotThere(Exception):
-    """A drop is not whole at its place; the first process looks for it elsewhere, or says so."""
+class _MissingDrop(Exception):
+    """A drop is incomplete at its place; the first process reads another copy, or reports it."""
 
 
 def _load() -> None:
-    """Nothing: what the other functions need has been imported for it."""
+    """Do nothing: the process imports this module to run it, and all that it needs."""
 
 
-def _points_here(job: Job, sent: list[tuple[SurveyPoint, Any]]) -> tuple[Job, Points]:
+def _received_points(job: Job, sent: list[tuple[SurveyPoint, Any]]) -> tuple[Job, Points]:
     points = [replace(point, drops=tuple(_drop(*drop) for drop in drops)) for point, drops in sent]
     return job, points
 
@@ -191,12 +189,12 @@ def _drop(
         target=target,
         edits=edits,
         source="journal",
-        _origin=_Elsewhere(place, tuple(map(Path, results)), diagnosis),
+        _origin=_RemoteDrop(place, tuple(map(Path, results)), diagnosis),
     )
 
 
-class _Elsewhere:
-    """The survey of one drop, as far as its row and the verdict of its point need it."""
+class _RemoteDrop:
+    """Source of one drop with the methods that its row and the verdict of its point need."""
 
     def __init__(
         self, place: DropPlace, results: tuple[Path, ...], diagnosis: Result | None
@@ -215,13 +213,13 @@ class _Elsewhere:
         try:
             return self._place.read_facts()
         except RecordingError as err:
-            raise _NotThere(str(err)) from err
+            raise _MissingDrop(str(err)) from err
 
     def read_traces(self, _number: int) -> DropRecord:
         try:
             return self._place.read_traces()
         except RecordingError as err:
-            raise _NotThere(str(err)) from err
+            raise _MissingDrop(str(err)) from err
 
     def read_last_result(self, _number: int) -> Result | None:
         return read_result(self._results[-1]) if self._results else None
@@ -252,11 +250,11 @@ class _Elsewhere:
 
 
 def _refuse(number: int) -> NoReturn:
-    raise _NotThere(f"of drop {number} a row needs nothing else")
+    raise _MissingDrop(f"drop {number}: this is not read for a row")
 
 
 def _part(texts: Texts, survey_id: str, sent: Any) -> Part:
-    """What was sent were `_PointsElsewhere`."""
+    """Return the texts of a part; `sent` is a `_RemotePoints` after it was pickled."""
     job, points = sent
     with no_collections():
         rows = [row for point in points for row in point_rows_of(survey_id, point_view(point, job))]

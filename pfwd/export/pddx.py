@@ -1,10 +1,10 @@
 """``pddx``: peaks of load and deflection in AASHTO's Pavement Deflection Data Exchange, 2.0.
 
-The sections and keys written here are those of public files of version 1.0. Version 2.0 is appendix
-C of FHWA-HRT-07-040, of which only the introduction was at hand: sections with descriptive names,
-entries as in .INI files, few changes from 1.0. Which keys it requires, how it writes time histories
-(none are written), whether drops are numbered from 0 or 1 and how it marks comments could not be
-verified. Moduli are not part of the format.
+The sections and keys are those of public files of version 1.0. Version 2.0 is appendix C of
+FHWA-HRT-07-040, of which only the introduction was available: sections with descriptive names,
+entries as in .INI files, few changes from 1.0. Four things could not be verified: the required
+keys, the form of time histories (none are written), the first number of a drop (0 or 1), and the
+mark of a comment. Moduli are not part of the format.
 """
 
 import datetime
@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from itertools import groupby
 
 from pfwd.errors import SurveyError, refusal
-from pfwd.export.output import new_file
+from pfwd.export.output import new_text_file
 from pfwd.export.rows import Order, Row
 from pfwd.judging.places import number
 from pfwd.judging.view import later_declarations
@@ -22,8 +22,21 @@ from pfwd_device.recording.drop_file import software_version
 VERSION = "2.0"
 DELIMITER = ","
 
-_MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"]
-_REMARK = (
+_ENGLISH_MONTHS = [
+    "Jan",
+    "Feb",
+    "Mar",
+    "Apr",
+    "May",
+    "Jun",
+    "Jul",
+    "Aug",
+    "Sep",
+    "Oct",
+    "Nov",
+    "Dec",
+]
+_REMARKS = (
     "Sections and keys as in public files of PDDX 1.0; not verified against the text of the "
     "standard 2.0 (FHWA-HRT-07-040, appendix C).",
     "DropData: peaks of the traces as recorded, offsets removed, with whatever response of the "
@@ -36,22 +49,22 @@ _REMARK = (
 
 
 def write_pddx(order: Order, path: str | os.PathLike[str]) -> list[str]:
-    """Write the peaks of all drops that are not discarded and have them.
+    """Write the peaks of all drops that have peaks and are not discarded.
 
     Returns
     -------
     list of str
-        What was left out, and that the layout was not verified.
+        One sentence for each omission, and a note that the layout was not verified.
 
     Raises
     ------
     SurveyError
-        If there is nothing to write.
+        If no drop has peaks.
 
     Notes
     -----
-    A file has one plate and one set of sensors: what was measured otherwise goes to further files,
-    numbered from 2.
+    A file has one plate and one set of sensors. Drops of further plates or sets go to files of
+    their own, numbered from 2.
     """
     rows = order.rows
     # On a rig there is no pavement.
@@ -59,24 +72,22 @@ def write_pddx(order: Order, path: str | os.PathLike[str]) -> list[str]:
     rows = [row for row in rows if row.values["kind"] != "stiffness"]
     used = [row for row in rows if row.used and row.drop.peaks is not None]
     if not used:
-        came = f"{on_rig} on a rig" if on_rig else "none"
-        raise SurveyError(refusal(order.content.path, "drops with peaks to export", came))
-    alike: dict[tuple[float, tuple[float, ...]], list[Row]] = {}
+        drops = f"{on_rig} on a rig" if on_rig else "none"
+        raise SurveyError(refusal(order.content.path, "drops with peaks to export", drops))
+    groups: dict[tuple[float, tuple[float, ...]], list[Row]] = {}
     for row in used:
-        alike.setdefault(_configuration(order.content.path, row), []).append(row)
+        groups.setdefault(_configuration(order.content.path, row), []).append(row)
     notes = ["the layout was not verified against the text of the PDDX 2.0 standard"]
-    for number_, (configuration, some) in enumerate(alike.items(), start=1):
-        file = _numbered(path, number_)
-        with (
-            new_file(file, force=order.force) as draft,
-            open(draft, "w", encoding="utf-8", newline="\r\n") as stream,
-        ):
-            for line in _lines(order, os.path.basename(file), some, configuration):
+    name, ending = os.path.splitext(os.fspath(path))
+    for count, (configuration, group) in enumerate(groups.items(), start=1):
+        file = name + ending if count == 1 else f"{name}-{count}{ending}"
+        with new_text_file(file, force=order.force, newline="\r\n") as stream:
+            for line in _lines(os.path.basename(file), group, configuration):
                 stream.write(line + "\n")
-        if len(alike) > 1:
+        if len(groups) > 1:
             radius, offsets = configuration
             notes.append(
-                f"{file}: {len(some)} drops of the plate of {radius:g} m with "
+                f"{file}: {len(group)} drops of the plate of {radius:g} m with "
                 f"{len(offsets)} sensor{'s' if len(offsets) > 1 else ''}; a file has one device"
             )
     if on_rig:
@@ -86,14 +97,8 @@ def write_pddx(order: Order, path: str | os.PathLike[str]) -> list[str]:
     return notes
 
 
-def _numbered(path: str | os.PathLike[str], count: int) -> str:
-    """The path itself, and for further files the same with a number."""
-    name, ending = os.path.splitext(os.fspath(path))
-    return name + ending if count == 1 else f"{name}-{count}{ending}"
-
-
 def _lines(
-    order: Order, name: str, rows: list[Row], configuration: tuple[float, tuple[float, ...]]
+    name: str, rows: list[Row], configuration: tuple[float, tuple[float, ...]]
 ) -> Iterator[str]:
     radius, offsets = configuration
     first = rows[0].values
@@ -138,13 +143,13 @@ def _lines(
     points = groupby(rows, key=lambda row: row.point.name)
     for index, (_, group) in enumerate(points, start=1):
         yield from _location(index, list(group))
-    # At the end, where a reader that knows no comments has everything.
-    yield from (f"; {line}" for line in (f"pfwd {software_version()}", *_REMARK))
+    # At the end, where they do no harm to a reader without comments.
+    yield from (f"; {line}" for line in (f"pfwd {software_version()}", *_REMARKS))
 
 
 def _location(index: int, rows: list[Row]) -> Iterator[str]:
     place = next((row.place for row in rows if row.place is not None), None)
-    moment = next((found for row in rows if (found := _moment(row)) is not None), None)
+    moment = next((time for row in rows if (time := _moment(row)) is not None), None)
     where = None
     if place is not None:
         degrees = f"{place.latitude:.8f}{DELIMITER}{place.longitude:.8f}"
@@ -167,26 +172,26 @@ def _location(index: int, rows: list[Row]) -> Iterator[str]:
         GPSLocation=where,
         TestTime=None if moment is None else f"{moment:%H:%M:%S}",
         TestComment=_text(rows[0].point.title),
-        **_standing(rows[0]),
+        **_verdict_entries(rows[0]),
         NumberOfDrops=str(len(rows)),
         **drops,
     )
 
 
-def _standing(row: Row) -> dict[str, str | None]:
-    """How the point stands."""
+def _verdict_entries(row: Row) -> dict[str, str | None]:
+    """Return procedure, value, target and verdict of the point as entries."""
     values = row.values
     scale = 1e6 if values["unit"] == "m" else 1e-3
 
-    def shown(key: str) -> str | None:
-        found = number(values[key])
-        return None if found is None else f"{found * scale:.2f}"
+    def scaled(key: str) -> str | None:
+        value = number(values[key])
+        return None if value is None else f"{value * scale:.2f}"
 
     return {
         "PointProcedure": _text(values["procedure"]),
         "PointQuantity": _text(values["quantity"]),
-        "PointValue": shown("value"),
-        "PointTarget": shown("target"),
+        "PointValue": scaled("value"),
+        "PointTarget": scaled("target"),
         "PointVerdict": _text(values["verdict"]),
     }
 
@@ -200,7 +205,7 @@ def _section(name: str, **entries: str | None) -> Iterator[str]:
 
 
 def _configuration(where: str, row: Row) -> tuple[float, tuple[float, ...]]:
-    """Plate radius and distances of the sensors of a drop, m."""
+    """Return plate radius and distances of the sensors of a drop, m."""
     peaks, point = row.drop.peaks, row.point.source
     assert peaks is not None
     assert point is not None
@@ -213,9 +218,9 @@ def _configuration(where: str, row: Row) -> tuple[float, tuple[float, ...]]:
 
 
 def _chainage(row: Row) -> float | None:
-    """m, as a file of another program said it."""
-    noted = (row.drop.declared or {}).get("imported")
-    return number(noted.get("chainage_m")) if isinstance(noted, dict) else None
+    """Return the chainage in the imported file, m; None: it has none."""
+    imported = (row.drop.declared or {}).get("imported")
+    return number(imported.get("chainage_m")) if isinstance(imported, dict) else None
 
 
 def _moment(row: Row) -> datetime.datetime | None:
@@ -226,10 +231,10 @@ def _moment(row: Row) -> datetime.datetime | None:
 
 
 def _date(moment: datetime.datetime) -> str:
-    # Written out: strftime uses the language of the system.
-    return f"{moment.day:02d}-{_MONTHS[moment.month - 1]}-{moment.year:04d}"
+    # By hand: strftime would use the language of the system.
+    return f"{moment.day:02d}-{_ENGLISH_MONTHS[moment.month - 1]}-{moment.year:04d}"
 
 
 def _text(value: object) -> str | None:
-    """A text that cannot be taken for another entry."""
+    """Return a text without delimiters, which would end its entry."""
     return None if value is None else str(value).replace(DELIMITER, " ").strip() or None

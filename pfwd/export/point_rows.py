@@ -1,11 +1,11 @@
-"""One row per point: where, when, what it is judged by, its value and its verdict."""
+"""Row of each point: position, time, procedure, value and verdict."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pfwd.analysis.result_columns import ResultColumn
-from pfwd.export.rows import LONGEST_CELL, Order, Row
+from pfwd.export.columns import POINT_COLUMNS
+from pfwd.export.rows import MAX_CELL_CHARACTERS, Order, Row
 from pfwd.files.photos import photos_of
 from pfwd.judging import PointView
 from pfwd.judging.places import Place, number
@@ -13,46 +13,11 @@ from pfwd.judging.stations import chainage_of_point
 from pfwd.procedures import PointModulus, unit_of
 from pfwd_device.text import clean
 
-POINT_COLUMNS = (
-    ResultColumn("point", "text", "test point, as it was named last"),
-    ResultColumn("chainage_m", "number", "along the line, m"),
-    ResultColumn("latitude", "number", "degrees, north positive"),
-    ResultColumn("longitude", "number", "degrees, east positive"),
-    ResultColumn("altitude_m", "number", "m"),
-    ResultColumn("time_utc", "time", "of the first drop that counts, UTC"),
-    ResultColumn("time_local", "time", "the same, by the clock of the place"),
-    ResultColumn("procedure", "text", "that the point is judged by"),
-    ResultColumn("quantity", "text", "that the procedure judges"),
-    ResultColumn("value", "number", "of the quantity, in the unit"),
-    ResultColumn("interval_low", "number", "95 %, in the unit"),
-    ResultColumn("interval_high", "number", "95 %, in the unit"),
-    ResultColumn("unit", "text", "of value, interval and target: Pa, or m for a deflection"),
-    ResultColumn("target", "number", "in the unit"),
-    ResultColumn("verdict", "text", "pass, fail, undecided, or none"),
-    ResultColumn("drops_measured", "whole", "drops that the value is the mean of"),
-    ResultColumn("modulus_pa", "number", "of the fits of these drops together, Pa"),
-    ResultColumn("modulus_interval_low_pa", "number", "95 %, Pa"),
-    ResultColumn("modulus_interval_high_pa", "number", "95 %, Pa"),
-    ResultColumn("diagnosis", "text", "clean, explained or unexplained; empty: not asked for"),
-    ResultColumn("discarded", "flag", "whether the point was discarded"),
-    ResultColumn("note", "text", "of the point"),
-    ResultColumn("verdict_reason", "text", "one sentence"),
-    ResultColumn("verdict_reason_code", "text", "kind of the reason; empty: no target"),
-    ResultColumn("value_not_supported", "text", "why nothing can be decided by the value"),
-    ResultColumn("modulus_in_force_pa", "number", "that may be used, Pa; empty: none"),
-    ResultColumn("modulus_in_force_interval_low_pa", "number", "95 %, Pa"),
-    ResultColumn("modulus_in_force_interval_high_pa", "number", "95 %, Pa"),
-    ResultColumn("modulus_source", "text", "of the modulus in force: diagnosed or fitted"),
-    ResultColumn("modulus_not_supported", "text", "why the data do not support modulus_pa"),
-    ResultColumn("photos", "text", "files within the survey; empty: none"),
-)
-"""What a point has in every export."""
-
-_NOTHING: Mapping[str, Any] = dict.fromkeys(column.name for column in POINT_COLUMNS)
+_EMPTY_POINT: Mapping[str, Any] = dict.fromkeys(column.name for column in POINT_COLUMNS)
 
 
 PointValues = Mapping[str, Any]
-"""Values of a point by the names of ``POINT_COLUMNS``, in their order; None: not known. Times are
+"""Values of a point by the names of ``POINT_COLUMNS``, in their order; None: unknown. Times are
 texts, ISO 8601."""
 
 
@@ -82,7 +47,7 @@ def _row(point: PointView, drops: Sequence[Row]) -> PointValues:
     station = point.job.station(point.shown_name)
     declarations = (drop.declared or {} for drop in point.drops)
     place = next((row.place for row in (*counted, *drops) if row.place is not None), None)
-    return dict(_NOTHING) | {
+    return dict(_EMPTY_POINT) | {
         "point": point.title,
         "chainage_m": chainage_of_point(point.title, station, declarations),
         "latitude": place and place.latitude,
@@ -91,7 +56,7 @@ def _row(point: PointView, drops: Sequence[Row]) -> PointValues:
         "time_utc": _first(row.values["time_utc"] for row in counted),
         "time_local": _first(row.time_local for row in counted),
         "discarded": point.discarded,
-        "note": clean("; ".join(point.notes), limit=LONGEST_CELL) or None,
+        "note": clean("; ".join(point.notes), limit=MAX_CELL_CHARACTERS) or None,
         **judged_values(point),
     }
 

@@ -1,7 +1,7 @@
-"""The formats that a survey is exported to, by the name that the command line has for them.
+"""Registry of export formats, by their name on the command line.
 
-A new one is a function ``write(order, path)`` in a module and one entry in ``OWN``; in another
-package, an entry point of the group ``pfwd.export_formats``. Nothing heavy is imported here.
+A new one is a function ``write(order, path)`` in a module and one entry in ``BUILT_IN_FORMATS``; in
+another package, an entry point of the group ``pfwd.export_formats``. Heavy imports stand elsewhere.
 """
 
 from __future__ import annotations
@@ -23,74 +23,76 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ExportFormat:
-    """A kind of files that a survey can be written as."""
+    """Format of the files to which a survey can be exported."""
 
     name: str
-    """On the command line; small letters."""
+    """Name on the command line, in small letters."""
     holds: str
-    """What such a file holds, in a few words for the help."""
+    """Contents of such a file, in a few words for the help."""
     write: str | Write
-    """Writes an order to a path and returns what was left out, a sentence each; or where that
-    function is, as ``"module:function"``: imported when it is used."""
+    """Function that writes an order to a path and returns one sentence for each omission; or its
+    place as ``"module:function"``, which is imported when it is used."""
     with_results: bool = False
-    """Whether it holds results, so that drops may be inverted for it."""
+    """True: it holds results, and drops may be inverted for it."""
     by_parts: bool = False
-    """Whether it makes a text of its rows with `row_texts`, so that a second process may help."""
+    """True: it writes the text of its rows by `row_texts`, and a second process may help."""
     delimited: bool = False
-    """Whether it is a text whose delimiter and decimal sign may be chosen."""
+    """True: it is a text whose delimiter and decimal sign may be chosen."""
 
     def writer(self) -> Write:
-        """The function ``write(order, path)``."""
+        """Return the function ``write(order, path)``."""
         if not isinstance(self.write, str):
             return self.write
-        module, _, function = self.write.partition(":")
-        found: Write = getattr(import_module(module), function)
-        return found
+        module, _, name = self.write.partition(":")
+        function: Write = getattr(import_module(module), name)
+        return function
 
 
-_HERE = __name__.rpartition(".")[0]
+_PACKAGE = __name__.rpartition(".")[0]
 
-OWN: Mapping[str, ExportFormat] = MappingProxyType(
+BUILT_IN_FORMATS: Mapping[str, ExportFormat] = MappingProxyType(
     {
         form.name: form
         for form in (
-            ExportFormat("h5", "the whole survey", f"{_HERE}.surveys:write_h5"),
-            ExportFormat("csv", "a folder of trace files", f"{_HERE}.surveys:write_csv"),
+            ExportFormat("h5", "the whole survey", f"{_PACKAGE}.surveys:write_h5"),
+            ExportFormat("csv", "a folder of trace files", f"{_PACKAGE}.surveys:write_csv"),
             ExportFormat(
-                "table", "results as CSV", f"{_HERE}.tables:write_table", True, True, True
+                "table", "results as CSV", f"{_PACKAGE}.tables:write_table", True, True, True
             ),
             ExportFormat(
                 "points",
                 "points with verdicts as CSV",
-                f"{_HERE}.tables:write_points",
+                f"{_PACKAGE}.tables:write_points",
                 True,
                 delimited=True,
             ),
-            ExportFormat("jsonl", "results as JSON", f"{_HERE}.tables:write_jsonl", True, True),
-            ExportFormat("parquet", "results", f"{_HERE}.tables:write_parquet", True),
-            ExportFormat("geojson", "results on the map", f"{_HERE}.maps:write_geojson", True),
+            ExportFormat("jsonl", "results as JSON", f"{_PACKAGE}.tables:write_jsonl", True, True),
+            ExportFormat("parquet", "results", f"{_PACKAGE}.tables:write_parquet", True),
+            ExportFormat("geojson", "results on the map", f"{_PACKAGE}.maps:write_geojson", True),
             ExportFormat(
                 "points-geojson",
                 "the points on the map",
-                f"{_HERE}.maps:write_points_geojson",
+                f"{_PACKAGE}.maps:write_points_geojson",
                 True,
             ),
-            ExportFormat("xlsx", "a workbook for Excel", f"{_HERE}.workbook:write_xlsx", True),
-            ExportFormat("gpkg", "the points for GIS", f"{_HERE}.geopackage:write_gpkg", True),
-            ExportFormat("gpx", "results as way points", f"{_HERE}.maps:write_gpx", True),
-            ExportFormat("pddx", "peaks for pavement programs", f"{_HERE}.pddx:write_pddx"),
+            ExportFormat("xlsx", "a workbook for Excel", f"{_PACKAGE}.workbook:write_xlsx", True),
+            ExportFormat("gpkg", "the points for GIS", f"{_PACKAGE}.geopackage:write_gpkg", True),
+            ExportFormat("gpx", "results as way points", f"{_PACKAGE}.maps:write_gpx", True),
+            ExportFormat("pddx", "peaks for pavement programs", f"{_PACKAGE}.pddx:write_pddx"),
         )
     }
 )
-"""Those of this program."""
+"""Formats of this program."""
 
 
 def find_format(name: str) -> ExportFormat | None:
-    """The format of a name; None when there is none."""
-    return OWN.get(name) or pfwd_plugins.load(pfwd_plugins.EXPORT_FORMATS, name, ExportFormat)
+    """Return the format of a name; None: there is no such format."""
+    return BUILT_IN_FORMATS.get(name) or pfwd_plugins.load(
+        pfwd_plugins.EXPORT_FORMATS, name, ExportFormat
+    )
 
 
 def format_names() -> tuple[str, ...]:
-    """Names of all formats, those of other packages last."""
-    others = pfwd_plugins.names(pfwd_plugins.EXPORT_FORMATS)
-    return tuple(dict.fromkeys((*OWN, *others)))
+    """Return the names of all formats, those of other packages last."""
+    added = pfwd_plugins.names(pfwd_plugins.EXPORT_FORMATS)
+    return tuple(dict.fromkeys((*BUILT_IN_FORMATS, *added)))

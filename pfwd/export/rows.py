@@ -1,4 +1,4 @@
-"""One row per drop: where, when, what was measured, and the result with all that belongs to it."""
+"""Row of each drop: position, time, peaks, and the result with its uncertainty and warnings."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -14,7 +14,7 @@ from pfwd.analysis.result_columns import N_LAYERS, Kind, nested_cells, result_co
 from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import ONLY_PEAKS
 from pfwd.errors import SurveyError
-from pfwd.export.columns import COLUMNS
+from pfwd.export.columns import DROP_COLUMNS
 from pfwd.files.header import Declaration, setup_from
 from pfwd.files.importing import on_rig
 from pfwd.judging import DropView, Job, PointView, job_of, point_view
@@ -30,48 +30,48 @@ from pfwd_device.recording.index import no_collections
 from pfwd_device.recording.survey_content import SurveyContent, SurveyPoint
 from pfwd_device.text import clean
 
-NO_RESULT = "no result"
+NO_RESULT_STATUS = "no result"
 NOT_INVERTED = "not inverted yet: pfwd export --invert does it"
-LONGEST_CELL = 4096
-"""Characters; a note may be as long."""
+MAX_CELL_CHARACTERS = 4096
+"""Longest text of a cell; a note may have this length."""
 
-OF_THE_SURVEY = (
+SURVEY_COLUMNS = (
     *("drop", "record", "point", "site", "operator", "device", "time_utc", "notes"),
     *("peak_load_n", "deflection_recorded_m", "deflection_corrected_m"),
     *("procedure", "quantity", "value", "interval_low", "interval_high", "unit", "target"),
     "verdict",
 )
-"""Columns that say what the survey says now, not what was known when the result was found."""
+"""Columns with the present values of the survey, not with those at the time of the inversion."""
 
-_OF_A_RESULT = {c.name: c.kind for c in COLUMNS if c.name not in OF_THE_SURVEY}
-_KEYS = frozenset(_OF_A_RESULT)
-_EMPTY: Mapping[str, Any] = dict.fromkeys(column.name for column in COLUMNS)
+_RESULT_KINDS = {c.name: c.kind for c in DROP_COLUMNS if c.name not in SURVEY_COLUMNS}
+_RESULT_KEYS = frozenset(_RESULT_KINDS)
+_EMPTY_ROW: Mapping[str, Any] = dict.fromkeys(column.name for column in DROP_COLUMNS)
 
-SAME = 1e-9
-"""Relative difference up to which two declared values are one."""
+MAX_RELATIVE_DIFFERENCE = 1e-9
+"""Relative difference up to which two declared values count as equal."""
 
 
 Results = Mapping[tuple[str, int], DropResult]
-"""By title of the point and number of the drop within it."""
+"""Results by title of the point and number of the drop within it."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Row:
-    """A drop, ready for an export."""
+    """A drop with the values of its columns."""
 
     point: PointView
     drop: DropView
     place: Place | None
     values: Mapping[str, Any]
-    """Values by the names of ``COLUMNS``; None: not known."""
+    """Values by the names of ``DROP_COLUMNS``; None: unknown."""
     time_local: str | None = None
     """Local time, ISO 8601; None: unknown."""
     warnings: tuple[Notice, ...] = ()
-    """Of the result; the values have their sentences."""
+    """Warnings of the result; the values have their sentences."""
 
     @property
     def json_values(self) -> dict[str, Any]:
-        """Values as JSON has them, with the codes of the warnings behind their sentences."""
+        """Values for JSON, with the codes of the warnings behind their sentences."""
         written: dict[str, Any] = {}
         for name, value in self.values.items():
             written[name] = value
@@ -86,18 +86,18 @@ class Row:
 
     @property
     def has_result(self) -> bool:
-        """Whether there is a result."""
-        return bool(self.values["status"] != NO_RESULT)
+        """True: the drop has a result."""
+        return bool(self.values["status"] != NO_RESULT_STATUS)
 
     @property
     def used(self) -> bool:
-        """Whether neither the drop nor its point is discarded, and it can be read."""
-        gone = self.point.discarded or self.drop.discarded is not None
-        return not gone and self.drop.declared is not None
+        """True: the drop can be read, and neither it nor its point is discarded."""
+        discarded = self.point.discarded or self.drop.discarded is not None
+        return not discarded and self.drop.declared is not None
 
 
 class RowMaker(Protocol):
-    """Another process that makes parts of the rows as text; one is `exporting.parts`'s."""
+    """Process that makes the text of rows, such as `pfwd.export.parts.SecondProcess`."""
 
     def make(
         self,
@@ -107,36 +107,36 @@ class RowMaker(Protocol):
         parts: Sequence[Sequence[SurveyPoint]],
         /,
     ) -> Sequence[Any]:
-        """Ask for parts of the points; None stands for one that nobody makes."""
+        """Request the texts of parts of the points; None: this process will not make the part."""
         ...
 
 
-@dataclass(frozen=True)  # without slots, which leave no room for what is computed once
+@dataclass(frozen=True)  # no slots: `cached_property` needs a dictionary
 class Order:
-    """A survey on its way into a format."""
+    """Export request: a survey, and the options of its format."""
 
     content: SurveyContent
     inverted: Results | None = None
     """Results in place of the stored ones."""
     force: bool = False
-    """Whether a file that is there may be replaced."""
+    """True: an existing file may be replaced."""
     jobs: int = 1
-    """Processes that may work on it."""
-    second: RowMaker | None = None
-    """Makes rows too, for who wants them as text."""
+    """Number of processes that may work on it."""
+    row_maker: RowMaker | None = None
+    """Second process for rows as text."""
     delimiter: str = ","
-    """Between the columns of a text."""
+    """Sign between the columns of a text."""
     decimal: str = "."
     """Decimal sign of a text."""
 
     @cached_property
     def job(self) -> Job:
-        """What the survey is measured by.
+        """Job of the survey.
 
         Raises
         ------
         SurveyError
-            If the procedure that the survey keeps cannot be read.
+            If the recorded procedure cannot be read.
         """
         return job_of(self.content)
 
@@ -155,7 +155,7 @@ class Order:
         drops = tuple(
             drop.with_result(self.inverted.get((point.title, drop.number))) for drop in view.drops
         )
-        # What was diagnosed was the fit of another result.
+        # The stored diagnosis belongs to the stored results.
         return replace(view, drops=drops, diagnosis=None)
 
     @cached_property
@@ -169,7 +169,7 @@ class Order:
 
     @cached_property
     def results(self) -> int:
-        """How many drops have a result; who has not kept the rows may have counted them."""
+        """Number of drops with a result; `row_texts` sets it without making all rows."""
         return sum(row.has_result for row in self.rows)
 
 
@@ -181,7 +181,7 @@ def point_rows_of(survey_id: str, point: PointView, *, inverted: bool = False) -
     survey_id : str
     point : PointView
     inverted : bool
-        Whether the results were found for this export; discarded drops then have none.
+        Whether the results were made for this export; then discarded drops have none.
     """
     progress = point.progress
     verdict = _point_columns(point)
@@ -214,7 +214,7 @@ def _corrected_deflection(drop: DropView) -> float | None:
     if drop.own.peak_deflection is not None or drop.declared is None or drop.source is None:
         return drop.own.peak_deflection
     try:
-        # A drop that is rejected for its point has a peak all the same.
+        # A drop that is rejected by comparison with its point has a peak, too.
         return corrected_deflection(drop.source.read_traces().drop, drop.setup)
     except (RecordingError, SurveyError):
         return None
@@ -243,13 +243,13 @@ def _row(
     reason : str or None
         Reason why the drop takes no part.
     inverted : bool
-        Whether the results were found for this export.
+        Whether the results were made for this export.
     """
     stored_point = point.source
     assert stored_point is not None  # an export reads a stored survey
     zone = point.job.time_zone
     place = place_of(stored_point, drop)
-    values: dict[str, Any] = dict(_EMPTY)
+    values: dict[str, Any] = dict(_EMPTY_ROW)
     values |= _facts(survey_id, point, drop)
     values |= {
         "latitude": place and place.latitude,
@@ -268,13 +268,13 @@ def _row(
         fault = None if drop.fault is None else f"damaged: {drop.fault}"
         discarded = inverted and (point.discarded or drop.discarded is not None)
         why = "discarded drops are not inverted" if discarded else NOT_INVERTED
-        values |= {"status": NO_RESULT, "reason": fault or why, "warnings": []}
+        values |= {"status": NO_RESULT_STATUS, "reason": fault or why, "warnings": []}
     else:
         values |= _result(drop.last_result, stored_point, drop)
     if drop.declared is not None:
         values |= _peak_values(drop, declared, values)
     if values["status"] in ("seating", "measured"):
-        # As the procedure counts now, whatever it was when it was inverted.
+        # The kind by the present procedure, not by that at the time of the inversion.
         if kind in (DropKind.SEATING, DropKind.MEASURED):
             values["status"] = kind.value
         elif kind is DropKind.REJECTED and drop.discarded is None:
@@ -336,7 +336,7 @@ def _peak_values(
 
 
 def _facts(survey_id: str, point: PointView, drop: DropView) -> dict[str, Any]:
-    """Return what is known of a drop apart from its peaks and its result, as columns."""
+    """Return the columns of a drop apart from its peaks and its result."""
     stored_point, stored_drop = point.source, drop.source
     assert stored_point is not None
     assert stored_drop is not None
@@ -364,49 +364,48 @@ def _facts(survey_id: str, point: PointView, drop: DropView) -> dict[str, Any]:
 
 def _result(result: DropResult, point: SurveyPoint, drop: DropView) -> dict[str, Any]:
     """Return the result as columns; a modulus without its accessories is left out."""
-    found = _cells(result)
+    cells = _cells(result)
     nested = {
         name: value if value is None or name == N_LAYERS else number(value)
         for name, value in nested_cells(result).items()
     }
-    warnings = list(result.warnings or map(from_sentence, found.get(WARNINGS) or ()))
+    warnings = list(result.warnings or map(from_sentence, cells.get(WARNINGS) or ()))
     warnings += _stale(result, point, drop)
     missing = missing_parts(result)
-    if found.get("modulus_pa") is not None and missing:
-        found["modulus_pa"] = found["peak_modulus_pa"] = None
+    if cells.get("modulus_pa") is not None and missing:
+        cells["modulus_pa"] = cells["peak_modulus_pa"] = None
         warnings.append(Notice("modulus-withheld", {"missing": tuple(missing)}))
-    found[WARNINGS] = warnings
+    cells[WARNINGS] = warnings
     if missing:
         nested |= dict.fromkeys(_WITHHELD)
-    return found | nested
+    return cells | nested
 
 
 def _cells(result: DropResult) -> dict[str, Any]:
-    """What a result has under the names of columns, each as its column's kind."""
-    if result.more.keys().isdisjoint(_KEYS):
-        return _known_cells(result)
-    # Another version may have such a key, or a value of another type for one.
-    values = result.values(_OF_A_RESULT)
-    return {name: _OF_KIND[_OF_A_RESULT[name]](value) for name, value in values.items()}
+    """Return the values of a result by the names of columns, each as its column's kind."""
+    if result.more.keys().isdisjoint(_RESULT_KEYS):
+        return _typed_cells(result)
+    # A result of another version may have such a key, with a value of another type.
+    values = result.values(_RESULT_KINDS)
+    return {name: _CONVERTERS[_RESULT_KINDS[name]](value) for name, value in values.items()}
 
 
-def _known_cells(result: DropResult) -> dict[str, Any]:
-    """As :func:`_cells`, of a result whose keys are all known here.
-
-    A survey has many drops and a result many values: what they are is looked up once, above.
-    """
-    found: dict[str, Any] = {}
-    for name, value in zip(_NUMBER_NAMES, _NUMBER_VALUES(result), strict=True):
-        # Nearly always a float; this is `number` without the call.
+def _typed_cells(result: DropResult) -> dict[str, Any]:
+    """Return the same for a result of this version, fast: kinds and getters are looked up once."""
+    cells: dict[str, Any] = {}
+    for name, value in zip(_NUMERIC_NAMES, _NUMERIC_VALUES(result), strict=True):
+        # Nearly always a float: `number` without the call.
         sound = type(value) is float and math.isfinite(value)
-        found[name] = value if sound or value is None else number(value)
-    for name, as_kind, value in zip(_OTHER_NAMES, _OTHER_KINDS, _OTHER_VALUES(result), strict=True):
-        found[name] = as_kind(value)
-    return found
+        cells[name] = value if sound or value is None else number(value)
+    for name, as_kind, value in zip(
+        _NONNUMERIC_NAMES, _NONNUMERIC_CONVERTERS, _NONNUMERIC_VALUES(result), strict=True
+    ):
+        cells[name] = as_kind(value)
+    return cells
 
 
 def missing_parts(result: DropResult) -> list[str]:
-    """What a modulus must not be shown without, and this result does not have."""
+    """Return the parts that a result lacks and without which a modulus must not be shown."""
     interval = result.modulus_interval_pa
     uncertain = number(result.modulus_sd_pa) is not None or (
         interval is not None and number(interval[0]) is not None
@@ -418,7 +417,7 @@ def missing_parts(result: DropResult) -> list[str]:
         "Poisson's ratio": number(result.poisson_ratio) is not None,
         "its warnings": result.warnings is not None,
     }
-    return [name for name, there in parts.items() if not there]
+    return [name for name, present in parts.items() if not present]
 
 
 def _stale(result: DropResult, point: SurveyPoint, drop: DropView) -> list[Notice]:
@@ -428,25 +427,25 @@ def _stale(result: DropResult, point: SurveyPoint, drop: DropView) -> list[Notic
         value = edit.get("value")
         if edit.get("what") == "declared" and isinstance(value, Mapping):
             now |= value
-    found = []
+    notes = []
     used = {"plate_radius_m": result.plate_radius_m, "poisson_ratio": result.poisson_ratio}
     for key, value_then in used.items():
         then, declared = number(value_then), number(now.get(key))
         if then is None or declared is None:
             continue
-        if abs(then - declared) > SAME * abs(declared):
+        if abs(then - declared) > MAX_RELATIVE_DIFFERENCE * abs(declared):
             values: dict[str, Value] = {"key": key, "then": then, "now": declared}
-            found.append(Notice("declaration-changed", values))
-    return found
+            notes.append(Notice("declaration-changed", values))
+    return notes
 
 
 def _text(value: object) -> str | None:
-    """A text on one line, or the first of several that is one."""
+    """Return a text on one line, of a list the first one; None: it is no text or empty."""
     if isinstance(value, list):
         return next((text for item in value if (text := _text(item)) is not None), None)
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         return None
-    return clean(str(value), limit=LONGEST_CELL) or None
+    return clean(str(value), limit=MAX_CELL_CHARACTERS) or None
 
 
 def _texts(value: object) -> list[str]:
@@ -454,10 +453,10 @@ def _texts(value: object) -> list[str]:
         value = [value]
     if not isinstance(value, list | tuple):
         return []
-    return [clean(str(item), limit=LONGEST_CELL) for item in value]
+    return [clean(str(item), limit=MAX_CELL_CHARACTERS) for item in value]
 
 
-def _whole(value: object) -> int | None:
+def _integer(value: object) -> int | None:
     return value if type(value) is int else None
 
 
@@ -465,20 +464,20 @@ def _flag(value: object) -> bool | None:
     return value if isinstance(value, bool) else None
 
 
-_OF_KIND: Mapping[Kind, Callable[[Any], Any]] = {
+_CONVERTERS: Mapping[Kind, Callable[[Any], Any]] = {
     "number": number,
-    "whole": _whole,
+    "whole": _integer,
     "flag": _flag,
     "text": _text,
     "texts": _texts,
 }
-"""How the value of a result becomes that of a column."""
+"""Conversion of a value of a result to a value of a column."""
 
 # Nested records have columns of their own, see `nested_cells`.
-_FIELDS = [f.name for f in fields(DropResult) if f.name in _KEYS and f.name != N_LAYERS]
+_FIELDS = [f.name for f in fields(DropResult) if f.name in _RESULT_KEYS and f.name != N_LAYERS]
 _WITHHELD = [column.name for column in result_columns("layers")]
-_NUMBER_NAMES = tuple(name for name in _FIELDS if _OF_A_RESULT[name] == "number")
-_NUMBER_VALUES = attrgetter(*_NUMBER_NAMES)
-_OTHER_NAMES = tuple(name for name in _FIELDS if _OF_A_RESULT[name] != "number")
-_OTHER_KINDS = tuple(_OF_KIND[_OF_A_RESULT[name]] for name in _OTHER_NAMES)
-_OTHER_VALUES = attrgetter(*_OTHER_NAMES)
+_NUMERIC_NAMES = tuple(name for name in _FIELDS if _RESULT_KINDS[name] == "number")
+_NUMERIC_VALUES = attrgetter(*_NUMERIC_NAMES)
+_NONNUMERIC_NAMES = tuple(name for name in _FIELDS if _RESULT_KINDS[name] != "number")
+_NONNUMERIC_CONVERTERS = tuple(_CONVERTERS[_RESULT_KINDS[name]] for name in _NONNUMERIC_NAMES)
+_NONNUMERIC_VALUES = attrgetter(*_NONNUMERIC_NAMES)

@@ -1,4 +1,4 @@
-"""What ``pfwd import`` takes back: ``h5``, the whole survey, and ``csv``, a folder of traces."""
+"""Formats that ``pfwd import`` reads: ``h5``, the whole survey, and ``csv``, a folder of traces."""
 
 import os
 import re
@@ -8,7 +8,7 @@ from itertools import count, groupby
 from typing import Any
 
 from pfwd.analysis.screening.drops import ONLY_PEAKS, unbroken_part
-from pfwd.errors import SurveyError
+from pfwd.errors import SurveyError, refusal
 from pfwd.export.output import new_file, new_folder
 from pfwd.export.rows import Order
 from pfwd.files.header import PointSetup
@@ -18,71 +18,75 @@ from pfwd.files.traces import TracePoint, write_traces
 from pfwd_device import Drop
 from pfwd_device.errors import RecordingError
 
-LONGEST_NAME = 60
-"""Characters of a point's name in that of its file."""
+MAX_FILE_NAME_CHARACTERS = 60
+"""Characters of the point's name in the name of its file."""
 
-SUFFIX = ".csv"
+TRACE_SUFFIX = ".csv"
 
 
 def write_h5(order: Order, path: str | os.PathLike[str]) -> list[str]:
-    """Write the survey into one file, which every command reads like it; nothing is left out."""
+    """Write the whole survey into one file, which every command reads like the survey."""
     with new_file(path, force=order.force) as draft:
         write_survey_file(draft, order.content, order.jobs)
     return []
 
 
 def write_csv(order: Order, path: str | os.PathLike[str]) -> list[str]:
-    """Write the traces of all drops that are not discarded, one file a test point.
+    """Write the traces of all drops that are not discarded, one file for each test point.
 
     Returns
     -------
     list of str
-        What was left out, a sentence each.
+        One sentence for each omission.
     """
     notes: list[str] = []
     numbers = count(1)
-    with new_folder(path, SUFFIX, force=order.force) as folder:
+    with new_folder(path, TRACE_SUFFIX, force=order.force) as folder:
         for content in order.content.points:
             try:
                 points = list(points_of(order.content.path, content))
             except RecordingError as err:
                 raise SurveyError(f"{err}; pfwd edit --discard leaves it out") from err
             for point in points:
-                whole = [drop for drop in point.drops if _is_whole(drop, point, notes)]
-                parts = [unbroken_part(drop)[0] for drop in whole]
+                drops = [drop for drop in point.drops if _is_exportable(drop, point, notes)]
+                parts = [unbroken_part(drop)[0] for drop in drops]
                 # A file has one set of sensors.
                 for _, group in groupby(parts, key=_sensors):
-                    name = f"{next(numbers):04d}-{safe_name(content.title)}{SUFFIX}"
-                    drops = tuple(group)
-                    setup = _plain(point.setup)
-                    write_traces(folder / name, TracePoint(name, setup, drops))
-        _tell_discarded(order, notes)
+                    name = f"{next(numbers):04d}-{safe_name(content.title)}{TRACE_SUFFIX}"
+                    write_traces(folder / name, TracePoint(name, _plain(point.setup), tuple(group)))
+        discarded = sum(
+            point.discarded or drop.discarded
+            for point in order.content.points
+            for drop in point.drops
+        )
+        if discarded:
+            notes.append(f"{discarded} discarded drops are left out")
         if next(numbers) == 1:
-            raise SurveyError(_nothing_to_export(order.content.path, notes))
+            raise SurveyError(_empty_export(order.content.path, notes))
     return notes
 
 
-def _nothing_to_export(path: str, notes: Sequence[str]) -> str:
-    """Return why a folder of traces would be empty, and where peaks can go."""
+def _empty_export(path: str, notes: Sequence[str]) -> str:
+    """Return the message for an export without traces, and the formats that can hold peaks."""
     if any(ONLY_PEAKS in note for note in notes):
         expected = "drops with a time history, which trace files hold, got peaks only"
         return f"{path}: expected {expected}; export them with --format table, jsonl or pddx"
-    return f"{path}: expected drops to export, got none"
+    return refusal(path, "drops to export", "none")
 
 
 def safe_name(text: str) -> str:
-    """A name as a part of a file's name that every system takes.
+    """Return a name as a part of a file name that every system accepts.
 
     Examples
     --------
     >>> safe_name('km 12/3: "north"')
     'km 12_3_ _north_'
     """
-    name = re.sub(r'[<>:"/\\|?*\x00-\x1f\x7f\ufffd]', "_", text)[:LONGEST_NAME]
+    name = re.sub(r'[<>:"/\\|?*\x00-\x1f\x7f\ufffd]', "_", text)[:MAX_FILE_NAME_CHARACTERS]
     return name.rstrip(". ") or "point"
 
 
-def _is_whole(drop: Drop, point: TracePoint, notes: list[str]) -> bool:
+def _is_exportable(drop: Drop, point: TracePoint, notes: list[str]) -> bool:
     _, reason, warning = unbroken_part(drop)
     name = f"{point.setup.point}/{drop.number}"
     if reason is not None:
@@ -97,7 +101,7 @@ def _sensors(drop: Drop) -> tuple[tuple[str, float], ...]:
 
 
 def _plain(setup: PointSetup) -> PointSetup:
-    """The setup without what TOML cannot hold: JSON's null."""
+    """Return the setup without null, which TOML does not have."""
     extra = {key: value for key, value in setup.extra.items() if value is not None}
     return replace(setup, extra=_without_null(extra))
 
@@ -109,11 +113,3 @@ def _without_null(value: Any) -> Any:
         case list() | tuple():
             return [_without_null(item) for item in value if item is not None]
     return value
-
-
-def _tell_discarded(order: Order, notes: list[str]) -> None:
-    gone = sum(
-        point.discarded or drop.discarded for point in order.content.points for drop in point.drops
-    )
-    if gone:
-        notes.append(f"{gone} discarded drops are left out")

@@ -1,5 +1,5 @@
-"""One line a drop with its result: ``table`` (CSV, RFC 4180), ``jsonl`` and ``parquet``; one line
-a point with its verdict: ``points`` (CSV)."""
+"""Tables of drops with their results: ``table`` (CSV, RFC 4180), ``jsonl`` and ``parquet``; and of
+points with their verdicts: ``points`` (CSV)."""
 
 import csv
 import os
@@ -9,56 +9,49 @@ from operator import itemgetter
 from typing import Any
 
 from pfwd.errors import OptionError, refusal
-from pfwd.export.columns import COLUMNS
+from pfwd.export.columns import DROP_COLUMNS, POINT_COLUMNS
 from pfwd.export.json_text import json_text
-from pfwd.export.output import new_file
+from pfwd.export.output import new_file, new_text_file
 from pfwd.export.parts import row_texts
-from pfwd.export.point_rows import POINT_COLUMNS, point_rows
+from pfwd.export.point_rows import point_rows
 from pfwd.export.rows import Order, Row
 
-FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
-"""A spreadsheet takes text that begins so for a formula, and runs it."""
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
+"""Beginnings of a text that a spreadsheet would run as a formula."""
 
-_NAMES = [column.name for column in COLUMNS]
-_OF_ROW = itemgetter(*_NAMES)
+_DROP_COLUMN_NAMES = [column.name for column in DROP_COLUMNS]
+_DROP_VALUES = itemgetter(*_DROP_COLUMN_NAMES)
 
 
 def write_table(order: Order, path: str | os.PathLike[str]) -> list[str]:
     """Write the rows of all drops, discarded ones marked."""
-    with (
-        new_file(path, force=order.force) as draft,
-        # newline: the writer ends lines itself, on every system alike
-        open(draft, "w", encoding="utf-8", newline="") as stream,
-    ):
-        stream.write(csv.writer(_Line(), delimiter=order.delimiter).writerow(_NAMES))
+    with new_text_file(path, force=order.force, newline="") as stream:  # `csv` ends the lines
+        stream.write(csv.writer(_Line(), delimiter=order.delimiter).writerow(_DROP_COLUMN_NAMES))
         texts = partial(table_texts, delimiter=order.delimiter, decimal=order.decimal)
         stream.writelines(row_texts(order, texts))
     return []
 
 
 def table_texts(rows: Iterable[Row], delimiter: str = ",", decimal: str = ".") -> Iterator[str]:
-    """The lines of rows in a table."""
+    """Yield the lines of rows in a table."""
     writer = csv.writer(_Line(), delimiter=delimiter)
     if decimal != ".":
         for row in rows:
-            yield writer.writerow([cell(value, decimal) for value in _OF_ROW(row.values)])
+            yield writer.writerow([cell(value, decimal) for value in _DROP_VALUES(row.values)])
         return
     for row in rows:
-        # The writer makes of a float and of None what `cell` does, and most values are those.
+        # The writer converts floats and None, which are most of the values, as `cell` does.
         yield writer.writerow(
             [
                 value if value is None or type(value) is float else cell(value)
-                for value in _OF_ROW(row.values)
+                for value in _DROP_VALUES(row.values)
             ]
         )
 
 
 def write_points(order: Order, path: str | os.PathLike[str]) -> list[str]:
     """Write the rows of all points, discarded ones marked."""
-    with (
-        new_file(path, force=order.force) as draft,
-        open(draft, "w", encoding="utf-8", newline="") as stream,
-    ):
+    with new_text_file(path, force=order.force, newline="") as stream:
         writer = csv.writer(stream, delimiter=order.delimiter)
         writer.writerow([column.name for column in POINT_COLUMNS])
         for row in point_rows(order):
@@ -67,25 +60,22 @@ def write_points(order: Order, path: str | os.PathLike[str]) -> list[str]:
 
 
 class _Line:
-    """What a `csv.writer` writes into, so that it returns its text."""
+    """Stream that makes `csv.writer` return its text."""
 
     def write(self, text: str) -> str:
-        """The text."""
+        """Return the text."""
         return text
 
 
 def write_jsonl(order: Order, path: str | os.PathLike[str]) -> list[str]:
     """Write all drops, discarded ones marked, with the whole result as a JSON object each."""
-    with (
-        new_file(path, force=order.force) as draft,
-        open(draft, "w", encoding="utf-8", newline="\n") as stream,
-    ):
+    with new_text_file(path, force=order.force) as stream:
         stream.writelines(row_texts(order, jsonl_texts))
     return []
 
 
 def jsonl_texts(rows: Iterable[Row]) -> Iterator[str]:
-    """The lines of rows as JSON."""
+    """Yield the lines of rows as JSON."""
     for row in rows:
         result = None if row.drop.last_result is None else row.drop.last_result.to_json()
         more = {"declared": row.drop.declared or {}, "result": result}
@@ -117,10 +107,10 @@ def write_parquet(order: Order, path: str | os.PathLike[str]) -> list[str]:
     }
     fields = [
         pyarrow.field(column.name, kinds[column.kind], metadata={"meaning": column.meaning})
-        for column in COLUMNS
+        for column in DROP_COLUMNS
     ]
     rows = order.rows
-    columns = [[row.values[column.name] for row in rows] for column in COLUMNS]
+    columns = [[row.values[column.name] for row in rows] for column in DROP_COLUMNS]
     table = pyarrow.table(columns, schema=pyarrow.schema(fields))
     with new_file(path, force=order.force) as draft:
         parquet.write_table(table, draft)
@@ -128,7 +118,9 @@ def write_parquet(order: Order, path: str | os.PathLike[str]) -> list[str]:
 
 
 def cell(value: Any, decimal: str = ".") -> str:
-    """A value as the text of a cell; text that a spreadsheet would run begins with an apostrophe.
+    """Return a value as the text of a cell.
+
+    Text that a spreadsheet would run as a formula begins with an apostrophe.
 
     Examples
     --------
@@ -148,4 +140,4 @@ def cell(value: Any, decimal: str = ".") -> str:
             return cell("; ".join(map(str, value)))
     text = str(value)
     # Blanks before the sign do not stop every spreadsheet.
-    return f"'{text}" if text.lstrip(" ").startswith(FORMULA) else text
+    return f"'{text}" if text.lstrip(" ").startswith(FORMULA_STARTS) else text

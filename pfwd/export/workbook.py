@@ -18,25 +18,26 @@ from openpyxl.styles import Font, PatternFill
 from openpyxl.utils import get_column_letter
 
 from pfwd.analysis.result_columns import ResultColumn
-from pfwd.export.columns import COLUMNS
+from pfwd.export.columns import DROP_COLUMNS, POINT_COLUMNS
 from pfwd.export.output import new_file
-from pfwd.export.point_rows import POINT_COLUMNS, PointValues, point_rows
-from pfwd.export.rows import LONGEST_CELL, Order, Row
-from pfwd.export.tables import FORMULA
+from pfwd.export.point_rows import PointValues, point_rows
+from pfwd.export.rows import MAX_CELL_CHARACTERS, Order
+from pfwd.export.tables import FORMULA_STARTS
+from pfwd.judging.job import JobChange, target_text
 from pfwd_device.recording.drop_file import software_version
 from pfwd_device.recording.survey_content import SurveyContent
 from pfwd_device.text import clean
 
-_DATE = "yyyy-mm-dd hh:mm:ss"
+_DATE_FORMAT = "yyyy-mm-dd hh:mm:ss"
 
 
 class _Unit(NamedTuple):
     """Engineering unit of a column."""
 
     name: str
-    """As the title shows it; empty: a number without a unit."""
+    """Name in the title; empty: a number without a unit."""
     factor: float
-    """Of the SI value."""
+    """Value in this unit over SI value."""
     number_format: str
 
 
@@ -45,7 +46,7 @@ _METRE, _MILLIMETRE = _Unit("m", 1.0, "0.00"), _Unit("mm", 1e3, "0.00")
 _MICROMETRE = _Unit("µm", 1e6, "#,##0.0")
 _DEGREE = _Unit("°", 1.0, "0.0000000")
 _NUMBER_FORMAT = "0.000"
-"""Of numbers without a unit."""
+"""Format of numbers without a unit."""
 
 _UNIT_OF_NAME = {
     **dict.fromkeys(("latitude", "longitude"), _DEGREE),
@@ -61,23 +62,28 @@ _UNIT_OF_END = (
     ("_s", _Unit("ms", 1e3, "0.00")),
     ("_m", _MILLIMETRE),
 )
-"""By the SI unit at the end of a column's name, the longer ends first."""
+"""Units by the SI unit at the end of a column's name, longer ends first."""
 
 _JUDGED = ("value", "interval_low", "interval_high", "target")
-"""Columns in the SI unit that the column ``unit`` of the same row names."""
+"""Columns whose SI unit is named in the column ``unit`` of the same row."""
 _JUDGED_UNITS = {"Pa": _MEGAPASCAL, "m": _MILLIMETRE}
 
-_WORDS = {"sd": "standard deviation", "rms": "RMS", "utc": "UTC", "id": "ID", "r squared": "R²"}
-_WORDS |= {name: name.upper() for name in ("sci", "bdi", "bci")}
+_TITLE_WORDS = {
+    "sd": "standard deviation",
+    "rms": "RMS",
+    "utc": "UTC",
+    "id": "ID",
+    "r squared": "R²",
+}
+_TITLE_WORDS |= {name: name.upper() for name in ("sci", "bdi", "bci")}
 
 _LAYER_COLUMNS = ("layers", "layer_", "effective_")
-"""Beginnings of the names of columns that stand only where a drop has a value."""
+"""Beginnings of the names of columns that are left out where no drop has a value."""
 
-_WIDEST, _NARROWEST = 40, 9
-"""Letters; of a column."""
+_MAX_WIDTH_LETTERS, _MIN_WIDTH_LETTERS = 40, 9
 
-_HEAD = PatternFill("solid", fgColor="DDE6EF")
-_BOLD = Font(bold=True)
+_TITLE_FILL = PatternFill("solid", fgColor="DDE6EF")
+_TITLE_FONT = Font(bold=True)
 
 
 def write_xlsx(order: Order, path: str | os.PathLike[str]) -> list[str]:
@@ -86,13 +92,13 @@ def write_xlsx(order: Order, path: str | os.PathLike[str]) -> list[str]:
     Discarded points and drops are marked.
     """
     points = point_rows(order)
-    book = Workbook(write_only=True)  # a survey of many drops would fill the memory
-    _add(book, "job", ("key", "value", "time_utc"), _job(order.content, order.rows, points))
+    book = Workbook(write_only=True)  # else a survey of many drops would fill the memory
+    _add(book, "job", ("key", "value", "time_utc"), _job(order, points))
     sheet = _add_rows(book, "points", POINT_COLUMNS, points)
     drops = [row.values for row in order.rows]
     columns = [
         column
-        for column in COLUMNS
+        for column in DROP_COLUMNS
         if not column.name.startswith(_LAYER_COLUMNS)
         or any(drop[column.name] is not None for drop in drops)
     ]
@@ -101,7 +107,7 @@ def write_xlsx(order: Order, path: str | os.PathLike[str]) -> list[str]:
     if points:
         _add_chart(book, sheet, len(points))
     book.properties.creator = f"pfwd {software_version()}"
-    book.properties.title = clean(order.content.path, limit=LONGEST_CELL)
+    book.properties.title = clean(order.content.path, limit=MAX_CELL_CHARACTERS)
     with new_file(path, force=order.force) as draft:
         book.save(draft)
     return []
@@ -110,7 +116,7 @@ def write_xlsx(order: Order, path: str | os.PathLike[str]) -> list[str]:
 def _add_rows(
     book: Any, title: str, columns: Sequence[ResultColumn], rows: Iterable[Mapping[str, Any]]
 ) -> Any:
-    """Add a sheet of rows, each cell as its column's kind and in its engineering unit."""
+    """Add a sheet of rows with each cell in its column's kind and engineering unit."""
     units = {column.name: _unit(column) for column in columns}
     titles = [_title(column.name, units[column.name]) for column in columns]
     cells = [
@@ -143,8 +149,8 @@ def _title(name: str, unit: _Unit | None) -> str:
     if unit is not None:
         ends = (end for end, _ in _UNIT_OF_END if name.endswith(end))
         name = name.removesuffix(next(ends, ""))
-    words = " ".join(_WORDS.get(word, word) for word in name.split("_"))
-    words = _WORDS.get(words, words)
+    words = " ".join(_TITLE_WORDS.get(word, word) for word in name.split("_"))
+    words = _TITLE_WORDS.get(words, words)
     text = words[:1].upper() + words[1:]
     return text if unit is None else f"{text} ({unit.name})"
 
@@ -199,12 +205,12 @@ def _fill(book: Any, title: str, names: Sequence[str], rows: Iterable[Sequence["
     rows = list(rows)
     for number, name in enumerate(names, 1):
         widths = [len(name), *(row[number - 1].width for row in rows[:200])]
-        width = min(_WIDEST, max(_NARROWEST, *widths)) + 2
+        width = min(_MAX_WIDTH_LETTERS, max(_MIN_WIDTH_LETTERS, *widths)) + 2
         sheet.column_dimensions[get_column_letter(number)].width = width
     head = []
     for name in names:
         cell = WriteOnlyCell(sheet, value=name)
-        cell.font, cell.fill = _BOLD, _HEAD
+        cell.font, cell.fill = _TITLE_FONT, _TITLE_FILL
         head.append(cell)
     sheet.append(head)
     for row in rows:
@@ -214,7 +220,7 @@ def _fill(book: Any, title: str, names: Sequence[str], rows: Iterable[Sequence["
 
 
 class _Value:
-    """A value, its kind of cell, and how it is shown."""
+    """Value of a cell with its number format."""
 
     __slots__ = ("_form", "_value", "width")
 
@@ -223,14 +229,14 @@ class _Value:
         self.width = 12 if isinstance(value, int | float) else len(str(value or ""))
 
     def in_sheet(self, sheet: Any) -> Any:
-        """As the sheet takes it."""
+        """Return the cell of a sheet; None: an empty one."""
         if self._value is None:
             return None
         cell = WriteOnlyCell(sheet, value=None)
         if isinstance(self._value, str):
-            # Never a formula, whatever a note begins with.
+            # A note that begins like a formula stays a text.
             cell.value, cell.data_type = self._value, "s"
-            cell.quotePrefix = self._value.lstrip(" ").startswith(FORMULA)
+            cell.quotePrefix = self._value.lstrip(" ").startswith(FORMULA_STARTS)
         else:
             cell.value = self._value
         if self._form is not None:
@@ -244,14 +250,14 @@ def _cell(value: Any, kind: str, form: str | None) -> _Value:
     if kind == "time" and isinstance(value, str):
         moment = as_date(value)
         if moment is not None:
-            return _Value(moment, _DATE)
+            return _Value(moment, _DATE_FORMAT)
     if isinstance(value, str):
-        return _Value(clean(value, limit=LONGEST_CELL), None)
+        return _Value(clean(value, limit=MAX_CELL_CHARACTERS), None)
     return _Value(value, form if isinstance(value, float) else None)
 
 
 def as_date(text: str) -> datetime.datetime | None:
-    """A moment as a spreadsheet has it: without a zone, to the second; None: it is none.
+    """Return a time as spreadsheets hold it, without a zone and in whole seconds; None: no time.
 
     Examples
     --------
@@ -259,60 +265,93 @@ def as_date(text: str) -> datetime.datetime | None:
     datetime.datetime(2024, 5, 6, 8, 1)
     """
     try:
-        found = datetime.datetime.fromisoformat(text)
+        moment = datetime.datetime.fromisoformat(text)
     except ValueError:
         return None
-    return found.replace(tzinfo=None, microsecond=0)
+    return moment.replace(tzinfo=None, microsecond=0)
 
 
-def _job(
-    content: SurveyContent, drops: Sequence[Row], points: Sequence[PointValues]
-) -> Iterator[tuple[Any, Any, Any]]:
-    """What the survey is, how its points stand, and every change of its job with its date."""
+_VERDICT_TITLES = {
+    "pass": "Points that pass",
+    "fail": "Points that fail",
+    "undecided": "Points without a decision",
+    "none": "Points without a verdict",
+}
+
+_CHANGE_TITLES = {
+    "stations": "list of stations",
+    "step_m": "step between stations",
+    "units": "units on the screen",
+    "time_zone": "time zone",
+}
+"""Settings of a job whose key is not their name."""
+
+
+def _job(order: Order, points: Sequence[PointValues]) -> Iterator[tuple[Any, Any, Any]]:
+    """Yield facts of the survey, the count of each verdict, and the dated changes of its job."""
+    content, job, drops = order.content, order.job, order.rows
 
     def several(key: str) -> str:
         return ", ".join(dict.fromkeys(str(v) for r in drops if (v := r.values[key]) is not None))
 
     moments = sorted(str(v) for row in drops if (v := row.values["time_utc"]) is not None)
     verdicts = Counter(str(row["verdict"]) for row in points)
-    procedures = dict.fromkeys(str(v) for r in points if (v := r["procedure"]) is not None)
-    yield "survey", content.path, None
-    yield "survey_id", content.survey_id, None
-    yield "made_by", f"pfwd {software_version()}", None
-    yield "exported", None, datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    procedure = None if job.procedure is None else job.procedure.name
+    if job.procedure is not None and job.procedure.enforce_unverified:
+        procedure = f"{procedure}; numbers that are not verified are enforced, too"
+    yield "Survey", content.path, None
+    yield "Survey ID", content.survey_id, None
+    yield "Made by", f"pfwd {software_version()}", None
+    yield "Exported", None, datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     for key in ("site", "operator", "device"):
-        yield key, several(key) or None, None
-    yield "procedure", ", ".join(procedures) or None, None
-    yield "first_drop", None, moments[0] if moments else None
-    yield "last_drop", None, moments[-1] if moments else None
-    yield "points", len(points), None
-    yield "drops", len(drops), None
-    for verdict in ("pass", "fail", "undecided", "none"):
-        yield f"points_{verdict}", verdicts[verdict], None
-    for event in content.events:
-        if event.get("event") in ("procedure", "job"):
-            details = event.get("details", {})
-            said = {key: value for key, value in details.items() if key != "text"}
-            text = json.dumps(said, ensure_ascii=False, default=str)
-            yield f"change: {event['event']}", text, _moment(event)
+        yield key.capitalize(), several(key) or None, None
+    yield "Procedure", procedure, None
+    yield "First drop", None, moments[0] if moments else None
+    yield "Last drop", None, moments[-1] if moments else None
+    yield "Points", len(points), None
+    yield "Drops", len(drops), None
+    for verdict, title in _VERDICT_TITLES.items():
+        yield title, verdicts[verdict], None
+    for change in job.changes:
+        title = _CHANGE_TITLES.get(change.key, change.key)
+        yield f"Change of the {title}", _change_text(change), change.time_utc or None
+
+
+def _change_text(change: JobChange) -> str:
+    """Return the new value of a setting of a job in words."""
+    value = change.value
+    if value is None:
+        return "withdrawn"
+    match change.key:
+        case "target":
+            return target_text(value)
+        case "stations":
+            return f"{len(value)} station{'s' if len(value) != 1 else ''}"
+        case "calibration":
+            return f"{len(value)} channel{'s' if len(value) != 1 else ''}"
+        case "step_m":
+            return f"{value:g} m"
+        case "units":
+            return {"si": "metric", "us": "US customary"}[value]
+    return str(value)
 
 
 def _notes(content: SurveyContent) -> Iterator[tuple[Any, ...]]:
-    """Every note and every edit, the latter with its date where it has one."""
+    """Yield every note and every edit, with its date where it is recorded."""
     for point in content.points:
         for edit in point.edits:
-            yield point.title, None, edit.get("what"), _said(edit.get("value")), _moment(edit)
+            yield point.title, None, edit.get("what"), _edit_text(edit.get("value")), _moment(edit)
         for drop in point.drops:
             for edit in drop.edits:
-                said = _said(edit.get("value"))
-                yield point.title, drop.drop, edit.get("what"), said, _moment(edit)
+                text = _edit_text(edit.get("value"))
+                yield point.title, drop.drop, edit.get("what"), text, _moment(edit)
 
 
-def _said(value: Any) -> str | None:
+def _edit_text(value: Any) -> str | None:
     if value is None or isinstance(value, str):
         return value
     return json.dumps(value, ensure_ascii=False, default=str)
 
 
-def _moment(said: Any) -> str | None:
-    return next((str(said[key]) for key in ("time_utc", "time") if said.get(key)), None)
+def _moment(edit: Mapping[str, Any]) -> str | None:
+    return next((str(edit[key]) for key in ("time_utc", "time") if edit.get(key)), None)

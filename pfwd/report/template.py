@@ -19,7 +19,7 @@ from zipfile import BadZipFile, ZipFile
 
 from pfwd.errors import OptionError, quote, refusal
 from pfwd.export.point_rows import judged_values
-from pfwd.export.tables import FORMULA
+from pfwd.export.tables import FORMULA_STARTS
 from pfwd.export.workbook import as_date
 from pfwd.judging import DropView, PointView
 from pfwd.procedures import unit_of
@@ -237,7 +237,7 @@ def _put(cell: Any, value: Value) -> None:
     if isinstance(value, str):
         cell.value = harmless(value)
         cell.data_type = "s"
-        if value.lstrip(" ").startswith(FORMULA):
+        if value.lstrip(" ").startswith(FORMULA_STARTS):
             cell.quotePrefix = True
     else:
         cell.value = value

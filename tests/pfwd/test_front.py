@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 import pfwd
-from pfwd.export.columns import COLUMNS
-from pfwd.export.point_rows import POINT_COLUMNS
+from pfwd.export.columns import DROP_COLUMNS, POINT_COLUMNS
 from pfwd.scripting.examples import FOLDER, Traces
 from pfwd.scripting.shown import MOST_ROWS, html_table
 
@@ -147,7 +146,7 @@ def test_a_survey_has_its_points_drops_and_results() -> None:
     # pfwd/scripting/data/README.md: what was simulated.
     truths = [62e6, 48e6, 31e6, 55e6]
     assert [one.modulus for one in survey.results.measured] == pytest.approx(truths, rel=0.01)
-    assert list(survey.to_dataframe().columns) == [column.name for column in COLUMNS]
+    assert list(survey.to_dataframe().columns) == [column.name for column in DROP_COLUMNS]
     points = survey.points_dataframe()
     assert list(points.columns) == [column.name for column in POINT_COLUMNS]
     assert points["point"].tolist() == [point.name for point in survey.points]

@@ -13,7 +13,7 @@ from pfwd.analysis.results import DropAnalysis
 from pfwd.analysis.screening.drops import Screening
 from pfwd.errors import OptionError, SurveyError
 from pfwd.export.export import export_survey
-from pfwd.export.registry import OWN, find_format, format_names
+from pfwd.export.registry import BUILT_IN_FORMATS, find_format, format_names
 from pfwd.export.surveys import safe_name
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.export.conftest import BELONGS, result_of, rows_of
@@ -23,14 +23,14 @@ from tui.parser import build_parser
 def test_every_format_has_its_name_and_a_function_that_writes_it(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert format_names()[: len(OWN)] == tuple(OWN)
-    for name, form in OWN.items():
+    assert format_names()[: len(BUILT_IN_FORMATS)] == tuple(BUILT_IN_FORMATS)
+    for name, form in BUILT_IN_FORMATS.items():
         assert find_format(name) is form
         assert form.writer().__name__ == f"write_{name.replace('-', '_')}"
     with pytest.raises(SystemExit):
         build_parser().parse_args(["export", "--help"])
     help_ = " ".join(capsys.readouterr().out.split())
-    assert all(f"{name}: {form.holds}" in help_ for name, form in OWN.items())
+    assert all(f"{name}: {form.holds}" in help_ for name, form in BUILT_IN_FORMATS.items())
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_what_was_declared_since_the_result_is_said(survey: Path, tmp_path: Path
     )
 
 
-@pytest.mark.parametrize("form", list(OWN))
+@pytest.mark.parametrize("form", list(BUILT_IN_FORMATS))
 def test_nothing_is_written_over_by_mistake(survey: Path, tmp_path: Path, form: str) -> None:
     path = tmp_path / "out"
     path.write_text("mine")
@@ -164,7 +164,7 @@ def test_a_folder_with_other_things_is_not_replaced(survey: Path, tmp_path: Path
     assert (folder / "diary.txt").read_text() == "mine"
 
 
-@pytest.mark.parametrize("form", list(OWN))
+@pytest.mark.parametrize("form", list(BUILT_IN_FORMATS))
 def test_a_failure_leaves_nothing_behind(
     survey: Path, tmp_path: Path, form: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -270,7 +270,7 @@ EFFECTIVE = (
 SAID = "modulus of the subgrade not known: 1 to 800 MPa fit as well"
 
 
-@pytest.mark.parametrize("form", list(OWN))
+@pytest.mark.parametrize("form", list(BUILT_IN_FORMATS))
 def test_layers_whose_subgrade_is_not_known_go_into_every_format(
     survey: Path, tmp_path: Path, form: str
 ) -> None:

@@ -12,7 +12,7 @@ import pyarrow.parquet
 import pytest
 
 from pfwd.errors import OptionError, SurveyError
-from pfwd.export.columns import COLUMNS
+from pfwd.export.columns import DROP_COLUMNS
 from pfwd.export.export import export_survey
 from pfwd.export.tables import cell
 from pfwd.files.importing import import_files
@@ -154,7 +154,7 @@ def test_a_table_has_every_drop_and_what_belongs_to_its_modulus(
     done = export_survey(survey, "table", path)
     assert (done.results, done.as_dict()["without_result"]) == (2, 2)
     rows = rows_of(path)
-    assert list(rows[0]) == [column.name for column in COLUMNS]
+    assert list(rows[0]) == [column.name for column in DROP_COLUMNS]
     assert [(row["point"], row["drop"], row["status"]) for row in rows] == [
         ("north, end", "1", "measured"),
         ("north, end", "2", "measured"),
@@ -221,7 +221,7 @@ def test_parquet_has_types_and_meanings(survey: Path, tmp_path: Path) -> None:
     path = tmp_path / "r.parquet"
     export_survey(survey, "parquet", path)
     table = pyarrow.parquet.read_table(path)
-    assert table.column_names == [column.name for column in COLUMNS]
+    assert table.column_names == [column.name for column in DROP_COLUMNS]
     rows = table.to_pylist()
     assert rows[0]["modulus_pa"] == 45e6
     assert rows[0]["warnings"] == ["depth not unique"]

@@ -12,9 +12,9 @@ import pytest
 
 from pfwd import spawning
 from pfwd.export import parts
-from pfwd.export.export import Exported, export_survey
+from pfwd.export.export import ExportSummary, export_survey
 from pfwd.export.parts import (
-    LARGE_LEDGER,
+    MIN_LEDGER_BYTES,
     Part,
     SecondProcess,
     parts_of,
@@ -40,7 +40,7 @@ def second() -> Iterator[SecondProcess]:
 
 @pytest.fixture(autouse=True)
 def _a_point_is_a_part(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parts, "DROPS_AT_ONCE", 1)
+    monkeypatch.setattr(parts, "MIN_DROPS_IN_PART", 1)
 
 
 class Told:
@@ -103,7 +103,7 @@ def test_a_drop_that_is_not_whole_in_the_journal_is_left_to_the_first_process(
         stream.write(b"\0\0\0\0")
     futures = asked(second, content, table_texts)
     assert "journal" in str(futures[0].exception(TIMEOUT))
-    order = Order(content, second=second)
+    order = Order(content, row_maker=second)
     assert list(row_texts(order, table_texts)) == expected  # from the drop's own file
     assert order.results == 2
 
@@ -119,7 +119,7 @@ def test_a_drop_that_the_journal_has_lost_is_left_to_the_first_process(
     content = read_survey(survey)
     assert content.points[0].drops[0].place is None
     assert "not in the journal" in str(asked(second, content, table_texts)[0].exception(TIMEOUT))
-    order, alone = Order(content, second=second), Order(content)
+    order, alone = Order(content, row_maker=second), Order(content)
     assert list(row_texts(order, table_texts)) == list(row_texts(alone, table_texts))
 
 
@@ -127,11 +127,11 @@ def test_what_the_second_process_has_made_is_taken_in_its_place(survey: Path) ->
     content = read_survey(survey)
     (*first, last) = row_texts(Order(content), table_texts)
     told = Told(Part("a\n", 7), BrokenProcessPool("killed"))
-    order = Order(content, second=told)  # type: ignore[arg-type]
+    order = Order(content, row_maker=told)  # type: ignore[arg-type]
     assert list(row_texts(order, table_texts)) == ["a\n", last]
     assert order.results == 7 + 0
     told = Told(ValueError("?"), Part("c\n", 5))
-    order = Order(content, second=told)  # type: ignore[arg-type]
+    order = Order(content, row_maker=told)  # type: ignore[arg-type]
     assert list(row_texts(order, table_texts)) == [*first, "c\n"]
     assert order.results == 2 + 5
 
@@ -141,7 +141,7 @@ def test_a_process_that_has_ended_is_asked_for_nothing(survey: Path) -> None:
     second = SecondProcess()
     try:
         second._pool._broken = "killed"  # type: ignore[attr-defined]
-        order = Order(content, second=second)
+        order = Order(content, row_maker=second)
         assert list(row_texts(order, table_texts)) == list(row_texts(Order(content), table_texts))
     finally:
         second.close()
@@ -176,7 +176,7 @@ def test_stations_and_a_diagnosis_go_with_the_points(
     assert "30000000.0" in lines_of(order)[1]
     said = {"verdict": "clean", "drops": [1]}
     monkeypatch.setattr(type(content), "read_diagnosis", lambda *_: said)
-    job, (sent, other) = pickle.loads(pickle.dumps(parts._PointsElsewhere(content.points, job)))
+    job, (sent, other) = pickle.loads(pickle.dumps(parts._RemotePoints(content.points, job)))
     assert [drop.read_diagnosis() for drop in sent.drops] == [said] * 3
     assert [len(sent.drops), len(other.drops)] == [3, 1]
     assert job.stations == stations[1:]
@@ -185,7 +185,7 @@ def test_stations_and_a_diagnosis_go_with_the_points(
 @pytest.mark.parametrize(("size", "large"), [(599_999, False), (600_000, True)])
 def test_a_survey_of_2000_drops_is_large(tmp_path: Path, size: int, large: bool) -> None:
     (tmp_path / "acknowledged.txt").write_bytes(b"\0" * size)
-    assert has_ledger_of(tmp_path, LARGE_LEDGER) is large
+    assert has_ledger_of(tmp_path, MIN_LEDGER_BYTES) is large
 
 
 @pytest.mark.parametrize(
@@ -196,7 +196,7 @@ def test_one_process_does_alone_what_two_would_not_do_sooner(
 ) -> None:
     monkeypatch.setattr(parts, "processors", lambda: cores)
     if large:
-        monkeypatch.setattr(parts, "LARGE_LEDGER", 1)
+        monkeypatch.setattr(parts, "MIN_LEDGER_BYTES", 1)
     monkeypatch.setattr(spawning, "worker_pool", None)  # would be called
     name = str(survey) if large is not None else str(survey / "missing")
     with second_process(name, jobs) as second:
@@ -210,7 +210,7 @@ def test_a_system_that_starts_no_process_is_no_obstacle(
         raise OSError(11, "Resource temporarily unavailable")
 
     monkeypatch.setattr(parts, "processors", lambda: 2)
-    monkeypatch.setattr(parts, "LARGE_LEDGER", 1)
+    monkeypatch.setattr(parts, "MIN_LEDGER_BYTES", 1)
     monkeypatch.setattr(spawning, "worker_pool", refused)
     with second_process(str(survey), 2) as second:
         assert second is None
@@ -220,12 +220,12 @@ def test_a_system_that_starts_no_process_is_no_obstacle(
 def test_an_export_by_two_processes_is_that_by_one(
     survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str
 ) -> None:
-    def export(name: str, jobs: int) -> tuple[bytes, Exported]:
+    def export(name: str, jobs: int) -> tuple[bytes, ExportSummary]:
         told = export_survey(survey, form, tmp_path / name, jobs=jobs)
         return (tmp_path / name).read_bytes(), told
 
     monkeypatch.setattr(parts, "processors", lambda: 2)
-    monkeypatch.setattr(parts, "LARGE_LEDGER", 1)
+    monkeypatch.setattr(parts, "MIN_LEDGER_BYTES", 1)
     made: list[Part] = []
 
     def waited_for(request: Future[Part] | None) -> Part | None:

@@ -23,10 +23,12 @@ from pfwd.export import geopackage, workbook
 from pfwd.export.export import export_survey
 from pfwd.export.tables import cell
 from pfwd.files.photos import store_photo
+from pfwd.judging import JobRequest
+from pfwd.procedures import find_procedure
 from pfwd_device.recording import SurveyWriter, read_survey
 from tests.pfwd.export.conftest import result_of
 
-COLUMNS = [
+POINT_COLUMNS = [
     *("point", "chainage_m", "latitude", "longitude", "altitude_m", "time_utc", "time_local"),
     *("procedure", "quantity", "value", "interval_low", "interval_high", "unit", "target"),
     *("verdict", "drops_measured", "modulus_pa", "modulus_interval_low_pa"),
@@ -60,7 +62,7 @@ def judged(survey: Path) -> Path:
 
 def test_a_point_has_value_interval_target_and_verdict(judged: Path, tmp_path: Path) -> None:
     first, second = points_of(judged, tmp_path / "p.csv")
-    assert list(first) == COLUMNS
+    assert list(first) == POINT_COLUMNS
     assert first["point"] == "north, end"
     assert float(first["value"]) == pytest.approx(45e6)
     assert float(first["interval_low"]) < 45e6 < float(first["interval_high"])
@@ -147,7 +149,7 @@ def test_points_geojson_has_a_feature_a_point(judged: Path, tmp_path: Path) -> N
     first, second = collection["features"]
     assert first["geometry"]["coordinates"] == [11.5, 48.1, 520.0]
     assert list(first["properties"]) == [
-        name for name in COLUMNS if name not in ("latitude", "longitude")
+        name for name in POINT_COLUMNS if name not in ("latitude", "longitude")
     ]
     assert first["properties"]["verdict"] == "pass"
     assert second["geometry"] is None
@@ -196,7 +198,42 @@ def test_a_workbook_has_engineering_units_and_dates(judged: Path, tmp_path: Path
     assert ["north, end", 3.0, "discard", "wet"] in [row[:4] for row in notes]
     assert all(isinstance(row[4], datetime.datetime) for row in notes[1:])
     job = {row[0]: row[1] for row in book.get_sheet_by_name("job").to_python()}
-    assert (job["points"], job["drops"], job["points_pass"]) == (2, 4, 1)
+    assert (job["Points"], job["Drops"], job["Points that pass"]) == (2, 4, 1)
+
+
+def test_a_workbook_describes_the_job_in_words(judged: Path, tmp_path: Path) -> None:
+    details = {
+        "target": 60e6,
+        "step_m": 20.0,
+        "operator": None,
+        "units": "us",
+        "time_zone": "+02:00",
+        "stations": [{"name": "12+320"}],
+        "calibration": [{"channel": "load"}, {"channel": "g0"}],
+    }
+    procedure = find_procedure("mndot", enforce_unverified=True)
+    with SurveyWriter.open(judged) as writer:
+        for kind, values in JobRequest(procedure=procedure).events():
+            writer.note_event(kind, values)
+        writer.note_event("job", details)
+    export_survey(judged, "xlsx", tmp_path / "p.xlsx")
+    rows = CalamineWorkbook.from_path(tmp_path / "p.xlsx").get_sheet_by_name("job").to_python()
+    assert not [row[0] for row in rows if "_" in row[0]]
+    job = {row[0]: row[1] for row in rows}
+    assert job["Procedure"].startswith("mndot; numbers that are not verified are enforced")
+    changes = {key.removeprefix("Change of the "): job[key] for key in job if "Change" in key}
+    assert changes == {
+        "procedure": "mndot",
+        "target": "60 MPa",
+        "step between stations": "20 m",
+        "operator": "withdrawn",
+        "units on the screen": "US customary",
+        "time zone": "+02:00",
+        "list of stations": "1 station",
+        "calibration": "2 channels",
+    }
+    dates = [row[2] for row in rows if "Change" in row[0]]
+    assert all(isinstance(date, datetime.datetime) for date in dates)
 
 
 def test_a_workbook_has_filters_frozen_heads_formats_and_a_chart(
@@ -276,7 +313,7 @@ def test_a_geopackage_has_a_feature_a_point(judged: Path, tmp_path: Path) -> Non
         assert (types["discarded"], types["note"]) == ("BOOLEAN", "TEXT")
         first, second = base.execute("select * from points").fetchall()
         boxes = base.execute("select * from rtree_points_geom").fetchall()
-    assert list(first.keys())[2:] == COLUMNS
+    assert list(first.keys())[2:] == POINT_COLUMNS
     blob = first["geom"]
     # Version 1, no envelope, little-endian; then the reference system.
     assert struct.unpack("<2sBBi", blob[:8]) == (b"GP", 0, 1, 4326)
@@ -313,9 +350,9 @@ def test_gdal_reads_a_geopackage_and_edits_it(judged: Path, tmp_path: Path) -> N
     export_survey(judged, "gpkg", tmp_path / "p.gpkg")
     about, _, geometry, columns = raw.read(tmp_path / "p.gpkg", layer="points")
     assert (about["crs"], about["geometry_type"]) == ("EPSG:4326", "Point Z")
-    assert list(about["fields"]) == COLUMNS
+    assert list(about["fields"]) == POINT_COLUMNS
     assert [blob is None for blob in geometry] == [False, True]
-    first = dict(zip(COLUMNS, (column[0] for column in columns), strict=True))
+    first = dict(zip(POINT_COLUMNS, (column[0] for column in columns), strict=True))
     assert (first["point"], first["verdict"]) == ("north, end", "pass")
     assert first["value"] == pytest.approx(45e6)
     near = raw.read(tmp_path / "p.gpkg", bbox=(11.4, 48.0, 11.6, 48.2))[2]

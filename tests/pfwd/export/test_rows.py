@@ -7,19 +7,19 @@ import pytest
 
 from pfwd.analysis.results import DropResult
 from pfwd.export import rows
-from pfwd.export.columns import COLUMNS
-from pfwd.export.rows import _OF_A_RESULT, _OF_KIND, _cells
+from pfwd.export.columns import DROP_COLUMNS
+from pfwd.export.rows import _CONVERTERS, _RESULT_KINDS, _cells
 from tests.pfwd.export.conftest import RESULT
 
 
 def one_by_one(result: DropResult) -> dict[str, Any]:
-    values = result.values(_OF_A_RESULT)
-    return {name: _OF_KIND[_OF_A_RESULT[name]](value) for name, value in values.items()}
+    values = result.values(_RESULT_KINDS)
+    return {name: _CONVERTERS[_RESULT_KINDS[name]](value) for name, value in values.items()}
 
 
 def as_row(cells: dict[str, Any]) -> dict[str, Any]:
     """Without the layers, which are filled in from elsewhere."""
-    return {**rows._EMPTY, **cells, "layers": None}
+    return {**rows._EMPTY_ROW, **cells, "layers": None}
 
 
 @pytest.mark.parametrize(
@@ -67,6 +67,6 @@ def test_what_another_program_wrote_is_looked_at_one_by_one(
 
 
 def test_only_the_columns_of_a_medium_name_the_medium() -> None:
-    named = [column.name for column in COLUMNS if column.meaning.startswith("Medium ")]
+    named = [column.name for column in DROP_COLUMNS if column.meaning.startswith("Medium ")]
     assert len(named) == 4 * 6
     assert all(name.startswith("layer_") for name in named)

@@ -16,8 +16,8 @@ from hypothesis import Phase, given, settings
 
 from pfwd.export import parts
 from pfwd.export.export import export_survey
-from pfwd.export.maps import NAMESPACE
-from pfwd.export.registry import OWN
+from pfwd.export.maps import GPX_NAMESPACE
+from pfwd.export.registry import BUILT_IN_FORMATS
 from pfwd.export.tables import jsonl_texts
 from pfwd.files.reading import survey_content
 from pfwd.judging import JobRequest, PointView, job_of, point_views
@@ -144,7 +144,7 @@ def check_documents(story: list[Any]) -> None:
         told.play(whole(story))
         known = read(told.folder)
         check_report(told.folder, known)
-        checked = {name for name in OWN if name not in WITHOUT_VERDICT}
+        checked = {name for name in BUILT_IN_FORMATS if name not in WITHOUT_VERDICT}
         assert checked == set(EXPORTS), "a new format is compared, or says why it cannot be"
         for form, check in EXPORTS.items():
             if form in NEEDING_DROPS and not any_counts(told.folder):
@@ -283,11 +283,11 @@ def _check_gpkg(path: Path, known: Mapping[str, PointView]) -> None:
 def _check_gpx(path: Path, known: Mapping[str, PointView]) -> None:
     kept = [point for point in known.values() if not point.discarded]
     by_title = {point.shown_name: point.progress for point in kept}
-    points = list(ElementTree.parse(path).iter(f"{{{NAMESPACE}}}wpt"))
+    points = list(ElementTree.parse(path).iter(f"{{{GPX_NAMESPACE}}}wpt"))
     assert points or not any(progress.used for progress in by_title.values())
     for point in points:
-        progress = by_title[str(point.findtext(f"{{{NAMESPACE}}}name"))]
-        words = str(point.findtext(f"{{{NAMESPACE}}}desc"))
+        progress = by_title[str(point.findtext(f"{{{GPX_NAMESPACE}}}name"))]
+        words = str(point.findtext(f"{{{GPX_NAMESPACE}}}desc"))
         assert words.startswith(f"verdict {progress.verdict} ("), "gpx"
         if progress.target is not None:
             assert f"target {target_text(progress.target)}" in words
@@ -340,7 +340,7 @@ def check_second_process(folder: Path, known: Mapping[str, PointView]) -> None:
     """Of a part of the rows that another process makes, from what is sent to it."""
     content = read_survey(folder)
     for part in parts.parts_of(content.points):
-        sent = pickle.loads(pickle.dumps(parts._PointsElsewhere(part, job_of(content))))
+        sent = pickle.loads(pickle.dumps(parts._RemotePoints(part, job_of(content))))
         made = parts._part(jsonl_texts, content.survey_id, sent)
         _by_point(map(json.loads, made.text.splitlines()), known, "the second process")
 
