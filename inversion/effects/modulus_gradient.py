@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from inversion.effects.base import DropContext, Effect, Ground, Values
 from inversion.fitting.parameters import Parameter
-from inversion.forward.growth import MOST_GROWTH
+from inversion.forward.growth import MAX_GROWTH
 
 # Starting value of a/z0, from which fits reach values of 0.1 to 1.
 _START_RADII = 0.5
@@ -41,7 +41,7 @@ class _Gradient(Effect):
         a = drop.plate_radius
         (parameter,) = self.parameters
         prior = 0.0, self.deviation
-        return (replace(parameter, upper=MOST_GROWTH / a, starts=(_START_RADII / a,), prior=prior),)
+        return (replace(parameter, upper=MAX_GROWTH / a, starts=(_START_RADII / a,), prior=prior),)
 
     def fixed_values(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
         """Return the exponent."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from inversion.arrays import FloatArray
 from inversion.errors import ModelError
 from inversion.forward.model import Grounds
-from inversion.forward.surrogate import SHALLOWEST
+from inversion.forward.surrogate import MIN_DEPTH_RADII
 
 MODULUS, VISCOSITY, DENSITY, DEPTH = "modulus", "viscosity", "density", "bedrock_depth"
 
@@ -135,7 +135,7 @@ def soil_parameters(peak_modulus: float) -> tuple[Parameter, Parameter, Paramete
 
 def depth_parameter(plate_radius: float) -> Parameter:
     """The depth of rock, within what the tables cover and an echo reaches."""
-    shallow, deep = SHALLOWEST * 1.001 * plate_radius, _DEEPEST * plate_radius
+    shallow, deep = MIN_DEPTH_RADII * 1.001 * plate_radius, _DEEPEST * plate_radius
     return Parameter(DEPTH, "m", shallow, deep, logarithmic=True, inverse_prior=INVERSE_DEPTH_PRIOR)
 
 

@@ -10,8 +10,8 @@ without radial displacement where it is bonded) with
 .. math:: A = \int \xi j_{2m} j_{2n} F_{ww}, \quad B = \int \xi j_{2m} j_{2n+1} F_{wu}, \quad
           C = \int \xi j_{2m+1} j_{2n+1} F_{uu}
 
-give the coefficients; the force is :math:`2 \pi` times the first one.  The static half-space is
-taken off the integrands at all wavenumbers and put back in closed form.
+give the coefficients; the force is :math:`2 \pi` times the first one.  The static
+half-space is subtracted from the integrands at all wavenumbers and added back in closed form.
 
 This module is the converged reference of the project: the surrogate is fitted to it and checked
 against it.
@@ -49,7 +49,7 @@ _NODES_PER_PANEL = 12
 
 @dataclass(frozen=True)
 class QuadratureRule:
-    """How the wavenumber integrals are taken (units of 1/plate radius).
+    """Panels of the wavenumber integrals, in units of 1/plate radius.
 
     Gauss panels on the real axis: equal ones over ``[0, 2.2 sqrt|z|]``, where waves travel, then
     growing ones.  The path stays on the real axis because a layer on rock has backward waves
@@ -58,21 +58,21 @@ class QuadratureRule:
 
     # Number of equal panels below 2.2 sqrt|z|; 40 hold 3e-5 up to nu = 0.45, 80 up to 0.49.
     travelling_panels: int = 40
-    # The integrands fall like xi^-4 beyond; their end scales with sqrt|z| for short waves.
-    least_end: float = 120.0
+    # Beyond that the integrands fall like xi^-4. For short waves their end scales with sqrt|z|.
+    min_end: float = 120.0
     end_over_root: float = 14.0
     growth: float = 1.4
 
     @staticmethod
     def for_poisson_ratio(poisson_ratio: float, refine: int = 1) -> QuadratureRule:
-        """The rule for this Poisson's ratio: fast P waves put poles closer to the path."""
+        """Return the rule for a Poisson's ratio; fast P waves move poles closer to the path."""
         panels = 40 if poisson_ratio <= 0.45 else 80
         return QuadratureRule(travelling_panels=panels * refine)
 
     def nodes(self, root: float, largest_offset: float) -> tuple[FloatArray, FloatArray]:
-        """Nodes and weights, each (n,), ascending, for sqrt|z| up to ``root``.
+        """Return nodes and weights, each (n,), ascending, for sqrt|z| up to ``root``.
 
-        A panel of 12 nodes takes about eight radians of the fastest oscillation, which comes
+        A panel of 12 nodes resolves about eight radians of the fastest oscillation, which comes
         from the product of two spherical Bessel functions or from J0(xi r).
         """
         travelling = 2.2 * root
@@ -80,7 +80,7 @@ class QuadratureRule:
         count = max(self.travelling_panels, int(np.ceil(travelling / widest)))
         edges = list(np.linspace(0.0, travelling, count + 1))
         width = edges[1]
-        end = max(self.least_end, self.end_over_root * root)
+        end = max(self.min_end, self.end_over_root * root)
         while edges[-1] < end:
             width = min(width * self.growth, widest)
             edges.append(edges[-1] + width)
@@ -97,13 +97,13 @@ def gauss_panels(edges: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Gauss nodes and weights, each (n,), of panels between ascending edges."""
     nodes, weights = _gauss()
     half = 0.5 * np.diff(edges)[:, None]
-    middle = 0.5 * (edges[1:] + edges[:-1])[:, None]
-    return (middle + half * nodes).ravel(), (half * weights).ravel()
+    centre = 0.5 * (edges[1:] + edges[:-1])[:, None]
+    return (centre + half * nodes).ravel(), (half * weights).ravel()
 
 
 @dataclass(frozen=True)
 class PlateProblem:
-    """What of the plate and the sensors the compliance depends on.
+    """Plate, Poisson's ratio and sensors for which a compliance is computed.
 
     Parameters
     ----------
@@ -143,8 +143,8 @@ class PlateProblem:
 
 # Points that share a set of nodes differ by at most this factor in sqrt|z|.
 _LAYOUT_STEP = 1.25
-# Rows of the kernel evaluated together: the intermediate arrays stay in the cache.
-_ROWS_AT_ONCE = 32
+# Number of points evaluated together, so that the intermediate arrays stay in the cache.
+_POINTS_PER_CHUNK = 32
 
 
 def plate_compliance(
@@ -173,7 +173,7 @@ def plate_compliance(
 
 
 def layouts(z: ComplexArray) -> list[tuple[int, NDArray[np.intp]]]:
-    """Groups of points that share nodes: the index of the layout and the rows in it."""
+    """Return the groups of points that share nodes: index of the layout and its rows."""
     index = np.ceil(np.log(np.abs(z)) * (0.5 / np.log(_LAYOUT_STEP))).astype(int)
     return [(int(k), np.flatnonzero(index == k)) for k in np.unique(index)]
 
@@ -190,8 +190,8 @@ def compliance_of_layout(
     moments = _moments(problem, rule, layout)
     result = np.empty((z.size, len(problem.offsets)), dtype=np.complex128)
     order = np.argsort(depths)
-    for first in range(0, z.size, _ROWS_AT_ONCE):
-        rows = order[first : first + _ROWS_AT_ONCE]
+    for first in range(0, z.size, _POINTS_PER_CHUNK):
+        rows = order[first : first + _POINTS_PER_CHUNK]
         result[rows] = moments.solve(z[rows], depths[rows])
     return result
 
@@ -208,17 +208,17 @@ class Products(NamedTuple):
     wu: ComplexArray | None
     uu: ComplexArray | None
 
-    def plus(self, rows: slice, other: Products) -> Products:
-        """Some points of these moments, and the others added to them."""
-        ww = self.ww[rows] + other.ww
-        if self.wu is None or self.uu is None or other.wu is None or other.uu is None:
+    def plus(self, rows: slice, difference: Products) -> Products:
+        """Return the moments of some points plus a difference at these points."""
+        ww = self.ww[rows] + difference.ww
+        if self.wu is None or self.uu is None or difference.wu is None or difference.uu is None:
             return Products(ww, None, None)
-        return Products(ww, self.wu[rows] + other.wu, self.uu[rows] + other.uu)
+        return Products(ww, self.wu[rows] + difference.wu, self.uu[rows] + difference.uu)
 
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """Everything of the integrals that does not depend on z and depth.
+    """Part of the integrals that does not depend on z and depth.
 
     ``ww``, ``wu`` and ``uu`` are (nodes, columns): weight xi j_k j_l for the upper triangle of A,
     all of B and the upper triangle of C, then weight xi J0(xi r) j_k for the sensors outside the
@@ -233,7 +233,7 @@ class Moments:
 
     @staticmethod
     def of(problem: PlateProblem, xi: FloatArray, weights: FloatArray) -> Moments:
-        """The moments of a plate at nodes (n,) with their weights."""
+        """Return the moments of a plate at nodes (n,) with their weights."""
         n = problem.terms
         outside = np.array([r for r in problem.offsets if r > 1.0 or not problem.driving_point])
         bessel = spherical_bessel(2 * n, xi)
@@ -259,16 +259,16 @@ class Moments:
         return self.problem.plate == "rigid-rough"
 
     def products(self, parts: Compliance) -> Products:
-        """Moments of compliances (k, m) at the first m nodes."""
-        felt = parts.ww.shape[1]
-        ww = times_real(parts.ww, self.ww[:felt])
+        """Return the moments of compliances (k, m) at the first m nodes."""
+        n_nodes = parts.ww.shape[1]
+        ww = times_real(parts.ww, self.ww[:n_nodes])
         if parts.wu is None or parts.uu is None:
             return Products(ww, None, None)
-        wu = times_real(parts.wu, self.wu[:felt])
-        return Products(ww, wu, times_real(parts.uu, self.uu[:felt]))
+        wu = times_real(parts.wu, self.wu[:n_nodes])
+        return Products(ww, wu, times_real(parts.uu, self.uu[:n_nodes]))
 
     def without_rest(self, parts: Compliance) -> Compliance:
-        """Compliances less those of the half-space at rest, of which the integrals are known."""
+        """Return the compliances minus the static half-space, whose integrals are known."""
         nu = self.problem.poisson_ratio
         normal = (1.0 - nu) / self.xi
         if parts.wu is None or parts.uu is None:
@@ -277,21 +277,21 @@ class Moments:
         return Compliance(parts.ww - normal, coupling, parts.uu - normal)
 
     def solve(self, z: ComplexArray, depths: FloatArray) -> ComplexArray:
-        """Phi, (k, n_offsets), at points (k,) and depths (k,)."""
+        """Return Phi, (k, n_offsets), at points (k,) and depths (k,)."""
         nu = self.problem.poisson_ratio
         parts = layer_compliance(self.xi, z, nu, depths, shear=self.bonded)
         return self.sensors(self.products(self.without_rest(parts)))
 
     def sensors(self, products: Products) -> ComplexArray:
-        """Phi, (k, n_offsets), from the Galerkin system at each point."""
+        """Return Phi, (k, n_offsets), from the Galerkin system at each point."""
         nu = self.problem.poisson_ratio
         n = self.problem.terms
         pairs = n * (n + 1) // 2
         if not self.problem.driving_point:
             # Deflection at each offset under the pressure of the static rigid plate (Eq. 3).
             at_rest = np.array([static_tail(0, r) for r in self.problem.offsets])
-            moved: ComplexArray = products.ww[:, pairs:] + (1.0 - nu) * at_rest
-            return moved / (2.0 * np.pi)
+            displacement: ComplexArray = products.ww[:, pairs:] + (1.0 - nu) * at_rest
+            return displacement / (2.0 * np.pi)
         system = symmetric(products.ww[:, :pairs], n) + (1.0 - nu) * static_products(n, 0, 0)
         shear = None
         if products.wu is not None and products.uu is not None:
@@ -312,17 +312,17 @@ class Moments:
         outside = [self.problem.offsets[i] for i in columns]
         at_rest = np.array([[static_tail(2 * k, r) for k in range(n)] for r in outside])
         response = products.ww[:, pairs:].reshape(-1, len(outside), n) + (1.0 - nu) * at_rest
-        moved = (response @ pressure)[:, :, 0]
+        displacement = (response @ pressure)[:, :, 0]
         if shear is not None and products.wu is not None:
-            # The static tail of the shear's own part vanishes outside the plate.
+            # The static part of the shear vanishes outside the plate.
             response = products.wu[:, n * n :].reshape(-1, len(outside), n)
-            moved = moved + (response @ (shear @ pressure))[:, :, 0]
-        result[:, columns] = moved / force[:, None]
+            displacement = displacement + (response @ (shear @ pressure))[:, :, 0]
+        result[:, columns] = displacement / force[:, None]
         return result
 
 
 def times_real(values: ComplexArray, matrix: FloatArray) -> ComplexArray:
-    """values (k, n) complex @ matrix (n, m) real, as one real product."""
+    """Return values (k, n) complex @ matrix (n, m) real, computed as one real product."""
     count = values.shape[0]
     parts = np.concatenate([values.real, values.imag])
     product = parts @ matrix.astype(parts.dtype, copy=False)
@@ -331,20 +331,15 @@ def times_real(values: ComplexArray, matrix: FloatArray) -> ComplexArray:
     return result
 
 
-# Enough for the layouts of one surrogate, a megabyte or two each.
+# The layouts of one surrogate fit; each takes one or two megabytes.
 @lru_cache(maxsize=48)
 def _moments(problem: PlateProblem, rule: QuadratureRule, layout: int) -> Moments:
     outside = [r for r in problem.offsets if r > 1.0 or not problem.driving_point]
     return Moments.of(problem, *rule.nodes(_LAYOUT_STEP**layout, max(outside, default=0.0)))
 
 
-def forget_layouts() -> None:
-    """Free what is kept of the layouts, some hundred megabytes for many offset sensors."""
-    _moments.cache_clear()
-
-
 def symmetric(upper: ComplexArray, n: int) -> ComplexArray:
-    """Full symmetric matrices (k, n, n) from their upper triangles (k, n (n + 1)/2)."""
+    """Return symmetric matrices (k, n, n) from their upper triangles (k, n (n + 1)/2)."""
     rows, columns = np.triu_indices(n)
     result = np.empty((upper.shape[0], n, n), dtype=np.complex128)
     result[:, rows, columns] = upper

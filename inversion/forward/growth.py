@@ -1,10 +1,11 @@
 r"""Plate on ground whose modulus grows with depth, :math:`E(z) = E_0 (1 + z/z_0)^m`.
 
-A surrogate like that over the depth of rock: sums of damped resonances in p with fixed poles, whose
-coefficients are polynomials in :math:`u = \kappa/(1 + \kappa)`, :math:`\kappa = a/z_0`.  Modulus,
-viscosity and p belong to the effective ground, the half-space on which the plate at rest is as
-stiff; so :math:`\Phi(p \to 0)` does not depend on the growth, and :math:`\kappa = 0` is the
-half-space.  The viscosity grows with the modulus, the density is constant.
+The surrogate has the form of the one for rock: sums of damped resonances in p with fixed poles,
+whose coefficients are polynomials in :math:`u = \kappa/(1 + \kappa)`, :math:`\kappa = a/z_0`.
+Modulus, viscosity and p are those of the effective ground, the half-space with the same static
+stiffness under the plate. Therefore :math:`\Phi(p \to 0)` does not depend on the growth, and
+:math:`\kappa = 0` is the half-space.  The viscosity grows with the modulus, the density is
+constant.
 
 `GrowthSurrogate` takes the place of :class:`inversion.forward.surrogate.Surrogate` in
 :func:`inversion.forward.model.transfer_function` and its derivatives; ``inverse_depth`` of the
@@ -32,11 +33,11 @@ from inversion.forward.rational import evaluate, evaluate_with_slope, fit_sums, 
 from inversion.forward.ray_sampling import ray
 from inversion.threads import single_threaded_blas
 
-MOST_GROWTH = 6.0
-"""Largest a/z0 that a surrogate holds."""
+MAX_GROWTH = 6.0
+"""Largest a/z0 of the surrogates."""
 
 N_SUBLAYERS = 26
-"""Sublayers, from the surface to `DEEPEST_RADII`; below them the modulus is constant."""
+"""Number of sublayers from the surface to `DEEPEST_RADII`; below them the modulus is constant."""
 DEEPEST_RADII = 25.0
 _TOP_SUBLAYER_RADII = 0.06
 
@@ -48,29 +49,29 @@ _RULE = replace(
     travelling=1.2,
     echo=8.0,
     growth=1.6,
-    least_end=30.0,
+    min_end=30.0,
     end_over_root=4.0,
     end_over_layer=2.4,
     negligible=12.0,
     rough_terms=6,
     single_slopes=False,
 )
-_N_NODES = 10
+_N_GROWTH_NODES = 10
 # abs(p)/Re p of a ray, its weight, and the steps and limits of abs(p).
 _RAYS = ((4.0, 1.0, 0.18, 0.02, 12.0), (12.0, 1.0, 0.11, 0.05, 20.0), (35.0, 0.4, 0.08, 0.2, 20.0))
-_GROUP = 2.0
-_STEP = 1e-5
+_GROUP_FACTOR = 2.0
+_GROWTH_STEP = 1e-5
 
 
 def sublayers(
     exponent: float, growth: float, count: int = N_SUBLAYERS, top: float = _TOP_SUBLAYER_RADII
 ) -> tuple[FloatArray, FloatArray]:
-    """Thickness over the radius (count,), and modulus over that at the surface (count + 1,).
+    """Return thickness over radius (count,) and modulus over surface modulus (count + 1,).
 
-    Thicknesses grow in a constant ratio from ``top``; a sublayer has the harmonic mean of its
-    moduli, which keeps the compression of a column.
+    Thicknesses grow by a constant ratio from ``top``. The modulus of a sublayer is the harmonic
+    mean of the moduli in it, which preserves the compression of a column.
     """
-    from scipy.optimize import brentq  # a second of start-up that few need
+    from scipy.optimize import brentq  # the import takes a second
 
     def excess(ratio: float) -> float:
         return float(top * np.sum(ratio ** np.arange(count)) - DEEPEST_RADII)
@@ -84,11 +85,11 @@ def sublayers(
 
 
 def _grounds(problem: PlateProblem, moduli: FloatArray, thickness: FloatArray) -> LayeredGrounds:
-    """One undamped ground of unit density and radius; moduli are shear moduli."""
+    """Return one undamped ground of unit density for a unit radius, from its shear moduli."""
     nu = problem.poisson_ratio
     modulus = 2.0 * (1.0 + nu) * moduli[None]
-    one = np.ones_like(modulus)
-    return LayeredGrounds(modulus, 0.0 * one, one, nu * one, np.append(thickness, np.inf)[None])
+    ones = np.ones_like(modulus)
+    return LayeredGrounds(modulus, 0.0 * ones, ones, nu * ones, np.append(thickness, np.inf)[None])
 
 
 def _setup(problem: PlateProblem) -> PlateSetup:
@@ -102,18 +103,20 @@ def stiffening(
     count: int = N_SUBLAYERS,
     top: float = _TOP_SUBLAYER_RADII,
 ) -> float:
-    """Effective modulus over the modulus at the surface, for the plate at rest.
+    """Return the effective modulus over the modulus at the surface, for a static load.
 
     Parameters
     ----------
     growth : float, a/z0
     count, top : as of :func:`sublayers`
     """
-    alone = replace(problem, offsets=(0.0,))
+    centre_problem = replace(problem, offsets=(0.0,))
     thickness, moduli = sublayers(exponent, growth, count, top)
     at_rest = np.zeros(1, dtype=np.complex128)
     uniform, grown = (
-        displacement_per_force(_setup(alone), _grounds(alone, values, thickness), at_rest, _RULE)
+        displacement_per_force(
+            _setup(centre_problem), _grounds(centre_problem, values, thickness), at_rest, _RULE
+        )
         for values in (np.ones_like(moduli), moduli)
     )
     return float((uniform / grown)[0, 0, 0].real)
@@ -127,11 +130,11 @@ def growth_compliance(
     count: int = N_SUBLAYERS,
     rule: WavenumberRule = _RULE,
 ) -> ComplexArray:
-    """Phi of the effective ground by the layered solver, (n_offsets, n), at p (n,)."""
+    """Return Phi of the effective ground from the layered solver, (n_offsets, n), at p (n,)."""
     thickness, moduli = sublayers(exponent, growth, count)
     grounds = _grounds(problem, moduli / stiffening(problem, exponent, growth, count), thickness)
     result = np.empty((len(problem.offsets), p.size), dtype=np.complex128)
-    group = np.floor(np.log(np.abs(p)) / np.log(_GROUP)).astype(int)
+    group = np.floor(np.log(np.abs(p)) / np.log(_GROUP_FACTOR)).astype(int)
     for place in np.unique(group):
         rows = group == place
         result[:, rows] = displacement_per_force(_setup(problem), grounds, p[rows], rule)[0]
@@ -160,7 +163,7 @@ class GrowthSurrogate:
     stiffening: FloatArray
 
     def surface_modulus(self, effective_modulus: float, growth: float) -> float:
-        """E0 of a ground from its effective modulus and a/z0."""
+        """Return E0 of a ground from its effective modulus and a/z0."""
         share = self._shares(np.array([growth]))[0]
         return float(effective_modulus / np.exp(share @ np.log(self.stiffening)))
 
@@ -169,11 +172,11 @@ class GrowthSurrogate:
         return numerators(self.poles, self.coefficients)
 
     def _shares(self, growth: FloatArray) -> FloatArray:
-        """Barycentric weights (m, d) of the nodes at values (m,) of a/z0."""
-        if np.any(growth < 0.0) or np.any(growth > MOST_GROWTH * (1.0 + 1e-9)):
+        """Return barycentric weights (m, d) of the nodes at values (m,) of a/z0."""
+        if np.any(growth < 0.0) or np.any(growth > MAX_GROWTH * (1.0 + 1e-9)):
             raise ModelError(
-                f"growth of the modulus: expected 0 to {MOST_GROWTH:g} per plate radius, got "
-                f"{growth[(growth < 0.0) | (growth > MOST_GROWTH)][0]:.4g}"
+                f"growth of the modulus: expected 0 to {MAX_GROWTH:g} per plate radius, got "
+                f"{growth[(growth < 0.0) | (growth > MAX_GROWTH)][0]:.4g}"
             )
         nodes = self.coordinates
         order = np.arange(nodes.size)
@@ -187,31 +190,31 @@ class GrowthSurrogate:
     def compliance(
         self, p: ComplexArray, inverse_depth: FloatArray | None, single: bool = False
     ) -> ComplexArray:
-        """Phi, (m, n_offsets, n), at p (m, n) and a/z0 (m,); None: the half-space."""
+        """Return Phi, (m, n_offsets, n), at p (m, n) and a/z0 (m,); None: the half-space."""
         growth = np.zeros(p.shape[0]) if inverse_depth is None else inverse_depth
-        own = np.tensordot(self._shares(growth), self._weights, axes=1)
-        return evaluate(p, self.poles, own, single)
+        weights = np.tensordot(self._shares(growth), self._weights, axes=1)
+        return evaluate(p, self.poles, weights, single)
 
     def compliance_slopes(
         self, p: ComplexArray, inverse_depth: FloatArray, by_depth: bool
     ) -> tuple[ComplexArray, ComplexArray, ComplexArray | None]:
-        """Phi with its derivatives by p and, if wanted, by a/z0; each (m, n_offsets, n)."""
-        own = np.tensordot(self._shares(inverse_depth), self._weights, axes=1)
+        """Return Phi and its derivatives by p and, by request, by a/z0; each (m, n_offsets, n)."""
+        weights = np.tensordot(self._shares(inverse_depth), self._weights, axes=1)
         change = None
         if by_depth:
-            low = np.clip(inverse_depth - _STEP, 0.0, MOST_GROWTH - 2.0 * _STEP)
-            moved = self._shares(low + 2.0 * _STEP) - self._shares(low)
-            change = np.tensordot(moved / (2.0 * _STEP), self._weights, axes=1)
-        return evaluate_with_slope(p, self.poles, own, change)
+            low = np.clip(inverse_depth - _GROWTH_STEP, 0.0, MAX_GROWTH - 2.0 * _GROWTH_STEP)
+            difference = self._shares(low + 2.0 * _GROWTH_STEP) - self._shares(low)
+            change = np.tensordot(difference / (2.0 * _GROWTH_STEP), self._weights, axes=1)
+        return evaluate_with_slope(p, self.poles, weights, change)
 
 
 def build_growth_surrogate(problem: PlateProblem, exponent: float) -> GrowthSurrogate:
-    """Fit the sums to the layered solver's values; some ten seconds."""
-    order = np.arange(_N_NODES)
-    most = MOST_GROWTH / (1.0 + MOST_GROWTH)
-    coordinates = 0.5 * most * (1.0 + np.cos(np.pi * (order + 0.5) / _N_NODES))
+    """Fit the sums to values of the layered solver, which takes about ten seconds."""
+    order = np.arange(_N_GROWTH_NODES)
+    max_coordinate = MAX_GROWTH / (1.0 + MAX_GROWTH)
+    coordinates = 0.5 * max_coordinate * (1.0 + np.cos(np.pi * (order + 0.5) / _N_GROWTH_NODES))
     rays = [ray(kappa, step, low, high) for kappa, _, step, low, high in _RAYS]
-    weights = [own[1] * own[2] ** 0.5 for own in _RAYS]
+    weights = [weight * step**0.5 for _, weight, step, _, _ in _RAYS]
     p = np.concatenate(rays)
     weight = np.repeat(weights, [part.size for part in rays])
     poles = np.concatenate(

@@ -24,14 +24,14 @@ import numpy as np
 
 from inversion.arrays import ComplexArray, FloatArray
 
-# Beyond this many nepers a wave that went down and came back is below double precision.
-_NEGLIGIBLE_ECHO = 19.0
+# Attenuation, in nepers on the way down, beyond which an echo is below double precision.
+_NEGLIGIBLE_ECHO_NEPERS = 19.0
 
 
 class Compliance(NamedTuple):
     """Surface compliances, each ``(...)`` complex, in units of 1/G*.
 
-    ``wu`` and ``uu`` are None where only the pressure matters (a smooth plate).
+    ``wu`` and ``uu`` are None if there is only pressure (a smooth plate).
     """
 
     ww: ComplexArray
@@ -62,7 +62,7 @@ def half_space_compliance(
     xi : (n,) ndarray of float, wavenumber times plate radius, > 0
     z : (k,) ndarray of complex, off the negative real axis
     poisson_ratio : float, 0 <= value < 0.5
-    shear : bool, whether the compliances with a surface shear are wanted
+    shear : bool, True: compute the compliances with a surface shear too
 
     Returns
     -------
@@ -89,7 +89,7 @@ def half_space_from_waves(
     beta: ComplexArray,
     shear: bool,
 ) -> Compliance:
-    """:func:`half_space_compliance` where alpha and beta (k, n) are at hand, z (k, 1)."""
+    """Return :func:`half_space_compliance` from alpha and beta (k, n), and z (k, 1)."""
     ratio = (2.0 - 2.0 * c) * beta / (alpha + beta)
     inverse = 1.0 / (z + 2.0 * xi * xi * ratio)
     if not shear:
@@ -109,18 +109,18 @@ def layer_compliance(
     Potentials :math:`\phi = A e^{-\alpha \zeta} + B e^{-\alpha (h - \zeta)}` and likewise
     :math:`\psi` (C, D) keep every exponential at or below one, so no depth overflows.  The two
     conditions at the base give B and D from A and C; the two at the surface give A and C.
-    The half-space takes over where **both** waves that come back from the base are below double
-    precision: it is the real parts of alpha h and beta h that decide, not xi h, because waves
+    Where **both** echoes of the base are below double precision the result is that of the
+    half-space. The criterion is the real parts of alpha h and beta h, not xi h, because waves
     travel below :math:`\xi = \sqrt{|z|}`.
 
     Parameters
     ----------
     xi : (n,) ndarray of float, wavenumber times plate radius, > 0, ascending
-    z : (k,) ndarray of complex, off the negative real axis; the smaller abs(z) h^2, the more
-        digits cancel: about six are left at 1e-5
+    z : (k,) ndarray of complex, off the negative real axis; digits cancel for small
+        abs(z) h^2, and about six remain at 1e-5
     poisson_ratio : float, 0 <= value < 0.5
     depth : (k,) ndarray of float, bedrock depth over plate radius; inf is the half-space
-    shear : bool, whether the compliances with a surface shear are wanted
+    shear : bool, True: compute the compliances with a surface shear too
 
     Returns
     -------
@@ -129,21 +129,26 @@ def layer_compliance(
     column = z[:, None]
     alpha, beta, c = vertical_wavenumbers(xi, column, poisson_ratio)
     limited = np.flatnonzero(np.isfinite(depth))
-    felt = 0
+    n_echo_nodes = 0
     if limited.size:
         h = depth[limited, None]
-        # Both real parts grow with xi, so the nodes that feel the base come first.
+        # Both real parts grow with xi, so the nodes with an echo come first.
         slowest = np.minimum(alpha.real[limited], beta.real[limited]) * h
-        felt = int(np.max(np.sum(slowest < _NEGLIGIBLE_ECHO, axis=1)))
+        n_echo_nodes = int(np.max(np.sum(slowest < _NEGLIGIBLE_ECHO_NEPERS, axis=1)))
     result = half_space_from_waves(xi, column, c, alpha, beta, shear)
-    if felt:
-        near = slice(0, felt)
+    if n_echo_nodes:
+        echo_nodes = slice(0, n_echo_nodes)
         solved = layer_from_waves(
-            xi[near], column[limited], alpha[limited, near], beta[limited, near], h, shear
+            xi[echo_nodes],
+            column[limited],
+            alpha[limited, echo_nodes],
+            beta[limited, echo_nodes],
+            h,
+            shear,
         )
         for target, values in zip(result, solved, strict=True):
             if target is not None and values is not None:
-                target[limited, near] = values
+                target[limited, echo_nodes] = values
     return result
 
 
@@ -155,7 +160,7 @@ def layer_from_waves(
     h: FloatArray | float,
     shear: bool,
 ) -> Compliance:
-    """:func:`layer_compliance` where alpha and beta (k, n) are at hand, z and h (k, 1)."""
+    """Return :func:`layer_compliance` from alpha and beta (k, n), and z and h (k, 1)."""
     square = xi * xi
     down_p = np.exp(-alpha * h)
     down_s = np.exp(-beta * h)

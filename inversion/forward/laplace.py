@@ -4,13 +4,13 @@ r"""Damped Fourier transforms between sampled histories and the Laplace domain.
           w(t) = \frac{e^{\sigma t}}{T} \Big[ \Re W(s_0) + 2 \sum_{k \ge 1} \Re
           \big( W(s_k) e^{2 \pi i k t / T} \big) \Big]
 
-which is Durbin's method (paper, Eq. 15) read as an inverse Fourier series: what lies at t + T
-comes back as :math:`e^{-\sigma T} w(t + T)`.
+which is Durbin's method (paper, Eq. 15) written as an inverse Fourier series: the value at t + T
+is aliased to t as :math:`e^{-\sigma T} w(t + T)`.
 
-The rule that ties window, damping and band together: the period is 1.25 times the record,
-sigma T = 7 (aliasing below 1e-3 of a tail that itself has decayed), and the highest 40 % of the
-band are tapered, because a sharp end of the band leaves a ripple that :math:`e^{\sigma t}` would
-raise 270 times towards the end of the record.
+Window, damping and band are linked: the period is 1.25 times the record, sigma T = 7 (aliasing
+below 1e-3 of a tail that itself has decayed), and the highest 40 % of the band are tapered. A sharp
+end of the band would leave a ripple that :math:`e^{\sigma t}` amplifies 270 times towards the end
+of the record.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from inversion.errors import ModelError
 
 _PERIOD_OVER_RECORD = 1.25
 _DAMPING_TIMES_PERIOD = 7.0
-_TAPER_FROM = 0.6
+_TAPER_START = 0.6
 
-# Band of the final fit and of the search, Hz.  A pulse of 8 ms has 3 % of its spectrum left at
-# 640 Hz and 0.5 % at 1600 Hz, of which the ground passes a tenth.
+# Band of the final fit and of the search, Hz.  The spectrum of a pulse of 8 ms has fallen to 3 % at
+# 640 Hz and to 0.5 % at 1600 Hz, and the ground transmits a tenth of that.
 FULL_BAND_HZ = 1600.0
 SEARCH_BAND_HZ = 640.0
 
@@ -39,8 +39,8 @@ class DampedTransform:
 
     Parameters
     ----------
-    duration : float, s, > 0, latest time wanted
-    band : float, Hz, highest frequency kept
+    duration : float, s, > 0, latest time
+    band : float, Hz, highest frequency
     """
 
     duration: float
@@ -73,23 +73,23 @@ class DampedTransform:
     def taper(self) -> FloatArray:
         """Weights of the frequencies, (n,): one, then a cosine to zero at the end of the band."""
         place = np.arange(self.s.size) / self.s.size
-        fall = np.clip((place - _TAPER_FROM) / (1.0 - _TAPER_FROM), 0.0, 1.0)
+        fall = np.clip((place - _TAPER_START) / (1.0 - _TAPER_START), 0.0, 1.0)
         result: FloatArray = 0.5 * (1.0 + np.cos(np.pi * fall))
         return result
 
     def of_samples(self, time: FloatArray, values: FloatArray) -> ComplexArray:
-        """Transform of the straight lines through samples at uniform ``time`` (m,).
+        """Return the transform (n,) of straight lines through samples at uniform ``time`` (m,).
 
         The hat function of one sample has the transform
-        :math:`\\Delta t (\\sinh(s \\Delta t/2) / (s \\Delta t/2))^2 e^{-s t_j}`; what came before
-        the first sample and comes after the last one counts as zero.
+        :math:`\\Delta t (\\sinh(s \\Delta t/2) / (s \\Delta t/2))^2 e^{-s t_j}`; the
+        values before the first sample and after the last are zero.
         """
         damped = values * np.exp(-self.damping * time)
         result: ComplexArray = self._hat(time) * (self._turns(time) @ damped).conj()
         return result
 
     def adjoint_of_samples(self, time: FloatArray, weights: ComplexArray) -> FloatArray:
-        """Real part of the weights (k, n) on the spectrum as weights (k, m) on the samples."""
+        """Return weights (k, m) of the samples from weights (k, n) of the spectrum's real part."""
         turned = (weights * self._hat(time)) @ self._turns(time).conj()
         result: FloatArray = turned.real * np.exp(-self.damping * time)
         return result
@@ -101,33 +101,35 @@ class DampedTransform:
         return result
 
     def synthesis(self, time: FloatArray) -> ComplexArray:
-        """Matrix M (n, m) with w(time) = Re(W @ M); the taper is inside."""
+        """Return the matrix M (n, m) with w(time) = Re(W @ M), which includes the taper."""
         scale = np.full(self.s.size, 2.0 / self.period)
         scale[0] *= 0.5
         result: ComplexArray = self._turns(time) * np.exp(self.damping * time)
         return (scale * self.taper)[:, None] * result
 
     def _turns(self, time: FloatArray) -> ComplexArray:
-        """exp(i omega_k t), (n, m), as powers of one turn: a tenth of the time of exponentials."""
+        """Return exp(i omega_k t), (n, m), as powers of exp(i omega_1 t), ten times as fast."""
         turn = np.exp(2j * np.pi / self.period * time)
         result = np.empty((self.s.size, time.size), dtype=np.complex128)
-        result[0], done = 1.0, 1
-        while done < result.shape[0]:
-            rows = min(done, result.shape[0] - done)
-            np.multiply(result[:rows], result[done - 1] * turn, out=result[done : done + rows])
-            done += rows
+        result[0], filled = 1.0, 1
+        while filled < result.shape[0]:
+            rows = min(filled, result.shape[0] - filled)
+            np.multiply(
+                result[:rows], result[filled - 1] * turn, out=result[filled : filled + rows]
+            )
+            filled += rows
         return result
 
 
 def band_of_load(time: FloatArray, load: FloatArray, part: float) -> float:
-    """Highest frequency, Hz, with more than a part of the largest of a load's spectrum.
+    """Return the highest frequency, Hz, at which a load's spectrum exceeds part of its maximum.
 
     Parameters
     ----------
     time, load : (n,) ndarrays of float, uniform; s and any unit
     part : float, in (0, 1)
     """
-    # Four times the record: between two of its own frequencies the lobes of a pulse may be missed.
+    # Padded to four times the record, so that lobes between its own frequencies are not missed.
     count = 4 * time.size
     spectrum = np.abs(np.fft.rfft(load, count))
     highest = np.flatnonzero(spectrum > part * spectrum.max())[-1]

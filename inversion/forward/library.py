@@ -1,4 +1,4 @@
-"""Where surrogates come from: shipped tables, the cache on disk, or built on first use."""
+"""Library of surrogates: shipped tables, the cache on disk, or built on first use."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from platformdirs import user_cache_path
 
 from inversion.forward.contact import PlateProblem
 from inversion.forward.growth import GrowthSurrogate, build_growth_surrogate
-from inversion.forward.surrogate import SHALLOWEST, Surrogate
+from inversion.forward.surrogate import MIN_DEPTH_RADII, Surrogate
 from inversion.forward.surrogate_building import build_surrogate
 
 _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
 
-# Part of every key: a change of poles, nodes or samples makes old files useless, not wrong.
+# Part of every key, so that files with other poles, nodes or samples are not read.
 _FORMAT = 2
 _SHIPPED = Path(__file__).parent / "tables"
-# What numpy and zipfile raise on a file that is cut, flipped or of another kind.
-_DAMAGE = (
+# Errors of numpy and zipfile on a file that is truncated, damaged or of another kind.
+_DAMAGED_FILE_ERRORS = (
     OSError,
     ValueError,
     KeyError,
     EOFError,
-    RuntimeError,  # zipfile's, when a flipped bit names a compression or encryption of its own
+    RuntimeError,  # raised by zipfile if a damaged bit names an unknown compression or encryption
     zipfile.BadZipFile,
     zlib.error,
 )
 
-# Told what is being built and how far it is, 0 to 1.
 BuildProgress = Callable[[str, float], None]
+"""Callback with a description of the surrogate being built and the fraction done, 0 to 1."""
 
 
 class SurrogateLibrary:
@@ -49,8 +49,8 @@ class SurrogateLibrary:
     Parameters
     ----------
     folder : Path, optional
-        Cache on disk; default: the platform's place for caches, or PFWD_CACHE.  A folder that
-        cannot be read or written is survived: the surrogate is built again and a line is logged.
+        Cache on disk; default: PFWD_CACHE, or the platform's folder for caches.  If the folder
+        cannot be read or written, the surrogate is built again and a warning is logged.
     progress : callable, optional
         Called while a surrogate is built.
     """
@@ -58,49 +58,51 @@ class SurrogateLibrary:
     def __init__(self, folder: Path | None = None, progress: BuildProgress | None = None) -> None:
         self._folder = folder or default_cache_folder()
         self._progress = progress
-        self._kept: dict[str, Surrogate] = {}
-        self._growth: dict[str, GrowthSurrogate] = {}
+        self._surrogates: dict[str, Surrogate] = {}
+        self._growth_surrogates: dict[str, GrowthSurrogate] = {}
 
     def get(self, problem: PlateProblem, depth: float | None) -> Surrogate:
-        """The surrogate for ``depth`` in plate radii (inf: half-space), or for all (None)."""
-        for wanted in _candidates(problem, depth):
-            key = surrogate_key(problem, wanted)
-            found = self._kept.get(key) or self._read(key, lambda c: load_surrogate(c, problem))
-            if found is not None:
-                self._kept[key] = found
-                return found
+        """Return the surrogate for ``depth`` in plate radii (inf: half-space) or for all (None)."""
+        for candidate_depth in _candidates(problem, depth):
+            key = surrogate_key(problem, candidate_depth)
+            surrogate = self._surrogates.get(key) or self._read(
+                key, lambda c: load_surrogate(c, problem)
+            )
+            if surrogate is not None:
+                self._surrogates[key] = surrogate
+                return surrogate
         distances = tuple(dict.fromkeys(problem.offsets))
         if len(distances) < len(problem.offsets):
-            # Both sides of the plate: the ground answers alike, and one fit serves both.
-            alike = self.get(replace(problem, offsets=distances), depth)
+            # Sensors on both sides of the plate at one distance share one fit.
+            by_distance = self.get(replace(problem, offsets=distances), depth)
             key = surrogate_key(problem, depth)
-            self._kept[key] = alike.at(problem.offsets)
-            return self._kept[key]
+            self._surrogates[key] = by_distance.at(problem.offsets)
+            return self._surrogates[key]
         key = surrogate_key(problem, depth)
-        built = self._build(problem, depth)
-        self._kept[key] = built
-        self._write(key, dump_surrogate(built))
-        return built
+        surrogate = self._build(problem, depth)
+        self._surrogates[key] = surrogate
+        self._write(key, dump_surrogate(surrogate))
+        return surrogate
 
     def growth(self, problem: PlateProblem, exponent: float) -> GrowthSurrogate:
-        """The surrogate of ground whose modulus grows with depth; see `GrowthSurrogate`."""
+        """Return the surrogate of ground whose modulus grows with depth; see `GrowthSurrogate`."""
         key = growth_key(problem, exponent)
-        found = self._growth.get(key)
-        if found is None:
-            found = self._read(key, lambda content: load_growth(content, problem, exponent))
-        if found is None:
-            found = build_growth_surrogate(problem, exponent)
-            self._write(key, dump_growth(found))
-        self._growth[key] = found
-        return found
+        surrogate = self._growth_surrogates.get(key)
+        if surrogate is None:
+            surrogate = self._read(key, lambda content: load_growth(content, problem, exponent))
+        if surrogate is None:
+            surrogate = build_growth_surrogate(problem, exponent)
+            self._write(key, dump_growth(surrogate))
+        self._growth_surrogates[key] = surrogate
+        return surrogate
 
     def _build(self, problem: PlateProblem, depth: float | None) -> Surrogate:
-        what = f"{problem.plate} plate, Poisson's ratio {problem.poisson_ratio:g}"
+        description = f"{problem.plate} plate, Poisson's ratio {problem.poisson_ratio:g}"
         if len(problem.offsets) > 1:
-            what += f", {len(problem.offsets)} sensors"
-        what += ", all depths" if depth is None else ""
-        tell = self._progress
-        progress = None if tell is None else lambda fraction: tell(what, fraction)
+            description += f", {len(problem.offsets)} sensors"
+        description += ", all depths" if depth is None else ""
+        report = self._progress
+        progress = None if report is None else lambda fraction: report(description, fraction)
         return build_surrogate(problem, depth, progress)
 
     def _read(self, key: str, load: Callable[[bytes], _T]) -> _T | None:
@@ -109,7 +111,7 @@ class SurrogateLibrary:
             try:
                 if path.is_file():
                     return load(path.read_bytes())
-            except _DAMAGE as error:
+            except _DAMAGED_FILE_ERRORS as error:
                 _LOG.warning("surrogate cache %s cannot be read (%s); building again", path, error)
         return None
 
@@ -117,7 +119,7 @@ class SurrogateLibrary:
         path = self._folder / f"{key}.npz"
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            # Under another name first: a reader never sees half a file.
+            # Written under another name first, so that no reader sees an incomplete file.
             handle, temporary = tempfile.mkstemp(dir=self._folder, suffix=".part")
             try:
                 with os.fdopen(handle, "wb") as file:
@@ -131,13 +133,13 @@ class SurrogateLibrary:
 
 
 def default_cache_folder() -> Path:
-    """The folder of cached surrogates: PFWD_CACHE, or the platform's place for caches."""
-    given = os.environ.get("PFWD_CACHE")
-    return Path(given) if given else user_cache_path("pfwd", appauthor=False) / "surrogates"
+    """Return the folder of cached surrogates: PFWD_CACHE, or the platform's folder for caches."""
+    folder = os.environ.get("PFWD_CACHE")
+    return Path(folder) if folder else user_cache_path("pfwd", appauthor=False) / "surrogates"
 
 
 def surrogate_key(problem: PlateProblem, depth: float | None) -> str:
-    """File name (without ending) of a surrogate: readable, and unique to ten digits."""
+    """Return the file name (without ending) of a surrogate: readable, and unique to ten digits."""
     offsets = ",".join(f"{r:.10g}" for r in problem.offsets)
     where = "all" if depth is None else f"{depth:.10g}"
     text = f"{_FORMAT}|{problem.plate}|{problem.poisson_ratio:.10g}|{offsets}|{where}"
@@ -146,12 +148,12 @@ def surrogate_key(problem: PlateProblem, depth: float | None) -> str:
 
 
 def growth_key(problem: PlateProblem, exponent: float) -> str:
-    """File name (without ending) of a surrogate of growing ground."""
+    """Return the file name (without ending) of a surrogate of growing ground."""
     return f"growth-{exponent:.10g}-{surrogate_key(problem, None)}"
 
 
 def dump_surrogate(surrogate: Surrogate) -> bytes:
-    """The surrogate as the bytes of an .npz file."""
+    """Return a surrogate as the bytes of an .npz file."""
     buffer = io.BytesIO()
     np.savez_compressed(
         buffer,
@@ -165,12 +167,12 @@ def dump_surrogate(surrogate: Surrogate) -> bytes:
 
 
 def load_surrogate(content: bytes, problem: PlateProblem) -> Surrogate:
-    """The surrogate in the bytes of an .npz file.
+    """Return the surrogate in the bytes of an .npz file.
 
     Raises
     ------
     ValueError, KeyError, zipfile.BadZipFile
-        If the content is not one.
+        If the content is no surrogate.
     """
     with np.load(io.BytesIO(content), allow_pickle=False) as data:
         parts = {name: data[name] for name in data.files}
@@ -180,7 +182,7 @@ def load_surrogate(content: bytes, problem: PlateProblem) -> Surrogate:
 
 
 def dump_growth(surrogate: GrowthSurrogate) -> bytes:
-    """The surrogate of growing ground as the bytes of an .npz file."""
+    """Return a surrogate of growing ground as the bytes of an .npz file."""
     buffer = io.BytesIO()
     np.savez_compressed(
         buffer,
@@ -193,7 +195,7 @@ def dump_growth(surrogate: GrowthSurrogate) -> bytes:
 
 
 def load_growth(content: bytes, problem: PlateProblem, exponent: float) -> GrowthSurrogate:
-    """The surrogate of growing ground in the bytes of an .npz file; as :func:`load_surrogate`."""
+    """Return the surrogate of growing ground in an .npz file; see :func:`load_surrogate`."""
     with np.load(io.BytesIO(content), allow_pickle=False) as data:
         parts = {name: data[name] for name in data.files}
     if parts["coefficients"].shape[1] != len(problem.offsets):
@@ -202,10 +204,10 @@ def load_growth(content: bytes, problem: PlateProblem, exponent: float) -> Growt
 
 
 def _candidates(problem: PlateProblem, depth: float | None) -> list[float | None]:
-    """Depths under which a fitting surrogate may be kept, best first."""
+    """Return the depths under which a suitable surrogate may be stored, best first."""
     if depth is None:
         return [None]
-    # Offset sensors at one depth are better served by a fit of that depth alone.
-    if depth >= SHALLOWEST and max(problem.offsets) <= 1.0:
+    # For offset sensors a fit for the single depth is more accurate.
+    if depth >= MIN_DEPTH_RADII and max(problem.offsets) <= 1.0:
         return [None, depth]
-    return [depth, None] if depth >= SHALLOWEST else [depth]
+    return [depth, None] if depth >= MIN_DEPTH_RADII else [depth]

@@ -1,10 +1,10 @@
-r"""From ground parameters to displacement histories.
+r"""Displacement histories of homogeneous grounds.
 
 .. math:: \frac{w_r}{F_{cell}} = \frac{\Phi_r / (G^* a)}{1 + m s^2 \, \Phi_0 / (G^* a)} \,
           R_{geophone}(s), \qquad \Phi = \Phi(p), \quad p = s a \sqrt{\rho / G^*}
 
-with the plate's mass m between load cell and ground (F_cell = F_contact + m a), and the responses
-of the instrument applied to the model, never taken off the data.
+with the plate's mass m between load cell and ground (F_cell = F_contact + m a). The responses of
+the instrument are applied to the model; the data are not deconvolved.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from inversion.errors import ModelError
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.surrogate import PlateResponse
 
-SMALLEST_RADIUS = 0.01
-"""m; no plate is as small, and its pressure would be that of a needle."""
+MIN_RADIUS_M = 0.01
+"""Smallest accepted plate radius, m, far below that of any plate."""
 
-LARGEST_RADIUS = 10.0
-"""m; no plate is nearly as large, and no surrogate reaches so far."""
+MAX_RADIUS_M = 10.0
+"""Largest accepted plate radius, m, above that of any plate and of the surrogates."""
 
 REFERENCE_RAD_S = 2.0 * np.pi * 30.0
 r"""Angular frequency at which :math:`|E^*|` of constant-Q ground is its modulus, rad/s: about that
@@ -40,9 +40,9 @@ class Instrument:
     plate_radius : float, m, > 0
     plate_mass : float, kg, mass that moves between load cell and ground
     geophone_natural_frequency, geophone_damping : float, Hz and -, or None: corrected data
-    load_filter : float, Hz, or None: corner of a second-order Butterworth low-pass left in the
-        load channel
-    load_delay : float, s, how much the load channel lags
+    load_filter : float, Hz, or None: corner of a second-order Butterworth low-pass whose effect
+        is in the load
+    load_delay : float, s, lag of the load channel
     """
 
     plate_radius: float
@@ -55,20 +55,20 @@ class Instrument:
     def __post_init__(self) -> None:
         if not self.plate_radius > 0.0:
             raise ModelError(f"plate radius: expected a value > 0 m, got {self.plate_radius:g}")
-        if self.plate_radius < SMALLEST_RADIUS:
+        if self.plate_radius < MIN_RADIUS_M:
             raise ModelError(
-                f"plate radius: expected at least {SMALLEST_RADIUS:g} m, got {self.plate_radius:g}"
+                f"plate radius: expected at least {MIN_RADIUS_M:g} m, got {self.plate_radius:g}"
             )
-        if self.plate_radius > LARGEST_RADIUS:
+        if self.plate_radius > MAX_RADIUS_M:
             raise ModelError(
-                f"plate radius: expected at most {LARGEST_RADIUS:g} m, got {self.plate_radius:g} "
+                f"plate radius: expected at most {MAX_RADIUS_M:g} m, got {self.plate_radius:g} "
                 "(in millimetres?)"
             )
         if self.plate_mass < 0.0:
             raise ModelError(f"plate mass: expected a value >= 0 kg, got {self.plate_mass:g}")
 
     def response(self, s: ComplexArray) -> ComplexArray:
-        """What the instrument does to displacement over load, (n,) at Laplace variables (n,)."""
+        """Return the factor (n,) of the instrument on displacement over load at ``s`` (n,)."""
         result: ComplexArray = np.exp(s * self.load_delay)
         if self.geophone_natural_frequency is not None and self.geophone_damping is not None:
             natural = 2.0 * np.pi * self.geophone_natural_frequency
@@ -80,7 +80,7 @@ class Instrument:
 
 
 def loss_exponent(quality: float) -> float:
-    r"""Exponent :math:`\alpha = 2 \arctan(1/Q)/\pi` of ground that loses alike at all frequencies.
+    r"""Return the exponent :math:`\alpha = 2 \arctan(1/Q)/\pi` of constant-Q ground.
 
     Kjartansson (1979), J. Geophys. Res. 84(B9), 4737-4748, equation 7.
     """
@@ -94,8 +94,8 @@ class Grounds:
     .. math:: E^*(s) = E \, (s/\omega_0)^\alpha + \eta s
 
     A dashpot (:math:`\alpha = 0`) is the Kelvin-Voigt solid, an exponent without a dashpot the
-    constant-Q solid of Kjartansson, whose loss per cycle does not depend on the frequency.  Each is
-    causal, and so are both together.
+    constant-Q solid of Kjartansson, whose loss per cycle does not depend on the frequency.  Each of
+    them is causal, and so is their sum.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ class ForwardModel:
     instrument : Instrument
     time : (n,) ndarray of float, s, uniform samples of the load
     load : (n,) ndarray of float, N, without its offset
-    wanted : (m,) ndarray of float, s, times at which the displacement is wanted, >= 0
+    times : (m,) ndarray of float, s, times of the displacement, >= 0
     band : float, Hz
     single : bool, single precision inside the surrogate
     """
@@ -132,7 +132,7 @@ class ForwardModel:
         instrument: Instrument,
         time: FloatArray,
         load: FloatArray,
-        wanted: FloatArray,
+        times: FloatArray,
         band: float,
         single: bool = False,
     ) -> None:
@@ -140,12 +140,12 @@ class ForwardModel:
         self.instrument = instrument
         self.single = single
         if instrument.load_filter is not None:
-            # Beyond twice its corner a low-pass has taken what no model can put back.
+            # Beyond twice its corner a low-pass leaves too little to compare with a model.
             band = min(band, 2.0 * instrument.load_filter)
-        transform = DampedTransform(float(wanted[-1]), min(band, 0.5 / (time[1] - time[0])))
+        transform = DampedTransform(float(times[-1]), min(band, 0.5 / (time[1] - time[0])))
         self.s = transform.s
         spectrum = transform.of_samples(time, load) * instrument.response(self.s)
-        synthesis = spectrum[:, None] * transform.synthesis(wanted)
+        synthesis = spectrum[:, None] * transform.synthesis(times)
         # Re(W @ M) as one real product: [Re W, Im W] @ [Re M; -Im M].
         self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
 
@@ -154,25 +154,25 @@ class ForwardModel:
         return transfer_function(self.surrogate, self.instrument, self.s, grounds, self.single)
 
     def displacement(self, grounds: Grounds) -> FloatArray:
-        """Displacement at the wanted times, (m, n_sensors, n_times), m."""
+        """Displacement at the times, (m, n_sensors, n_times), m."""
         return self._in_time(self.transfer(grounds))
 
     def displacement_slopes(
-        self, grounds: Grounds, wanted: Sequence[str]
+        self, grounds: Grounds, fields: Sequence[str]
     ) -> tuple[FloatArray, FloatArray]:
-        """Displacement as of :meth:`displacement`, and its derivatives by the fields `wanted`.
+        """Return :meth:`displacement` and its derivatives by fields of the grounds.
 
         Returns
         -------
-        (m, n_sensors, n_times) and (m, len(wanted), n_sensors, n_times), m and m over the unit
+        (m, n_sensors, n_times) and (m, len(fields), n_sensors, n_times), m and m over the unit
         """
-        transfer, slopes = transfer_slopes(self.surrogate, self.instrument, self.s, grounds, wanted)
+        transfer, slopes = transfer_slopes(self.surrogate, self.instrument, self.s, grounds, fields)
         both = np.concatenate([transfer[:, None], slopes], axis=1)
         histories = self._in_time(both)
         return histories[:, 0], histories[:, 1:]
 
     def _in_time(self, transfer: ComplexArray) -> FloatArray:
-        """Histories (..., n_times) under the load, of transfer functions (..., n_frequencies)."""
+        """Return histories (..., n_times) from transfer functions (..., n_frequencies)."""
         parts = np.concatenate([transfer.real, transfer.imag], axis=-1)
         flat = parts.reshape(-1, parts.shape[-1]) @ self._synthesis
         return flat.reshape(*transfer.shape[:-1], -1)
@@ -201,8 +201,8 @@ def transfer_function(
     phi = surrogate.compliance(p, a * grounds.inverse_depth, single)
     compliance = phi / (a * shear)[:, None, :]
     if instrument.plate_mass > 0.0:
-        inertia = 1.0 + instrument.plate_mass * s**2 * compliance[:, :1, :]
-        compliance = compliance / inertia
+        denominator = 1.0 + instrument.plate_mass * s**2 * compliance[:, :1, :]
+        compliance = compliance / denominator
     return compliance
 
 
@@ -211,9 +211,9 @@ def transfer_slopes(
     instrument: Instrument,
     s: ComplexArray,
     grounds: Grounds,
-    wanted: Sequence[str],
+    fields: Sequence[str],
 ) -> tuple[ComplexArray, ComplexArray]:
-    r"""The transfer function with its derivatives by fields of the grounds.
+    r"""Return the transfer function and its derivatives by fields of the grounds.
 
     With :math:`C = \Phi/(G^* a)` and p as above
 
@@ -225,15 +225,15 @@ def transfer_slopes(
     Parameters
     ----------
     s, grounds : as for :func:`transfer_function`
-    wanted : sequence of str, fields of `Grounds`
+    fields : sequence of str, fields of `Grounds`
 
     Returns
     -------
-    (m, n_sensors, n) and (m, len(wanted), n_sensors, n) ndarrays of complex
+    (m, n_sensors, n) and (m, len(fields), n_sensors, n) ndarrays of complex
     """
     a = instrument.plate_radius
     shear, p = _shear_and_frequency(surrogate, instrument, s, grounds)
-    by_depth = "inverse_depth" in wanted
+    by_depth = "inverse_depth" in fields
     phi, phi_by_p, phi_by_depth = surrogate.compliance_slopes(
         p, a * grounds.inverse_depth, by_depth
     )
@@ -243,25 +243,25 @@ def transfer_slopes(
     by_modulus = -(compliance + half) / shear[:, None, :]
     to_shear = 0.5 / (1.0 + surrogate.problem.poisson_ratio)
     power = _power(grounds, s)[:, None, :]
-    slopes = np.empty((p.shape[0], len(wanted), *compliance.shape[1:]), dtype=np.complex128)
-    for column, name in enumerate(wanted):
+    slopes = np.empty((p.shape[0], len(fields), *compliance.shape[1:]), dtype=np.complex128)
+    for column, name in enumerate(fields):
         if name == "modulus":
             slopes[:, column] = to_shear * power * by_modulus
         elif name == "viscosity":
             slopes[:, column] = (to_shear * s) * by_modulus
         elif name == "loss_exponent":
-            bent = grounds.modulus[:, None, None] * power * np.log(s / REFERENCE_RAD_S)
-            slopes[:, column] = to_shear * bent * by_modulus
+            power_slope = grounds.modulus[:, None, None] * power * np.log(s / REFERENCE_RAD_S)
+            slopes[:, column] = to_shear * power_slope * by_modulus
         elif name == "density":
             slopes[:, column] = half / grounds.density[:, None, None]
         elif phi_by_depth is not None:
             slopes[:, column] = a * phi_by_depth * over
     if instrument.plate_mass > 0.0:
         inertia = instrument.plate_mass * s**2
-        whole = 1.0 + inertia * compliance[:, :1, :]
-        compliance = compliance / whole
+        denominator = 1.0 + inertia * compliance[:, :1, :]
+        compliance = compliance / denominator
         slopes -= inertia * compliance[:, None] * slopes[:, :, :1]
-        slopes /= whole[:, None]
+        slopes /= denominator[:, None]
     return compliance, slopes
 
 
@@ -277,7 +277,7 @@ def _shear_and_frequency(
 
 
 def _power(grounds: Grounds, s: ComplexArray) -> ComplexArray | FloatArray:
-    """(s / REFERENCE_RAD_S) to the loss exponent, (m, n), or (m, 1) where all are 0."""
+    """Return (s / REFERENCE_RAD_S) ** loss exponent, (m, n), or (m, 1) if all exponents are 0."""
     if grounds.loss_exponent is None:
         return np.ones((grounds.modulus.size, 1))
     result: ComplexArray = np.exp(grounds.loss_exponent[:, None] * np.log(s / REFERENCE_RAD_S))

@@ -4,7 +4,7 @@ r"""Sums of damped resonances, the form of the surrogate.
 
 with the poles :math:`q_k` (and their conjugates) in the left half plane.  ``y`` is proportional
 to :math:`s \sqrt{\rho / G^*(s)}`; for a Kelvin-Voigt solid Re s > 0 implies Re y > 0, so such a
-sum is the transform of a real, causal and stable response whatever the coefficients are.
+sum is the transform of a real, causal and stable response for any coefficients.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from scipy.linalg import cho_factor, cho_solve
 
 from inversion.arrays import ComplexArray, FloatArray
 
-# Individuals whose intermediate arrays stay in the second-level cache together.
+# Number of elements of intermediate arrays that fit into the second-level cache.
 _CHUNK_ELEMENTS = 32_000
 
 
 def basis(y: ComplexArray, poles: ComplexArray) -> ComplexArray:
-    """Basis functions at ``y`` (n,) for ``poles`` (k,): (n, 2k), first the a_k, then the b_k."""
+    """Return basis functions at ``y`` (n,) for ``poles`` (k,): (n, 2k), of a_k, then of b_k."""
     size = np.abs(poles)
     resonance = size**2 / (y[:, None] ** 2 - 2.0 * poles.real * y[:, None] + size**2)
     return np.hstack([resonance, resonance * (y[:, None] / size)])
@@ -31,10 +31,11 @@ def basis(y: ComplexArray, poles: ComplexArray) -> ComplexArray:
 def fit_sums(
     y: ComplexArray, values: ComplexArray, weights: FloatArray, poles: ComplexArray
 ) -> FloatArray:
-    """Coefficients (channels, 2k) by least squares, of values (n, channels) and weights (n,).
+    """Return coefficients (channels, 2k) of a least-squares fit to values (n, channels).
 
-    Normal equations of scaled columns with a ridge at rounding level, refined twice: ten times
-    faster than an orthogonal factorisation; the refinement gives back the digits.
+    ``weights`` (n,) multiply the residuals. Normal equations of scaled columns with a ridge at
+    rounding level, refined twice, are ten times faster than an orthogonal factorisation; the
+    refinement restores the accuracy.
     """
     functions = basis(y, poles) * weights[:, None]
     matrix = np.concatenate([functions.real, functions.imag])
@@ -53,7 +54,7 @@ def fit_sums(
 
 
 def numerators(poles: ComplexArray, coefficients: FloatArray) -> FloatArray:
-    """Numerators A_k + B_k y of the resonances 1/(y^2 - 2 Re(q_k) y + |q_k|^2).
+    """Return numerators A_k + B_k y of the resonances 1/(y^2 - 2 Re(q_k) y + |q_k|^2).
 
     Parameters
     ----------
@@ -72,11 +73,11 @@ def numerators(poles: ComplexArray, coefficients: FloatArray) -> FloatArray:
 def evaluate(
     y: ComplexArray, poles: ComplexArray, weights: FloatArray, single: bool = False
 ) -> ComplexArray:
-    """Values of the sums of many individuals.
+    """Return the values of the sums for many grounds.
 
     Parameters
     ----------
-    y : (m, n) ndarray of complex, one row an individual
+    y : (m, n) ndarray of complex, one row per ground
     poles : (k,) ndarray of complex
     weights : (k, 2 channels) ndarray of float, or (m, k, 2 channels), see :func:`numerators`
     single : bool
@@ -91,17 +92,20 @@ def evaluate(
     channels = weights.shape[-1] // 2
     result = np.empty((y.shape[0], channels, y.shape[1]), dtype=np.complex128)
     for rows, u, v, _ in _chunks(y, poles, kind):
-        own = weights[rows] if weights.ndim == 3 else weights
-        sums = (u @ own) - 1j * (v @ own)
+        chunk_weights = weights[rows] if weights.ndim == 3 else weights
+        sums = (u @ chunk_weights) - 1j * (v @ chunk_weights)
         values = sums[..., :channels] + y[rows, :, None] * sums[..., channels:]
         result[rows] = np.swapaxes(values, 1, 2)
     return result
 
 
 def evaluate_with_slope(
-    y: ComplexArray, poles: ComplexArray, weights: FloatArray, others: FloatArray | None = None
+    y: ComplexArray,
+    poles: ComplexArray,
+    weights: FloatArray,
+    extra_weights: FloatArray | None = None,
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray | None]:
-    r"""Values of the sums, their derivatives by y, and values with other numerators as well.
+    r"""Return the values of the sums, their derivatives by y, and values for more numerators.
 
     With the resonances :math:`r_k = 1/(y^2 + d_k y + s_k)` and the numerators A + B y
 
@@ -110,46 +114,46 @@ def evaluate_with_slope(
     Parameters
     ----------
     y, poles, weights : as for :func:`evaluate`
-    others : ndarray of float, numerators of the same shape, for values without derivatives
+    extra_weights : ndarray of float, numerators of the same shape, for values without derivatives
 
     Returns
     -------
     values, slopes : (m, channels, n) ndarray of complex
-    other_values : the same, or None without `others`
+    other_values : the same, or None without `extra_weights`
     """
     squared = np.concatenate([weights, (-2.0 * poles.real)[:, None] * weights], axis=-1)
-    first = weights if others is None else np.concatenate([weights, others], axis=-1)
+    first = weights if extra_weights is None else np.concatenate([weights, extra_weights], axis=-1)
     c = weights.shape[-1] // 2
     shape = (y.shape[0], c, y.shape[1])
     values, slopes = np.empty(shape, dtype=np.complex128), np.empty(shape, dtype=np.complex128)
-    other_values = None if others is None else np.empty(shape, dtype=np.complex128)
+    extra_values = None if extra_weights is None else np.empty(shape, dtype=np.complex128)
     for rows, u, v, spare in _chunks(y, poles, np.float64):
         at = y[rows, :, None]
-        own = first[rows] if first.ndim == 3 else first
-        once = (u @ own) - 1j * (v @ own)
+        numerators_of_rows = first[rows] if first.ndim == 3 else first
+        once = (u @ numerators_of_rows) - 1j * (v @ numerators_of_rows)
         values[rows] = np.swapaxes(once[..., :c] + at * once[..., c : 2 * c], 1, 2)
-        if other_values is not None:
+        if extra_values is not None:
             more = once[..., 2 * c : 3 * c] + at * once[..., 3 * c :]
-            other_values[rows] = np.swapaxes(more, 1, 2)
+            extra_values[rows] = np.swapaxes(more, 1, 2)
         # The squares of the resonances: (u - iv)^2 = u^2 - v^2 - 2iuv.
         np.multiply(u, v, out=spare)
         u *= u
         v *= v
         u -= v
-        own = squared[rows] if squared.ndim == 3 else squared
-        twice = (u @ own) - 2j * (spare @ own)
+        numerators_of_rows = squared[rows] if squared.ndim == 3 else squared
+        twice = (u @ numerators_of_rows) - 2j * (spare @ numerators_of_rows)
         plain = twice[..., :c] + at * twice[..., c : 2 * c]
         with_damping = twice[..., 2 * c : 3 * c] + at * twice[..., 3 * c :]
         slopes[rows] = np.swapaxes(once[..., c : 2 * c] - 2.0 * at * plain - with_damping, 1, 2)
-    return values, slopes, other_values
+    return values, slopes, extra_values
 
 
 def _chunks(
     y: ComplexArray, poles: ComplexArray, kind: type[np.floating[Any]]
 ) -> Iterator[tuple[slice, FloatArray, FloatArray, FloatArray]]:
-    """Rows that fit the cache, their resonances u - iv (rows, n, k), and a buffer of that shape.
+    """Yield rows that fit the cache, their resonances u - iv (rows, n, k), and a buffer like them.
 
-    The buffers are used again for the next rows.
+    The buffers are reused for the next rows.
     """
     count, width = y.shape
     damping = (-2.0 * poles.real).astype(kind)
@@ -161,12 +165,12 @@ def _chunks(
     buffers = [np.empty((chunk, width, poles.size), dtype=kind) for _ in range(3)]
     for first in range(0, count, chunk):
         rows = slice(first, min(first + chunk, count))
-        own = [buffer[: rows.stop - first] for buffer in buffers]
+        chunk_buffers = [buffer[: rows.stop - first] for buffer in buffers]
         _resonances(
             real[rows], imaginary[rows], square_real[rows], square_imaginary[rows],
-            damping, square, own,
+            damping, square, chunk_buffers,
         )  # fmt: skip
-        yield rows, own[0], own[1], own[2]
+        yield rows, chunk_buffers[0], chunk_buffers[1], chunk_buffers[2]
 
 
 def _resonances(
@@ -178,7 +182,7 @@ def _resonances(
     square: FloatArray,
     buffers: list[FloatArray],
 ) -> None:
-    """Real part and minus the imaginary part of 1/(y^2 + damping y + square), (m, n, k)."""
+    """Write real part and minus imaginary part of 1/(y^2 + damping y + square), (m, n, k)."""
     u, v, norm = buffers
     np.multiply(real[..., None], damping, out=u)
     u += square

@@ -1,11 +1,11 @@
 r"""Converged compliances of one plate along rays in the complex plane, for many depths at once.
 
-A surrogate is fitted to some thousand values of :math:`\Phi(p; h_0/a)`.  Two things make them
-cheap.  On a ray of constant :math:`|p| / \Re p` the singularities stand at a known distance from
-the wavenumbers' axis, which sets the width of the panels; and only the difference of the layer to
-the half-space depends on the depth, and needs only the wavenumbers at which an echo comes back.
+A surrogate is fitted to some thousand values of :math:`\Phi(p; h_0/a)`.  Two properties make them
+cheap.  On a ray of constant :math:`|p| / \Re p` the singularities have a known distance from the
+wavenumbers' axis, which sets the width of the panels.  Only the difference between the layer and
+the half-space depends on the depth, and it vanishes at wavenumbers without an echo.
 
-:func:`inversion.forward.contact.plate_compliance` is the reference that the tests hold this to.
+:func:`inversion.forward.contact.plate_compliance` is the reference of the tests.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from inversion.forward.kernel import (
     vertical_wavenumbers,
 )
 
-# Points that share a set of nodes differ by at most this factor in abs(p): a larger one where few
-# nodes do, on rays of small kappa.
-_GROUP, _GROUP_OF_SMOOTH, _SMOOTH_KAPPA = 2.2, 4.0, 20.0
+# Largest ratio of abs(p) of points that share a set of nodes. It is larger on rays of small kappa,
+# where few nodes are enough.
+_GROUP_FACTOR, _SMOOTH_GROUP_FACTOR, _SMOOTH_KAPPA = 2.2, 4.0, 20.0
 # Width of a panel over the distance of an S wave's pole from the axis.
 _WIDTH_OVER_DISTANCE = 4.0
-# Where the equal panels end, over abs(p): beyond the Rayleigh wave of every Poisson's ratio.
-_TRAVELLING = 1.15
-# End of the integrals, over the plate radius, and over abs(p).
-_LEAST_END, _END_OVER_P = 50.0, 6.0
-_GROWTH = 1.5
-# A panel of 12 nodes takes about eight radians of the fastest oscillation.
-_RADIANS_A_PANEL = 8.0
-# Nepers on the way down from which an echo is left out: what comes back is below 1e-5.
-_NEGLIGIBLE_ECHO = 6.0
+# End of the equal panels over abs(p), beyond the Rayleigh wave of every Poisson's ratio.
+_TRAVELLING_END = 1.15
+# Smallest end of the integrals over 1/plate radius, and end over abs(p).
+_MIN_END, _END_OVER_P = 50.0, 6.0
+_WIDTH_GROWTH = 1.5
+# A panel of 12 nodes resolves about eight radians of the fastest oscillation.
+_RADIANS_PER_PANEL = 8.0
+# Attenuation, in nepers on the way down, above which an echo is neglected: it is below 1e-5.
+_MAX_ECHO_NEPERS = 6.0
 
 
 def ray(kappa: float, step: float, low: float, high: float) -> ComplexArray:
-    """Points (n,) with abs(p)/Re p about ``kappa``, their sizes a ``step`` apart in logarithm."""
+    """Return points (n,) with abs(p)/Re p about ``kappa``, spaced by ``step`` in ln abs(p)."""
     size = np.exp(np.arange(np.log(low), np.log(high), step))
     result: ComplexArray = size * (1.0 / kappa + 1j) / np.hypot(1.0, 1.0 / kappa)
     return result
@@ -50,9 +50,9 @@ def compliance_on_ray(
     kappa: float,
     p: ComplexArray,
     depths: FloatArray,
-    wanted: NDArray[np.bool_],
+    selected: NDArray[np.bool_],
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Phi of the half-space and of layers at points of one ray.
+    """Return Phi of the half-space and of layers at points of one ray.
 
     Parameters
     ----------
@@ -60,38 +60,36 @@ def compliance_on_ray(
     kappa : float, abs(p)/Re p of the ray
     p : (n,) ndarray of complex, ascending in size
     depths : (d,) ndarray of float, bedrock depths over the plate radius
-    wanted : (n, d) ndarray of bool, points at which a depth is evaluated; those of one depth
-        follow each other
+    selected : (n, d) ndarray of bool, points at which a depth is evaluated; those of one depth
+        are contiguous
 
     Returns
     -------
-    (n, n_offsets) and (n, d, n_offsets) ndarrays of complex; zero where it is not wanted
+    (n, n_offsets) and (n, d, n_offsets) ndarrays of complex; zero where not selected
     """
     sensors = len(problem.offsets)
     half_space = np.empty((p.size, sensors), dtype=np.complex128)
     layers = np.zeros((p.size, depths.size, sensors), dtype=np.complex128)
-    factor = _GROUP_OF_SMOOTH if kappa < _SMOOTH_KAPPA else _GROUP
+    factor = _SMOOTH_GROUP_FACTOR if kappa < _SMOOTH_KAPPA else _GROUP_FACTOR
     group = np.floor(np.log(np.abs(p)) / np.log(factor)).astype(int)
     for place in np.unique(group):
         rows = np.flatnonzero(group == place)
-        _fill_group(
-            problem, p[rows], depths, wanted[rows], _moments(problem, kappa, factor**place, factor),
-            rows, half_space, layers,
-        )  # fmt: skip
+        moments = _moments(problem, kappa, factor**place, factor)
+        _fill_group(problem, p[rows], depths, selected[rows], moments, rows, half_space, layers)
     return half_space, layers
 
 
-def _moments(problem: PlateProblem, kappa: float, least: float, factor: float) -> Moments:
-    """Moments that serve abs(p) from ``least`` to ``factor`` times as much."""
+def _moments(problem: PlateProblem, kappa: float, smallest: float, factor: float) -> Moments:
+    """Return the moments for abs(p) from ``smallest`` to ``factor`` times ``smallest``."""
     outside = [r for r in problem.offsets if r > 1.0 or not problem.driving_point]
-    widest = _RADIANS_A_PANEL / (2.0 + max(outside, default=0.0))
-    most = factor * least
-    width = min(_WIDTH_OVER_DISTANCE * least / kappa, widest)
+    widest = _RADIANS_PER_PANEL / (2.0 + max(outside, default=0.0))
+    largest = factor * smallest
+    width = min(_WIDTH_OVER_DISTANCE * smallest / kappa, widest)
     edges = [0.0]
-    end = max(_LEAST_END, _END_OVER_P * most)
+    end = max(_MIN_END, _END_OVER_P * largest)
     while edges[-1] < end:
-        if edges[-1] >= _TRAVELLING * most:
-            width = min(width * _GROWTH, widest)
+        if edges[-1] >= _TRAVELLING_END * largest:
+            width = min(width * _WIDTH_GROWTH, widest)
         edges.append(edges[-1] + width)
     return Moments.of(problem, *gauss_panels(np.asarray(edges)))
 
@@ -100,13 +98,13 @@ def _fill_group(
     problem: PlateProblem,
     p: ComplexArray,
     depths: FloatArray,
-    wanted: NDArray[np.bool_],
+    selected: NDArray[np.bool_],
     moments: Moments,
     rows: NDArray[np.intp],
     half_space: ComplexArray,
     layers: ComplexArray,
 ) -> None:
-    """Values at points that share their nodes, into the rows of the results."""
+    """Write the values at points that share their nodes into the rows of the results."""
     xi, shear = moments.xi, moments.bonded
     z = (p * p)[:, None]
     alpha, beta, c = vertical_wavenumbers(xi, z, problem.poisson_ratio)
@@ -115,24 +113,28 @@ def _fill_group(
     half_space[rows] = moments.sensors(products)
     slower = np.minimum(alpha.real, beta.real)
     for column, depth in enumerate(depths):
-        chosen = np.flatnonzero(wanted[:, column])
+        chosen = np.flatnonzero(selected[:, column])
         if not chosen.size:
             continue
-        # The points of one depth follow each other, so that slices will do.
-        own = slice(chosen[0], chosen[-1] + 1)
-        # Both real parts grow with xi, so the nodes that feel the base come first.
-        felt = int(np.searchsorted(slower[own].min(axis=0) * depth, _NEGLIGIBLE_ECHO))
-        if not felt:
-            layers[rows[own], column] = half_space[rows[own]]
+        # The points of one depth are contiguous, so a slice selects them without a copy.
+        depth_rows = slice(chosen[0], chosen[-1] + 1)
+        # Both real parts grow with xi, so the nodes with an echo come first.
+        n_echo_nodes = int(
+            np.searchsorted(slower[depth_rows].min(axis=0) * depth, _MAX_ECHO_NEPERS)
+        )
+        if not n_echo_nodes:
+            layers[rows[depth_rows], column] = half_space[rows[depth_rows]]
             continue
-        part = own, slice(0, felt)
-        layer = layer_from_waves(xi[:felt], z[own], alpha[part], beta[part], depth, shear)
-        moved = products.plus(own, moments.products(_echo(layer, unbounded, part)))
-        layers[rows[own], column] = moments.sensors(moved)
+        part = depth_rows, slice(0, n_echo_nodes)
+        layer = layer_from_waves(
+            xi[:n_echo_nodes], z[depth_rows], alpha[part], beta[part], depth, shear
+        )
+        layer_products = products.plus(depth_rows, moments.products(_echo(layer, unbounded, part)))
+        layers[rows[depth_rows], column] = moments.sensors(layer_products)
 
 
 def _echo(layer: Compliance, unbounded: Compliance, part: tuple[slice, slice]) -> Compliance:
-    """Difference of the layer to a part of the half-space."""
+    """Return the compliances of the layer minus those of a part of the half-space."""
     if layer.wu is None or layer.uu is None or unbounded.wu is None or unbounded.uu is None:
         return Compliance(layer.ww - unbounded.ww[part], None, None)
     return Compliance(

@@ -1,14 +1,14 @@
-r"""A fast stand-in for the plate's compliance, for one depth or for all of them.
+r"""Fast approximation of the plate's compliance, for one bedrock depth or for all of them.
 
 With :math:`p = s a \sqrt{\rho / G^*}` (so z = p^2) and :math:`y = p h_0 / a`
 
 .. math:: \Phi = \Phi_\infty(p) + \frac{a}{h_0} \, e(y; a / h_0)
 
-The half-space :math:`\Phi_\infty` is one sum of damped resonances in p.  The echo of the base
-``e`` is singular only where the layer itself resonates, that is at fixed y; so one set of poles
-in y serves every depth, and the coefficients are polynomials in a/h0 (Chebyshev nodes, from
-infinite depth up).  All poles lie in the left half plane, hence each response is causal and
-stable by construction (see :mod:`inversion.forward.rational`).
+The half-space :math:`\Phi_\infty` is one sum of damped resonances in p.  The echo of the base ``e``
+is singular only at the resonances of the layer, which have fixed values of y. Therefore one set of
+poles in y fits every depth, and the coefficients are polynomials in a/h0 (Chebyshev nodes, from
+infinite depth up).  All poles lie in the left half plane, hence each response is causal and stable
+by construction (see :mod:`inversion.forward.rational`).
 
 Poles on the negative axis of z alone (a Stieltjes sum) would be passive by construction as well,
 but undamped oscillators must then be as dense as the record is long: 600 and more, where about
@@ -25,23 +25,21 @@ import numpy as np
 
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.errors import ModelError
-from inversion.forward.contact import (
-    PlateProblem,
-)
+from inversion.forward.contact import PlateProblem
 from inversion.forward.rational import evaluate, evaluate_with_slope, numerators
 
-# The shallowest base the tables hold, in plate radii.
-SHALLOWEST = 1.6
+MIN_DEPTH_RADII = 1.6
+"""Smallest bedrock depth of the surrogates, in plate radii."""
 
-# Of the range of a/h0: half the step over which the coefficients, polynomials, are differentiated.
-_DEPTH_STEP = 1e-5
+# Half the step of the central differences by a/h0, over the range of a/h0.
+_RELATIVE_DEPTH_STEP = 1e-5
 
 
 class PlateResponse(Protocol):
-    """Compliance of a plate on ground of one family, of which one number is free.
+    """Compliance of a plate on a family of grounds with one free number.
 
-    That number is one over a depth: of rock (`Surrogate`), or of the growth of the modulus
-    (:class:`inversion.forward.growth.GrowthSurrogate`).
+    The number is one over the depth of rock (`Surrogate`) or one over the depth in which the
+    modulus grows (:class:`inversion.forward.growth.GrowthSurrogate`).
     """
 
     @property
@@ -66,7 +64,7 @@ class Surrogate:
     Parameters
     ----------
     problem : PlateProblem
-        Plate, Poisson's ratio and offsets it was built for.
+        Plate, Poisson's ratio and offsets for which it was built.
     half_space_poles : (k,) ndarray of complex
     half_space_coefficients : (n_offsets, 2k) ndarray of float
     echo_poles : (m,) ndarray of complex
@@ -91,7 +89,7 @@ class Surrogate:
         return numerators(self.echo_poles, self.echo_coefficients)
 
     def at(self, offsets: tuple[float, ...]) -> Surrogate:
-        """The same for other sensors at distances that are among its own, in their order."""
+        """Return the surrogate for other sensors, whose distances are among those of this one."""
         rows = [self.problem.offsets.index(offset) for offset in offsets]
         return replace(
             self,
@@ -101,9 +99,9 @@ class Surrogate:
         )
 
     def echo_at(self, inverse_depth: FloatArray) -> FloatArray:
-        """Numerators (m, k, 2 n_offsets) of the echo at values (m,) of a/h0, by interpolation.
+        """Return numerators (m, k, 2 n_offsets) of the echo at values (m,) of a/h0.
 
-        The interpolation is barycentric, between the nodes of the depth.
+        They are interpolated between the depth nodes by the barycentric formula.
 
         Raises
         ------
@@ -120,9 +118,11 @@ class Surrogate:
             return np.broadcast_to(
                 self._echo_weights, (inverse_depth.size, *self._echo_weights.shape[1:])
             )
-        if np.any(inverse_depth < 0.0) or np.any(inverse_depth > 1.0 / SHALLOWEST * (1 + 1e-9)):
+        if np.any(inverse_depth < 0.0) or np.any(
+            inverse_depth > 1.0 / MIN_DEPTH_RADII * (1 + 1e-9)
+        ):
             raise ModelError(
-                f"bedrock depth: expected at least {SHALLOWEST} plate radii, got "
+                f"bedrock depth: expected at least {MIN_DEPTH_RADII} plate radii, got "
                 f"{1.0 / np.max(inverse_depth):.4g}"
             )
         order = np.arange(nodes.size)
@@ -137,13 +137,13 @@ class Surrogate:
     def compliance(
         self, p: ComplexArray, inverse_depth: FloatArray | None, single: bool = False
     ) -> ComplexArray:
-        """Dimensionless compliance Phi.
+        """Return the dimensionless compliance Phi.
 
         Parameters
         ----------
         p : (m, n) ndarray of complex, s a sqrt(rho / G*), Re p > 0
         inverse_depth : (m,) ndarray of float, a/h0, or None for the half-space; equal values
-            are looked up once
+            are interpolated once
         single : bool, single precision inside
 
         Returns
@@ -153,19 +153,19 @@ class Surrogate:
         result = evaluate(p, self.half_space_poles, self._half_space_weights, single)
         if inverse_depth is None:
             return result
-        echo = inverse_depth > 0.0
-        if not np.any(echo):
+        has_echo = inverse_depth > 0.0
+        if not np.any(has_echo):
             return result
-        ratio = inverse_depth[echo]
-        y = p[echo] / ratio[:, None]
-        found = evaluate(y, self.echo_poles, self._echo(ratio), single)
-        result[echo] += ratio[:, None, None] * found
+        ratio = inverse_depth[has_echo]
+        y = p[has_echo] / ratio[:, None]
+        echo_values = evaluate(y, self.echo_poles, self._echo(ratio), single)
+        result[has_echo] += ratio[:, None, None] * echo_values
         return result
 
     def compliance_slopes(
         self, p: ComplexArray, inverse_depth: FloatArray, by_depth: bool
     ) -> tuple[ComplexArray, ComplexArray, ComplexArray | None]:
-        r"""Dimensionless compliance with its derivatives by p and, if wanted, by a/h0.
+        r"""Return the dimensionless compliance and its derivatives by p and, by request, a/h0.
 
         With :math:`\kappa = a/h_0`, y = p / kappa and the echo :math:`\kappa e(y; \kappa)`
 
@@ -175,45 +175,45 @@ class Surrogate:
         ----------
         p : (m, n) ndarray of complex, s a sqrt(rho / G*), Re p > 0
         inverse_depth : (m,) ndarray of float, a/h0; zero: the half-space
-        by_depth : bool
+        by_depth : bool, True: differentiate by a/h0 too
 
         Returns
         -------
         (m, n_offsets, n) ndarrays of complex, the last one None unless `by_depth`
         """
         value, slope, _ = evaluate_with_slope(p, self.half_space_poles, self._half_space_weights)
-        deeper = np.zeros_like(value) if by_depth else None
-        echo = inverse_depth > 0.0
-        if not np.any(echo):
-            return value, slope, deeper
-        ratio = inverse_depth[echo]
+        depth_slope = np.zeros_like(value) if by_depth else None
+        has_echo = inverse_depth > 0.0
+        if not np.any(has_echo):
+            return value, slope, depth_slope
+        ratio = inverse_depth[has_echo]
         weights, change = self._echo_with_slope(ratio) if by_depth else (self._echo(ratio), None)
         kappa = ratio[:, None, None]
-        y = p[echo] / ratio[:, None]
-        found, by_y, bent = evaluate_with_slope(y, self.echo_poles, weights, change)
-        value[echo] += kappa * found
-        slope[echo] += by_y  # kappa times dy/dp is one
-        if deeper is not None and bent is not None:
-            deeper[echo] = found - y[:, None, :] * by_y + kappa * bent
-        return value, slope, deeper
+        y = p[has_echo] / ratio[:, None]
+        echo_values, by_y, by_ratio = evaluate_with_slope(y, self.echo_poles, weights, change)
+        value[has_echo] += kappa * echo_values
+        slope[has_echo] += by_y  # kappa times dy/dp is one
+        if depth_slope is not None and by_ratio is not None:
+            depth_slope[has_echo] = echo_values - y[:, None, :] * by_y + kappa * by_ratio
+        return value, slope, depth_slope
 
     def _echo(self, ratio: FloatArray) -> FloatArray:
-        """Numerators of the echo at values (m,) of a/h0, which may all be one."""
+        """Return numerators of the echo at values (m,) of a/h0, which may all be equal."""
         if ratio.size > 1 and np.ptp(ratio) == 0.0:
-            return _echo_at_one(self, float(ratio[0]))
+            return _echo_of_depth(self, float(ratio[0]))
         return self.echo_at(ratio)
 
     def _echo_with_slope(self, ratio: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Numerators of the echo at values (m,) of a/h0, and their derivatives by it."""
-        step = _DEPTH_STEP / SHALLOWEST
-        low = np.clip(ratio - step, 0.0, 1.0 / SHALLOWEST - 2.0 * step)
+        """Return numerators of the echo at values (m,) of a/h0, and their derivatives by a/h0."""
+        step = _RELATIVE_DEPTH_STEP / MIN_DEPTH_RADII
+        low = np.clip(ratio - step, 0.0, 1.0 / MIN_DEPTH_RADII - 2.0 * step)
         count = ratio.size
-        three = self.echo_at(np.concatenate([ratio, low, low + 2.0 * step]))
-        return three[:count], (three[2 * count :] - three[count : 2 * count]) / (2.0 * step)
+        weights = self.echo_at(np.concatenate([ratio, low, low + 2.0 * step]))
+        return weights[:count], (weights[2 * count :] - weights[count : 2 * count]) / (2.0 * step)
 
 
 @lru_cache(maxsize=8)
-def _echo_at_one(surrogate: Surrogate, inverse_depth: float) -> FloatArray:
-    """The echo at a depth that is given, which every solve of a fit asks for again."""
+def _echo_of_depth(surrogate: Surrogate, inverse_depth: float) -> FloatArray:
+    """Return numerators of the echo at one depth; cached, as a fit with fixed depth repeats it."""
     result: FloatArray = surrogate.echo_at(np.array([inverse_depth]))[0]
     return result

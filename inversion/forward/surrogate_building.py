@@ -1,4 +1,4 @@
-"""Build surrogates: choose poles, fit coefficients to converged values of the compliance."""
+"""Building of surrogates: poles are chosen and coefficients fitted to converged compliances."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from inversion.forward.kernel import velocity_ratio_squared
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.rational import basis, evaluate, fit_sums, numerators
 from inversion.forward.ray_sampling import compliance_on_ray, ray
-from inversion.forward.surrogate import SHALLOWEST, Surrogate
+from inversion.forward.surrogate import MIN_DEPTH_RADII, Surrogate
 from inversion.threads import single_threaded_blas
 
 Progress = Callable[[float], None]
@@ -50,8 +50,8 @@ def build_surrogate(
         return Surrogate(problem, *half_space, poles, nodes, coefficients)
 
 
-# Grounds of the check: a sqrt(rho/G) in s (stiff, usual, soft under a plate of 0.15 m) and
-# viscosity over modulus in s; the undamped ones are the hard ones.
+# Grounds of the check: a sqrt(rho/G) in s (stiff, typical, soft under a plate of 0.15 m) and
+# viscosity over modulus in s. Undamped grounds are the most difficult.
 _CHECK_GROUNDS = ((2.5e-4, 0.0), (1.0e-3, 0.0), (1.0e-3, 1.0e-3), (4.0e-3, 0.0))
 _CHECK_PULSE_S = 8.0e-3
 _CHECK_DURATION_S = 0.1
@@ -59,12 +59,11 @@ _CHECK_BAND_HZ = 800.0
 
 
 def check_surrogate(surrogate: Surrogate) -> float:
-    """Largest difference of displacement histories to the converged rule, over their peak.
+    """Return the largest error of displacement histories over their peak.
 
-    A far sensor that hardly moves is measured in a tenth of the plate's peak.
-
-    Half-sines of 8 ms on stiff and soft, damped and undamped ground, 100 ms, at depths between
-    the nodes.
+    The reference is the converged rule. The peak of a distant sensor counts as at least a tenth of
+    the plate's.  The loads are half-sines of 8 ms on stiff and soft, damped and undamped ground;
+    the histories last 100 ms, and the depths lie between the nodes.
     """
     problem = surrogate.problem
     transform = DampedTransform(_CHECK_DURATION_S, _CHECK_BAND_HZ)
@@ -72,8 +71,8 @@ def check_surrogate(surrogate: Surrogate) -> float:
     # A half-sine of unit peak.
     pulse = np.pi * _CHECK_PULSE_S * (1.0 + np.exp(-s * _CHECK_PULSE_S))
     pulse = pulse / (s**2 * _CHECK_PULSE_S**2 + np.pi**2)
-    wanted = np.arange(1, 401) * (_CHECK_DURATION_S / 400)
-    synthesis = transform.synthesis(wanted)
+    times = np.arange(1, 401) * (_CHECK_DURATION_S / 400)
+    synthesis = transform.synthesis(times)
     nodes = surrogate.inverse_depths
     between = 0.5 * (nodes[:-1] + nodes[1:])[1::4]
     ratios = nodes if nodes.size == 1 else between[between < 0.5]
@@ -96,7 +95,7 @@ def check_surrogate(surrogate: Surrogate) -> float:
 class _Ray:
     """Samples of constant kappa = abs(y)/Re y, which is omega/sigma of a damped transform.
 
-    ``weight`` is about the spectrum that a pulse of 8 ms has left there, of a record of 100 ms.
+    ``weight`` is about the spectrum of a pulse of 8 ms there, for a record of 100 ms.
     """
 
     kappa: float
@@ -107,8 +106,8 @@ class _Ray:
     half_space: bool = True
 
 
-# Where a ray has no echo left, the sum has to stay at rest.
-_AT_REST = (
+# Continuation of the rays beyond the echo, where the sum has to vanish.
+_QUIET_RAYS = (
     _Ray(12.0, 1.0, 0.12, 110.0, 4000.0),
     _Ray(45.0, 0.5, 0.12, 150.0, 4000.0),
     _Ray(90.0, 0.15, 0.12, 80.0, 4000.0),
@@ -116,9 +115,9 @@ _AT_REST = (
 
 
 def _rays(poisson_ratio: float, depths: int) -> tuple[_Ray, ...]:
-    """Rays in y on which the echo is sampled; the last one passes its first resonance closely.
+    """Return rays in y on which the echo is sampled; the last one passes close to a resonance.
 
-    Several depths support each other where one alone needs more samples.
+    A fit of a single depth needs more samples than a fit of several depths.
     """
     resonance = 0.5 * np.pi / np.sqrt(velocity_ratio_squared(poisson_ratio))
     return (
@@ -130,10 +129,10 @@ def _rays(poisson_ratio: float, depths: int) -> tuple[_Ray, ...]:
     )
 
 
-# Range of the half-space's fit.
-_LEAST_P, _LARGEST_P = 0.003, 40.0
+# Range of abs(p) of the fit of the half-space.
+_MIN_P, _MAX_P = 0.003, 40.0
 # tau sigma of 5 MPa under a plate of 0.15 m (tau = 6 ms) and a damping of 50 1/s.
-_LARGEST_P_OVER_KAPPA = 0.3
+_MAX_P_OVER_KAPPA = 0.3
 
 HalfSpace = tuple[ComplexArray, FloatArray]
 """Poles and coefficients of the half-space."""
@@ -161,80 +160,81 @@ class _Values:
     for_echo: NDArray[np.bool_]
 
 
-def _sample(problem: PlateProblem, inverse_depths: FloatArray, tell: Progress) -> _Values:
-    """Values on all rays, those with an echo and those of the half-space alone."""
+def _sample(problem: PlateProblem, inverse_depths: FloatArray, progress: Progress) -> _Values:
+    """Return values on all rays, with an echo and of the half-space only."""
     depths = 1.0 / inverse_depths[inverse_depths > 0.0]
     rays = _rays(problem.poisson_ratio, depths.size)
     parts = []
-    for number, own in enumerate(rays):
-        # Half-space and depths share their points, so that its part is evaluated once.
-        least = min(_LEAST_P, own.low / depths.max(initial=1.0))
-        p = ray(own.kappa, own.step, least, _LARGEST_P)
+    for number, sampling in enumerate(rays):
+        # Half-space and layers share their points, so the half-space is evaluated once.
+        min_p = min(_MIN_P, sampling.low / depths.max(initial=1.0))
+        p = ray(sampling.kappa, sampling.step, min_p, _MAX_P)
         y = np.abs(p)[:, None] * depths
-        for_echo = (y >= own.low) & (y <= own.high)
-        for_half_space = (np.abs(p) >= _LEAST_P) & own.half_space
-        kept = for_half_space | for_echo.any(axis=1)
-        p, for_echo, for_half_space = p[kept], for_echo[kept], for_half_space[kept]
-        half_space, layers = compliance_on_ray(problem, own.kappa, p, depths, for_echo)
-        # Weight by the root of the spacing: the sum then approximates an integral over ln y.
-        weight = np.full(p.size, own.weight * np.sqrt(own.step))
+        for_echo = (y >= sampling.low) & (y <= sampling.high)
+        for_half_space = (np.abs(p) >= _MIN_P) & sampling.half_space
+        is_used = for_half_space | for_echo.any(axis=1)
+        p, for_echo, for_half_space = p[is_used], for_echo[is_used], for_half_space[is_used]
+        half_space, layers = compliance_on_ray(problem, sampling.kappa, p, depths, for_echo)
+        # Weighted by the root of the spacing, the sum approximates an integral over ln y.
+        weight = np.full(p.size, sampling.weight * np.sqrt(sampling.step))
         parts.append((p, weight, half_space, for_half_space, layers, for_echo))
-        tell(0.8 * (number + 1) / len(rays))
+        progress(0.8 * (number + 1) / len(rays))
     return _Values(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def _depth_nodes(problem: PlateProblem) -> FloatArray:
-    """Chebyshev nodes in a/h0; offset sensors turn the phase faster and need more of them."""
+    """Return Chebyshev nodes in a/h0, more for offset sensors, whose phase varies faster."""
     farthest = max(problem.offsets)
     count = 20 if farthest <= 1.0 else min(40, 20 + int(np.ceil(0.5 * farthest)))
     order = np.arange(count)
-    return 0.5 / SHALLOWEST * (1.0 + np.cos(np.pi * (order + 0.5) / count))
+    return 0.5 / MIN_DEPTH_RADII * (1.0 + np.cos(np.pi * (order + 0.5) / count))
 
 
 def _scale(p: ComplexArray, unbounded: ComplexArray) -> FloatArray:
-    """Compliance (n,) in which an error at p (n,) is measured.
+    """Return the compliance (n,) by which errors at p (n,) are divided.
 
-    The plate's on the half-space: the layer's resonances rise above it and count the more.
-    Beyond what the softest ground makes of a drop's frequencies (p = tau omega,
-    omega = kappa sigma) errors hardly count.
+    It is the plate's on the half-space, so that the resonances of the layer, which exceed it, have
+    more weight. Beyond the largest p of the softest ground under a drop (p = tau omega,
+    omega = kappa sigma) it rises, so that errors there have little weight.
     """
-    beyond = np.abs(p) / (_LARGEST_P_OVER_KAPPA * np.abs(p.imag / p.real))
+    beyond = np.abs(p) / (_MAX_P_OVER_KAPPA * np.abs(p.imag / p.real))
     result: FloatArray = np.abs(unbounded) * np.maximum(1.0, beyond**3)
     return result
 
 
 def _fit_half_space(problem: PlateProblem, values: _Values) -> HalfSpace:
-    """Sum of resonances of the half-space; each sensor in its own size."""
+    """Fit the resonances of the half-space, each sensor relative to its own motion."""
     rows = values.for_half_space
-    p, found = values.p[rows], values.half_space[rows]
+    p, compliance = values.p[rows], values.half_space[rows]
     poles = [
         np.geomspace(0.05, 100.0, 20) * np.exp(1j * (np.pi / 2 + 0.7)),
         np.geomspace(0.05, 100.0, 20) * np.exp(1j * (np.pi / 2 + 0.3)),
     ]
     if max(problem.offsets) > 1.0 or not problem.driving_point:
-        # Travel times, to an offset sensor or from the plate's edge to its centre, need narrower
-        # resonances.
+        # The travel time to an offset sensor, or from the plate's edge to its centre, requires
+        # narrower resonances.
         poles.append(np.geomspace(0.1, 30.0, 40) * np.exp(1j * (np.pi / 2 + 0.12)))
     pole_set = np.concatenate(poles)
     fitted = []
     for column, offset in enumerate(problem.offsets):
-        # A sensor beside the plate is measured in its own motion, with a floor at its nodes.
-        own = np.abs(found[:, column])
+        # Errors of a sensor outside the plate are relative to its motion, with a floor at its
+        # nodes.
+        scale = np.abs(compliance[:, column])
         if offset > 1.0:
-            own = np.maximum(own, _NODE_SHARE / offset * np.abs(found[:, 0]))
-        weights = values.weight[rows] / _scale(p, own)
-        fitted.append(fit_sums(p, found[:, column : column + 1], weights, pole_set))
+            scale = np.maximum(scale, _NODE_FRACTION / offset * np.abs(compliance[:, 0]))
+        weights = values.weight[rows] / _scale(p, scale)
+        fitted.append(fit_sums(p, compliance[:, column : column + 1], weights, pole_set))
     return pole_set, np.concatenate(fitted)
 
 
-# Motion at a node of a far sensor, as a share of the plate's over the distance.
-_NODE_SHARE = 0.15
+# Floor of the motion at a node of an offset sensor, as a fraction of the plate's over the distance.
+_NODE_FRACTION = 0.15
 
 
 class _Echo:
-    """Fits of the echo e = (Phi - Phi of the fitted half-space) h0/a at one depth after another.
+    """Fits of the echo e = (Phi - Phi of the fitted half-space) h0/a at each depth.
 
-    The difference to the *fitted* half-space: what that fit lacks, the echo takes along.
+    The *fitted* half-space is subtracted, so that the echo includes the error of that fit.
     """
 
     def __init__(
@@ -246,66 +246,69 @@ class _Echo:
         self._plate = poles, numerators(poles, coefficients[:1])
         fitted = evaluate(values.p[None], poles, numerators(poles, coefficients))[0]
         self._unbounded = fitted.T
-        rays = [ray(own.kappa, own.step, own.low, own.high) for own in _AT_REST]
-        self._rest = np.concatenate(rays)
-        self._rest_weight = np.concatenate(
+        rays = [
+            ray(sampling.kappa, sampling.step, sampling.low, sampling.high)
+            for sampling in _QUIET_RAYS
+        ]
+        self._quiet_points = np.concatenate(rays)
+        self._quiet_weight = np.concatenate(
             [
-                np.full(y.size, own.weight * own.step**0.5)
-                for y, own in zip(rays, _AT_REST, strict=True)
+                np.full(y.size, sampling.weight * sampling.step**0.5)
+                for y, sampling in zip(rays, _QUIET_RAYS, strict=True)
             ]
         )
 
     def samples(self, column: int) -> tuple[ComplexArray, ComplexArray, FloatArray]:
-        """Points y (n,), the echo there (n, n_offsets), and weights (n,), of one depth.
+        """Return points y (n,), the echo (n, n_offsets) there, and weights (n,) of one depth.
 
-        All sensors share the plate's scale, and so the matrix of their fits.
+        All sensors share the scale of the plate, and therefore the matrix of their fits.
         """
         depth, values = self._depths[column], self._values
         rows = np.flatnonzero(values.for_echo[:, column])
-        p, resting = values.p[rows], self._rest / depth
+        p, quiet_p = values.p[rows], self._quiet_points / depth
         echo = (values.layers[rows, column] - self._unbounded[rows]) * depth
         weight = values.weight[rows] / _scale(p, self._unbounded[rows, 0])
-        plate = evaluate(resting[None], *self._plate)[0, 0]
-        rest = self._rest_weight / _scale(resting, plate)
+        plate = evaluate(quiet_p[None], *self._plate)[0, 0]
+        quiet_weight = self._quiet_weight / _scale(quiet_p, plate)
         return (
-            np.concatenate([p * depth, self._rest]),
-            np.concatenate([echo, np.zeros((resting.size, echo.shape[1]))]),
-            np.concatenate([weight, rest]) / depth,
+            np.concatenate([p * depth, self._quiet_points]),
+            np.concatenate([echo, np.zeros((quiet_p.size, echo.shape[1]))]),
+            np.concatenate([weight, quiet_weight]) / depth,
         )
 
     def fit(self, column: int, poles: ComplexArray) -> FloatArray:
-        """Coefficients (n_offsets, 2k) at one depth."""
+        """Return coefficients (n_offsets, 2k) at one depth."""
         return fit_sums(*self.samples(column), poles)
 
 
 def _choose_echo_poles(echo: _Echo) -> ComplexArray:
-    """Poles in y: a logarithmic grid, then narrow ones where the shallowest layer asks for them.
+    """Return poles in y: a logarithmic grid, and narrow ones at the resonances of the layer.
 
-    The layer's sharp resonances (cut-offs, and the frequencies where the group velocity
-    vanishes) stand at values of y that do not depend on the plate, and the shallowest layer
-    shows them most.
+    The sharp resonances of a layer (cut-offs, and frequencies at which the group velocity
+    vanishes) have values of y that do not depend on the plate. They are strongest for the
+    shallowest layer, whose misfit shows where poles are missing.
     """
     grid = np.exp(np.arange(np.log(0.8), np.log(400.0), 0.07))
     poles = np.concatenate([grid * (-0.06 + 1j), np.geomspace(0.5, 400.0, 12) * (-0.5 + 0.8j)])
     y, values, weights = echo.samples(0)
-    for _ in range(_ROUNDS):
+    for _ in range(_N_POLE_ROUNDS):
         solution = fit_sums(y, values, weights, poles)
         misfit = np.abs(basis(y, poles) @ solution.T - values).max(axis=1) * weights
-        poles = np.concatenate([poles, _worst_places(y, misfit)])
+        poles = np.concatenate([poles, _mirrored_worst_samples(y, misfit)])
     return poles
 
 
-_ROUNDS = 5
-_ADDED_A_ROUND = 16
+_N_POLE_ROUNDS = 5
+_POLES_PER_ROUND = 16
 
 
-def _worst_places(y: ComplexArray, misfit: FloatArray) -> ComplexArray:
-    """Mirror images, in the left half plane, of the samples with the largest misfit."""
-    chosen: list[complex] = []
+def _mirrored_worst_samples(y: ComplexArray, misfit: FloatArray) -> ComplexArray:
+    """Return mirror images, in the left half plane, of the samples with the largest misfit."""
+    poles: list[complex] = []
     for index in np.argsort(-misfit):
-        place = complex(-y[index].real, y[index].imag)
-        if all(abs(place - other) > 2.0 * abs(place.real) for other in chosen):
-            chosen.append(place)
-        if len(chosen) == _ADDED_A_ROUND:
+        candidate = complex(-y[index].real, y[index].imag)
+        if all(abs(candidate - pole) > 2.0 * abs(candidate.real) for pole in poles):
+            poles.append(candidate)
+        if len(poles) == _POLES_PER_ROUND:
             break
-    return np.asarray(chosen)
+    return np.asarray(poles)

@@ -20,6 +20,6 @@ class BoundedLibrary(SurrogateLibrary):
     def get(self, problem: PlateProblem, depth: float | None) -> Surrogate:
         """Return a response table, see :meth:`SurrogateLibrary.get`."""
         table = super().get(problem, depth)
-        while len(self._kept) > self._max_tables:
-            del self._kept[next(iter(self._kept))]
+        while len(self._surrogates) > self._max_tables:
+            del self._surrogates[next(iter(self._surrogates))]
         return table

@@ -1,9 +1,9 @@
 """Layered ground under a plate: any number of Kelvin-Voigt media over rock or a half-space.
 
 =============  ====================================================================
-`ground`       media, grounds, many of them as arrays, what may be varied
+`ground`       media, grounds, many of them as arrays, parameters of a fit
 `kernel`       compliance of the surface at one wavenumber, and its derivatives
-`quadrature`   which wavenumbers are taken: `CONVERGED` and, for a search, `FAST`
+`quadrature`   nodes of the wavenumber integrals: `CONVERGED` and, for a search, `FAST`
 `plate`        the plate on it: displacement per force at the sensors
 `model`        displacement histories of one drop
 =============  ====================================================================

@@ -1,4 +1,4 @@
-"""Layered ground: what it is made of, many of them at once, and what may be varied."""
+"""Layered grounds: their media, many grounds as arrays, and the parameters of a fit."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Medium:
 
 @dataclass(frozen=True)
 class LayeredGround:
-    """Media from the surface down, the lowest on rock or without end.
+    """Media from the surface down, the lowest on rock or infinitely deep.
 
     Parameters
     ----------
@@ -78,15 +78,15 @@ class LayeredGround:
 
     @property
     def rock_depth(self) -> float:
-        """Depth of the rigid base below the surface, m; infinite where there is none."""
+        """Depth of the rigid base below the surface, m; infinite without rock."""
         return sum(medium.thickness for medium in self.media)
 
 
 class MediumParameter(NamedTuple):
-    """One quantity of one medium, to be varied.
+    """Quantity of one medium that a fit may vary.
 
-    ``medium`` counts from 0 at the surface.  A thickness moves everything below with it; that of
-    the last medium on rock is the way to vary the depth of the rock.
+    ``medium`` counts from 0 at the surface.  A thickness shifts all media below; the thickness of
+    the last medium on rock sets the depth of the rock.
     """
 
     field: Field
@@ -129,13 +129,13 @@ class LayeredGrounds:
             ),
             (h, (h > 0.0) & np.isfinite(h), "thickness", "finite values > 0 m"),
         ):
-            # One of a batch that is alike in it: a line, not a table.
+            # One value is enough for a message of one line.
             wrong = values[~right]
             _require(wrong.size == 0, name, expected, wrong[0] if wrong.size else None)
 
     @classmethod
     def of(cls, grounds: Sequence[LayeredGround]) -> LayeredGrounds:
-        """The grounds as arrays; all have the same number of media, and rock or none of them."""
+        """Return grounds as arrays; all have as many media, and rock under all or none."""
         kinds = {(len(ground.media), ground.rock) for ground in grounds}
         _require(
             len(kinds) == 1,
@@ -161,7 +161,7 @@ class LayeredGrounds:
         return int(self.modulus.shape[0])
 
     def take(self, places: Sequence[int] | NDArray[np.intp]) -> LayeredGrounds:
-        """The grounds at some places."""
+        """Return the grounds at some places."""
         rows = np.asarray(places)
         columns = {name: getattr(self, name)[rows] for name in FIELDS}
         return LayeredGrounds(**columns, rock=self.rock)
@@ -173,7 +173,7 @@ class LayeredGrounds:
 
     @property
     def parameters(self) -> tuple[MediumParameter, ...]:
-        """Everything that may be varied, from the top down."""
+        """All parameters that a fit may vary, from the top down."""
         return tuple(
             MediumParameter(field, j)
             for j in range(self.media)
@@ -182,7 +182,7 @@ class LayeredGrounds:
         )
 
     def at(self, s: ComplexArray, radius: float) -> Media:
-        """The media at Laplace variables (n,), ground by ground: arrays (N, m n, 1)."""
+        """Return the media at Laplace variables (n,), ground by ground: arrays (N, m n, 1)."""
         allowed = (s.real > 0.0) | (s == 0.0)
         _require(bool(np.all(allowed)), "Laplace variables", "Re s > 0, or s = 0", s[~allowed])
         nu = np.repeat(self.poisson_ratio.T, s.size, axis=1)

@@ -7,22 +7,22 @@ Lengths are over the plate radius, stresses in Pa, so a compliance is in 1/Pa.  
 
 with G the complex shear modulus.  The state at a depth is the displacement d = (w, u), downward
 and outward, and the traction t = (p, q) on what lies below: pressure and outward shear, of order
-0 and 1 in the Hankel domain.  The ground below any plane answers with a symmetric 2 x 2 matrix,
-d = F t, and that of the surface is wanted.
+0 and 1 in the Hankel domain.  The compliance of the ground below any plane is a symmetric 2 x 2
+matrix F, d = F t; this module computes that of the surface.
 
 **Waves as tractions.**  A wave that goes down in a medium carries d = H t with H the compliance of
-a half-space of that medium, one that goes up d = -K t, where K is H with the sign of the coupling
-turned.  H, and the matrix that takes the traction of a downward wave over the thickness h,
+a half-space of that medium, one that goes up d = -K t, where K is H with the opposite sign of the
+coupling.  H, and the matrix that takes the traction of a downward wave over the thickness h,
 
 .. math:: M = e^{-\alpha h} 1 - X \, n m^T, \quad n = (2 \xi \beta, b), \quad
           m = (2 \xi \alpha, -b), \quad b = z + 2 \xi^2, \quad
           X = \frac{e^{-\beta h} - e^{-\alpha h}}{z R}
 
-stay finite where z vanishes, although P and S waves become one there: only X is a divided
-difference.  So no digit is lost at low frequencies and high wavenumbers, and s = 0 is allowed.
+stay finite where z vanishes, although P and S waves coincide there: only X is a divided difference.
+Therefore no digit is lost at low frequencies and high wavenumbers, and s = 0 is allowed.
 
 **From the bottom up.**  With D = (H + K)/2 = diag(alpha, beta)/(G R), which is diagonal, and the
-compliance F' of what lies below the layer, continuity at its lower face and the waves in between
+compliance F' of the ground below the layer, continuity at its lower face and the waves in between
 give, all matrices symmetric,
 
 .. math:: P' = F' + K, \quad W = 2D P'^{-1} 2D - 2D, \quad Q = 2D + M^T W M, \quad
@@ -30,13 +30,13 @@ give, all matrices symmetric,
 
 F' = 0 is a rigid base, F' = H a half-space of the same medium: then W = 0 and F = H.  Every
 exponential is at most one.  This is the reflection recursion of Kennett (1974, Bull. Seism. Soc.
-Am. 64, 1685-1696) in the tractions instead of the amplitudes of P and S waves, and gives what the
-stiffness matrices of Kausel and Roesset (1981, Bull. Seism. Soc. Am. 71, 1743-1761) give without
-their loss of digits in thin layers and at rest.
+Am. 64, 1685-1696) in the tractions instead of the amplitudes of P and S waves. It gives the result
+of the stiffness matrices of Kausel and Roesset (1981, Bull. Seism. Soc. Am. 71, 1743-1761) without
+their loss of digits in thin layers and for static loads.
 
 **Derivatives.**  A change dF' below changes F by :math:`L \, dF' L^T` with
 :math:`L^T = P'^{-1} 2D M Q^{-1} 2D`, which is the traction at the lower face for one at the upper.
-So a change of one medium reaches the surface through the tractions that the load makes there.
+A change of one medium therefore acts on the surface through the tractions of the load there.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ from numpy.typing import NDArray
 
 from inversion.arrays import ComplexArray, FloatArray
 
-# Below this abs((beta - alpha) h) the divided differences are taken from their series: above it
-# the plain difference keeps eleven digits of X and eight of its derivative.
-_NEARLY_EQUAL = 1e-4
+# abs((beta - alpha) h) below which the divided differences are computed from their series. Above it
+# the difference itself retains eleven digits of X and eight of its derivative.
+_SERIES_BELOW = 1e-4
 
 
 class Symmetric(NamedTuple):
@@ -66,7 +66,7 @@ class Media(NamedTuple):
     """Properties of N media for k points, each array (N, k, 1).
 
     ``shear``: complex shear modulus, Pa; ``z``: rho a^2 s^2 / G; ``ratio``: c, the S over the P
-    velocity squared; ``thickness``: over the plate radius, that of a half-space is not used.
+    velocity squared; ``thickness``: over the plate radius, unused for a half-space.
     """
 
     shear: ComplexArray
@@ -75,7 +75,7 @@ class Media(NamedTuple):
     thickness: FloatArray
 
     def rows(self, part: slice) -> Media:
-        """The same media at some of the points."""
+        """Return the media at some of the points."""
         return Media(
             self.shear[:, part], self.z[:, part], self.ratio[:, part], self.thickness[:, part]
         )
@@ -83,7 +83,7 @@ class Media(NamedTuple):
 
 @dataclass(frozen=True)
 class _Waves:
-    """One medium at the nodes where it is felt: wavenumbers in depth and its half-space."""
+    """Vertical wavenumbers and half-space of one medium at the nodes that its waves reach."""
 
     alpha: ComplexArray
     beta: ComplexArray
@@ -94,7 +94,7 @@ class _Waves:
 
 @dataclass(frozen=True)
 class _Passage:
-    """One layer between its faces at the nodes where its lower face is felt."""
+    """One layer between its faces at the nodes whose waves reach the lower face."""
 
     fall: ComplexArray  # exp(-alpha h)
     x: ComplexArray
@@ -106,7 +106,7 @@ class _Passage:
 
 @dataclass(frozen=True)
 class Solution:
-    """Compliance of the surface, and what its derivatives need of every medium."""
+    """Compliance of the surface, and the terms of every medium for its derivatives."""
 
     surface: Symmetric
     waves: tuple[_Waves, ...]
@@ -114,26 +114,26 @@ class Solution:
 
 
 def solve_layers(xi: FloatArray, media: Media, rock: bool, negligible: float = 38.0) -> Solution:
-    """Compliance of the surface of layers over a half-space or, with ``rock``, a rigid base.
+    """Return the surface compliance of layers over a half-space or, with ``rock``, a rigid base.
 
     Parameters
     ----------
     xi : (n,) ndarray of float, wavenumber times plate radius, > 0, ascending
     media : Media of N media at k points, from the surface down
-    rock : bool, a rigid base under the last medium, which otherwise has no end
-    negligible : float, nepers of a wave's way down and back from which it is left out
+    rock : bool, a rigid base under the last medium, which otherwise is a half-space
+    negligible : float, attenuation of a wave down and back, nepers, from which it is neglected
     """
-    waves, felt = _waves_that_reach(xi, media, rock, negligible)
+    waves, lower_node_counts = _waves_that_reach(xi, media, rock, negligible)
     passages: list[_Passage | None] = []
     below: Symmetric | None = None
     for j in range(len(waves) - 1, -1, -1):
-        own, count = waves[j], felt[j]
-        surface, passage = own.half_space, None
+        medium_waves, count = waves[j], lower_node_counts[j]
+        surface, passage = medium_waves.half_space, None
         if count:
-            near = _first(own, count)
+            layer_waves = _first_nodes(medium_waves, count)
             z, c, h = media.z[j], media.ratio[j], media.thickness[j]
-            passage = _pass(xi[:count], near, z, c, h, below)
-            surface = _surface(near.half_space, passage, own.half_space, count)
+            passage = _pass(xi[:count], layer_waves, z, c, h, below)
+            surface = _surface(layer_waves.half_space, passage, medium_waves.half_space, count)
         passages.append(passage)
         below = surface
     return Solution(surface, tuple(waves), tuple(passages[::-1]))
@@ -142,32 +142,31 @@ def solve_layers(xi: FloatArray, media: Media, rock: bool, negligible: float = 3
 def _waves_that_reach(
     xi: FloatArray, media: Media, rock: bool, negligible: float
 ) -> tuple[list[_Waves], list[int]]:
-    """Media that are felt, and how many of the nodes feel the lower face of each.
+    """Return the media that waves reach, and the number of nodes that reach each lower face.
 
-    A medium is felt where a wave can go down to it and back and keep more than
-    ``exp(-negligible)``.  The real parts of alpha and beta decide, not xi: below
-    xi = sqrt(abs(z)) waves travel.
+    A wave reaches a medium if its amplitude down and back exceeds ``exp(-negligible)``.  The
+    criterion is the real parts of alpha and beta, not xi: below xi = sqrt(abs(z)) waves travel.
     """
     waves: list[_Waves] = []
-    felt: list[int] = []
-    way: FloatArray | None = None
+    lower_node_counts: list[int] = []
+    decay: FloatArray | None = None
     last = media.z.shape[0] - 1
     count = xi.size
     for j in range(last + 1):
         c, h = media.ratio[j], media.thickness[j]
-        own = _waves(xi[:count], media.shear[j], media.z[j], c)
-        waves.append(own)
+        medium_waves = _waves(xi[:count], media.shear[j], media.z[j], c)
+        waves.append(medium_waves)
         if j == last and not rock:
-            felt.append(0)
+            lower_node_counts.append(0)
             break
-        slower = np.minimum(own.alpha.real, own.beta.real) * h
-        way = slower if way is None else way[:, :count] + slower
-        reached = np.flatnonzero(np.min(way, axis=0) < 0.5 * negligible)
+        slower = np.minimum(medium_waves.alpha.real, medium_waves.beta.real) * h
+        decay = slower if decay is None else decay[:, :count] + slower
+        reached = np.flatnonzero(np.min(decay, axis=0) < 0.5 * negligible)
         count = int(reached[-1]) + 1 if reached.size else 0
-        felt.append(count)
+        lower_node_counts.append(count)
         if not count:
             break
-    return waves, felt
+    return waves, lower_node_counts
 
 
 def _waves(xi: FloatArray, shear: ComplexArray, z: ComplexArray, c: FloatArray) -> _Waves:
@@ -187,8 +186,8 @@ def _waves(xi: FloatArray, shear: ComplexArray, z: ComplexArray, c: FloatArray) 
     )
 
 
-def _first(waves: _Waves, count: int) -> _Waves:
-    """The same medium at the first ``count`` nodes."""
+def _first_nodes(waves: _Waves, count: int) -> _Waves:
+    """Return the waves at the first ``count`` nodes."""
     if count == waves.alpha.shape[-1]:
         return waves
     return _Waves(
@@ -207,7 +206,7 @@ def _cut(matrix: Symmetric, count: int) -> Symmetric:
 def _divided_difference(
     waves: _Waves, z: ComplexArray, c: FloatArray, h: FloatArray, fall: ComplexArray
 ) -> ComplexArray:
-    r""":math:`(e^{-\beta h} - e^{-\alpha h}) / z` at any z, 0 included."""
+    r"""Return :math:`(e^{-\beta h} - e^{-\alpha h}) / z`, also at z = 0."""
     # x = (beta - alpha) h, and the difference is -(1 - c) h/(alpha + beta) e^(-alpha h) E(x),
     # E(x) = (1 - e^-x)/x.
     plain = np.exp(-h * waves.beta) - fall
@@ -219,16 +218,16 @@ def _divided_difference(
     front = (c[rows] - 1.0) * h[rows] / (waves.alpha[rows] + waves.beta[rows])
     x = -front * z[rows]
     series = front * fall[rows] * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x / 24.0)))
-    result[rows] = np.where(np.abs(x) < _NEARLY_EQUAL, series, result[rows])
+    result[rows] = np.where(np.abs(x) < _SERIES_BELOW, series, result[rows])
     return result
 
 
 def _rows_with_small_x(
     waves: _Waves, z: ComplexArray, c: FloatArray, h: FloatArray
 ) -> NDArray[np.intp]:
-    """Points at which abs((beta - alpha) h) is nearly zero at the last node, if anywhere."""
-    together = np.abs(waves.alpha[:, -1] + waves.beta[:, -1])
-    small = np.abs(z[:, 0]) * (1.0 - c[:, 0]) * h[:, 0] < _NEARLY_EQUAL * together
+    """Return the points at which abs((beta - alpha) h) is small at the last node."""
+    sums = np.abs(waves.alpha[:, -1] + waves.beta[:, -1])
+    small = np.abs(z[:, 0]) * (1.0 - c[:, 0]) * h[:, 0] < _SERIES_BELOW * sums
     return np.flatnonzero(small)
 
 
@@ -242,15 +241,15 @@ def _pass(
 ) -> _Passage:
     fall = np.exp(-h * waves.alpha)
     x = _divided_difference(waves, z, c, h, fall) * waves.inverse
-    own = waves.half_space
+    half_space = waves.half_space
     if below is None:
-        p = Symmetric(own.ww, -own.wu, own.uu)
+        p = Symmetric(half_space.ww, -half_space.wu, half_space.uu)
     else:
         below = _cut(below, xi.size)
-        p = Symmetric(below.ww + own.ww, below.wu - own.wu, below.uu + own.uu)
+        p = Symmetric(below.ww + half_space.ww, below.wu - half_space.wu, below.uu + half_space.uu)
     p_inverse = _inverse(p)
     # W = 2D P'^-1 2D - 2D
-    double_w, double_u = 2.0 * own.ww, 2.0 * own.uu
+    double_w, double_u = 2.0 * half_space.ww, 2.0 * half_space.uu
     w = Symmetric(
         (double_w * p_inverse.ww - 1.0) * double_w,
         double_w * double_u * p_inverse.wu,
@@ -272,19 +271,21 @@ def _pass(
     return _Passage(fall, x, w, p_inverse, q_inverse, below)
 
 
-def _surface(near: Symmetric, passage: _Passage, own: Symmetric, felt: int) -> Symmetric:
-    """F = 2D Q^-1 2D - K at the nodes that feel the lower face, H at the others."""
+def _surface(
+    layer_half_space: Symmetric, passage: _Passage, half_space: Symmetric, count: int
+) -> Symmetric:
+    """Return 2D Q^-1 2D - K at the first ``count`` nodes, and H at the others."""
     q = passage.q_inverse
     solved = Symmetric(
-        (4.0 * near.ww * q.ww - 1.0) * near.ww,
-        4.0 * near.ww * near.uu * q.wu + near.wu,
-        (4.0 * near.uu * q.uu - 1.0) * near.uu,
+        (4.0 * layer_half_space.ww * q.ww - 1.0) * layer_half_space.ww,
+        4.0 * layer_half_space.ww * layer_half_space.uu * q.wu + layer_half_space.wu,
+        (4.0 * layer_half_space.uu * q.uu - 1.0) * layer_half_space.uu,
     )
-    if felt == own.ww.shape[-1]:
+    if count == half_space.ww.shape[-1]:
         return solved
-    result = Symmetric(own.ww.copy(), own.wu.copy(), own.uu.copy())
+    result = Symmetric(half_space.ww.copy(), half_space.wu.copy(), half_space.uu.copy())
     for target, values in zip(result, solved, strict=True):
-        target[:, :felt] = values
+        target[:, :count] = values
     return result
 
 
@@ -296,9 +297,9 @@ def _inverse(matrix: Symmetric) -> Symmetric:
 class Slopes(NamedTuple):
     """Derivatives of the surface's compliance by the properties of one medium.
 
-    By the shear modulus with z kept, by z, by c, and by the thickness over the radius; each is
+    By the shear modulus at constant z, by z, by c, and by the thickness over the radius; each is
     (1, k, n) complex with those of F_ww or (3, k, n) with F_ww, F_uu and F_wu.  ``ratio`` is None
-    where it was not asked for, ``thickness`` for a half-space.
+    unless requested, ``thickness`` is None for a half-space.
     """
 
     shear: ComplexArray
@@ -307,7 +308,7 @@ class Slopes(NamedTuple):
     thickness: ComplexArray | None
 
 
-# Pressure and shear under several surface loads, (loads, k, n) complex; the loads at the surface.
+# Pressure and shear under several surface loads, (loads, k, n) complex.
 _Traction = tuple[Any, Any]
 
 
@@ -338,16 +339,16 @@ def compliance_slopes(
     ratio: bool = True,
     single: bool = False,
 ) -> list[Slopes]:
-    """Derivatives of the surface's compliance by the properties of every medium.
+    """Return the derivatives of the surface's compliance by the properties of every medium.
 
-    Each medium has values at the nodes where it is felt, which come first; media that are felt
-    nowhere are left out.
+    Each medium has values at the first nodes, those that its waves reach; media that no wave
+    reaches are omitted.
 
     Parameters
     ----------
-    shear : bool, whether those of F_uu and F_wu are wanted as well
-    ratio : bool, whether the derivatives by c (Poisson's ratio) are wanted
-    single : bool, whether single precision (some 1e-5) will do
+    shear : bool, True: the derivatives of F_uu and F_wu too
+    ratio : bool, True: the derivatives by c (Poisson's ratio) too
+    single : bool, True: single precision, with an error of some 1e-5
 
     Returns
     -------
@@ -365,35 +366,41 @@ def compliance_slopes(
         if j:
             top = top[0][..., :size], top[1][..., :size]
         tangents = _tangents(nodes, waves, layer.z, layer.ratio, ratio)
-        felt = 0 if passage is None else passage.fall.shape[-1]
-        near = tuple(_tangent_part(tangent, felt) for tangent in tangents)
+        n_layer_nodes = 0 if passage is None else passage.fall.shape[-1]
+        layer_tangents = tuple(_tangent_part(tangent, n_layer_nodes) for tangent in tangents)
         x_slopes: list[ComplexArray] = []
         if passage is not None:
-            # Here digits cancel; from here on single precision is safe.
-            x_slopes = _x_slopes(_first(waves, felt), passage, layer, near)
+            # Digits cancel in this step only; the following ones may use single precision.
+            x_slopes = _x_slopes(_first_nodes(waves, n_layer_nodes), passage, layer, layer_tangents)
         if single:
-            nodes, waves, passage, layer, tangents, near, x_slopes = _in_single(
-                (nodes, waves, passage, layer, tangents, near, x_slopes)
+            nodes, waves, passage, layer, tangents, layer_tangents, x_slopes = _in_single(
+                (nodes, waves, passage, layer, tangents, layer_tangents, x_slopes)
             )
-        # Where the lower face is not felt the medium has no end.
+        # At nodes that do not reach the lower face the medium is a half-space.
         slopes = None
-        if felt < size:
+        if n_layer_nodes < size:
             slopes = _half_space_slopes(
                 waves, layer.shear, tangents, None if j == 0 else top, shear
             )
         if passage is not None:
-            first = top if j == 0 else (top[0][..., :felt], top[1][..., :felt])
-            inside, top = _layer_slopes(
-                nodes[:felt], _first(waves, felt), passage, layer, near, x_slopes, first
+            first = top if j == 0 else (top[0][..., :n_layer_nodes], top[1][..., :n_layer_nodes])
+            layer_slopes, top = _layer_slopes(
+                nodes[:n_layer_nodes],
+                _first_nodes(waves, n_layer_nodes),
+                passage,
+                layer,
+                layer_tangents,
+                x_slopes,
+                first,
             )
-            slopes = inside if slopes is None else _joined(inside, slopes)
+            slopes = layer_slopes if slopes is None else _joined(layer_slopes, slopes)
         assert slopes is not None
         result.append(slopes)
     return result
 
 
 def _in_single(value: Any) -> Any:
-    """The same structure with its arrays in single precision."""
+    """Return the structure with its arrays in single precision."""
     if isinstance(value, np.ndarray):
         return value.astype(np.complex64 if np.iscomplexobj(value) else np.float32)
     if isinstance(value, _Waves | _Passage):
@@ -406,7 +413,7 @@ def _in_single(value: Any) -> Any:
 
 
 def _separated(forms: ComplexArray) -> ComplexArray:
-    """F_ww, F_uu, F_wu in place of the forms under pressure, shear and both."""
+    """Return F_ww, F_uu, F_wu from the forms under pressure, shear and both, in place."""
     if forms.shape[0] == 3:
         forms[2] -= forms[0]
         forms[2] -= forms[1]
@@ -414,12 +421,12 @@ def _separated(forms: ComplexArray) -> ComplexArray:
     return forms
 
 
-def _joined(first: Slopes, whole: Slopes) -> Slopes:
-    """The first nodes from one, the others from the other."""
-    for target, values in zip(whole[:3], first[:3], strict=True):
+def _joined(first: Slopes, all_nodes: Slopes) -> Slopes:
+    """Return slopes with the values of ``first`` at its nodes, and of ``all_nodes`` beyond."""
+    for target, values in zip(all_nodes[:3], first[:3], strict=True):
         if target is not None and values is not None:
             target[..., : values.shape[-1]] = values
-    return Slopes(whole.shear, whole.z, whole.ratio, first.thickness)
+    return Slopes(all_nodes.shear, all_nodes.z, all_nodes.ratio, first.thickness)
 
 
 def _tangent_part(tangent: _Tangent, count: int) -> _Tangent:
@@ -436,32 +443,34 @@ def _tangent_part(tangent: _Tangent, count: int) -> _Tangent:
 def _tangents(
     xi: FloatArray, waves: _Waves, z: ComplexArray, c: FloatArray, ratio: bool
 ) -> tuple[_Tangent, ...]:
-    """Derivatives of the half-space by z and, where wanted, by c."""
+    """Return the derivatives of the half-space by z and, by request, by c."""
     square = xi * xi
-    own = waves.half_space
-    scaled = own.uu / waves.beta  # 1/(R G)
-    together = waves.alpha + waves.beta
-    rest = 2.0 - 2.0 * c
+    half_space = waves.half_space
+    scaled = half_space.uu / waves.beta  # 1/(R G)
+    wave_sum = waves.alpha + waves.beta
+    factor = 2.0 - 2.0 * c
     # beta/(alpha + beta): alpha^2 - c beta^2 = (1 - c) xi^2 and beta^2 - alpha^2 = (1 - c) z
-    over = 0.5 / (waves.alpha * together * together)
+    over = 0.5 / (waves.alpha * wave_sum * wave_sum)
     share_z = (1.0 - c) * square * over / waves.beta
-    wanted: list[tuple[Any, ...]] = [(share_z, 0.5 * c / waves.alpha, 0.5 / waves.beta, 1.0, None)]
+    variables: list[tuple[Any, ...]] = [
+        (share_z, 0.5 * c / waves.alpha, 0.5 / waves.beta, 1.0, None)
+    ]
     if ratio:
         share_c = -waves.beta * z * over
-        wanted.append((share_c, 0.5 * z / waves.alpha, 0.0, 0.0, waves.share))
-    both = []
-    for share, alpha, beta, direct, explicit in wanted:
-        twice = rest * share
+        variables.append((share_c, 0.5 * z / waves.alpha, 0.0, 0.0, waves.share))
+    tangents = []
+    for share, alpha, beta, direct, explicit in variables:
+        twice = factor * share
         if explicit is not None:
             twice = twice - 2.0 * explicit
         r = (direct + 2.0 * square * twice) * waves.inverse
-        own_slope = Symmetric(
-            alpha * scaled - own.ww * r,
-            xi * twice * scaled - own.wu * r,
-            beta * scaled - own.uu * r,
+        half_space_slope = Symmetric(
+            alpha * scaled - half_space.ww * r,
+            xi * twice * scaled - half_space.wu * r,
+            beta * scaled - half_space.uu * r,
         )
-        both.append(_Tangent(own_slope, alpha, beta, direct, r))
-    return tuple(both)
+        tangents.append(_Tangent(half_space_slope, alpha, beta, direct, r))
+    return tuple(tangents)
 
 
 def _half_space_slopes(
@@ -471,7 +480,7 @@ def _half_space_slopes(
     traction: _Traction | None,
     both: bool,
 ) -> Slopes:
-    """Derivatives of H itself, or under tractions that the layers above let through."""
+    """Return the derivatives of H itself, or of its form under tractions at its surface."""
 
     def of(matrix: Symmetric) -> ComplexArray:
         if traction is None:
@@ -493,21 +502,21 @@ def _layer_slopes(
     x_slopes: list[ComplexArray],
     traction: _Traction,
 ) -> tuple[Slopes, _Traction]:
-    r"""Derivatives by the properties of one layer, and the tractions at its lower face.
+    r"""Return the derivatives by the properties of one layer, and tractions at its lower face.
 
     With y = Q^-1 2D t, v = M y and t' = P'^-1 2D v, the traction at the lower face,
 
     .. math:: d(t F t) = \sum \dot D \, [\ldots] + 2 \dot H_{wu} (t_p t_q - t'_p t'_q)
               - 2 \, \dot M y \cdot W v
 
-    The thickness acts as a sheet of the medium put in below, by the equation of motion
-    :math:`dF/dz = A_{11} F + A_{12} - F A_{21} F - F A_{22}` of the compliance; the shear modulus
-    with z kept scales everything but what lies below.
+    A thicker layer is one with a sheet of the medium added at its lower face, by the equation of
+    motion :math:`dF/dz = A_{11} F + A_{12} - F A_{21} F - F A_{22}` of the compliance. The shear
+    modulus at constant z scales everything except the ground below.
     """
     p, q = traction
     shear, z, c, h = layer
-    own = waves.half_space
-    double_w, double_u = 2.0 * own.ww, 2.0 * own.uu
+    half_space = waves.half_space
+    double_w, double_u = 2.0 * half_space.ww, 2.0 * half_space.uu
     y_w, y_u = _apply(passage.q_inverse, double_w * p, double_u * q)
     twice = 2.0 * xi
     b = z + twice * xi
@@ -517,8 +526,8 @@ def _layer_slopes(
     v_w, v_u = passage.fall * y_w - xmy * n_w, passage.fall * y_u - xmy * b
     wv_w, wv_u = _apply(passage.w, v_w, v_u)
     p_low, q_low = _apply(passage.p_inverse, double_w * v_w, double_u * v_u)
-    d_w = double_w * y_w - own.ww * p + own.wu * q
-    d_u = double_u * y_u - own.uu * q + own.wu * p
+    d_w = double_w * y_w - half_space.ww * p + half_space.wu * q
+    d_u = double_u * y_u - half_space.uu * q + half_space.wu * p
 
     # By z and by c.
     p_square, q_square = p_low * p_low, q_low * q_low
@@ -527,7 +536,7 @@ def _layer_slopes(
     by_coupling = 2.0 * (p * q - p_low * q_low)
     nw = n_w * wv_w + b * wv_u
     straight = passage.fall * (y_w * wv_w + y_u * wv_u)
-    found = []
+    slopes_by_variable = []
     for tangent, x_slope in zip(tangents, x_slopes, strict=True):
         matrix = tangent.half_space
         dm = twice * tangent.alpha * y_w
@@ -535,7 +544,9 @@ def _layer_slopes(
         if tangent.stress:
             dm, dn = dm - y_u, dn + wv_u
         passed = h * tangent.alpha * straight + nw * (x_slope * my + passage.x * dm) + xmy * dn
-        found.append(by_w * matrix.ww + by_u * matrix.uu + by_coupling * matrix.wu + 2.0 * passed)
+        slopes_by_variable.append(
+            by_w * matrix.ww + by_u * matrix.uu + by_coupling * matrix.wu + 2.0 * passed
+        )
     # By the shear modulus and by the thickness.
     by_shear = -(p * d_w + q * d_u)
     softness = 1.0 / shear
@@ -551,10 +562,10 @@ def _layer_slopes(
             - (shear * z) * (w_low * w_low)
             - (shear * stiff) * (u_low * u_low)
         )
-    ratio = found[1] if len(found) > 1 else None
+    ratio = slopes_by_variable[1] if len(slopes_by_variable) > 1 else None
     slopes = Slopes(
         _separated(by_shear * softness),
-        _separated(found[0]),
+        _separated(slopes_by_variable[0]),
         None if ratio is None else _separated(ratio),
         _separated(by_thickness),
     )
@@ -568,14 +579,14 @@ def _apply(matrix: Symmetric, first: ComplexArray, second: ComplexArray) -> _Tra
 def _x_slopes(
     waves: _Waves, passage: _Passage, layer: _Layer, tangents: tuple[_Tangent, ...]
 ) -> list[ComplexArray]:
-    r"""Derivatives of X = difference/R by z and by c, without the pole at z = 0.
+    r"""Return the derivatives of X = difference/R by z and by c, without the pole at z = 0.
 
     The difference is :math:`f e^{-\alpha h} E(x)`, f = (c - 1) h/(alpha + beta), x = -f z,
     E(x) = (1 - e^-x)/x.
     """
     _, z, c, h = layer
-    together = waves.alpha + waves.beta
-    front = (c - 1.0) * h / together
+    wave_sum = waves.alpha + waves.beta
+    front = (c - 1.0) * h / wave_sum
     x = -front * z
     difference = passage.x / waves.inverse
     # e^(-alpha h) E'(x) = (e^(-beta h) - e^(-alpha h) E)/x
@@ -583,13 +594,17 @@ def _x_slopes(
     rows = _rows_with_small_x(waves, z, c, h)
     bend = slow / (np.where(x == 0.0, 1.0, x) if rows.size else x)
     if rows.size:
-        near = x[rows]
-        series = passage.fall[rows] * (-0.5 + near * (1.0 / 3.0 - near * (0.125 - near / 30.0)))
-        bend[rows] = np.where(np.abs(near) < _NEARLY_EQUAL, series, bend[rows])
-    found = []
+        small_x = x[rows]
+        series = passage.fall[rows] * (
+            -0.5 + small_x * (1.0 / 3.0 - small_x * (0.125 - small_x / 30.0))
+        )
+        bend[rows] = np.where(np.abs(small_x) < _SERIES_BELOW, series, bend[rows])
+    slopes = []
     # d log f, less d(alpha) h, and f dx
     for tangent, explicit in zip(tangents, (0.0, 1.0 / (c - 1.0)), strict=False):
-        change = explicit - (tangent.alpha + tangent.beta) / together - h * tangent.alpha
-        moved = front * h * (tangent.beta - tangent.alpha) * bend
-        found.append((difference * change + moved) * waves.inverse - passage.x * tangent.rayleigh)
-    return found
+        change = explicit - (tangent.alpha + tangent.beta) / wave_sum - h * tangent.alpha
+        x_change = front * h * (tangent.beta - tangent.alpha) * bend
+        slopes.append(
+            (difference * change + x_change) * waves.inverse - passage.x * tangent.rayleigh
+        )
+    return slopes

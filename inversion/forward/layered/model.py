@@ -1,11 +1,11 @@
-r"""From layered grounds to displacement histories.
+r"""Displacement histories of layered grounds.
 
 .. math:: \frac{w_r}{F_{cell}} = \frac{C_r}{1 + m s^2 \, C_0} \, R_{instrument}(s)
 
-with :math:`C_r` the displacement at r over the force on the ground, the plate's mass m between
-load cell and ground, and the instrument's responses applied to the model, never taken off the
-data: as for the homogeneous ground (:mod:`inversion.forward.model`), whose place it can take.
-Under a plate whose pressure is given the centre's displacement moves the mass.
+with :math:`C_r` the displacement at r over the force on the ground, and the plate's mass m between
+load cell and ground. The responses of the instrument are applied to the model, and the data are not
+deconvolved, as for the homogeneous ground (:mod:`inversion.forward.model`). Under a plate with a
+prescribed pressure the mass moves with the centre.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from inversion.forward.layered.plate import (
 from inversion.forward.layered.quadrature import FAST, Layout, WavenumberRule, nodes
 from inversion.forward.model import Instrument
 
-# Grounds that need so many times the wavenumbers of the least demanding one are solved apart.
-_MORE_NODES = 1.4
+# Largest ratio of the number of wavenumbers of grounds that are solved together.
+_MAX_NODE_RATIO = 1.4
 
 
 class LayeredForwardModel:
@@ -41,7 +41,7 @@ class LayeredForwardModel:
     offsets : sequence of float, m, distances of the sensors from the plate's centre
     time : (n,) ndarray of float, s, uniform samples of the load
     load : (n,) ndarray of float, N, without its offset
-    wanted : (m,) ndarray of float, s, times at which the displacement is wanted, >= 0
+    times : (m,) ndarray of float, s, times of the displacement, >= 0
     band : float, Hz
     rule : WavenumberRule
     """
@@ -53,7 +53,7 @@ class LayeredForwardModel:
         offsets: Sequence[float],
         time: FloatArray,
         load: FloatArray,
-        wanted: FloatArray,
+        times: FloatArray,
         band: float,
         rule: WavenumberRule = FAST,
     ) -> None:
@@ -61,12 +61,12 @@ class LayeredForwardModel:
         self.instrument = instrument
         self.rule = rule
         if instrument.load_filter is not None:
-            # Beyond twice its corner a low-pass has taken what no model can put back.
+            # Beyond twice its corner a low-pass leaves too little to compare with a model.
             band = min(band, 2.0 * instrument.load_filter)
-        transform = DampedTransform(float(wanted[-1]), min(band, 0.5 / (time[1] - time[0])))
+        transform = DampedTransform(float(times[-1]), min(band, 0.5 / (time[1] - time[0])))
         self.s = transform.s
         spectrum = transform.of_samples(time, load) * instrument.response(self.s)
-        synthesis = spectrum[:, None] * transform.synthesis(wanted)
+        synthesis = spectrum[:, None] * transform.synthesis(times)
         # Re(W @ M) as one real product: [Re W, Im W] @ [Re M; -Im M].
         self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
 
@@ -75,13 +75,13 @@ class LayeredForwardModel:
         return layered_transfer(self.setup, self.instrument.plate_mass, self.s, grounds, self.rule)
 
     def displacement(self, grounds: LayeredGrounds) -> FloatArray:
-        """Displacement at the wanted times, (m, n_sensors, n_times), m."""
+        """Displacement at the times, (m, n_sensors, n_times), m."""
         return self._in_time(self.transfer(grounds))
 
     def displacement_slopes(
         self, grounds: LayeredGrounds, parameters: Sequence[MediumParameter]
     ) -> tuple[FloatArray, FloatArray]:
-        """Displacement as of :meth:`displacement`, and its derivatives by the parameters.
+        """Return :meth:`displacement` and its derivatives by the parameters.
 
         Returns
         -------
@@ -94,7 +94,7 @@ class LayeredForwardModel:
         return histories[:, 0], histories[:, 1:]
 
     def _in_time(self, transfer: ComplexArray) -> FloatArray:
-        """Histories (..., n_times) under the load, of transfer functions (..., n_frequencies)."""
+        """Return histories (..., n_times) from transfer functions (..., n_frequencies)."""
         parts = np.concatenate([transfer.real, transfer.imag], axis=-1)
         flat = parts.reshape(-1, parts.shape[-1]) @ self._synthesis
         return flat.reshape(*transfer.shape[:-1], -1)
@@ -116,8 +116,8 @@ def layered_transfer(
     if plate_mass != 0.0:
         setup = _with_centre(setup)
     compliance = np.empty((len(grounds), len(setup.offsets), s.size), dtype=np.complex128)
-    for alike in _alike(setup, grounds, s, rule):
-        compliance[alike] = displacement_per_force(setup, grounds.take(alike), s, rule)
+    for group in _groups_of_similar_cost(setup, grounds, s, rule):
+        compliance[group] = displacement_per_force(setup, grounds.take(group), s, rule)
     if plate_mass == 0.0:
         return compliance
     centre, sensors = compliance[:, :1], compliance[:, 1:]
@@ -133,7 +133,7 @@ def layered_transfer_slopes(
     parameters: Sequence[MediumParameter],
     rule: WavenumberRule = FAST,
 ) -> tuple[ComplexArray, ComplexArray]:
-    r""":func:`layered_transfer` with its derivatives by the parameters.
+    r"""Return :func:`layered_transfer` and its derivatives by the parameters.
 
     .. math:: d \frac{C_r}{1 + m s^2 C_0} = \frac{d C_r - m s^2 \, w_r \, d C_0}{1 + m s^2 C_0}
 
@@ -146,26 +146,26 @@ def layered_transfer_slopes(
     shape = (len(setup.offsets), s.size)
     compliance = np.empty((len(grounds), *shape), dtype=np.complex128)
     slopes = np.empty((len(grounds), len(parameters), *shape), dtype=np.complex128)
-    for alike in _alike(setup, grounds, s, rule):
-        compliance[alike], slopes[alike] = displacement_slopes(
-            setup, grounds.take(alike), s, parameters, rule
+    for group in _groups_of_similar_cost(setup, grounds, s, rule):
+        compliance[group], slopes[group] = displacement_slopes(
+            setup, grounds.take(group), s, parameters, rule
         )
     if plate_mass == 0.0:
         return compliance, slopes
     inertia = plate_mass * s**2
-    whole = 1.0 + inertia * compliance[:, :1]
-    transfer: ComplexArray = compliance[:, 1:] / whole
-    moved = slopes[:, :, 1:] - inertia * transfer[:, None] * slopes[:, :, :1]
-    return transfer, moved / whole[:, None]
+    denominator = 1.0 + inertia * compliance[:, :1]
+    transfer: ComplexArray = compliance[:, 1:] / denominator
+    transfer_slopes = slopes[:, :, 1:] - inertia * transfer[:, None] * slopes[:, :, :1]
+    return transfer, transfer_slopes / denominator[:, None]
 
 
-def _alike(
+def _groups_of_similar_cost(
     setup: PlateSetup, grounds: LayeredGrounds, s: ComplexArray, rule: WavenumberRule
 ) -> list[NDArray[np.intp]]:
-    """Places of grounds that need about as many wavenumbers.
+    """Return groups of grounds (indices) that need about as many wavenumbers.
 
-    All grounds of a call share theirs, so that one of hardly any viscosity among many would make
-    all of them as slow as itself.
+    All grounds of a call share their wavenumbers. A single ground with little viscosity needs many
+    and would make the others as slow.
     """
     if len(grounds) == 1:
         return [np.zeros(1, dtype=np.intp)]
@@ -173,12 +173,12 @@ def _alike(
         [_node_count(setup, grounds.take([place]), s, rule) for place in range(len(grounds))]
     )
     order = np.argsort(counts, kind="stable")
-    found, first = [], 0
+    groups, first = [], 0
     for place in range(1, order.size + 1):
-        if place == order.size or counts[order[place]] > _MORE_NODES * counts[order[first]]:
-            found.append(order[first:place])
+        if place == order.size or counts[order[place]] > _MAX_NODE_RATIO * counts[order[first]]:
+            groups.append(order[first:place])
             first = place
-    return found
+    return groups
 
 
 def _node_count(
@@ -189,5 +189,5 @@ def _node_count(
 
 
 def _with_centre(setup: PlateSetup) -> PlateSetup:
-    """The same plate with its centre as the first sensor."""
+    """Return the setup with the plate's centre as the first sensor."""
     return PlateSetup(setup.plate, setup.radius, (0.0, *setup.offsets))

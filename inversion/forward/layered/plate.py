@@ -1,13 +1,13 @@
 r"""The plate on layered ground: displacement per force at the sensors.
 
-The expansion of :mod:`inversion.forward.contact`: pressure in :math:`P_{2n}(t)/t`, of which the
+The expansion is that of :mod:`inversion.forward.contact`: pressure in :math:`P_{2n}(t)/t`, whose
 Hankel transform is :math:`j_{2n}(\xi)`, shear under a bonded plate in terms with
-:math:`j_{2n+1}`, and Galerkin's conditions.  Off the integrands is taken, at all wavenumbers, the
-half-space at rest of the top medium's complex modulus,
+:math:`j_{2n+1}`, and Galerkin's conditions.  The static half-space with the complex modulus of the
+top medium is subtracted from the integrands at all wavenumbers,
 
 .. math:: F^0_{ww} = F^0_{uu} = \frac{1 - \nu}{\xi G}, \qquad F^0_{wu} = -\frac{1 - 2\nu}{2 \xi G}
 
-of which the integrals are known in closed form.
+because its integrals are known in closed form.
 """
 
 from __future__ import annotations
@@ -47,22 +47,22 @@ LayeredPlateModel = PlateModel | Literal["uniform"]
 
 LAYERED_PLATE_MODELS: tuple[LayeredPlateModel, ...] = (*PLATE_MODELS, "uniform")
 
-# Rows of the kernel evaluated together: the intermediate arrays stay in the cache.
-_ROWS_AT_ONCE = 64
+# Number of points evaluated together, so that the intermediate arrays stay in the cache.
+_POINTS_PER_GROUP = 64
 
 
 @dataclass(frozen=True)
 class PlateSetup:
-    """What presses on the ground, and where it is observed.
+    """Plate on the ground, and positions of the sensors.
 
     Parameters
     ----------
     plate : one of LAYERED_PLATE_MODELS
-        Those of the homogeneous ground, or ``uniform``: the same pressure everywhere under a
-        segmented plate, and the displacement at each offset, under the plate too.
+        Models of the homogeneous ground, or ``uniform``: constant pressure under a segmented plate,
+        and the displacement at each offset, also under the plate.
     radius : float, m, > 0
-    offsets : tuple of float, m, >= 0, distances from the centre; up to the radius a rigid plate's
-        own displacement is meant
+    offsets : tuple of float, m, >= 0, distances from the centre; up to the radius a sensor
+        measures the displacement of a rigid plate
     """
 
     plate: LayeredPlateModel
@@ -81,8 +81,8 @@ class PlateSetup:
             raise ModelError(f"sensor offsets: expected values >= 0 m, got {self.offsets}")
 
     @property
-    def pressure_known(self) -> bool:
-        """True where the pressure is given and the displacement that of a point of the ground."""
+    def has_prescribed_pressure(self) -> bool:
+        """True if the pressure is prescribed; sensors then measure points of the ground."""
         return self.plate in ("published", "uniform")
 
     @property
@@ -99,7 +99,7 @@ class PlateSetup:
 
 @dataclass(frozen=True, eq=False)
 class _Tables:
-    """Everything of the integrals that depends on nodes, plate and offsets alone.
+    """Part of the integrals that depends only on nodes, plate and offsets.
 
     ``even`` and ``odd``: weight xi j_k at the nodes, (nodes, terms); ``pressure``, ``coupling``,
     ``radial``: weight xi j_k j_l, (nodes, pairs), as in :mod:`inversion.forward.contact`;
@@ -121,15 +121,16 @@ class _Tables:
     shear_observers: FloatArray  # j_2k+1 without weights, (nodes, terms)
 
 
-# glibc hands freed memory back as soon as 128 KB lie free at its end, and the page faults of the
-# next arrays then cost a third of a solve (measured).  Once a larger block has been freed it keeps
-# twice that much, for the life of the process.  Elsewhere this does nothing; no page is touched.
-_FREED_ONCE_BYTES = 16 << 20
+# glibc returns freed memory to the system as soon as 128 KB are free at the end of the heap, and
+# the page faults of the next arrays then cost a third of a solve (measured).  After a larger block
+# has been freed, glibc retains twice its size for the life of the process.  With other C libraries
+# this has no effect; no page is touched.
+_FREED_BLOCK_BYTES = 16 << 20
 
 
 @cache
 def _keep_freed_memory() -> None:
-    np.empty(_FREED_ONCE_BYTES, dtype=np.uint8)
+    np.empty(_FREED_BLOCK_BYTES, dtype=np.uint8)
 
 
 @lru_cache(maxsize=32)
@@ -139,7 +140,7 @@ def _tables(setup: PlateSetup, layout: Layout) -> _Tables:
     xi, weights = nodes(layout)
     base = weights * xi
     offsets = np.asarray(setup.offsets) / setup.radius
-    outside = tuple(i for i, r in enumerate(offsets) if r > 1.0 or setup.pressure_known)
+    outside = tuple(i for i, r in enumerate(offsets) if r > 1.0 or setup.has_prescribed_pressure)
     rings = j0(xi * offsets[list(outside), None])
     bessel = spherical_bessel(2 * n, xi)
     even, odd = bessel[0::2], bessel[1::2]
@@ -164,7 +165,7 @@ def _tables(setup: PlateSetup, layout: Layout) -> _Tables:
         columns(rings[:, None] * even * base),
         columns(rings[:, None] * odd * base),
         static.reshape(len(outside), n),
-        columns(rings if setup.pressure_known else np.concatenate([rings, even])),
+        columns(rings if setup.has_prescribed_pressure else np.concatenate([rings, even])),
         columns(odd),
     )
 
@@ -172,7 +173,7 @@ def _tables(setup: PlateSetup, layout: Layout) -> _Tables:
 def displacement_per_force(
     setup: PlateSetup, grounds: LayeredGrounds, s: ComplexArray, rule: WavenumberRule = CONVERGED
 ) -> ComplexArray:
-    """Displacement at the sensors over the force on the ground.
+    """Return the displacement at the sensors over the force on the ground.
 
     Parameters
     ----------
@@ -204,7 +205,7 @@ def displacement_slopes(
     parameters: Sequence[MediumParameter],
     rule: WavenumberRule = CONVERGED,
 ) -> tuple[ComplexArray, ComplexArray]:
-    """:func:`displacement_per_force` with its derivatives by quantities of the media.
+    """Return :func:`displacement_per_force` and its derivatives by parameters of the media.
 
     Returns
     -------
@@ -234,7 +235,7 @@ def displacement_slopes(
     return np.swapaxes(result.reshape(shape), 1, 2) / setup.radius, slopes / setup.radius
 
 
-# What the kernel differentiates by, in this order.
+# Variables by which the kernel differentiates, in this order.
 _LOCAL = Slopes._fields
 
 
@@ -246,7 +247,7 @@ def _chained(
     local: ComplexArray,
     parameter: MediumParameter,
 ) -> ComplexArray:
-    """Derivative by one parameter, (m n, n_sensors), from those by G, z, c and h/a."""
+    """Return the derivative by a parameter, (m n, n_sensors), from those by G, z, c and h/a."""
     field, j = parameter
     shear, z = media.shear[j], media.z[j]
     by_shear, by_z, by_ratio, by_thickness = local[j]
@@ -267,21 +268,21 @@ def _chained(
 
 
 def _chunks(count: int) -> Iterator[slice]:
-    """Groups of at most so many rows, of nearly equal size."""
-    parts = -(-count // _ROWS_AT_ONCE)
+    """Return groups of points of nearly equal size, at most `_POINTS_PER_GROUP` each."""
+    parts = -(-count // _POINTS_PER_GROUP)
     edges = np.linspace(0, count, parts + 1).round().astype(int)
     return (slice(a, b) for a, b in itertools.pairwise(edges))
 
 
 @dataclass(frozen=True, eq=False)
 class _Contact:
-    """Integrals of one group of points, and the traction of a unit force that follows."""
+    """Integrals of one group of points, and the traction of a unit force that results."""
 
     setup: PlateSetup
     tables: _Tables
     normal: ComplexArray  # (1 - nu)/G, (k, 1)
     tangential: ComplexArray  # -(1 - 2 nu)/(2 G), (k, 1)
-    ww: ComplexArray  # without the half-space at rest, (k, nodes)
+    ww: ComplexArray  # without the static half-space, (k, nodes)
     wu: ComplexArray | None
     system: ComplexArray | None  # (k, unknowns, unknowns)
     traction: ComplexArray  # coefficients of pressure, then of shear, (k, unknowns)
@@ -291,13 +292,13 @@ class _Contact:
         c, shear = media.ratio[0], media.shear[0]
         normal = 0.5 / ((1.0 - c) * shear)
         tangential = -c * normal
-        over = 1.0 / tables.xi
-        ww = surface.ww - normal * over
+        inverse_xi = 1.0 / tables.xi
+        ww = surface.ww - normal * inverse_xi
         n = tables.even.shape[1]
         count = ww.shape[0]
-        if setup.pressure_known:
-            known: ComplexArray = np.full((count, 1), 0.5 / np.pi, dtype=np.complex128)
-            return _Contact(setup, tables, normal, tangential, ww, None, None, known)
+        if setup.has_prescribed_pressure:
+            pressure: ComplexArray = np.full((count, 1), 0.5 / np.pi, dtype=np.complex128)
+            return _Contact(setup, tables, normal, tangential, ww, None, None, pressure)
         rough = setup.plate == "rigid-rough"
         size = 2 * n if rough else n
         system = np.empty((count, size, size), dtype=np.complex128)
@@ -305,12 +306,14 @@ class _Contact:
         system[:, :n, :n] += normal[..., None] * static_products(n, 0, 0)
         wu = None
         if rough:
-            wu = surface.wu - tangential * over
+            wu = surface.wu - tangential * inverse_xi
             coupling = times_real(wu, tables.coupling).reshape(-1, n, n)
             coupling += tangential[..., None] * static_products(n, 0, 1)
             system[:, :n, n:] = coupling
             system[:, n:, :n] = np.swapaxes(coupling, 1, 2)
-            system[:, n:, n:] = symmetric(times_real(surface.uu - normal * over, tables.radial), n)
+            system[:, n:, n:] = symmetric(
+                times_real(surface.uu - normal * inverse_xi, tables.radial), n
+            )
             system[:, n:, n:] += normal[..., None] * static_products(n, 1, 1)
         unit = np.zeros((count, size, 1), dtype=np.complex128)
         unit[:, 0, 0] = 1.0
@@ -323,7 +326,7 @@ class _Contact:
         t = self.tables
         result = np.empty((self.ww.shape[0], len(self.setup.offsets)), dtype=np.complex128)
         if self.system is not None:
-            # The plate's own displacement: flat, so any row of the system gives it.
+            # A rigid plate has one displacement, so any row of the system gives it.
             plate = np.sum(self.system[:, 0] * self.traction, axis=1)
             result[:] = plate[:, None]
         if t.outside:
@@ -338,17 +341,17 @@ class _Contact:
         single: bool,
         result: ComplexArray,
     ) -> None:
-        r"""Derivatives of :meth:`sensors` by the properties of all media, into ``result``.
+        r"""Write the derivatives of :meth:`sensors` by the properties of all media into ``result``.
 
         Galerkin's conditions make the plate's displacement stationary, so that with the traction
         X of a unit force :math:`d\Phi_0 = 2 \pi \int \xi \, X \cdot dF \, X \, d\xi`, and for a
-        sensor at r the same integral holds with one X replaced by the traction that a unit force
-        there, and the plate held without force, would make (reciprocity).
+        sensor at r the same integral holds with one X replaced by the traction of a unit force
+        there while the plate is fixed (reciprocity).
 
         Parameters
         ----------
-        ratio : bool, whether those by c are wanted
-        single : bool, whether single precision will do
+        ratio : bool, True: differentiate by c too
+        single : bool, True: single precision
         result : (N, 4, k, n_sensors) ndarray of complex, by G, z, c and h over the radius
         """
         t = self.tables
@@ -356,61 +359,63 @@ class _Contact:
         rings = len(t.outside)
         count = self.ww.shape[0]
         rough = self.wu is not None
-        kind = np.complex64 if single else np.complex128
-        pressure = _spread(self.traction[:, :n], t.even).astype(kind)
-        shear = _spread(self.traction[:, n:], t.odd).astype(kind) if rough else None
+        dtype = np.complex64 if single else np.complex128
+        pressure = _spread(self.traction[:, :n], t.even).astype(dtype)
+        shear = _spread(self.traction[:, n:], t.odd).astype(dtype) if rough else None
         adjoint = self._adjoint()
-        found = compliance_slopes(t.xi, media, solution, rough, ratio, single)
-        for j, own in enumerate(found):
-            kinds = [k for k, slopes in enumerate(own) if slopes is not None]
+        slopes_by_medium = compliance_slopes(t.xi, media, solution, rough, ratio, single)
+        for j, medium_slopes in enumerate(slopes_by_medium):
+            kinds = [k for k, slopes in enumerate(medium_slopes) if slopes is not None]
             at_rest: dict[int, tuple[ComplexArray, ComplexArray]] = {}
             if j == 0:
                 rates = {k: self._static_rates(k, media) for k in kinds}
                 at_rest = {k: rate for k, rate in rates.items() if rate is not None}
-            # The thickness is felt at fewer nodes than the rest; beyond them it is nought.
-            nodes = own.shear.shape[-1]
-            moved = np.zeros((len(kinds), count, nodes), dtype=kind)
+            # The derivative by the thickness is zero beyond its own, fewer nodes.
+            nodes = medium_slopes.shear.shape[-1]
+            moved = np.zeros((len(kinds), count, nodes), dtype=dtype)
             sheared = np.zeros_like(moved) if rough else None
             for i, k in enumerate(kinds):
-                slopes = own[k]
+                slopes = medium_slopes[k]
                 assert slopes is not None
                 if k in at_rest:
-                    slopes = self._less_static(slopes, *at_rest[k])
-                felt = slopes.shape[-1]
-                p = pressure[:, :felt]
-                np.multiply(slopes[0], p, out=moved[i, :, :felt])
+                    slopes = self._without_static(slopes, *at_rest[k])
+                n_nodes = slopes.shape[-1]
+                p = pressure[:, :n_nodes]
+                np.multiply(slopes[0], p, out=moved[i, :, :n_nodes])
                 if shear is not None and sheared is not None:
-                    q = shear[:, :felt]
-                    moved[i, :, :felt] += slopes[2] * q
-                    np.multiply(slopes[2], p, out=sheared[i, :, :felt])
-                    sheared[i, :, :felt] += slopes[1] * q
-            seen = times_real(moved.reshape(-1, nodes), t.observers[:nodes])
+                    q = shear[:, :n_nodes]
+                    moved[i, :, :n_nodes] += slopes[2] * q
+                    np.multiply(slopes[2], p, out=sheared[i, :, :n_nodes])
+                    sheared[i, :, :n_nodes] += slopes[1] * q
+            observed = times_real(moved.reshape(-1, nodes), t.observers[:nodes])
             if sheared is not None:
                 more = times_real(sheared.reshape(-1, nodes), t.shear_observers[:nodes])
-                seen = np.concatenate([seen, more], axis=1)
-            seen = seen.reshape(len(kinds), count, -1)
+                observed = np.concatenate([observed, more], axis=1)
+            observed = observed.reshape(len(kinds), count, -1)
             for i, k in enumerate(kinds):
                 if k in at_rest:
-                    seen[i] += self._static_part(*at_rest[k])
-            terms = seen[:, :, rings:]
-            if not self.setup.pressure_known:
+                    observed[i] += self._static_part(*at_rest[k])
+            terms = observed[:, :, rings:]
+            if not self.setup.has_prescribed_pressure:
                 plate = 2.0 * np.pi * np.sum(terms * self.traction, axis=-1)
                 result[j, kinds] = plate[..., None]
             if rings:
-                outside = seen[:, :, :rings] + np.sum(terms[:, :, None] * adjoint, axis=-1)
+                outside = observed[:, :, :rings] + np.sum(terms[:, :, None] * adjoint, axis=-1)
                 for i, k in enumerate(kinds):
                     result[j, k][:, list(t.outside)] = outside[i]
 
-    def _less_static(
+    def _without_static(
         self, slopes: ComplexArray, normal: ComplexArray, tangential: ComplexArray
     ) -> ComplexArray:
-        """Derivatives of F_ww, F_uu, F_wu without those of the half-space at rest."""
-        over = 1.0 / self.tables.xi
-        taken = np.stack(([normal * over] * 2 + [tangential * over])[: slopes.shape[0]])
-        return slopes - taken.astype(slopes.dtype)
+        """Return derivatives of F_ww, F_uu, F_wu without those of the static half-space."""
+        inverse_xi = 1.0 / self.tables.xi
+        static_slopes = np.stack(
+            ([normal * inverse_xi] * 2 + [tangential * inverse_xi])[: slopes.shape[0]]
+        )
+        return slopes - static_slopes.astype(slopes.dtype)
 
     def _static_rates(self, k: int, media: Media) -> tuple[ComplexArray, ComplexArray] | None:
-        """Derivatives of (1 - nu)/G and -(1 - 2 nu)/(2 G) of the top medium, (k, 1) each."""
+        """Return derivatives of (1 - nu)/G and -(1 - 2 nu)/(2 G) of the top medium, (k, 1) each."""
         if _LOCAL[k] == "shear":
             return -self.normal / media.shear[0], -self.tangential / media.shear[0]
         if _LOCAL[k] == "ratio":
@@ -419,7 +424,7 @@ class _Contact:
         return None
 
     def _static_part(self, normal: ComplexArray, tangential: ComplexArray) -> ComplexArray:
-        """What the half-space at rest does at sensors and plate under the traction, for rates."""
+        """Return the derivative at sensors and plate that the static half-space contributes."""
         t = self.tables
         n = t.even.shape[1]
         p, q = self.traction[:, :n], self.traction[:, n:]
@@ -436,37 +441,39 @@ class _Contact:
         return np.concatenate(parts, axis=1)
 
     def _adjoint(self) -> ComplexArray:
-        """Traction under the held plate for a unit force at each sensor outside.
+        """Return the traction under the fixed plate for a unit force at each sensor outside.
 
-        (k, sensors outside, unknowns); without unknowns where the pressure is given.
+        (k, sensors outside, unknowns); without unknowns if the pressure is prescribed.
         """
         count, rings = self.ww.shape[0], len(self.tables.outside)
         if self.system is None:
             return np.zeros((count, rings, 0), dtype=np.complex128)
         if not rings:
             return np.zeros((count, 0, self.system.shape[1]), dtype=np.complex128)
-        felt = self._rings()
-        reaction = np.swapaxes(np.linalg.solve(self.system, np.swapaxes(felt, 1, 2)), 1, 2)
+        response = self._rings()
+        reaction = np.swapaxes(np.linalg.solve(self.system, np.swapaxes(response, 1, 2)), 1, 2)
         plate = np.sum(self.system[:, 0] * self.traction, axis=1)
-        moved = np.sum(felt * self.traction[:, None], axis=-1) * (2.0 * np.pi / plate[:, None])
-        result: ComplexArray = moved[..., None] * self.traction[:, None] - reaction
+        displacement = np.sum(response * self.traction[:, None], axis=-1) * (
+            2.0 * np.pi / plate[:, None]
+        )
+        result: ComplexArray = displacement[..., None] * self.traction[:, None] - reaction
         return result
 
     def _rings(self) -> ComplexArray:
-        """Displacement at the sensors outside for each term, (k, sensors outside, unknowns)."""
+        """Return the displacement at sensors outside for each term, (k, sensors, unknowns)."""
         t = self.tables
         n = t.even.shape[1]
         response = times_real(self.ww, t.ring_even).reshape(-1, len(t.outside), n)
         response = response + self.normal[..., None] * t.static_rings
         if self.wu is None:
             return response
-        # The static tail of the shear's own part vanishes outside the plate.
+        # The static part of the shear vanishes outside the plate.
         sheared = times_real(self.wu, t.ring_odd).reshape(-1, len(t.outside), n)
         return np.concatenate([response, sheared], axis=2)
 
 
 def _spread(coefficients: ComplexArray, columns: FloatArray) -> ComplexArray:
-    """coefficients (k, n) complex times columns (nodes, n) real: (k, nodes)."""
+    """Return coefficients (k, n) complex times columns (nodes, n) real: (k, nodes)."""
     return times_real(coefficients, columns.T)
 
 

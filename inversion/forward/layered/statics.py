@@ -1,8 +1,8 @@
-r"""What layered ground is at rest: one modulus for all of it, and how deep it reaches.
+r"""Static equivalents of layered ground: effective modulus and effective depth.
 
-The effective modulus is that of one medium with the same deflection of the plate at rest; the
-effective depth is where a rigid base would take a tenth of that deflection away, so that 90 % of it
-arises above.
+The effective modulus is that of a single medium with the same static deflection of the plate. At
+the effective depth a rigid base would reduce that deflection by a tenth, so that 90 % of it arises
+above.
 """
 
 from __future__ import annotations
@@ -20,53 +20,56 @@ from inversion.forward.layered.plate import (
 )
 from inversion.forward.layered.quadrature import FAST
 
-SHARE_ABOVE = 0.9
-"""Part of the deflection that arises above the effective depth."""
-_SHALLOWEST_RADII, _DEEPEST_RADII = 0.05, 200.0
-_AT_REST = np.zeros(1, dtype=np.complex128)
+FRACTION_ABOVE = 0.9
+"""Fraction of the static deflection that arises above the effective depth."""
+_MIN_EFFECTIVE_DEPTH_RADII, _MAX_EFFECTIVE_DEPTH_RADII = 0.05, 200.0
+_STATIC_S = np.zeros(1, dtype=np.complex128)
 
 
 def static_compliance(plate: LayeredPlateModel, radius: float, ground: LayeredGround) -> float:
-    """Deflection of the plate at rest over its load, m/N."""
+    """Return the static deflection of the plate over its load, m/N."""
     setup = PlateSetup(plate, radius, (0.0,))
-    found = displacement_per_force(setup, LayeredGrounds.of([ground]), _AT_REST, FAST)
-    return float(found[0, 0, 0].real)
+    compliance = displacement_per_force(setup, LayeredGrounds.of([ground]), _STATIC_S, FAST)
+    return float(compliance[0, 0, 0].real)
 
 
 def effective_modulus(plate: LayeredPlateModel, radius: float, ground: LayeredGround) -> float:
-    """Young's modulus, Pa, of one medium of the lowest one's Poisson's ratio that deflects alike.
+    """Return Young's modulus, Pa, of the single medium with the same static deflection.
 
-    On rock that medium reaches down to the same rock.
+    Its Poisson's ratio is that of the lowest medium. On rock it reaches down to the same rock.
     """
     depth = ground.rock_depth
     unit = Medium(1.0, 0.0, 1.0, ground.media[-1].poisson_ratio, depth)
-    alone = static_compliance(plate, radius, LayeredGround((unit,), ground.rock))
-    return alone / static_compliance(plate, radius, ground)
+    unit_compliance = static_compliance(plate, radius, LayeredGround((unit,), ground.rock))
+    return unit_compliance / static_compliance(plate, radius, ground)
 
 
 def effective_depth(plate: LayeredPlateModel, radius: float, ground: LayeredGround) -> float:
-    """Depth, m, above which 90 % of the plate's deflection at rest arises."""
-    whole = static_compliance(plate, radius, ground)
+    """Return the depth, m, above which 90 % of the static deflection arises."""
+    compliance = static_compliance(plate, radius, ground)
 
     def missing(depth: float) -> float:
-        return static_compliance(plate, radius, _cut(ground, depth)) / whole - SHARE_ABOVE
+        return static_compliance(plate, radius, _cut(ground, depth)) / compliance - FRACTION_ABOVE
 
-    low, high = _SHALLOWEST_RADII * radius, min(ground.rock_depth, _DEEPEST_RADII * radius)
+    low = _MIN_EFFECTIVE_DEPTH_RADII * radius
+    high = min(ground.rock_depth, _MAX_EFFECTIVE_DEPTH_RADII * radius)
     if missing(high) <= 0.0:
         return high
-    from scipy.optimize import brentq  # takes a fifth of a diagnosis' start, which needs it not
+    from scipy.optimize import (
+        brentq,
+    )  # the import would take a fifth of the start of a diagnosis, which does not need it
 
-    found: float = brentq(missing, low, high, rtol=1e-3)
-    return found
+    effective: float = brentq(missing, low, high, rtol=1e-3)
+    return effective
 
 
 def _cut(ground: LayeredGround, depth: float) -> LayeredGround:
-    """The ground above a rigid base at a depth."""
+    """Return the ground with a rigid base at a depth, m."""
     media, above = [], 0.0
     for medium in ground.media:
-        left = depth - above
-        if left <= medium.thickness or math.isinf(medium.thickness):
-            media.append(replace(medium, thickness=left))
+        remaining = depth - above
+        if remaining <= medium.thickness or math.isinf(medium.thickness):
+            media.append(replace(medium, thickness=remaining))
             break
         media.append(medium)
         above += medium.thickness

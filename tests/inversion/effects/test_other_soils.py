@@ -13,7 +13,7 @@ from inversion.effects.bedrock import Bedrock
 from inversion.effects.damping_law import DampingLaw
 from inversion.effects.layer import Layer
 from inversion.effects.modulus_gradient import LinearGradient, RootGradient
-from inversion.forward.growth import MOST_GROWTH
+from inversion.forward.growth import MAX_GROWTH
 from inversion.forward.model import REFERENCE_RAD_S, loss_exponent
 
 PULSE_S, RADIUS = 0.02, 0.15
@@ -62,7 +62,7 @@ def test_without_an_exponent_there_is_no_constant_q() -> None:
 def test_growth_is_a_ground_of_its_own(growth: Effect) -> None:
     (coordinate,) = growth.coordinates(context())
     assert (coordinate.mean, coordinate.lower) == (0.0, 0.0)
-    assert coordinate.upper * RADIUS == MOST_GROWTH
+    assert coordinate.upper * RADIUS == MAX_GROWTH
     values = growth.values_at({coordinate.name: 2.5})
     grown = growth.ground(GROUND, values, context())
     assert grown.inverse_growth_depth == 2.5

@@ -23,7 +23,7 @@ from inversion.fitting.parameters import (
     parameter_space,
     soil_parameters,
 )
-from inversion.forward.surrogate import SHALLOWEST
+from inversion.forward.surrogate import MIN_DEPTH_RADII
 
 RADIUS = 0.15
 PLAIN = Parameter("viscosity", "Pa s", 0.0, 4e5, logarithmic=False)
@@ -130,7 +130,7 @@ def test_bounds_hold_the_grounds_of_the_field() -> None:
     assert low.viscosity == 0
     assert high.viscosity >= 3e5
     assert low.density <= 1200 < 2600 <= high.density
-    assert SHALLOWEST * RADIUS < 1 / low.inverse_depth[0] < 2 * RADIUS
+    assert MIN_DEPTH_RADII * RADIUS < 1 / low.inverse_depth[0] < 2 * RADIUS
     assert 1 / high.inverse_depth[0] == pytest.approx(60 * RADIUS)
 
 
@@ -166,7 +166,7 @@ def test_soil_is_searched_around_the_peak_method() -> None:
 
 def test_rock_is_searched_where_the_tables_reach() -> None:
     depth = depth_parameter(0.2)
-    assert (depth.lower, depth.upper) == pytest.approx((1.001 * SHALLOWEST * 0.2, 12.0))
+    assert (depth.lower, depth.upper) == pytest.approx((1.001 * MIN_DEPTH_RADII * 0.2, 12.0))
     assert depth.logarithmic
     assert (depth.name, depth.unit) == (DEPTH, "m")
 

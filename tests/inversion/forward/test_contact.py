@@ -246,7 +246,7 @@ def test_depth_and_order_of_the_points_do_not_matter() -> None:
 PULSE = 8e-3
 TRANSFORM = DampedTransform(0.1, 800.0)
 OFFSETS = (0.0, 6.0)
-REFINED = QuadratureRule(travelling_panels=160, least_end=240.0, end_over_root=28.0)
+REFINED = QuadratureRule(travelling_panels=160, min_end=240.0, end_over_root=28.0)
 
 
 def history(
@@ -295,7 +295,7 @@ def test_refinement_hardly_changes_undamped_ground(poisson_ratio: float) -> None
 
 
 def test_a_coarse_rule_fails_on_undamped_ground() -> None:
-    coarse = QuadratureRule(travelling_panels=8, least_end=120.0, end_over_root=14.0, growth=2.0)
+    coarse = QuadratureRule(travelling_panels=8, min_end=120.0, end_over_root=14.0, growth=2.0)
     arguments = (ROUGH, 0.35, 40e6, 0.0, 6.0)
     right, wrong = history(*arguments), history(*arguments, rule=coarse)
     assert np.max(np.abs(wrong - right)) > 1e-4 * np.max(right)

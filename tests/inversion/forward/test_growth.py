@@ -13,7 +13,7 @@ from inversion.errors import ModelError
 from inversion.forward.contact import PlateProblem, plate_compliance
 from inversion.forward.growth import (
     DEEPEST_RADII,
-    MOST_GROWTH,
+    MAX_GROWTH,
     GrowthSurrogate,
     growth_compliance,
     stiffening,
@@ -163,7 +163,7 @@ def test_slopes_are_the_differences(surrogate: GrowthSurrogate, field: str) -> N
 def test_growth_beyond_the_table_is_refused(surrogate: GrowthSurrogate) -> None:
     p = np.array([[0.1 + 0.5j]])
     with pytest.raises(ModelError, match=r"growth of the modulus: expected 0 to 6 .*got 6\.1"):
-        surrogate.compliance(p, np.array([MOST_GROWTH + 0.1]))
+        surrogate.compliance(p, np.array([MAX_GROWTH + 0.1]))
 
 
 def test_the_library_keeps_what_it_read(tmp_path: Path) -> None:

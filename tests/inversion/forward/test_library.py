@@ -19,7 +19,7 @@ from inversion.forward.library import (
     load_surrogate,
     surrogate_key,
 )
-from inversion.forward.surrogate import SHALLOWEST, Surrogate
+from inversion.forward.surrogate import MIN_DEPTH_RADII, Surrogate
 from inversion.forward.surrogate_building import Progress, build_surrogate
 
 CENTRE = PlateProblem("rigid-rough", 0.35)
@@ -241,8 +241,8 @@ def test_centre_at_a_known_depth_uses_the_tables_of_all_depths(
     assert library.get(CENTRE, 5.0) is every
     assert library.get(CENTRE, math.inf) is every
     # Shallower than they reach: on its own.
-    library.get(CENTRE, 0.9 * SHALLOWEST)
-    assert [depth for _, depth in builder.asked] == [None, 0.9 * SHALLOWEST]
+    library.get(CENTRE, 0.9 * MIN_DEPTH_RADII)
+    assert [depth for _, depth in builder.asked] == [None, 0.9 * MIN_DEPTH_RADII]
 
 
 def test_sensors_beside_the_plate_get_a_fit_of_their_depth(

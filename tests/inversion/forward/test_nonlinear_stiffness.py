@@ -168,10 +168,10 @@ def test_about_an_edge_steps_that_are_shorter_come_to_an_end(
 
 def test_ground_that_is_pulled_less_is_no_straight_line() -> None:
     assert NonlinearStiffness().linear
-    assert not NonlinearStiffness().turns
-    assert not NonlinearStiffness(stress_exponent=0.2).turns
+    assert not NonlinearStiffness().has_unloading_path
+    assert not NonlinearStiffness(stress_exponent=0.2).has_unloading_path
     for law in (NonlinearStiffness(tension_share=0.9), NonlinearStiffness(unrecovered=0.1)):
-        assert law.turns
+        assert law.has_unloading_path
         assert not law.linear
 
 

@@ -17,7 +17,7 @@ from inversion.forward.contact import PlateModel, PlateProblem, QuadratureRule, 
 from inversion.forward.laplace import DampedTransform
 from inversion.forward.model import Grounds, Instrument, transfer_function, transfer_slopes
 from inversion.forward.rational import basis, evaluate, evaluate_with_slope, numerators
-from inversion.forward.surrogate import SHALLOWEST, Surrogate
+from inversion.forward.surrogate import MIN_DEPTH_RADII, Surrogate
 from inversion.forward.surrogate_building import build_surrogate, check_surrogate
 from tests import reference
 
@@ -73,7 +73,7 @@ def draw_cases(count: int, viscosities: tuple[float, float], seed: int) -> list[
             modulus=spread(10e6, 300e6),
             viscosity=rng.uniform(*viscosities),
             density=spread(1000.0, 2800.0),
-            depth=spread(1.02 * SHALLOWEST, 60.0),
+            depth=spread(1.02 * MIN_DEPTH_RADII, 60.0),
             pulse=rng.uniform(8e-3, 30e-3),
         )
         for _ in range(count)
@@ -149,7 +149,7 @@ def test_every_depth_of_other_plates(plate: PlateModel, poisson_ratio: float) ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("depth", [SHALLOWEST, 4.0, 20.0])
+@pytest.mark.parametrize("depth", [MIN_DEPTH_RADII, 4.0, 20.0])
 def test_sensors_beside_the_plate(depth: float) -> None:
     surrogate = build_surrogate(PlateProblem("rigid-rough", 0.35, (0.0, 2.0, 4.0, 6.0)), depth)
     cases = [replace(case, depth=depth) for case in draw_cases(10, DAMPED, seed=5)]

@@ -342,7 +342,7 @@ def test_the_converged_rule_is_converged(ground: LayeredGround) -> None:
         width_over_distance=1.0,
         travelling=3.0,
         growth=1.3,
-        least_end=200.0,
+        min_end=200.0,
         end_over_root=25.0,
         end_over_layer=30.0,
         negligible=60.0,

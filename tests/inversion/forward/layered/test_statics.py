@@ -237,7 +237,7 @@ def counts(of: LayeredGrounds) -> list[int]:
 
 def test_every_ground_is_in_one_group_and_none_needs_over_1_4_times_the_least() -> None:
     of = mixed()
-    groups = module._alike(SETUP, of, S, FAST)
+    groups = module._groups_of_similar_cost(SETUP, of, S, FAST)
     assert sorted(np.concatenate(groups).tolist()) == list(range(len(of)))
     needed = counts(of)
     ends = [(min(needed[i] for i in g), max(needed[i] for i in g)) for g in groups]
@@ -250,7 +250,7 @@ def test_every_ground_is_in_one_group_and_none_needs_over_1_4_times_the_least() 
 def test_groups_part_at_1_4(most: int, groups: int, monkeypatch: pytest.MonkeyPatch) -> None:
     needed = iter([most, 100])
     monkeypatch.setattr(module, "_node_count", lambda *_: next(needed))
-    found = module._alike(SETUP, mixed().take([0, 1]), S, FAST)
+    found = module._groups_of_similar_cost(SETUP, mixed().take([0, 1]), S, FAST)
     assert [list(g) for g in found] == ([[1, 0]] if groups == 1 else [[1], [0]])
 
 
@@ -272,7 +272,7 @@ def test_groups_give_each_ground_its_own_response(mass: float) -> None:
     shape = (len(of), 3, 3, S.size)
     assert slopes.shape == shape
     setup = SETUP if mass == 0.0 else module._with_centre(SETUP)
-    groups = module._alike(setup, of, S, FAST)
+    groups = module._groups_of_similar_cost(setup, of, S, FAST)
     alone_in_it = {int(g[0]) for g in groups if g.size == 1}
     for place in range(len(of)):
         single = layered_transfer(SETUP, mass, S, of.take([place]))[0]
