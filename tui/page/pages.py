@@ -13,7 +13,7 @@ from pfwd.files.photos import photos_of
 from pfwd.judging.job import target_text
 from tui.output import counted
 from tui.screen.opened.rows import PointRow, shares, shown_value
-from tui.screen.units import figures
+from tui.screen.units import format_number
 
 if TYPE_CHECKING:
     import jinja2
@@ -108,9 +108,9 @@ def _overview_row(folder: str, row: PointRow) -> dict[str, str]:
         "address": point_address(row.name),
         "title": row.title,
         "remark": "; ".join(filter(None, remarks)),
-        "value": "-" if row.value is None else f"{figures(shown_value(row))}{mark} {unit}",
+        "value": "-" if row.value is None else f"{format_number(shown_value(row))}{mark} {unit}",
         "interval": (
-            f"{figures((row.low or 0) / scale)} to {figures((row.high or 0) / scale)}"
+            f"{format_number((row.low or 0) / scale)} to {format_number((row.high or 0) / scale)}"
             if has_interval
             else "-"
         ),

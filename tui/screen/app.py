@@ -63,7 +63,7 @@ from tui.screen.session.stations import Whereabouts
 from tui.screen.session.status import StatusWord, status_of
 from tui.screen.session.survey_edits import SurveyEdits
 from tui.screen.settings import ScreenSettings, save_settings
-from tui.screen.units import BY_NAME, Units
+from tui.screen.units import UNITS_BY_NAME, Units
 
 UPDATES = 12.0
 """Per second; a timer that is late now and then still gives ten."""
@@ -170,7 +170,7 @@ class PfwdApp(App[int]):
     @property
     def units(self) -> Units:
         """Of the screen."""
-        return BY_NAME[self.settings.units]
+        return UNITS_BY_NAME[self.settings.units]
 
     @property
     def message(self) -> str:

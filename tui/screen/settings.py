@@ -1,6 +1,7 @@
-"""What an operator chooses once and finds again tomorrow; kept where the platform wants settings.
+"""Choices of the operator that last: theme, units, large type, bell.
 
-A folder that cannot be written and a damaged file are survived: the choices last for the day then.
+They are stored in the settings folder of the platform. Without a writable folder, or with a damaged
+file, they last until the program ends.
 """
 
 import dataclasses
@@ -15,16 +16,16 @@ from pfwd.files.disk import replaced_at_once
 
 @dataclass(frozen=True, slots=True)
 class ScreenSettings:
-    """Of the screen."""
+    """Settings of the screen."""
 
     theme: Literal["dark", "daylight"] = "dark"
     units: Literal["si", "us"] = "si"
     large: bool = False
-    """Large type: figures first, traces only where there is room."""
+    """Large type: the result fills the page, traces are drawn where there is room."""
     bell: bool = True
 
 
-_CHOICES: dict[str, tuple[Any, ...]] = {
+_SETTING_VALUES: dict[str, tuple[Any, ...]] = {
     "theme": ("dark", "daylight"),
     "units": ("si", "us"),
     "large": (True, False),
@@ -33,17 +34,17 @@ _CHOICES: dict[str, tuple[Any, ...]] = {
 
 
 def settings_file() -> Path:
-    """Where they are kept; ``PFWD_SETTINGS`` names another file."""
-    said = os.environ.get("PFWD_SETTINGS")
-    if said:
-        return Path(said)
+    """Return the path of the stored settings; ``PFWD_SETTINGS`` names another file."""
+    override = os.environ.get("PFWD_SETTINGS")
+    if override:
+        return Path(override)
     from platformdirs import user_config_path
 
     return user_config_path("pfwd", appauthor=False) / "screen.json"
 
 
 def load_settings(path: Path | None = None) -> ScreenSettings:
-    """The settings as they were saved; what is missing or wrong is as ever."""
+    """Return the stored settings; missing and wrong ones have their default."""
     try:
         with open(path or settings_file(), encoding="utf-8") as stream:
             value = json.loads(stream.read(10_000))
@@ -53,7 +54,7 @@ def load_settings(path: Path | None = None) -> ScreenSettings:
         return ScreenSettings()
     sound = {
         key: value[key]
-        for key, choices in _CHOICES.items()
+        for key, choices in _SETTING_VALUES.items()
         if any(type(value.get(key)) is type(choice) and value[key] == choice for choice in choices)
     }
     return ScreenSettings(**sound)

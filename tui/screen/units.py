@@ -1,4 +1,4 @@
-"""Units on the screen: SI inside, SI or US customary outside, always shown beside the number."""
+"""Units on the screen: SI or US customary, always shown with the number; values inside are SI."""
 
 import math
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ QuantityName = Literal[
     "density",
 ]
 
-NOTHING = "-"
+NO_VALUE = "-"
 
 _POUND_FORCE = 4.4482216152605  # N, exact by definition
 _INCH = 0.0254  # m
@@ -35,14 +35,14 @@ class Unit:
 
     name: str
     scale: float
-    """SI units in one of it."""
+    """Size of the unit in SI units."""
 
 
 _SI: Mapping[QuantityName, Unit] = {
     "modulus": Unit("MPa", 1e6),
     "load": Unit("kN", 1e3),
     "deflection": Unit("µm", 1e-6),
-    "settlement": Unit("mm", 1e-3),  # what a procedure judges, as its document writes it
+    "settlement": Unit("mm", 1e-3),  # the judged quantity, as its standard writes it
     "velocity": Unit("mm/s", 1e-3),
     "length": Unit("mm", 1e-3),
     "depth": Unit("m", 1.0),
@@ -73,74 +73,76 @@ class Units:
     name: UnitsName
 
     def of(self, quantity: QuantityName) -> Unit:
-        """The unit that a quantity is shown in."""
+        """Return the unit in which a quantity is shown."""
         return (_US if self.name == "us" else _SI)[quantity]
 
     def unit(self, quantity: QuantityName) -> str:
-        """Its name."""
+        """Return the name of the unit of a quantity."""
         return self.of(quantity).name
 
     def value(self, quantity: QuantityName, si: float | None) -> float | None:
-        """A value of SI in the unit; None when there is none or it is not finite."""
+        """Convert a value from SI; None when it is missing or not finite."""
         if si is None or not math.isfinite(si):
             return None
         return si / self.of(quantity).scale
 
     def si(self, quantity: QuantityName, value: float) -> float:
-        """A value of the unit in SI."""
+        """Convert a value to SI."""
         return value * self.of(quantity).scale
 
     def text(self, quantity: QuantityName, si: float | None, digits: int = 3) -> str:
-        """A value, without its unit, with so many digits that count."""
-        return figures(self.value(quantity, si), digits)
+        """Format a value with significant digits, without its unit."""
+        return format_number(self.value(quantity, si), digits)
 
     def with_unit(self, quantity: QuantityName, si: float | None, digits: int = 3) -> str:
-        """A value with its unit."""
+        """Format a value with its unit."""
         text = self.text(quantity, si, digits)
-        return text if text == NOTHING else f"{text} {self.unit(quantity)}"
+        return text if text == NO_VALUE else f"{text} {self.unit(quantity)}"
 
-    def measured(
+    def with_uncertainty(
         self, quantity: QuantityName, si: float | None, sd: float | None, digits: int = 4
     ) -> tuple[str, str]:
-        """A value and its uncertainty with the same decimals; the latter "" when there is none."""
+        """Format a value and its uncertainty with the same decimals; "" without an uncertainty."""
         value, deviation = self.value(quantity, si), self.value(quantity, sd)
         if value is None:
-            return NOTHING, ""
+            return NO_VALUE, ""
         if deviation is None:
-            return figures(value, 3), ""
-        # Never more digits than the value is worth, however small the noise of its fit.
+            return format_number(value, 3), ""
+        # No more digits than the value supports, however small the noise of its fit.
         decimals = min(_decimals(deviation or value, 2), _decimals(value, digits))
-        least = 10.0**-decimals
-        small = 0 < deviation < 0.5 * least
-        error = f"<{least:.{decimals}f}" if small else f"{deviation:.{decimals}f}"
+        last_digit = 10.0**-decimals
+        is_small = 0 < deviation < 0.5 * last_digit
+        error = f"<{last_digit:.{decimals}f}" if is_small else f"{deviation:.{decimals}f}"
         return f"{value:.{decimals}f}", error
 
 
 def judged_quantity(quantity: Quantity) -> QuantityName:
-    """In which of the units what a procedure judges is shown."""
+    """Return the quantity that gives the judged value its unit."""
     return "settlement" if quantity is Quantity.DEFLECTION else "modulus"
 
 
 SI, US = Units("si"), Units("us")
-BY_NAME: Mapping[str, Units] = {"si": SI, "us": US}
+UNITS_BY_NAME: Mapping[str, Units] = {"si": SI, "us": US}
 
 
-def figures(value: float | None, digits: int = 3) -> str:
-    """Digits that count, or all digits before the point when there are more.
+def format_number(value: float | None, digits: int = 3) -> str:
+    """Format a number with significant digits; all digits before the point are kept.
 
     Examples
     --------
-    >>> figures(47.26), figures(1234.5), figures(0.0312), figures(None)
+    >>> format_number(47.26), format_number(1234.5), format_number(0.0312), format_number(None)
     ('47.3', '1234', '0.0312', '-')
     """
     if value is None or not math.isfinite(value):
-        return NOTHING
+        return NO_VALUE
     return f"{value:.{_decimals(value, digits)}f}"
 
 
 def percent(part: float | None) -> str:
-    """A part of one in percent, two digits that count."""
-    return NOTHING if part is None or not math.isfinite(part) else f"{figures(100 * part, 2)} %"
+    """Format a fraction in percent with two significant digits."""
+    return (
+        NO_VALUE if part is None or not math.isfinite(part) else f"{format_number(100 * part, 2)} %"
+    )
 
 
 def _decimals(value: float, digits: int) -> int:

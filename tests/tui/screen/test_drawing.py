@@ -3,11 +3,19 @@
 import numpy as np
 import pytest
 
-from tui.screen.drawing.axes import Curve, Figure, plot_lines, tick_text, ticks
-from tui.screen.drawing.canvas import Trace, columns_of, draw
-from tui.screen.drawing.digits import ROWS, digit_lines, digit_width, largest_size
+from tui.screen.drawing.digits import LETTER_ROWS, digit_lines, digit_width, largest_size
 from tui.screen.drawing.glyphs import ASCII, BRAILLE, glyphs_of_terminal
 from tui.screen.drawing.lines import text_of, width_of
+from tui.screen.drawing.plot import (
+    Curve,
+    DotCurve,
+    Figure,
+    draw_dots,
+    min_max_columns,
+    plot_lines,
+    tick_text,
+    ticks,
+)
 from tui.screen.drawing.profile import Bar, profile_lines
 
 
@@ -15,7 +23,7 @@ def test_a_peak_of_one_sample_survives_the_reduction() -> None:
     time = np.arange(100_000) / 100_000
     values = np.zeros(100_000)
     values[31_234] = 5.0
-    low, high = columns_of(time, values, 0.0, 1.0, 240)
+    low, high = min_max_columns(time, values, 0.0, 1.0, 240)
     assert high.max() == 5.0
     assert int(np.argmax(high)) == pytest.approx(0.31234 * 240, abs=1)
     assert low.min() == 0.0
@@ -23,14 +31,14 @@ def test_a_peak_of_one_sample_survives_the_reduction() -> None:
 
 def test_neighbouring_columns_touch() -> None:
     time = np.linspace(0, 1, 1000)
-    low, high = columns_of(time, 50 * time, 0.0, 1.0, 20)
+    low, high = min_max_columns(time, 50 * time, 0.0, 1.0, 20)
     assert np.all(high[:-1] >= low[1:])
 
 
 def test_a_gap_stays_empty_and_outside_is_nothing() -> None:
     time = np.linspace(0, 1, 1000)
     values = np.where((time > 0.4) & (time < 0.6), np.nan, 1.0)
-    low, _ = columns_of(time, values, 0.0, 2.0, 40)
+    low, _ = min_max_columns(time, values, 0.0, 2.0, 40)
     assert np.isnan(low[9:11]).all()
     assert np.isnan(low[21:]).all()
     assert np.isfinite(low[:7]).all()
@@ -39,31 +47,31 @@ def test_a_gap_stays_empty_and_outside_is_nothing() -> None:
 def test_a_gap_between_few_samples_is_not_bridged() -> None:
     time = np.arange(10.0)
     values = np.where(time == 5, np.nan, 1.0)
-    low, _ = columns_of(time, values, 0.0, 9.0, 90)
+    low, _ = min_max_columns(time, values, 0.0, 9.0, 90)
     assert np.isnan(low[45:58]).all()
     assert np.isfinite(low[2:38]).all()
 
 
-def trace(values: list[float], *, dashed: bool = False) -> Trace:
+def trace(values: list[float], *, dashed: bool = False) -> DotCurve:
     array = np.array(values)
-    return Trace(array, array, "measured", dashed)
+    return DotCurve(array, array, "measured", dashed)
 
 
 def test_one_dot_is_where_it_belongs() -> None:
-    (line,) = draw([trace([0.0, np.nan])], 1, 1, 0.0, 1.0, BRAILLE)
+    (line,) = draw_dots([trace([0.0, np.nan])], 1, 1, 0.0, 1.0, BRAILLE)
     assert text_of(line) == chr(0x2840)  # the lowest dot on the left
-    (line,) = draw([trace([np.nan, 1.0])], 1, 1, 0.0, 1.0, BRAILLE)
+    (line,) = draw_dots([trace([np.nan, 1.0])], 1, 1, 0.0, 1.0, BRAILLE)
     assert text_of(line) == chr(0x2808)  # the highest on the right
 
 
 def test_ascii_has_no_other_letters() -> None:
-    lines = draw([trace([0.0, 1.0, 2.0, 3.0])], 4, 4, 0.0, 3.0, ASCII)
+    lines = draw_dots([trace([0.0, 1.0, 2.0, 3.0])], 4, 4, 0.0, 3.0, ASCII)
     assert [text_of(one) for one in lines] == ["   *", "  * ", " *  ", "*   "]
 
 
 def test_a_dashed_curve_has_gaps_so_that_form_tells_it_from_a_whole_one() -> None:
-    whole = text_of(draw([trace([0.5] * 48)], 24, 1, 0.0, 1.0, BRAILLE)[0])
-    dashed = text_of(draw([trace([0.5] * 48, dashed=True)], 24, 1, 0.0, 1.0, BRAILLE)[0])
+    whole = text_of(draw_dots([trace([0.5] * 48)], 24, 1, 0.0, 1.0, BRAILLE)[0])
+    dashed = text_of(draw_dots([trace([0.5] * 48, dashed=True)], 24, 1, 0.0, 1.0, BRAILLE)[0])
     assert " " not in whole
     assert dashed.count(" ") == 12
 
@@ -126,7 +134,7 @@ def test_figures_are_as_large_as_fits_and_never_cut() -> None:
     assert largest_size("47.3", 10, 5) is None
     for wide, high in ((4, 2), (2, 1), (1, 1)):
         lines = digit_lines("47.3±0.6", "strong", wide, high)
-        assert len(lines) == ROWS * high
+        assert len(lines) == LETTER_ROWS * high
         assert {width_of(one) for one in lines} == {digit_width("47.3±0.6", wide)}
 
 
@@ -153,9 +161,9 @@ def test_the_console_without_dots_gets_ascii() -> None:
 
 def test_ascii_letters_take_as_many_columns() -> None:
     text = "▶ ± µ ─│┤ ■□ ● ² \N{REPLACEMENT CHARACTER}"
-    assert len(ASCII.shown(text)) == len(text)
-    assert ASCII.shown(text).isascii()
-    assert ASCII.shown("→ lift the plate") == "> lift the plate"
+    assert len(ASCII.to_terminal(text)) == len(text)
+    assert ASCII.to_terminal(text).isascii()
+    assert ASCII.to_terminal("→ lift the plate") == "> lift the plate"
 
 
 def test_bars_become_narrower_before_a_point_is_left_out() -> None:

@@ -105,7 +105,7 @@ def test_a_profile_is_a_row_a_medium_with_a_bar_on_a_log_scale() -> None:
     assert top.index("■") == round(0.79 * (len(top) - 1))
     assert below.index("■") == round(0.16 * (len(below) - 1))
     assert "─" in top
-    assert ASCII.shown(top).isascii()
+    assert ASCII.to_terminal(top).isascii()
 
 
 def test_an_open_modulus_has_a_bar_and_no_value() -> None:

@@ -4,15 +4,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tui.screen.drawing.blocks import TableColumn, TableRow, table_lines, window
 from tui.screen.drawing.lines import (
+    TableColumn,
+    TableRow,
     cell,
     fit,
     flow,
     piece,
     shorten,
+    table_lines,
     text_of,
     width_of,
+    window,
     wrap,
 )
 
@@ -58,7 +61,7 @@ COLUMNS = [
     TableColumn("drop", 0),
     TableColumn("E MPa", 1),
     TableColumn("defl µm", 3),
-    TableColumn("remark", 2, free=True),
+    TableColumn("remark", 2, is_flexible=True),
 ]
 ROWS = [
     TableRow(("1", "47.31", "641", "permanent set of the plate"), key=1),

@@ -126,7 +126,7 @@ def test_us_customary_units_are_everywhere() -> None:
 
 def test_in_ascii_there_is_nothing_else() -> None:
     shown = text(view(*whole_point(), glyphs=ASCII), (120, 40))
-    assert ASCII.shown(shown.replace("\n", " ").replace("ν", "n")).isascii()
+    assert ASCII.to_terminal(shown.replace("\n", " ").replace("ν", "n")).isascii()
     assert not any(0x2800 <= ord(letter) < 0x2900 for letter in shown)
 
 

@@ -8,7 +8,7 @@ import pytest
 from pfwd.judging.stations import next_name
 from tui.screen.session.names import point_name_error
 from tui.screen.settings import ScreenSettings, load_settings, save_settings
-from tui.screen.units import SI, US, figures, percent
+from tui.screen.units import SI, US, format_number, percent
 
 
 def test_units_by_their_definitions() -> None:
@@ -22,16 +22,16 @@ def test_units_by_their_definitions() -> None:
 
 
 def test_a_value_and_its_uncertainty_end_at_the_same_decimal() -> None:
-    assert SI.measured("modulus", 47.34e6, 0.62e6) == ("47.34", "0.62")
-    assert SI.measured("modulus", 47.34e6, 0.62e6, 3) == ("47.3", "0.6")
-    assert SI.measured("modulus", 47.34e6, 0.001e6, 3) == ("47.3", "<0.1")
-    assert SI.measured("depth", 1.02, None) == ("1.02", "")
-    assert SI.measured("depth", None, None) == ("-", "")
+    assert SI.with_uncertainty("modulus", 47.34e6, 0.62e6) == ("47.34", "0.62")
+    assert SI.with_uncertainty("modulus", 47.34e6, 0.62e6, 3) == ("47.3", "0.6")
+    assert SI.with_uncertainty("modulus", 47.34e6, 0.001e6, 3) == ("47.3", "<0.1")
+    assert SI.with_uncertainty("depth", 1.02, None) == ("1.02", "")
+    assert SI.with_uncertainty("depth", None, None) == ("-", "")
 
 
 def test_no_digit_before_the_point_is_lost() -> None:
-    assert figures(12345.6) == "12346"
-    assert figures(float("nan")) == "-"
+    assert format_number(12345.6) == "12346"
+    assert format_number(float("nan")) == "-"
     assert percent(0.0042) == "0.42 %"
 
 

@@ -1,4 +1,4 @@
-"""The plots of a drop: load with half-sine, deflection with the fitted curve, residual."""
+"""Plots of a drop: load with half-sine, deflection with the fitted curve, residual."""
 
 import math
 
@@ -14,22 +14,22 @@ from pfwd.analysis.screening.drops import (
 from pfwd.analysis.sensor_fits import sensor_fits
 from pfwd.session.events import SavedDrop
 from pfwd.session.live_trace import Envelope
-from tui.screen.drawing.axes import Curve, Figure
 from tui.screen.drawing.lines import TextRole
+from tui.screen.drawing.plot import Curve, Figure
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import Refitted
-from tui.screen.units import Units, figures, percent
+from tui.screen.units import Units, format_number, percent
 
 Array = NDArray[np.float64]
-BOWL_POINTS = 400
-"""Of the modelled bowl; a terminal has no more dots."""
-BOWL_DASH = 0.02
-"""Half the length of a sensor's dash over the width of the bowl."""
-NAMES = ("load", "deflection", "residual", "spectrum", "bowl")
+N_BOWL_POINTS = 400
+"""Points of the modelled bowl; a terminal has fewer columns of dots."""
+HALF_DASH_OVER_WIDTH = 0.02
+"""Half the length of a sensor's dash, as a fraction of the width of the bowl."""
+FIGURE_NAMES = ("load", "deflection", "residual", "spectrum", "bowl")
 
 
 def half_sine(time: Array, peak: float, duration: float, start: float = 0.0) -> Array:
-    """A half-sine pulse; NaN where there is none, so that no line is drawn."""
+    """Return a half-sine pulse; NaN outside of it, so that no line is drawn."""
     inside = (time >= start) & (time <= start + duration)
     return np.where(inside, peak * np.sin(np.pi * (time - start) / duration), np.nan)
 
@@ -41,18 +41,18 @@ def drop_figures(
     sensor: int = 0,
     refit: Refitted | None = None,
 ) -> list[Figure]:
-    """Load, deflection and residual of a drop; without a fit the first two alone.
+    """Return the plots of load, deflection and residual; without a fit the first two.
 
     Parameters
     ----------
     drop : DropState
     units : Units
     span : (start, end), optional
-        Of the time axis, s; None: what the fit used.
+        Time axis, s; by default the window of the fit.
     sensor : int
-        Which of the sensors, by offset.
+        Index of the sensor, by offset.
     refit : Refitted, optional
-        In place of the result that counts.
+        Fit to show in place of the result in force.
     """
     curves, result = curves_of(drop, refit)
     if curves is not None:
@@ -65,12 +65,12 @@ def drop_figures(
 def curves_of(
     drop: DropState, refit: Refitted | None
 ) -> tuple[TimeHistories | None, DropResult | None]:
-    """The curves and the result of a drop, or of one of its refits."""
+    """Return the curves and the result of a drop, or of one of its refits."""
     return (drop.curves, drop.result) if refit is None else (refit.curves, refit.result)
 
 
 def default_span(curves: TimeHistories) -> tuple[float, float]:
-    """The pulse and what follows it, s."""
+    """Return the time axis of the pulse and the settling after it, s."""
     end = float(curves.time[-1])
     contact = curves.contact_end if math.isfinite(curves.contact_end) else end
     return max(float(curves.time[0]), -2e-3), min(end, max(2.0 * contact, 25e-3))
@@ -90,7 +90,7 @@ def _fitted(
     load_scale = units.of("load").scale
     scale = units.of("deflection").scale
     pulse = half_sine_of(result, curves)
-    name = f"half-sine {figures(1e3 * pulse[1])} ms" if pulse else "half-sine"
+    name = f"half-sine {format_number(1e3 * pulse[1])} ms" if pulse else "half-sine"
     shape = pulse[0] if pulse else np.full_like(curves.time, np.nan)
     load = Figure(
         "load",
@@ -105,19 +105,19 @@ def _fitted(
         time_axis=False,
     )
     observed, predicted = curves.observed[sensor] / scale, curves.predicted[sensor] / scale
-    shown = np.where(curves.time <= curves.window_end, predicted, np.nan)
+    fitted = np.where(curves.time <= curves.window_end, predicted, np.nan)
     deflection = Figure(
         _place("deflection", curves.offsets, sensor, units),
         units.unit("deflection"),
         (
             Curve(time, observed, "measured", "measured"),
-            Curve(time, shown, "fitted", "fitted", True),
+            Curve(time, fitted, "fitted", "fitted", True),
         ),
         start,
         end,
-        note=f"peak as recorded {figures(float(np.nanmax(observed)), 3)}",
+        note=f"peak as recorded {format_number(float(np.nanmax(observed)), 3)}",
     )
-    return [load, deflection, _residual(result, time, shown - observed, units, (start, end))]
+    return [load, deflection, _residual(result, time, fitted - observed, units, (start, end))]
 
 
 def _residual(
@@ -136,12 +136,12 @@ def _residual(
         *span,
         note=f"{part} of the peak",
         # Noise fills a tenth of the plot, so that it looks like what it is.
-        least_range=20 * noise,
+        min_range=20 * noise,
     )
 
 
 def half_sine_of(result: DropResult, curves: TimeHistories) -> tuple[Array, float] | None:
-    """The half-sine fitted to the load, N, and its duration, s."""
+    """Return the half-sine fitted to the load, N, and its duration, s."""
     peak = result.half_sine_load_n
     duration = result.half_sine and result.half_sine.duration_s
     if peak is None or not duration:
@@ -166,14 +166,14 @@ def _raw(
     time = 1e3 * drop.time
     start, end = (1e3 * t for t in span or (max(float(drop.time[0]), -5e-3), float(drop.time[-1])))
     load = remove_offset(drop.time, drop.load) / units.of("load").scale
-    found = [
+    plots = [
         Figure(
             "load",
             units.unit("load"),
             (Curve(time, load, "load", "measured"),),
             start,
             end,
-            note=f"peak {figures(float(np.nanmax(load)), 3)}",
+            note=f"peak {format_number(float(np.nanmax(load)), 3)}",
             time_axis=False,
         )
     ]
@@ -183,9 +183,9 @@ def _raw(
         sensor = min(sensor, len(channels) - 1)
         moved = displacement_of(channels[sensor], drop.time) / units.of("deflection").scale
         finite = moved[np.isfinite(moved)]
-        peak = figures(float(finite.max()), 3) if len(finite) else "-"
+        peak = format_number(float(finite.max()), 3) if len(finite) else "-"
         offsets = np.array([channel.offset for channel in channels])
-        found.append(
+        plots.append(
             Figure(
                 _place("deflection", offsets, sensor, units),
                 units.unit("deflection"),
@@ -195,13 +195,13 @@ def _raw(
                 note=f"peak {peak}, not fitted",
             )
         )
-    return found
+    return plots
 
 
 def spectrum_figure(
     drop: DropState, units: Units, sensor: int = 0, refit: Refitted | None = None
 ) -> Figure | None:
-    """Amplitude of the residual and of the deflection by frequency; None without a fit."""
+    """Return the amplitude spectra of deflection and residual; None without a fit."""
     curves, _ = curves_of(drop, refit)
     if curves is None:
         return None
@@ -221,8 +221,9 @@ def spectrum_figure(
     ):
         amplitude = 2 * np.abs(np.fft.rfft(values * shape)) / shape.sum()
         decibel = 20 * np.log10(np.maximum(amplitude, 1e-12) / units.of("deflection").scale)
-        shown = np.asarray(decibel, np.float64)
-        parts.append(Curve(frequency, shown, role, name, role == "residual"))
+        parts.append(
+            Curve(frequency, np.asarray(decibel, np.float64), role, name, role == "residual")
+        )
     highest = float(frequency[-1])
     values = np.concatenate([part.values for part in parts])
     return Figure(
@@ -238,7 +239,7 @@ def spectrum_figure(
 
 
 def bowl_figure(drop: DropState, units: Units, refit: Refitted | None = None) -> Figure | None:
-    """Peaks of the sensors by their place, measured and modelled; None for a single sensor."""
+    """Return measured and modelled peaks by offset; None for a single sensor."""
     curves, _ = curves_of(drop, refit)
     if curves is None or len(curves.offsets) < 2:
         return None
@@ -246,10 +247,10 @@ def bowl_figure(drop: DropState, units: Units, refit: Refitted | None = None) ->
     length, deflection = units.of("length").scale, units.of("deflection").scale
     places = np.array([fit.offset for fit in fits]) / length
     reach = float(places[-1] - places[0])
-    across = np.linspace(places[0], places[-1], BOWL_POINTS)
+    across = np.linspace(places[0], places[-1], N_BOWL_POINTS)
     modelled = np.interp(across, places, [fit.modelled_peak / deflection for fit in fits])
     # A dash for each sensor: a single dot would be lost among those of the line.
-    dash = np.abs(across[:, None] - places[None, :]) <= BOWL_DASH * reach
+    dash = np.abs(across[:, None] - places[None, :]) <= HALF_DASH_OVER_WIDTH * reach
     measured = np.array([fit.measured_peak for fit in fits]) / deflection
     nearest = np.abs(across[:, None] - places[None, :]).argmin(axis=1)
     dashes = np.where(dash.any(axis=1), measured[nearest], np.nan)
@@ -260,8 +261,8 @@ def bowl_figure(drop: DropState, units: Units, refit: Refitted | None = None) ->
             Curve(across, dashes, "measured", "measured"),
             Curve(across, modelled, "fitted", "modelled", True),
         ),
-        float(places[0] - BOWL_DASH * reach),
-        float(places[-1] + BOWL_DASH * reach),
+        float(places[0] - HALF_DASH_OVER_WIDTH * reach),
+        float(places[-1] + HALF_DASH_OVER_WIDTH * reach),
         time_unit=units.unit("length"),
         bottom=min(0.0, 1.05 * float(measured.min())),
         note="peaks by distance from the centre",
@@ -269,7 +270,7 @@ def bowl_figure(drop: DropState, units: Units, refit: Refitted | None = None) ->
 
 
 def live_figures(envelope: Envelope, units: Units, window: float) -> list[Figure]:
-    """Load and velocity as they stream, newest at the right; time counts back from now."""
+    """Return the plots of load and motion as they arrive; the time counts back from now."""
     count = len(envelope.load)
     times = -(np.arange(count)[::-1] + 0.5) * envelope.interval
     time = np.repeat(times, 2)
@@ -285,8 +286,8 @@ def live_figures(envelope: Envelope, units: Units, window: float) -> list[Figure
             -window,
             0.0,
             "s",
-            note=f"now {figures(float(load[-1]), 2) if count else '-'}",
-            least_range=1.0,
+            note=f"now {format_number(float(load[-1]), 2) if count else '-'}",
+            min_range=1.0,
         ),
         Figure(
             f"live {name}",
@@ -295,6 +296,6 @@ def live_figures(envelope: Envelope, units: Units, window: float) -> list[Figure
             -window,
             0.0,
             "s",
-            least_range=20.0 if envelope.unit == "m/s" else 1.0,
+            min_range=20.0 if envelope.unit == "m/s" else 1.0,
         ),
     ]

@@ -1,4 +1,4 @@
-"""The characters that are drawn with: braille dots, or plain ASCII where a terminal has no more."""
+"""Characters for drawing: braille dots, or plain ASCII for terminals without them."""
 
 import os
 import sys
@@ -8,7 +8,7 @@ from typing import Literal
 
 GlyphName = Literal["braille", "ascii"]
 
-_ASCII = str.maketrans(
+_ASCII_REPLACEMENTS = str.maketrans(
     {
         "·": ".",
         "°": "d",
@@ -41,35 +41,35 @@ _ASCII = str.maketrans(
 
 @dataclass(frozen=True, slots=True)
 class Glyphs:
-    """One set."""
+    """Set of characters of a terminal."""
 
     name: GlyphName
 
     @property
-    def dots(self) -> bool:
-        """Whether there are dots: two by four of them in a cell."""
+    def has_dots(self) -> bool:
+        """True for braille, with two by four dots in a cell."""
         return self.name == "braille"
 
-    def shown(self, text: str) -> str:
-        """Text in letters that the terminal has, column for column."""
-        if self.dots:
+    def to_terminal(self, text: str) -> str:
+        """Replace characters that the terminal lacks, column for column."""
+        if self.has_dots:
             return text
         return "".join(
             letter if letter < "\x7f" or (not letter.isascii() and letter.isalpha()) else "?"
-            for letter in text.translate(_ASCII)
+            for letter in text.translate(_ASCII_REPLACEMENTS)
         )
 
 
 BRAILLE = Glyphs("braille")
 ASCII = Glyphs("ascii")
-BY_NAME: Mapping[str, Glyphs] = {"braille": BRAILLE, "ascii": ASCII}
+GLYPHS_BY_NAME: Mapping[str, Glyphs] = {"braille": BRAILLE, "ascii": ASCII}
 
 
 def glyphs_of_terminal(environment: Mapping[str, str] = os.environ) -> Glyphs:
-    """What the terminal is likely to have; ``PFWD_GLYPHS`` = braille or ascii decides."""
-    said = BY_NAME.get(environment.get("PFWD_GLYPHS", ""))
-    if said is not None:
-        return said
+    """Guess the characters of the terminal, or take ``PFWD_GLYPHS`` = braille or ascii."""
+    override = GLYPHS_BY_NAME.get(environment.get("PFWD_GLYPHS", ""))
+    if override is not None:
+        return override
     # The Linux console has 512 glyphs, none of them dots.
     if environment.get("TERM") in ("linux", "dumb", "vt100", "vt220"):
         return ASCII

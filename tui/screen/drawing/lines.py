@@ -1,7 +1,7 @@
-"""Lines of text with roles in place of colours, fitted to a width without cutting a number.
+"""Lines of text with roles in place of colours, and tables; a number is never cut to fit.
 
-Everything that reaches the screen from a device, a file or the operator goes through `cell`, which
-leaves no control character and no mark-up in it.
+All text from a device, a file or the operator passes through `cell`, which removes control
+characters.
 """
 
 from collections.abc import Iterable, Sequence
@@ -31,7 +31,7 @@ TextRole = Literal[
     "busy",
     "alarm",
 ]
-"""What a piece of text is; the theme says how it looks."""
+"""Role of a piece of text; the theme gives each role its colours."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,27 +46,27 @@ Line = tuple[Cell, ...]
 
 
 def cell(text: object, role: TextRole = "text") -> Cell:
-    """A piece of text from anywhere, harmless."""
+    """Return a piece of any text without control characters."""
     return Cell(clean(text), role)
 
 
 def line(*parts: Cell | object) -> Line:
-    """A line of cells; what is none becomes one."""
+    """Return a line of cells; other values are converted to cells."""
     return tuple(part if isinstance(part, Cell) else cell(part) for part in parts)
 
 
 def width_of(parts: Iterable[Cell]) -> int:
-    """Columns that cells take."""
+    """Return the number of columns that cells take."""
     return sum(cell_len(part.text) for part in parts)
 
 
 def text_of(parts: Iterable[Cell]) -> str:
-    """The bare text."""
+    """Return the text of cells without their roles."""
     return "".join(part.text for part in parts)
 
 
 def shorten(text: str, width: int) -> str:
-    """Free text, ended by ``..`` where it does not fit; never for numbers."""
+    """Return free text, ended by ``..`` where it does not fit; not to be used for numbers."""
     if cell_len(text) <= width:
         return text
     if width < 3:
@@ -74,21 +74,25 @@ def shorten(text: str, width: int) -> str:
     head = set_cell_size(text, width - 2).rstrip()
     rest = text[len(head) :]
     word = head.rpartition(" ")[2]
-    whole = len(word) < len(head)  # a single word that long can only be cut
-    if whole and rest[:1].strip() and any(letter.isdigit() for letter in word + rest.split(" ")[0]):
+    has_break = len(word) < len(head)  # a single word that long can only be cut
+    if (
+        has_break
+        and rest[:1].strip()
+        and any(letter.isdigit() for letter in word + rest.split(" ")[0])
+    ):
         # Half a number is another number.
         head = head[: len(head) - len(word)].rstrip()
     return head + ".."
 
 
 def pad(parts: Line, width: int) -> Line:
-    """Filled with blanks to a width."""
+    """Return a line filled with blanks to a width."""
     missing = width - width_of(parts)
     return (*parts, Cell(" " * missing)) if missing > 0 else parts
 
 
 def wrap(text: str, width: int) -> list[str]:
-    """Free text on several lines, broken between words."""
+    """Break free text between words into several lines."""
     lines, now = [], ""
     for word in text.split():
         while cell_len(word) > width > 0:
@@ -109,20 +113,20 @@ def wrap(text: str, width: int) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """A part of a line that is shown whole or not at all."""
+    """Part of a line that is never cut: without room for it, it is dropped."""
 
     cells: Line
     rank: int
-    """What matters most has the lowest; the highest goes first when there is no room."""
+    """Order of importance; the piece with the highest rank is dropped first."""
 
 
 def piece(rank: int, *parts: Cell | object) -> Piece:
-    """A piece of cells."""
+    """Return a piece with this rank."""
     return Piece(line(*parts), rank)
 
 
 def fit(pieces: Sequence[Piece], width: int, gap: str = "  ") -> Line:
-    """As many pieces as fit, in their order, the least important left out whole."""
+    """Return the pieces that fit on a line, in their order; the highest ranks are dropped."""
     chosen = [part for part in pieces if width_of(part.cells)]
     while chosen and _total(chosen, gap) > width:
         chosen.remove(max(reversed(chosen), key=lambda part: part.rank))
@@ -130,7 +134,7 @@ def fit(pieces: Sequence[Piece], width: int, gap: str = "  ") -> Line:
 
 
 def flow(pieces: Sequence[Piece], width: int, rows: int, gap: str = "  ") -> list[Line]:
-    """Pieces on up to so many lines; what does not fit is left out, least important first."""
+    """Return pieces on at most `rows` lines; the highest ranks are dropped without room."""
     chosen = [part for part in pieces if width_of(part.cells)]
     while chosen:
         lines: list[list[Piece]] = [[]]
@@ -158,7 +162,118 @@ def _joined(pieces: Sequence[Piece], gap: str) -> Line:
     return tuple(cells)
 
 
-def both_ends(left: Line, right: Line, width: int) -> Line:
-    """One line with something at either end; the right one is left out when there is no room."""
-    room = width - width_of(left) - width_of(right)
-    return (*left, Cell(" " * room), *right) if room >= 1 else left
+def both_ends(start: Line, end: Line, width: int) -> Line:
+    """Return a line with text at both ends; the right one is dropped when there is no room."""
+    room = width - width_of(start) - width_of(end)
+    return (*start, Cell(" " * room), *end) if room >= 1 else start
+
+
+@dataclass(frozen=True, slots=True)
+class TableColumn:
+    """A column of a table."""
+
+    title: str
+    rank: int
+    """Order of importance; the column with the highest rank is dropped first."""
+    is_text: bool = False
+    """Aligned at the left, as text; numbers are aligned at the right."""
+    is_flexible: bool = False
+    """Free text, which takes the remaining width and may be shortened."""
+
+
+@dataclass(frozen=True, slots=True)
+class TableRow:
+    """A row of a table."""
+
+    texts: tuple[str, ...]
+    role: TextRole = "text"
+    chosen: bool = False
+    key: object = None
+    """Object of the row, for example a drop."""
+
+
+COLUMN_GAP = 2
+"""Blank columns between two columns of a table."""
+
+
+def table_lines(columns: Sequence[TableColumn], rows: Sequence[TableRow], width: int) -> list[Line]:
+    """Return a table with its titles; columns without room are dropped, numbers are never cut."""
+    visible = list(range(len(columns)))
+    widths = [
+        max([len(column.title), *(len(row.texts[place]) for row in rows)])
+        for place, column in enumerate(columns)
+    ]
+    min_widths = [6 if column.is_flexible else widths[n] for n, column in enumerate(columns)]
+
+    def total() -> int:
+        return 1 + sum(min_widths[place] for place in visible) + COLUMN_GAP * (len(visible) - 1)
+
+    while len(visible) > 1 and total() > width:
+        visible.remove(max(visible, key=lambda place: columns[place].rank))
+    spare = width - total()
+    for place in visible:
+        if columns[place].is_flexible:
+            widths[place] = min(widths[place], min_widths[place] + max(0, spare))
+            spare -= widths[place] - min_widths[place]
+    titles = [column.title for column in columns]
+    lines = [_table_row(titles, columns, visible, widths, "dim", False)]
+    for row in rows:
+        lines.append(_table_row(row.texts, columns, visible, widths, row.role, row.chosen))
+    return [pad(row, width) for row in lines]
+
+
+def _table_row(
+    texts: Sequence[str],
+    columns: Sequence[TableColumn],
+    visible: Sequence[int],
+    widths: Sequence[int],
+    role: TextRole,
+    chosen: bool,
+) -> Line:
+    parts = []
+    for place in visible:
+        text = texts[place]
+        column = columns[place]
+        if column.is_flexible:
+            text = shorten(text, widths[place])
+        is_text = column.is_text or column.is_flexible
+        parts.append(text.ljust(widths[place]) if is_text else text.rjust(widths[place]))
+    mark = "▶" if chosen else " "
+    return (Cell(mark + (" " * COLUMN_GAP).join(parts), "cursor" if chosen else role),)
+
+
+def window(count: int, chosen: int | None, room: int) -> range:
+    """Return the range of rows that fit and contain the chosen one; by default the last ones."""
+    if count <= room:
+        return range(count)
+    last = count if chosen is None else min(count, max(room, chosen + 1))
+    return range(max(0, last - room), last)
+
+
+def join_blocks(
+    first: Sequence[Line], second: Sequence[Line], first_width: int, rows: int, gap: str = " │ "
+) -> list[Line]:
+    """Return two blocks side by side, `rows` high."""
+    return [
+        (*pad(start, first_width), Cell(gap, "axis"), *end)
+        for start, end in zip(pad_rows(first, rows), pad_rows(second, rows), strict=True)
+    ]
+
+
+def head_with_message(head: Line, message: str, width: int) -> list[Line]:
+    """Return a head followed by a message; a long message takes up to three lines below."""
+    if width_of([*head, Cell(message)]) + 2 <= width:
+        return [(*head, Cell(f"  {message}", "warn"))] if message else [head]
+    return [head, *[line(" ", cell(text, "warn")) for text in wrap(message, width - 2)[:3]]]
+
+
+def pad_rows(lines: Sequence[Line], rows: int) -> list[Line]:
+    """Return exactly `rows` lines: filled with empty lines, or cut at the end."""
+    return [*lines[:rows], *[()] * max(0, rows - len(lines))]
+
+
+def centred(lines: Sequence[Line], width: int) -> list[Line]:
+    """Return a block of lines centred in a width."""
+    widest = max((width_of(row) for row in lines), default=0)
+    indent = max(0, (width - widest) // 2)
+    return [(Cell(" " * indent), *row) for row in lines]

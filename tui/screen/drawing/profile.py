@@ -1,25 +1,25 @@
-"""The points of a survey side by side: a bar each, with the target as a line."""
+"""Profile of a survey: a bar for each point, with the target as a line."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tui.screen.drawing.axes import tick_text, ticks
 from tui.screen.drawing.lines import Cell, Line, TextRole, cell, line
-from tui.screen.units import figures
+from tui.screen.drawing.plot import tick_text, ticks
+from tui.screen.units import format_number
 
-NARROWEST = 2
-"""Columns of a bar with the gap beside it."""
+MIN_BAR_COLUMNS = 2
+"""Smallest width of a bar with its gap, columns."""
 
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
 
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """A point."""
+    """One point of a survey."""
 
     name: str
     value: float | None
-    """None: nothing was measured."""
+    """Value of the point; None: it was not measured."""
     role: TextRole = "measured"
     chosen: bool = False
 
@@ -31,20 +31,20 @@ def profile_lines(
     title: str,
     target: float | None = None,
     *,
-    whole_blocks: bool = False,
+    full_blocks_only: bool = False,
 ) -> list[Line]:
-    """Exactly `height` lines: title, bars over their names.
+    """Return exactly `height` lines: title, bars, and their names below.
 
     Parameters
     ----------
     bars : sequence of Bar
     width, height : int
     title : str
-        With the unit.
+        Title with the unit.
     target : float, optional
-        In the same unit.
+        Target in the unit of the values.
     whole_blocks : bool
-        No eighths: a terminal without them.
+        Use no eighths of a block, for a terminal without them.
     """
     if height < 4 or width < 24:
         return [()] * height
@@ -53,35 +53,35 @@ def profile_lines(
     widest = max([3, *(len(bar.name) for bar in bars)])
     step = max(4, min(widest + 1, 12))
     if len(bars) * step > room:  # narrower bars rather than a part of the points
-        step = max(NARROWEST, min(step, room // len(bars)))
-    most = max(1, room // step)
+        step = max(MIN_BAR_COLUMNS, min(step, room // len(bars)))
+    max_bars = max(1, room // step)
     chosen = next((place for place, bar in enumerate(bars) if bar.chosen), len(bars) - 1)
-    first = min(max(0, chosen - most // 2), max(0, len(bars) - most))
-    shown = bars[first : first + most]
-    values = [bar.value for bar in shown if bar.value is not None]
+    first = min(max(0, chosen - max_bars // 2), max(0, len(bars) - max_bars))
+    visible = bars[first : first + max_bars]
+    values = [bar.value for bar in visible if bar.value is not None]
     top = max([*values, target or 0.0, 1e-12]) * 1.05
     rows = height - 2
     marks = ticks(0.0, top, max(2, rows // 2))
     gap = marks[1] - marks[0] if len(marks) > 1 else top
     labels = {rows - 1 - int(mark / top * rows): tick_text(mark, gap) for mark in marks}
     aim = None if not target else rows - 1 - int(target / top * rows)
-    named = f"   ─── target {figures(target)}" if target else ""
+    named = f"   ─── target {format_number(target)}" if target else ""
     lines = [line(cell(f" {title}", "strong"), cell(named, "warn"))]
     for row in range(rows):
         label = labels.get(row, "")
         cells = [Cell(f"{label:>{gutter - 2}} {'┤' if label else '│'}", "axis")]
-        for bar in shown:
-            letter = _block(bar, row, rows, top, whole_blocks=whole_blocks)
+        for bar in visible:
+            letter = _block(bar, row, rows, top, full_blocks_only=full_blocks_only)
             empty = "─" if row == aim else " "
             body = (letter if letter != " " else empty) * (step - 1)
             role: TextRole = bar.role if letter != " " else "warn"
             cells += [Cell(body, role), Cell(empty, "warn")]
         lines.append(tuple(cells))
-    return [*lines, (Cell(" " * gutter), *_names(shown, step, widest, room))]
+    return [*lines, (Cell(" " * gutter), *_names(visible, step, widest, room))]
 
 
 def _names(bars: Sequence[Bar], step: int, widest: int, room: int) -> list[Cell]:
-    """Names below the bars; where they are too long, the chosen one's and some of the others'."""
+    """Return the names below the bars; of long names the chosen one and every n-th fits."""
     cells: list[Cell] = []
     if widest < step or step >= 12:
         for bar in bars:
@@ -102,7 +102,7 @@ def _names(bars: Sequence[Bar], step: int, widest: int, room: int) -> list[Cell]
     return cells
 
 
-def _block(bar: Bar, row: int, rows: int, top: float, *, whole_blocks: bool) -> str:
+def _block(bar: Bar, row: int, rows: int, top: float, *, full_blocks_only: bool) -> str:
     if bar.value is None:
         return "?" if row == rows - 1 else " "
     filled = bar.value / top * rows - (rows - 1 - row)
@@ -110,6 +110,6 @@ def _block(bar: Bar, row: int, rows: int, top: float, *, whole_blocks: bool) -> 
         return "█"
     if filled <= 0:
         return " "
-    if whole_blocks:
+    if full_blocks_only:
         return "█" if filled >= 0.5 else " "
     return _EIGHTHS[int(filled * 8)]

@@ -17,9 +17,9 @@ from textual.widgets._tabs import Underline
 from pfwd.errors import DeviceError, SurveyError
 from pfwd.processes import start_text_child
 from tui.output import clean, counted, say
-from tui.screen.drawing.axes import stacked_plots
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
 from tui.screen.drawing.lines import Line, cell, line
+from tui.screen.drawing.plot import stacked_plots
 from tui.screen.looks import LOOKS
 from tui.screen.opened.keys import KeysLine
 from tui.screen.opened.plots import map_lines, overlay_figures, profile_lines
@@ -36,7 +36,7 @@ from tui.screen.opened.rows import (
 from tui.screen.opened.table import PlainTable
 from tui.screen.pages.dialogs import TextDialog
 from tui.screen.settings import ScreenSettings
-from tui.screen.units import figures
+from tui.screen.units import format_number
 from tui.screen.widgets.lines_view import LinesView
 
 PAGE = 48
@@ -443,9 +443,9 @@ class OpenApp(App[int]):
             cells = (
                 str(number),
                 kinds[number].value if number in kinds else "",
-                figures(facts.peak_load and facts.peak_load / 1e3),
-                figures(facts.peak_deflection and facts.peak_deflection * 1e3),
-                figures(facts.modulus and facts.modulus / 1e6),
+                format_number(facts.peak_load and facts.peak_load / 1e3),
+                format_number(facts.peak_deflection and facts.peak_deflection * 1e3),
+                format_number(facts.modulus and facts.modulus / 1e6),
                 "-" if residual is None else f"{100 * residual:.2g} %",
                 clean(why.get(number, "averaged")),
             )
@@ -584,15 +584,15 @@ def _cells(row: PointRow) -> tuple[str, ...]:
     scale = 1e-3 if row.unit == "m" else 1e6
     ends = ""
     if row.low is not None and row.high is not None:
-        ends = f"{figures(row.low / scale)} to {figures(row.high / scale)}"
+        ends = f"{format_number(row.low / scale)} to {format_number(row.high / scale)}"
     return (
         clean(row.title),
         str(row.drops),
-        f"{figures(value)}{mark(row.value_marked)} {unit}" if row.value is not None else "-",
+        f"{format_number(value)}{mark(row.value_marked)} {unit}" if row.value is not None else "-",
         ends,
         _target(row.target),
         row.state,
-        f"{figures(row.modulus and row.modulus / 1e6)}{mark(row.modulus_marked)}",
+        f"{format_number(row.modulus and row.modulus / 1e6)}{mark(row.modulus_marked)}",
         "-" if row.chainage_m is None else f"{row.chainage_m:.0f}",
         clean(row.diagnosed) or "-",
         clean(row.notes),

@@ -8,9 +8,9 @@ import numpy as np
 
 from pfwd.analysis.screening.drops import channels_outward, displacement_of
 from pfwd.errors import DeviceError
-from tui.screen.drawing.axes import Curve, Figure, plot_lines
 from tui.screen.drawing.glyphs import Glyphs
 from tui.screen.drawing.lines import Cell, Line, TextRole, cell, line
+from tui.screen.drawing.plot import Curve, Figure, plot_lines
 from tui.screen.opened.rows import PointRow, shown_value
 
 ROLES: dict[str, TextRole] = {"PASS": "good", "FAIL": "bad", "UNDECIDED": "warn"}

@@ -9,20 +9,32 @@ from textual.binding import Binding, BindingType
 from pfwd.analysis.results import DiagnosisResult, FittedState
 from pfwd.digits import read_in, rounded
 from tui.diagnosis_lines import diagnosis_lines
-from tui.screen.drawing.blocks import TableColumn, TableRow, exactly, headed, table_lines, window
-from tui.screen.drawing.lines import Line, TextRole, cell, line, shorten, wrap
+from tui.screen.drawing.lines import (
+    Line,
+    TableColumn,
+    TableRow,
+    TextRole,
+    cell,
+    head_with_message,
+    line,
+    pad_rows,
+    shorten,
+    table_lines,
+    window,
+    wrap,
+)
 from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
-from tui.screen.units import NOTHING, Units, percent
+from tui.screen.units import NO_VALUE, Units, percent
 
 _COLUMNS = (
-    TableColumn("point", 0, left=True, free=True),
-    TableColumn("verdict", 0, left=True),
+    TableColumn("point", 0, is_text=True, is_flexible=True),
+    TableColumn("verdict", 0, is_text=True),
     TableColumn("E before", 2),
     TableColumn("E after", 1),
     TableColumn("residual", 4),
     TableColumn("after", 3),
-    TableColumn("effects", 5, free=True),
+    TableColumn("effects", 5, is_flexible=True),
 )
 
 
@@ -69,9 +81,9 @@ class DiagnosisPage(Page):
         """The page."""
         app = self.pfwd
         busy = app.busy_text()
-        head = headed(line(cell(" Diagnosis ", "title")), busy or app.message, width)
+        head = head_with_message(line(cell(" Diagnosis ", "title")), busy or app.message, width)
         room = height - len(head) - 1
-        return [*head, *exactly(self._body(width, room), room), key_line(self.KEYS, width)]
+        return [*head, *pad_rows(self._body(width, room), room), key_line(self.KEYS, width)]
 
     def _body(self, width: int, room: int) -> list[Line]:
         results = self.results
@@ -149,7 +161,7 @@ def result_row(result: DiagnosisResult, name: str, units: Units, *, chosen: bool
             units.text("modulus", after.modulus_pa),
             percent(before.residual_rms_over_peak),
             percent(after.residual_rms_over_peak),
-            cell(effects).text or NOTHING,
+            cell(effects).text or NO_VALUE,
         ),
         _ROLE.get(verdict, "text"),
         chosen,

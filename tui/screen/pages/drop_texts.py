@@ -1,5 +1,6 @@
 """A drop and a point in words: for tables, verdicts and summaries on every page."""
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -8,11 +9,10 @@ from pfwd.analysis.results import DropResult
 from pfwd.judging import PointView
 from pfwd.procedures import PointProgress, Quantity, Verdict
 from pfwd.procedures.point import UNSUPPORTED_MARK
-from tui.screen.drawing.blocks import TableColumn, TableRow
-from tui.screen.drawing.lines import Line, TextRole, cell, fit, piece
+from tui.screen.drawing.lines import Line, TableColumn, TableRow, TextRole, cell, fit, piece
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.state import SessionState
-from tui.screen.units import NOTHING, QuantityName, Units, judged_quantity, percent
+from tui.screen.units import NO_VALUE, QuantityName, Units, judged_quantity, percent
 
 
 def modulus_text(drop: DropState | None, units: Units) -> tuple[str, str]:
@@ -20,7 +20,7 @@ def modulus_text(drop: DropState | None, units: Units) -> tuple[str, str]:
     result = drop.result if drop is not None else None
     if drop is None or result is None or drop.modulus is None:
         return "-", ""
-    value, error = units.measured("modulus", drop.modulus, uncertainty_of(result), 3)
+    value, error = units.with_uncertainty("modulus", drop.modulus, uncertainty_of(result), 3)
     return (f"{value}{UNSUPPORTED_MARK}" if result.not_supported is not None else value), error
 
 
@@ -61,13 +61,13 @@ def point_value_text(progress: PointProgress, units: Units) -> tuple[str, str, s
     """What is judged of a point: its value, its 95 % interval, its unit; dashes when unknown."""
     value = progress.value
     if value is None:
-        return NOTHING, "", ""
+        return NO_VALUE, "", ""
     quantity = judged_quantity(value.quantity)
     mark = UNSUPPORTED_MARK if value.not_supported is not None else ""
     if value.interval is None:
         return f"{units.text(quantity, value.value)}{mark}", "", units.unit(quantity)
     half = (value.interval[1] - value.interval[0]) / 2
-    shown, error = units.measured(quantity, value.value, half, 3)
+    shown, error = units.with_uncertainty(quantity, value.value, half, 3)
     return f"{shown}{mark}", error, units.unit(quantity)
 
 
@@ -75,9 +75,9 @@ def point_modulus_text(progress: PointProgress, units: Units) -> str:
     """The modulus of a point that counts, with its interval, mark and unit; a dash for none."""
     modulus = progress.modulus
     if modulus is None:
-        return NOTHING
+        return NO_VALUE
     half = None if modulus.interval is None else (modulus.interval[1] - modulus.interval[0]) / 2
-    value, error = units.measured("modulus", modulus.value, half, 3)
+    value, error = units.with_uncertainty("modulus", modulus.value, half, 3)
     mark = UNSUPPORTED_MARK if modulus.not_supported is not None else ""
     return f"{value}{mark}{f' ±{error}' if error else ''} {units.unit('modulus')}"
 
@@ -108,15 +108,15 @@ def beside_modulus(result: DropResult, units: Units) -> dict[str, BesideModulus]
     )
     found = {}
     for name, quantity, value, deviation in known:
-        amount, error = units.measured(quantity, value, deviation)
-        if amount != NOTHING:
+        amount, error = units.with_uncertainty(quantity, value, deviation)
+        if amount != NO_VALUE:
             found[name] = BesideModulus(amount, error, units.unit(quantity))
     return found
 
 
 def plain(value: object) -> str:
     """Two decimals of whatever is a number."""
-    return f"{value:.2f}" if isinstance(value, int | float) else NOTHING
+    return f"{value:.2f}" if isinstance(value, int | float) else NO_VALUE
 
 
 def verdict_of(drop: DropState | None, diagnosed: str = "") -> tuple[str, TextRole]:
@@ -159,13 +159,13 @@ another's. Genuine drops on ground stay below a few percent (docs/validation.md)
 
 _COLUMNS = (
     TableColumn("drop", 0),
-    TableColumn("kind", 2, left=True),
+    TableColumn("kind", 2, is_text=True),
     TableColumn("load", 3),
     TableColumn("defl", 4),
     TableColumn("E", 0),
     TableColumn("± 95 %", 1),
     TableColumn("residual", 5),
-    TableColumn("remark", 6, free=True),
+    TableColumn("remark", 6, is_flexible=True),
 )
 
 
@@ -177,7 +177,7 @@ def drop_columns(units: Units) -> tuple[TableColumn, ...]:
         "E": f"E {units.unit('modulus')}",
     }
     return tuple(
-        TableColumn(named.get(column.title, column.title), column.rank, column.left, column.free)
+        dataclasses.replace(column, title=named.get(column.title, column.title))
         for column in _COLUMNS
     )
 
@@ -199,7 +199,7 @@ def drop_row(drop: DropState, units: Units, *, chosen: bool, left_out: str = "")
             units.text("load", drop.peak_load),
             units.text("deflection", drop.peak_deflection),
             "..." if drop.waits else value,
-            error or ("" if drop.waits else NOTHING),
+            error or ("" if drop.waits else NO_VALUE),
             percent(residual),
             cell(f"{left_out}; {remark(drop, units)}" if left_out else remark(drop, units)).text,
         ),

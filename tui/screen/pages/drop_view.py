@@ -10,8 +10,6 @@ import numpy as np
 from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import channels_outward
 from tui.diagnosis_lines import diagnosis_lines
-from tui.screen.drawing.axes import plot_lines, stacked_plots
-from tui.screen.drawing.blocks import beside, exactly, headed
 from tui.screen.drawing.drop_figures import (
     bowl_figure,
     curves_of,
@@ -19,14 +17,28 @@ from tui.screen.drawing.drop_figures import (
     spectrum_figure,
 )
 from tui.screen.drawing.glyphs import Glyphs
-from tui.screen.drawing.lines import Line, TextRole, cell, fit, line, pad, piece, shorten, wrap
+from tui.screen.drawing.lines import (
+    Line,
+    TextRole,
+    cell,
+    fit,
+    head_with_message,
+    join_blocks,
+    line,
+    pad,
+    pad_rows,
+    piece,
+    shorten,
+    wrap,
+)
+from tui.screen.drawing.plot import plot_lines, stacked_plots
 from tui.screen.pages.drop_texts import beside_modulus, remark, uncertainty_of, verdict_of
 from tui.screen.pages.layer_texts import effective_text, has_layers, layer_lines, sensor_lines
 from tui.screen.pages.measure_view import key_line
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import Refitted
 from tui.screen.session.state import SessionState
-from tui.screen.units import NOTHING, Units, figures, percent
+from tui.screen.units import NO_VALUE, Units, format_number, percent
 
 PANELS = ("load", "deflection", "residual", "spectrum", "bowl")
 WIDE = 100
@@ -64,9 +76,12 @@ def drop_lines(view: DropPageState, width: int, height: int) -> list[Line]:
     drop = view.drop
     if drop is None:
         body = [(), line(cell(" there is no drop yet", "dim"))]
-        return [*exactly(body, height - 1), key_line(view.keys, width)]
+        return [*pad_rows(body, height - 1), key_line(view.keys, width)]
     title = _title(view, drop, width)
-    head = [*headed(title, view.message or view.busy, width), *_verdict(view, drop, width)]
+    head = [
+        *head_with_message(title, view.message or view.busy, width),
+        *_verdict(view, drop, width),
+    ]
     foot = [_cursor_line(view, drop, width), key_line(view.keys, width)]
     room = height - len(head) - len(foot)
     if width >= WIDE:
@@ -75,14 +90,14 @@ def drop_lines(view: DropPageState, width: int, height: int) -> list[Line]:
         text = text_lines(view, drop, right)
         first = min(view.first, max(0, len(text) - room))
         shown = _part(text, first, room)
-        body = beside(_plots(view, drop, left, room), shown, left, room)
+        body = join_blocks(_plots(view, drop, left, room), shown, left, room)
     else:
         text = text_lines(view, drop, width - 1)
         rows = max(LEAST_PLOT, room // 2)
         first = min(view.first, max(0, len(text) - (room - rows)))
         lower = [line(" ", *row) for row in _part(text, first, room - rows)]
-        body = [*_plots(view, drop, width, rows), *exactly(lower, room - rows)]
-    return [pad(row, width) for row in [*head, *exactly(body, room), *foot]]
+        body = [*_plots(view, drop, width, rows), *pad_rows(lower, room - rows)]
+    return [pad(row, width) for row in [*head, *pad_rows(body, room), *foot]]
 
 
 def _part(text: Sequence[Line], first: int, rows: int) -> list[Line]:
@@ -127,7 +142,7 @@ def _plots(view: DropPageState, drop: DropState, width: int, rows: int) -> list[
     everything = [*found, *(figure for figure in (spectrum, bowl) if figure is not None)]
     if not everything:
         text = "no traces in memory; they are read from the survey"
-        return exactly([(), line(cell(f"  {text}", "dim"))], rows)
+        return pad_rows([(), line(cell(f"  {text}", "dim"))], rows)
     cursor = None if view.cursor is None else 1e3 * view.cursor
     marked = [
         replace(figure, cursor=cursor) if figure.time_unit == "ms" else figure
@@ -210,11 +225,11 @@ def _paragraph(text: str, width: int, role: TextRole = "text") -> list[Line]:
 def _parameters(view: DropPageState, result: DropResult, width: int) -> list[Line]:
     units = view.units
     unit = units.unit("modulus")
-    value, error = units.measured("modulus", result.modulus_pa, uncertainty_of(result))
+    value, error = units.with_uncertainty("modulus", result.modulus_pa, uncertainty_of(result))
     noise = units.text("modulus", result.modulus_sd_pa, 2)
     lines = _heading("parameters")
     name = "subgrade" if has_layers(result) else "modulus"
-    lines += _paragraph(f"{name:10} {value} ± {error or NOTHING} {unit} (95 %)", width, "strong")
+    lines += _paragraph(f"{name:10} {value} ± {error or NO_VALUE} {unit} (95 %)", width, "strong")
     ends = result.modulus_interval_pa or ()
     if len(ends) == 2:
         low, high = (units.text("modulus", end, 4) for end in ends)
@@ -228,14 +243,14 @@ def _parameters(view: DropPageState, result: DropResult, width: int) -> list[Lin
     if correlation is not None and math.isfinite(correlation):
         lines += _paragraph(f"correlation of modulus and depth {correlation:+.2f}", width)
     peak = units.with_unit("modulus", result.peak_modulus_pa)
-    factor = figures(result.peak_factor, 3)
+    factor = format_number(result.peak_factor, 3)
     lines += _paragraph(f"peak method {peak} (factor {factor})", width)
     return lines
 
 
 def _fit_lines(view: DropPageState, result: DropResult, width: int) -> list[Line]:
     units = view.units
-    ratio = figures(result.poisson_ratio, 2)
+    ratio = format_number(result.poisson_ratio, 2)
     radius = units.with_unit("length", result.plate_radius_m)
     lines = _heading("model and fit")
     lines += _paragraph(
@@ -246,18 +261,18 @@ def _fit_lines(view: DropPageState, result: DropResult, width: int) -> list[Line
     lines += _paragraph(
         f"residual {percent(result.residual_rms_over_peak)} of the peak, "
         f"{percent(result.contact_residual_rms_over_peak)} in contact; R² "
-        f"{figures(result.r_squared, 5)}; noise "
+        f"{format_number(result.r_squared, 5)}; noise "
         f"{units.with_unit('deflection', result.noise_rms_m, 2)}",
         width,
     )
     pulse = result.half_sine
     if pulse is not None:
         pressure = units.with_unit("pressure", pulse.peak_pressure_pa)
-        duration = figures(1e3 * (pulse.duration_s or math.nan))
+        duration = format_number(1e3 * (pulse.duration_s or math.nan))
         rms = percent(pulse.rms_over_peak)
         lines += _paragraph(f"half-sine {pressure}, {duration} ms, {rms} off the load", width)
     done = "converged" if result.converged else "NOT CONVERGED"
-    seconds = figures(result.elapsed_s, 2)
+    seconds = format_number(result.elapsed_s, 2)
     solves = result.forward_solves
     lines += _paragraph(f"{done}; {solves} forward solves in {seconds} s", width)
     return lines
@@ -289,9 +304,9 @@ def _short_result(result: DropResult, units: Units) -> str:
     if modulus is None:
         open_below = effective_text(result, units) if has_layers(result) else ""
         return open_below or result.reason or "no result"
-    value, error = units.measured("modulus", modulus, uncertainty_of(result))
+    value, error = units.with_uncertainty("modulus", modulus, uncertainty_of(result))
     part = percent(result.residual_rms_over_peak)
-    return f"{value} ± {error or NOTHING} {units.unit('modulus')}, residual {part}"
+    return f"{value} ± {error or NO_VALUE} {units.unit('modulus')}, residual {part}"
 
 
 def _effects(view: DropPageState, drop: DropState, width: int) -> list[Line]:

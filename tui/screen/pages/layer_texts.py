@@ -6,7 +6,7 @@ from collections.abc import Collection
 from pfwd.analysis.results import DropResult, LayerResult, TimeHistories
 from pfwd.analysis.sensor_fits import sensor_fits
 from tui.screen.drawing.lines import Line, cell, line, wrap
-from tui.screen.units import NOTHING, Units, percent
+from tui.screen.units import NO_VALUE, Units, percent
 
 LEAST_BAR = 8
 """Columns of a bar that tells anything; where there are fewer it stands on a line of its own."""
@@ -115,7 +115,9 @@ def _layer_text(number: int, layers: tuple[LayerResult, ...], units: Units) -> s
     layer = layers[number]
     thickness = "no end"
     if layer.thickness_m is not None:
-        value, error = units.measured("depth", layer.thickness_m, _half(layer.thickness_interval_m))
+        value, error = units.with_uncertainty(
+            "depth", layer.thickness_m, _half(layer.thickness_interval_m)
+        )
         thickness = f"{value}{f' ±{error}' if error else ''} {units.unit('depth')}"
     return f"{number + 1} {thickness:14} {_modulus(layer, units)}"
 
@@ -123,7 +125,7 @@ def _layer_text(number: int, layers: tuple[LayerResult, ...], units: Units) -> s
 def _modulus(layer: LayerResult, units: Units) -> str:
     """Value with its interval; the interval alone where the record leaves the value open."""
     if layer.modulus_pa is None:
-        return NOTHING
+        return NO_VALUE
     ends = _ends(layer.modulus_interval_pa, units)
     if not layer.modulus_known:
         return f"not known{ends}"

@@ -6,9 +6,13 @@ from dataclasses import dataclass
 from pfwd.procedures import NO_PROCEDURE, PLAIN, Quantity
 from pfwd.session.live_trace import WINDOW, Envelope
 from tui.output import counted
-from tui.screen.drawing.axes import Figure, plot_lines, stacked_plots
-from tui.screen.drawing.blocks import beside, exactly, table_lines, window
-from tui.screen.drawing.digits import ROWS, SIZES, digit_lines, digit_width, largest_size
+from tui.screen.drawing.digits import (
+    BLOCK_SIZES,
+    LETTER_ROWS,
+    digit_lines,
+    digit_width,
+    largest_size,
+)
 from tui.screen.drawing.drop_figures import drop_figures, live_figures
 from tui.screen.drawing.glyphs import Glyphs
 from tui.screen.drawing.lines import (
@@ -20,13 +24,18 @@ from tui.screen.drawing.lines import (
     cell,
     fit,
     flow,
+    join_blocks,
     line,
     pad,
+    pad_rows,
     piece,
     shorten,
+    table_lines,
     width_of,
+    window,
     wrap,
 )
+from tui.screen.drawing.plot import Figure, plot_lines, stacked_plots
 from tui.screen.drawing.profile import Bar, profile_lines
 from tui.screen.pages.drop_texts import (
     QUANTITY_NAMES,
@@ -47,7 +56,7 @@ from tui.screen.session.drop_state import DropState
 from tui.screen.session.state import SessionState
 from tui.screen.session.stations import Whereabouts, lot_progress, next_station
 from tui.screen.session.status import StatusWord
-from tui.screen.units import NOTHING, Units, judged_quantity
+from tui.screen.units import NO_VALUE, Units, judged_quantity
 
 PANELS = ("live", "load", "deflection", "residual")
 """What the one plot of a small terminal shows in turn."""
@@ -113,7 +122,7 @@ def measure_lines(view: MeasureView, width: int, height: int) -> list[Line]:
         body = done_lines(view, width, room)
     if body is None:
         body = _full(view, width, room) if full else _small(view, width, room)
-    return [pad(row, width) for row in [*top, *exactly(body, room), *foot]]
+    return [pad(row, width) for row in [*top, *pad_rows(body, room), *foot]]
 
 
 LEAST_DONE = 6
@@ -160,17 +169,17 @@ def done_lines(view: MeasureView, width: int, room: int) -> list[Line]:
     facts += [line(" ", cell(text, "warn")) for text in advice_lines(view, width - 2)]
     if state.job.quantity is Quantity.MODULUS:
         facts.append(footnote(state.last, view, width))
-    facts = facts[: max(1, room - ROWS - 1)]
+    facts = facts[: max(1, room - LETTER_ROWS - 1)]
     table = min(len(view.drops) + 1, max(0, (room - len(facts)) // 4))
     space = room - len(facts) - 1
     if space - table < BOTH_ROWS <= space:
         table = 0  # word and value are read from afar, the table is not
     large = _verdict_digits((word, role), (value, error), width - 2, space - table)
-    lines = exactly([(), *[(Cell(" "), *row) for row in large]], room - len(facts) - table)
+    lines = pad_rows([(), *[(Cell(" "), *row) for row in large]], room - len(facts) - table)
     return [*lines, *facts, *(drop_table(view, width, table) if table > 1 else [()] * table)]
 
 
-BOTH_ROWS = 2 * ROWS + 1
+BOTH_ROWS = 2 * LETTER_ROWS + 1
 """The verdict and the value below it, in the smallest figures."""
 
 
@@ -180,7 +189,7 @@ def _verdict_digits(
     """The verdict in large letters and what is judged: below it, or beside it on a low terminal."""
     word, role = verdict
     value, error = judged
-    if value == NOTHING:
+    if value == NO_VALUE:
         return digit_lines(word, role, *(largest_size(word, width, rows) or (1, 1)))
     figures = f"{value} ±{error}" if error else value
     if rows < BOTH_ROWS:
@@ -192,7 +201,7 @@ def _verdict_digits(
         right = digit_lines(beside_it, "strong", *size)
         gap = Cell(" " * size[0])
         return [(*one, gap, *other) for one, other in zip(left, right, strict=True)]
-    below = max(ROWS, rows // 2 - 1)
+    below = max(LETTER_ROWS, rows // 2 - 1)
     lines = digit_lines(word, role, *(largest_size(word, width, rows - below - 1) or (1, 1)))
     under = largest_size(figures, width, below) or largest_size(value, width, below)
     if under is None:
@@ -338,7 +347,7 @@ def _full(view: MeasureView, width: int, room: int) -> list[Line]:
     figures = _figures(view)
     left = _stacked(figures, left_width, middle, view.glyphs)
     right = _with_each_drop(view, result_lines(view, right_width, middle), right_width)
-    both = beside(left, right, left_width, middle)
+    both = join_blocks(left, right, left_width, middle)
     return [*live, *both, footnote(view.drop, view, width), *drop_table(view, width, rows_wanted)]
 
 
@@ -366,15 +375,15 @@ def _with_each_drop(view: MeasureView, lines: list[Line], width: int) -> list[Li
         chosen = drop is view.drop
         bars.append(Bar(str(drop.number), view.units.value(quantity, shown), role, chosen))
     target = view.units.value(quantity, view.state.progress.target)
-    whole = not view.glyphs.dots
-    chart = profile_lines(bars, width, rows, title, target, whole_blocks=whole)
-    return exactly([*lines[:used], (), *chart], len(lines))
+    whole = not view.glyphs.has_dots
+    chart = profile_lines(bars, width, rows, title, target, full_blocks_only=whole)
+    return pad_rows([*lines[:used], (), *chart], len(lines))
 
 
 def _small(view: MeasureView, width: int, room: int) -> list[Line]:
     rows_wanted = max(2, min(len(view.drops) + 1, 5, room // 4 + 1))
-    panel_rows = max(0, room - rows_wanted - ROWS - 2)
-    right = result_lines(view, width, ROWS + 1, wide=True)
+    panel_rows = max(0, room - rows_wanted - LETTER_ROWS - 2)
+    right = result_lines(view, width, LETTER_ROWS + 1, wide=True)
     lines = [*right, footnote(view.drop, view, width)]
     if panel_rows >= 4:
         lines += _one_panel(view, width, panel_rows)
@@ -394,9 +403,9 @@ def _tiny(view: MeasureView, width: int, room: int) -> list[Line]:
 def _large(view: MeasureView, width: int, room: int) -> list[Line] | None:
     """Figures first: the modulus as large as the terminal has room for."""
     drop = view.drop
-    if room < ROWS + 4:
+    if room < LETTER_ROWS + 4:
         return None
-    rows_wanted = min(4, room - ROWS - 4)
+    rows_wanted = min(4, room - LETTER_ROWS - 4)
     space = room - rows_wanted - 4
     judged = judged_of(view.state, drop, view.units)
     figures = _figures_of(judged.value, judged.error, width - 2, space)
@@ -404,14 +413,14 @@ def _large(view: MeasureView, width: int, room: int) -> list[Line] | None:
     name = "" if judged.is_fit else f"  {judged.name}"
     lines.append(line(cell(f" {_unit_text(judged)}{name}", "strong")))
     lines += [line(" ", *row) for row in _verdict_lines(view, width - 1)][:2]
-    lines = [*exactly(lines, room - rows_wanted - 1), footnote(drop, view, width)]
+    lines = [*pad_rows(lines, room - rows_wanted - 1), footnote(drop, view, width)]
     return [*lines, *drop_table(view, width, rows_wanted)]
 
 
 def _live_lines(view: MeasureView, width: int, rows: int) -> list[Line]:
     load, motion = live_figures(view.envelope, view.units, WINDOW)
     half = (width - 3) // 2
-    return beside(
+    return join_blocks(
         plot_lines(load, half, rows, view.glyphs),
         plot_lines(motion, width - 3 - half, rows, view.glyphs),
         half,
@@ -426,7 +435,7 @@ def _figures(view: MeasureView) -> list[Figure]:
 def _stacked(figures: Sequence[Figure], width: int, rows: int, glyphs: Glyphs) -> list[Line]:
     if not figures:
         text = "  no traces yet: they come with the first drop"
-        return exactly([(), line(cell(text, "dim"))], rows)
+        return pad_rows([(), line(cell(text, "dim"))], rows)
     return stacked_plots(figures, width, rows, glyphs, shares=(3, 4, 3))
 
 
@@ -448,7 +457,7 @@ def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False
     details = _details(view, drop)
     if wide:
         shown = f"{value} ±{error}" if error else value
-        digits = [()] * ROWS if value == NOTHING else digit_lines(shown, "strong", 1, 1)
+        digits = [()] * LETTER_ROWS if value == NO_VALUE else digit_lines(shown, "strong", 1, 1)
         taken = max(width_of(row) for row in digits) + 2
         side = width - taken - 3
         sure = fit(
@@ -458,24 +467,26 @@ def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False
         text = [sure, *[fit([piece(0, detail)], side) for detail in details]]
         said = _verdict_lines(view, side)[: rows - 1]
         text = [*text[: rows - len(said)], *said]
-        return beside([line(" ", *row) for row in digits], exactly(text, rows), taken, rows, "  ")
+        return join_blocks(
+            [line(" ", *row) for row in digits], pad_rows(text, rows), taken, rows, "  "
+        )
     layered = judged.is_fit and drop is not None and has_layers(drop.result)
     name = "modulus of the subgrade" if layered else judged.name
     title = name if drop is None else f"{name}, drop {drop.number}"
     verdict = _verdict_lines(view, width)
     used = len(details) + len(verdict) + 2
-    space = max(ROWS, rows - used)
+    space = max(LETTER_ROWS, rows - used)
     lines: list[Line] = [line(cell(title, "dim"), *_refining(drop))]
     lines += _figures_of(value, error, width, space)
     lines.append(line(cell(_unit_text(judged), "strong")))
     lines += [line(detail) for detail in details if len(detail) <= width]
     room = rows - len(lines)
-    return exactly([*lines, *verdict[: max(0, room)]], rows)
+    return pad_rows([*lines, *verdict[: max(0, room)]], rows)
 
 
 def _unit_text(judged: Judged, *, short: bool = False) -> str:
     """The unit below large figures, and what the ± is."""
-    if judged.value == NOTHING:
+    if judged.value == NO_VALUE:
         return "no result yet" if judged.is_fit else f"no {judged.name} yet"
     if not judged.is_fit:
         return f"{judged.unit}  {judged.name}" if short else judged.unit
@@ -484,20 +495,20 @@ def _unit_text(judged: Judged, *, short: bool = False) -> str:
 
 def _figures_of(value: str, error: str, width: int, rows: int) -> list[Line]:
     """Value and uncertainty as large as there is room: one below the other, or side by side."""
-    if value == NOTHING:  # a bar of blocks would look like a result
-        return [()] * ROWS
+    if value == NO_VALUE:  # a bar of blocks would look like a result
+        return [()] * LETTER_ROWS
     if not error:
         return digit_lines(value, "strong", *(largest_size(value, width, rows) or (1, 1)))
     best: list[Line] = digit_lines(f"{value} ±{error}", "strong", 1, 1)
-    for wide, high in SIZES:
+    for wide, high in BLOCK_SIZES:
         below = (wide // 2, max(1, high // 2)) if wide > 1 else (1, 1)
-        needed = ROWS * high + 1 + ROWS * below[1]
+        needed = LETTER_ROWS * high + 1 + LETTER_ROWS * below[1]
         fits = max(digit_width(value, wide), digit_width(f"±{error}", below[0])) <= width
         if fits and needed <= rows:
             lines = digit_lines(value, "strong", wide, high)
             return [*lines, (), *digit_lines(f"±{error}", "strong", *below)]
         side_by_side = digit_width(f"{value} ±{error}", wide) <= width
-        if side_by_side and ROWS * high <= rows:
+        if side_by_side and LETTER_ROWS * high <= rows:
             return digit_lines(f"{value} ±{error}", "strong", wide, high)
     return best
 
@@ -518,10 +529,10 @@ def _details(view: MeasureView, drop: DropState | None) -> list[str]:
         return [text for text in lines if text]
     if view.state.job.quantity is not Quantity.MODULUS:
         fitted, sure = modulus_text(drop, units)
-        lines.insert(0, f"modulus of the fit {fitted} ±{sure or NOTHING} {units.unit('modulus')}")
+        lines.insert(0, f"modulus of the fit {fitted} ±{sure or NO_VALUE} {units.unit('modulus')}")
     noise = result.modulus_sd_pa
-    value, error = units.measured("modulus", drop.modulus, noise)
-    lines.append(f"{value} {units.unit('modulus')}, noise alone ± {error or NOTHING}")
+    value, error = units.with_uncertainty("modulus", drop.modulus, noise)
+    lines.append(f"{value} {units.unit('modulus')}, noise alone ± {error or NO_VALUE}")
     peak = units.with_unit("modulus", result.peak_modulus_pa)
     factor, ratio = result.peak_factor, result.poisson_ratio
     lines.append(f"peak method {peak} (f {plain(factor)}, ν {plain(ratio)})")
@@ -578,8 +589,8 @@ def drop_table(view: MeasureView, width: int, rows: int) -> list[Line]:
         for at in shown
     ]
     if not table:
-        return exactly([line(cell(" no drops at this point yet", "dim"))], rows)
-    return exactly(table_lines(drop_columns(view.units), table, width), rows)
+        return pad_rows([line(cell(" no drops at this point yet", "dim"))], rows)
+    return pad_rows(table_lines(drop_columns(view.units), table, width), rows)
 
 
 def _mean_line(view: MeasureView, width: int) -> Line:

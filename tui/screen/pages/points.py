@@ -1,5 +1,6 @@
 """The points page: every point of the survey, the line they make, the drops of one."""
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import ClassVar
 
@@ -9,8 +10,18 @@ from pfwd.errors import OptionError
 from pfwd.files.editing import Edit, parse_position
 from pfwd.judging import PointView
 from pfwd.procedures import PointProgress, Verdict
-from tui.screen.drawing.blocks import TableColumn, TableRow, exactly, headed, table_lines, window
-from tui.screen.drawing.lines import Line, cell, line, shorten
+from tui.screen.drawing.lines import (
+    Line,
+    TableColumn,
+    TableRow,
+    cell,
+    head_with_message,
+    line,
+    pad_rows,
+    shorten,
+    table_lines,
+    window,
+)
 from tui.screen.drawing.profile import Bar, profile_lines
 from tui.screen.pages.dialogs import TextDialog
 from tui.screen.pages.drop_texts import (
@@ -26,19 +37,19 @@ from tui.screen.pages.page import Page
 from tui.screen.pages.setup_form import typed_target_fault
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.names import point_name_error, point_name_question
-from tui.screen.units import NOTHING, Units, judged_quantity
+from tui.screen.units import NO_VALUE, Units, judged_quantity
 from tui.screen.widgets.lines_view import LinesView
 
 _COLUMNS = (
-    TableColumn("point", 0, left=True, free=True),
+    TableColumn("point", 0, is_text=True, is_flexible=True),
     TableColumn("drops", 2),
     TableColumn("judged", 0),
     TableColumn("± 95 %", 3),
     TableColumn("E", 3),
     TableColumn("target", 4),
-    TableColumn("status", 1, left=True),
-    TableColumn("position", 5, left=True),
-    TableColumn("notes", 6, free=True),
+    TableColumn("status", 1, is_text=True),
+    TableColumn("position", 5, is_text=True),
+    TableColumn("notes", 6, is_flexible=True),
 )
 
 LEAST_PROFILE, MOST_PROFILE = 18, 30
@@ -118,9 +129,9 @@ class PointsPage(Page):
         title = line(cell(f" Points of {shorten(self.pfwd.source.title, width - 30)} ", "title"))
         where = self.pfwd.position()
         shown = [] if where is None else [cell(f"  {where.text}", "good" if where.good else "warn")]
-        head = headed(line(*title, *shown), self.pfwd.message, width)
+        head = head_with_message(line(*title, *shown), self.pfwd.message, width)
         room = height - len(head) - 1
-        return [*head, *exactly(body(width, room), room), key_line(self.KEYS, width)]
+        return [*head, *pad_rows(body(width, room), room), key_line(self.KEYS, width)]
 
     def _points(self, width: int, room: int) -> list[Line]:
         app, names = self.pfwd, self.names
@@ -146,18 +157,16 @@ class PointsPage(Page):
             "target": f"target {unit}",
         }
         columns = [
-            TableColumn(
-                named.get(column.title, column.title), column.rank, column.left, column.free
-            )
+            dataclasses.replace(column, title=named.get(column.title, column.title))
             for column in _COLUMNS
         ]
         table = table_lines(columns, rows, width)
         bars = [self._bar(app.state.points[name], name == names[chosen]) for name in names]
         target = app.units.value(quantity, app.state.progress.target)
         title = f"{judged} along the line, {unit}"
-        whole = not app.glyphs.dots
-        profile = profile_lines(bars, width, profile_rows, title, target, whole_blocks=whole)
-        return [*exactly([*table, *drops], room - profile_rows - 1), (), *profile]
+        whole = not app.glyphs.has_dots
+        profile = profile_lines(bars, width, profile_rows, title, target, full_blocks_only=whole)
+        return [*pad_rows([*table, *drops], room - profile_rows - 1), (), *profile]
 
     def _drops_below(self, width: int, room: int) -> list[Line]:
         """The drops of the chosen point below the points, as many as there is room for."""
@@ -190,12 +199,12 @@ class PointsPage(Page):
                 cell(point.shown_name).text,
                 str(len(state.drops_of(point))),
                 shown,
-                f"±{error}" if error else NOTHING,
+                f"±{error}" if error else NO_VALUE,
                 point_modulus_text(progress, units),
                 units.text(judged_quantity(state.job.quantity), progress.target),
                 status_of(point, progress),
-                f"{place[0]:.6f}, {place[1]:.6f}" if place else NOTHING,
-                cell("; ".join(point.notes)).text or NOTHING,
+                f"{place[0]:.6f}, {place[1]:.6f}" if place else NO_VALUE,
+                cell("; ".join(point.notes)).text or NO_VALUE,
             ),
             "dim" if point.discarded else "text",
             chosen,
@@ -277,7 +286,7 @@ class PointsPage(Page):
         now = units.text(quantity, self.chosen.target, 4)
         self._ask(
             f"Target of point {self.chosen.shown_name}, {unit}",
-            "" if now == NOTHING else now,
+            "" if now == NO_VALUE else now,
             check,
             lambda text: Edit("target", units.si(quantity, float(text))),
         )

@@ -20,8 +20,8 @@ from tui.screen.pages.dialogs import Question
 from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
 from tui.screen.pages.setup_form import (
-    BY_NAME,
     FIELDS,
+    FIELDS_BY_NAME,
     OF_JOB,
     Field,
     chosen_procedure,
@@ -217,7 +217,7 @@ class SetupPage(Page):
 
     def on_input_changed(self, event: Input.Changed) -> None:
         """Check what is typed."""
-        field = BY_NAME.get(event.input.id or "")
+        field = FIELDS_BY_NAME.get(event.input.id or "")
         if field is None:
             return
         remarks: list[str] = []
@@ -242,7 +242,7 @@ class SetupPage(Page):
                 self.query_one("#url", Input).value = str(event.value)
             return
         if name == "procedure":
-            target = BY_NAME["target"]
+            target = FIELDS_BY_NAME["target"]
             self.query_one("#title-target", Label).update(Content(self._title(target)))
             return
         if name not in _SCREEN or event.value == self._setting(name):

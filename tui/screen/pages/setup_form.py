@@ -16,7 +16,7 @@ from pfwd.procedures import PLAIN, Procedure, find_procedure, plain_procedure
 from pfwd.procedures.shipped import DEFAULT_MEASURED_DROPS, DEFAULT_SEATING_DROPS
 from pfwd.session.plan import SessionPlan
 from pfwd.session.setup_file import with_procedure
-from tui.screen.units import QuantityName, Units, figures, judged_quantity
+from tui.screen.units import QuantityName, Units, format_number, judged_quantity
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ FIELDS = (
     Field("operator", "operator", kind="text"),
     Field("site", "site", kind="text"),
 )
-BY_NAME: Mapping[str, Field] = {field.name: field for field in FIELDS}
+FIELDS_BY_NAME: Mapping[str, Field] = {field.name: field for field in FIELDS}
 _OWN = ("url", "measured", "target", "stations", "step_m")
 """Fields that no setup file has."""
 
@@ -233,12 +233,12 @@ def summary_of(values: Mapping[str, Any], units: Units) -> str:
     radius = values.get("plate_radius_m")
     if radius is None:
         return "plate as the instrument says"
-    return f"plate radius {figures(units.value('length', radius), 4)} {units.unit('length')}"
+    return f"plate radius {format_number(units.value('length', radius), 4)} {units.unit('length')}"
 
 
 __all__ = [
-    "BY_NAME",
     "FIELDS",
+    "FIELDS_BY_NAME",
     "OF_JOB",
     "Field",
     "OptionError",

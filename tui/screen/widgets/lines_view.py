@@ -58,7 +58,9 @@ class LinesView(Widget, can_focus=True):
         width = self.size.width
         styles = self._look.styles
         cells = self._shown[y] if y < len(self._shown) else ()
-        segments = [Segment(self._glyphs.shown(piece.text), styles[piece.role]) for piece in cells]
+        segments = [
+            Segment(self._glyphs.to_terminal(part.text), styles[part.role]) for part in cells
+        ]
         return Strip(segments).adjust_cell_length(width, styles["text"])
 
     def on_click(self, event: object) -> None:
