@@ -187,6 +187,6 @@ def test_the_file_is_opened_anew_after_some_drops(
     monkeypatch.setattr(survey_file, "_opened", noted)
     before = check_survey_file(tmp_path / "s.h5")
     few = len(opens)
-    monkeypatch.setattr(survey_file, "DROPS_AT_ONCE", 1)
+    monkeypatch.setattr(survey_file, "PART_DROPS", 1)
     assert check_survey_file(tmp_path / "s.h5") == before
     assert len(opens) == 2 * few + len(read_survey(survey).drops) - 1

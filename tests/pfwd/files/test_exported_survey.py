@@ -238,8 +238,8 @@ def test_an_export_says_what_it_says_in_json(exported: Path) -> None:
 def test_several_processes_find_what_one_finds(
     exported: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(survey_file, "DROPS_AT_ONCE", 1)
-    monkeypatch.setattr(survey_file, "FEWEST_PARTS", 1)
+    monkeypatch.setattr(survey_file, "PART_DROPS", 1)
+    monkeypatch.setattr(survey_file, "MIN_PARALLEL_PARTS", 1)
     path = tmp_path / "s.h5"
     shutil.copy(exported, path)
     assert check_survey_file(path, jobs=2) == check_survey_file(path)

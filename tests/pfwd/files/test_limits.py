@@ -31,12 +31,12 @@ def test_limits_are_beyond_what_is_real() -> None:
     assert drop_file.LARGEST_FILE >= payload.LARGEST_ARRAYS + payload.LARGEST_JSON
     # The largest array in the chunks that are written, and the longest capture.
     assert payload.LARGEST_ARRAYS / (65_536 * 4) <= hdf5_tree.MOST_CHUNKS
-    assert survey_file.LARGEST_CAPTURE / hdf5_tree.LARGEST_CHUNK <= hdf5_tree.MOST_CHUNKS
+    assert survey_file.MAX_CAPTURE_BYTES / hdf5_tree.LARGEST_CHUNK <= hdf5_tree.MOST_CHUNKS
     assert hdf5_tree.LARGEST_CHUNK >= 65_536 * 8
     assert drop_file.MOST_CALIBRATIONS + 10 < hdf5_tree.MOST_ATTRIBUTES
     assert hdf5_tree.MOST_MEMBERS > 1024
     assert hdf5_texts.LARGEST_HEADER > hdf5_tree.MOST_ATTRIBUTES * 200
-    assert 100 * survey <= survey_file.MOST_DROPS
+    assert 100 * survey <= survey_file.MAX_SURVEY_DROPS
     assert traces.MAX_FILE_NUMBERS >= 3 * 10 * 50_000 * 10
     assert traces.MAX_FILE_NUMBERS * 8 * 2 < 400e6
     assert traces.MAX_FILE_DROPS >= 100 * 10
