@@ -200,13 +200,26 @@ class Flag(_Unchanged):
 
 
 @dataclass(frozen=True, slots=True)
-class Date(_Unchanged):
-    """Date of TOML, without a time."""
+class Date:
+    """Date without a time."""
 
-    expected: ClassVar[str] = "a date as 2026-05-31, without quotation marks"
+    text: bool = False
+    """True: a text such as "2026-05-31" is accepted too."""
+
+    @property
+    def expected(self) -> str:
+        return "a date as 2026-05-31" + ("" if self.text else ", without quotation marks")
 
     def accepts(self, value: Any) -> bool:
+        try:
+            value = self.convert(value)
+        except ValueError:
+            return False
         return isinstance(value, datetime.date) and not isinstance(value, datetime.datetime)
+
+    def convert(self, value: Any) -> Any:
+        is_text = self.text and isinstance(value, str)
+        return datetime.date.fromisoformat(value) if is_text else value
 
     def json_schema(self) -> dict[str, Any]:
         return {"type": "string", "format": "date"}
@@ -232,6 +245,8 @@ class Table(_Unchanged):
 
     keys: Mapping[str, "Key"]
     expected: str = "a table"
+    build: Callable[..., Any] | None = None
+    """Class of the value, made from the values of the keys; None: a dictionary."""
 
     def accepts(self, value: Any) -> bool:
         return isinstance(value, Mapping)
@@ -303,6 +318,16 @@ def describe(value: Value, meaning: str = "", *, key: str = "", hint: str = "") 
     return {_KEY: (key, Key(value, "", meaning, hint))}
 
 
+def declared(
+    default: Any, value: Value, meaning: str = "", *, key: str = "", hint: str = ""
+) -> Any:
+    """Return a dataclass field with a default that a key of a file may replace.
+
+    The parameters after the first are those of :func:`describe`.
+    """
+    return field(default=default, metadata=describe(value, meaning, key=key, hint=hint))
+
+
 def keys_of(class_: type[Any]) -> dict[str, Key]:
     """Return the keys that fill the fields of a dataclass, by name; see :func:`describe`."""
     keys = {}
@@ -315,6 +340,11 @@ def keys_of(class_: type[Any]) -> dict[str, Key]:
                 key, attribute=item.name, required=no_default
             )
     return keys
+
+
+def table_of(class_: type[Any]) -> Table:
+    """Return the table whose keys fill the fields of a dataclass."""
+    return Table(keys_of(class_), build=class_)
 
 
 @dataclass(frozen=True, slots=True)
@@ -360,7 +390,8 @@ class TableReader:
         key.check(value, self._place(where), self.error)
         kind = key.value
         if isinstance(kind, Table):
-            return self.read(value, kind.keys, where)
+            values = self.read(value, kind.keys, where)
+            return values if kind.build is None else kind.build(**values)
         if isinstance(kind, Array):
             item_key = dataclasses.replace(key, value=kind.item)
             items = enumerate(value, 1)

@@ -13,7 +13,17 @@ from inversion.notices import Notice, from_sentence
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.toml import toml_line
 from pfwd.toml_reading import LARGEST_TOML, parse_toml
-from pfwd_device.schema import AnyOf, Choice, Integer, Key, Number, Text, describe, keys_of
+from pfwd_device.schema import (
+    AnyOf,
+    Choice,
+    Integer,
+    Key,
+    Number,
+    Text,
+    declared,
+    describe,
+    keys_of,
+)
 from pfwd_device.text import clean
 
 if TYPE_CHECKING:
@@ -73,169 +83,121 @@ class PointSetup:
             key=RADIUS,
         )
     )
-    plate_mass: float | None = field(
-        default=None,
-        metadata=describe(
-            Number("kg", minimum=0),
-            "Mass that moves between load cell and ground.",
-            key="plate_mass_kg",
+    plate_mass: float | None = declared(
+        None,
+        Number("kg", minimum=0),
+        "Mass that moves between load cell and ground.",
+        key="plate_mass_kg",
+    )
+    poisson_ratio: float | None = declared(
+        None,
+        Number(minimum=0, below=0.5),
+        "Poisson's ratio of the ground.",
+        hint="0.5 is an incompressible soil, whose pressure waves are infinitely fast and "
+        "which no model here supports: use 0.49 for saturated clay",
+    )
+    density: float | None = declared(
+        None, Number("kg/m3", above=0), "Density of the ground.", key="density_kg_m3"
+    )
+    bedrock_depth: float | None = declared(
+        None,
+        Number(
+            "m",
+            minimum=MIN_BEDROCK_DEPTH_M,
+            maximum=MAX_BEDROCK_DEPTH_M,
+            infinity_means="none",
         ),
+        "Depth of a rigid base; inf: known to have none.",
+        key="bedrock_depth_m",
     )
-    poisson_ratio: float | None = field(
-        default=None,
-        metadata=describe(
-            Number(minimum=0, below=0.5),
-            "Poisson's ratio of the ground.",
-            hint="0.5 is an incompressible soil, whose pressure waves are infinitely fast and "
-            "which no model here supports: use 0.49 for saturated clay",
-        ),
+    centre_sensor: Literal["plate", "ground"] = declared(
+        "plate",
+        Choice(("plate", "ground")),
+        'Support of the sensor at offset 0; "ground" is through a hole in the plate.',
     )
-    density: float | None = field(
-        default=None,
-        metadata=describe(Number("kg/m3", above=0), "Density of the ground.", key="density_kg_m3"),
+    geophone_natural_frequency: float | None = declared(
+        None,
+        Number("Hz", minimum=0),
+        "Natural frequency of the response that the velocity columns still carry; 0: the "
+        "record is corrected.",
+        key=RESPONSE,
+        hint="0 where the record is corrected",
     )
-    bedrock_depth: float | None = field(
-        default=None,
-        metadata=describe(
-            Number(
-                "m",
-                minimum=MIN_BEDROCK_DEPTH_M,
-                maximum=MAX_BEDROCK_DEPTH_M,
-                infinity_means="none",
-            ),
-            "Depth of a rigid base; inf: known to have none.",
-            key="bedrock_depth_m",
-        ),
+    geophone_damping: float | None = declared(
+        None,
+        Number(above=0),
+        "Damping ratio of that response; declared together with the frequency, and not needed "
+        "with 0 Hz.",
     )
-    centre_sensor: Literal["plate", "ground"] = field(
-        default="plate",
-        metadata=describe(
-            Choice(("plate", "ground")),
-            'Support of the sensor at offset 0; "ground" is through a hole in the plate.',
-        ),
+    load_filter_frequency: float | None = declared(
+        None,
+        Number("Hz", above=0),
+        "Corner frequency of the filter in the load channel.",
+        key="load_filter_hz",
     )
-    geophone_natural_frequency: float | None = field(
-        default=None,
-        metadata=describe(
-            Number("Hz", minimum=0),
-            "Natural frequency of the response that the velocity columns still carry; 0: the "
-            "record is corrected.",
-            key=RESPONSE,
-            hint="0 where the record is corrected",
-        ),
+    load_delay: float | None = declared(
+        None, Number("s"), "Delay of the load channel.", key="load_delay_s"
     )
-    geophone_damping: float | None = field(
-        default=None,
-        metadata=describe(
-            Number(above=0),
-            "Damping ratio of that response; declared together with the frequency, and not needed "
-            "with 0 Hz.",
-        ),
+    seating_drops: int = declared(0, Integer(0), "Number of seating drops, the first of a point.")
+    model_floor: float | None = declared(
+        None,
+        Number("m", minimum=0),
+        "Displacement error that the user concedes to the model.",
+        key="model_floor_m",
     )
-    load_filter_frequency: float | None = field(
-        default=None,
-        metadata=describe(
-            Number("Hz", above=0),
-            "Corner frequency of the filter in the load channel.",
-            key="load_filter_hz",
-        ),
+    device: FreeText | None = declared(
+        None,
+        _FREE,
+        "Identity of the instrument; points with the same one share the device's effects.",
     )
-    load_delay: float | None = field(
-        default=None,
-        metadata=describe(Number("s"), "Delay of the load channel.", key="load_delay_s"),
+    site: FreeText | None = declared(None, _FREE, "Name of the site.")
+    point: FreeText | None = declared(None, _FREE, "Name of the test point.")
+    operator: FreeText | None = declared(None, _FREE, "Name of the operator.")
+    latitude: FreeText | None = declared(None, _FREE, "Degrees, north positive, when a number.")
+    longitude: FreeText | None = declared(None, _FREE, "Degrees, east positive, when a number.")
+    time_utc: FreeText | None = declared(
+        None, _FREE, "Time of the test; dates and times of TOML are stored as their ISO 8601 text."
     )
-    seating_drops: int = field(
-        default=0, metadata=describe(Integer(0), "Number of seating drops, the first of a point.")
+    source: FreeText | None = declared(None, _FREE, "Origin of the record.")
+    procedure: FreeText | None = declared(
+        None,
+        _FREE,
+        "Name of the measuring procedure; with one, rejected drops do not count as seating.",
     )
-    model_floor: float | None = field(
-        default=None,
-        metadata=describe(
-            Number("m", minimum=0),
-            "Displacement error that the user concedes to the model.",
-            key="model_floor_m",
-        ),
+    material: FreeText | None = declared(
+        None, _FREE, "Soil or layer, as a procedure's targets name it."
     )
-    device: FreeText | None = field(
-        default=None,
-        metadata=describe(
-            _FREE,
-            "Identity of the instrument; points with the same one share the device's effects.",
-        ),
+    photos: FreeText | None = declared(
+        None, _FREE, "Names of pictures of the point, separated by commas."
     )
-    site: FreeText | None = field(default=None, metadata=describe(_FREE, "Name of the site."))
-    point: FreeText | None = field(
-        default=None, metadata=describe(_FREE, "Name of the test point.")
+    zone: FreeText | None = declared(
+        None, _FREE, "Part of the site that the point counts to in statistics."
     )
-    operator: FreeText | None = field(
-        default=None, metadata=describe(_FREE, "Name of the operator.")
+    plate_load_modulus: float | None = declared(
+        None,
+        Number("Pa", above=0),
+        "Modulus of a static plate load test at the point.",
+        key="plate_load_modulus_pa",
     )
-    latitude: FreeText | None = field(
-        default=None, metadata=describe(_FREE, "Degrees, north positive, when a number.")
+    moisture: float | None = declared(
+        None,
+        Number("percent by mass", minimum=0),
+        "Moisture of the ground.",
+        key="moisture_percent",
     )
-    longitude: FreeText | None = field(
-        default=None, metadata=describe(_FREE, "Degrees, east positive, when a number.")
+    test: Literal["ground", "stiffness"] = declared(
+        "ground",
+        Choice(("ground", "stiffness")),
+        'Object of the test; "stiffness" is a rig of springs, which has no modulus.',
     )
-    time_utc: FreeText | None = field(
-        default=None,
-        metadata=describe(
-            _FREE, "Time of the test; dates and times of TOML are stored as their ISO 8601 text."
-        ),
+    rig_stiffness: float | None = declared(
+        None, Number("N/m", above=0), "Known stiffness of that rig.", key="stiffness_n_per_m"
     )
-    source: FreeText | None = field(default=None, metadata=describe(_FREE, "Origin of the record."))
-    procedure: FreeText | None = field(
-        default=None,
-        metadata=describe(
-            _FREE,
-            "Name of the measuring procedure; with one, rejected drops do not count as seating.",
-        ),
-    )
-    material: FreeText | None = field(
-        default=None, metadata=describe(_FREE, "Soil or layer, as a procedure's targets name it.")
-    )
-    photos: FreeText | None = field(
-        default=None,
-        metadata=describe(_FREE, "Names of pictures of the point, separated by commas."),
-    )
-    zone: FreeText | None = field(
-        default=None,
-        metadata=describe(_FREE, "Part of the site that the point counts to in statistics."),
-    )
-    plate_load_modulus: float | None = field(
-        default=None,
-        metadata=describe(
-            Number("Pa", above=0),
-            "Modulus of a static plate load test at the point.",
-            key="plate_load_modulus_pa",
-        ),
-    )
-    moisture: float | None = field(
-        default=None,
-        metadata=describe(
-            Number("percent by mass", minimum=0),
-            "Moisture of the ground.",
-            key="moisture_percent",
-        ),
-    )
-    test: Literal["ground", "stiffness"] = field(
-        default="ground",
-        metadata=describe(
-            Choice(("ground", "stiffness")),
-            'Object of the test; "stiffness" is a rig of springs, which has no modulus.',
-        ),
-    )
-    rig_stiffness: float | None = field(
-        default=None,
-        metadata=describe(
-            Number("N/m", above=0), "Known stiffness of that rig.", key="stiffness_n_per_m"
-        ),
-    )
-    temperature: float | None = field(
-        default=None,
-        metadata=describe(
-            Number("degrees Celsius", minimum=-90, maximum=100),
-            "Temperature of air or ground.",
-            key="temperature_c",
-        ),
+    temperature: float | None = declared(
+        None,
+        Number("degrees Celsius", minimum=-90, maximum=100),
+        "Temperature of air or ground.",
+        key="temperature_c",
     )
     extra: Mapping[str, Any] = field(default_factory=dict, hash=False)
     """Keys that the format does not know, as TOML read them."""

@@ -1,10 +1,10 @@
 """A mock instrument: drops from finite elements, over a virtual serial port or TCP."""
 
-from simulators.instrument.checks import ScenarioError
 from simulators.instrument.endpoint import EndpointError
 from simulators.instrument.run import SimulatedInstrument, SimulateOptions, serve, simulate
 from simulators.instrument.scenario import (
     Scenario,
+    ScenarioError,
     builtin_scenarios,
     load_scenario,
 )

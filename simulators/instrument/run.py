@@ -16,11 +16,10 @@ from types import TracebackType
 from typing import Any
 
 from pfwd_device.child_python import start_text_child
-from simulators.instrument.checks import ScenarioError
 from simulators.instrument.device import PortlessInstrument
 from simulators.instrument.endpoint import EndpointError
 from simulators.instrument.opening import open_endpoint
-from simulators.instrument.scenario import load_scenario
+from simulators.instrument.scenario import ScenarioError, load_scenario
 from simulators.instrument.server import Server
 from simulators.mesh import SimulationError
 

@@ -15,25 +15,34 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, ClassVar
 
-from pfwd_device.errors import SetupError
+from pfwd_device.errors import SetupError, refusal
 from pfwd_device.identity import ChannelIdentity, Identity, Role
-from simulators.drop import STANDARD_GRAVITY
-from simulators.instrument.checks import (
-    ANY,
-    AT_LEAST_0,
-    FRACTION,
-    POSITIVE,
-    POSITIVE_OR_INFINITE,
-    ScenarioError,
-    about,
-    below,
-    key,
-    merged,
-    one_of,
-    read_table,
+from pfwd_device.schema import (
+    Array,
+    Choice,
+    Date,
+    Flag,
+    Integer,
+    Number,
+    TableReader,
+    Text,
+    declared,
+    describe,
+    keys_of,
+    table_of,
 )
+from simulators.drop import STANDARD_GRAVITY
 from simulators.instrument.language import LANGUAGES
-from simulators.mesh import Ground, GroundError, Layer, Plate
+from simulators.mesh import Ground, GroundError, Layer, Plate, SimulationError
+
+
+class ScenarioError(SimulationError, ValueError):
+    """A scenario cannot be simulated as it is written; the message names the key."""
+
+
+_POSITIVE = Number(above=0)
+_NOT_NEGATIVE = Number(minimum=0)
+_FRACTION = Number(minimum=0, maximum=1)
 
 FOLDER = files("simulators").joinpath("scenarios")
 
@@ -42,15 +51,19 @@ FOLDER = files("simulators").joinpath("scenarios")
 class Soil:
     """The ground under the plate."""
 
-    modulus: float = key(45e6, POSITIVE, "Young's modulus, Pa")
-    viscosity: float = key(54e3, AT_LEAST_0, "Kelvin-Voigt viscosity, Pa s")
-    density: float = key(1900.0, POSITIVE, "kg/m3")
-    poisson_ratio: float = key(0.35, below(0.5), "0 to below 0.5")
-    bedrock_depth: float = key(1.2, POSITIVE_OR_INFINITE, "depth of a rigid base, m; `inf`: none")
-    crust_modulus: float | None = key(None, POSITIVE, "modulus of a layer on top, Pa; else none")
-    crust_thickness: float = key(0.2, POSITIVE, "thickness of that layer, m")
-    scatter: float = key(
-        0.0, FRACTION, "standard deviation of the logarithm of modulus and viscosity between seeds"
+    modulus: float = declared(45e6, _POSITIVE, "Young's modulus, Pa")
+    viscosity: float = declared(54e3, _NOT_NEGATIVE, "Kelvin-Voigt viscosity, Pa s")
+    density: float = declared(1900.0, _POSITIVE, "kg/m3")
+    poisson_ratio: float = declared(0.35, Number(minimum=0, below=0.5), "0 to below 0.5")
+    bedrock_depth: float = declared(
+        1.2, Number(above=0, infinity_means="none"), "depth of a rigid base, m; `inf`: none"
+    )
+    crust_modulus: float | None = declared(
+        None, _POSITIVE, "modulus of a layer on top, Pa; else none"
+    )
+    crust_thickness: float = declared(0.2, _POSITIVE, "thickness of that layer, m")
+    scatter: float = declared(
+        0.0, _FRACTION, "standard deviation of the logarithm of modulus and viscosity between seeds"
     )
 
     def ground(self, factor: float = 1.0) -> Ground:
@@ -81,9 +94,9 @@ class Soil:
 class HammerSettings:
     """The falling weight and its spring."""
 
-    mass: float = key(10.0, POSITIVE, "kg")
-    stiffness: float = key(5.6e5, POSITIVE, "of the spring, N/m")
-    drop_height: float = key(0.9, POSITIVE, "m")
+    mass: float = declared(10.0, _POSITIVE, "kg")
+    stiffness: float = declared(5.6e5, _POSITIVE, "of the spring, N/m")
+    drop_height: float = declared(0.9, _POSITIVE, "m")
 
     @property
     def velocity(self) -> float:
@@ -95,32 +108,28 @@ class HammerSettings:
 class ChannelSettings:
     """One channel: what the instrument says of it, and what it does beyond that."""
 
-    name: str = key("", ANY, "up to 32 characters, sent")
-    role: str = key(
-        "geophone",
-        one_of(*(role.value for role in Role)),
-        "what it measures, sent: one of the roles",
+    name: str = declared("", Text(), "up to 32 characters, sent")
+    role: str = declared("geophone", Choice(Role), "what it measures, sent: one of the roles")
+    offset: float = declared(
+        0.0, Number(), "from the plate centre, m, negative on the other side of the plate, sent"
     )
-    offset: float = key(
-        0.0, ANY, "from the plate centre, m, negative on the other side of the plate, sent"
+    sensitivity: float = declared(1.0, Number(), "V per N, V per m/s or V per m, sent")
+    zero: float = declared(0.0, Number(), "volts at rest, sent")
+    natural_frequency: float | None = declared(
+        None, _POSITIVE, "of the geophone, Hz, sent; else no response is simulated"
     )
-    sensitivity: float = key(1.0, ANY, "V per N, V per m/s or V per m, sent")
-    zero: float = key(0.0, ANY, "volts at rest, sent")
-    natural_frequency: float | None = key(
-        None, POSITIVE, "of the geophone, Hz, sent; else no response is simulated"
+    damping: float | None = declared(None, _POSITIVE, "of the geophone, sent")
+    shunt: float | None = declared(None, _POSITIVE, "what the calibration shunt simulates, N, sent")
+    calibrated: datetime.date | None = declared(
+        None, Date(text=True), "day of the calibration, sent"
     )
-    damping: float | None = key(None, POSITIVE, "of the geophone, sent")
-    shunt: float | None = key(None, POSITIVE, "what the calibration shunt simulates, N, sent")
-    calibrated: datetime.date | None = field(
-        default=None, metadata=about(ANY, "day of the calibration, sent")
+    due: datetime.date | None = declared(None, Date(text=True), "day on which it expires, sent")
+    rest: float = declared(0.0, Number(), "reading at rest beyond `zero`, SI unit of the role")
+    noise: float = declared(
+        0.0, _NOT_NEGATIVE, "white noise, root mean square, SI unit of the role"
     )
-    due: datetime.date | None = field(
-        default=None, metadata=about(ANY, "day on which it expires, sent")
-    )
-    rest: float = key(0.0, ANY, "reading at rest beyond `zero`, SI unit of the role")
-    noise: float = key(0.0, AT_LEAST_0, "white noise, root mean square, SI unit of the role")
-    hum: float = key(0.0, AT_LEAST_0, "amplitude of the mains hum, SI unit of the role")
-    drift: float = key(0.0, AT_LEAST_0, "amplitude of the slow wander, SI unit of the role")
+    hum: float = declared(0.0, _NOT_NEGATIVE, "amplitude of the mains hum, SI unit of the role")
+    drift: float = declared(0.0, _NOT_NEGATIVE, "amplitude of the slow wander, SI unit of the role")
 
     def identity(self) -> ChannelIdentity:
         """What is sent."""
@@ -142,35 +151,36 @@ class ChannelSettings:
 class DeviceSettings:
     """The instrument."""
 
-    serial_number: str = key("PFWD-0042", ANY, "up to 32 characters, sent")
-    model: str = key("Simulated PFWD", ANY, "up to 32 characters, sent")
-    firmware: str = key("1.0.0", ANY, "up to 32 characters, sent")
-    sampling_rate: float = key(10e3, POSITIVE, "after switching on, Hz, sent")
-    sampling_rates: tuple[float, ...] = key(
-        (1e3, 2e3, 5e3, 10e3, 20e3, 50e3), POSITIVE, "what it can be configured to, Hz"
+    serial_number: str = declared("PFWD-0042", Text(), "up to 32 characters, sent")
+    model: str = declared("Simulated PFWD", Text(), "up to 32 characters, sent")
+    firmware: str = declared("1.0.0", Text(), "up to 32 characters, sent")
+    sampling_rate: float = declared(10e3, _POSITIVE, "after switching on, Hz, sent")
+    sampling_rates: tuple[float, ...] = declared(
+        (1e3, 2e3, 5e3, 10e3, 20e3, 50e3), Array(_POSITIVE), "what it can be configured to, Hz"
     )
-    adc_bits: int = key(18, one_of(*range(8, 25)), "8 to 24, sent")
-    adc_range: float = key(5.0, POSITIVE, "volts at full scale, sent")
-    plate_radius: float = key(0.15, POSITIVE, "m, sent")
-    plate_mass: float = key(10.6, AT_LEAST_0, "kg, sent")
-    plate_declared: bool = key(True, ANY, "whether radius and mass are sent at all")
-    centre_sensor: str = key("plate", one_of("plate", "ground"), "sent")
-    hum_frequency: float = key(50.0, POSITIVE, "of the mains, Hz")
-    battery: float = key(7.4, AT_LEAST_0, "V, sent")
-    temperature: float = key(21.5, ANY, "degrees Celsius, sent")
-    clock_start_us: int = key(0, AT_LEAST_0, "clock when it is switched on, microseconds")
-    clock_drift_ppm: float = key(0.0, ANY, "how much faster the clock runs than the samples")
-    message: str = key("", ANY, "text of its events, sent")
-    channels: tuple[ChannelSettings, ...] = key(
+    adc_bits: int = declared(18, Integer(8, 24), "8 to 24, sent")
+    adc_range: float = declared(5.0, _POSITIVE, "volts at full scale, sent")
+    plate_radius: float = declared(0.15, _POSITIVE, "m, sent")
+    plate_mass: float = declared(10.6, _NOT_NEGATIVE, "kg, sent")
+    plate_declared: bool = declared(True, Flag(), "whether radius and mass are sent at all")
+    centre_sensor: str = declared("plate", Choice(("plate", "ground")), "sent")
+    hum_frequency: float = declared(50.0, _POSITIVE, "of the mains, Hz")
+    battery: float = declared(7.4, _NOT_NEGATIVE, "V, sent")
+    temperature: float = declared(21.5, Number(), "degrees Celsius, sent")
+    clock_start_us: int = declared(0, Integer(0), "clock when it is switched on, microseconds")
+    clock_drift_ppm: float = declared(
+        0.0, Number(), "how much faster the clock runs than the samples"
+    )
+    message: str = declared("", Text(), "text of its events, sent")
+    channels: tuple[ChannelSettings, ...] = declared(
         (
             ChannelSettings("load", "load", sensitivity=4e-4, noise=4.0, rest=12.0, shunt=5000.0),
             ChannelSettings(
                 "centre", sensitivity=28.8, natural_frequency=4.5, damping=0.6, noise=4e-5
             ),
         ),
-        ANY,
+        Array(table_of(ChannelSettings)),
         "tables of their own, see below",
-        table=ChannelSettings,
     )
 
     def identity(self, sampling_rate: float) -> Identity:
@@ -199,42 +209,56 @@ class DeviceSettings:
 class DropSettings:
     """When the hammer falls, and how it differs from drop to drop."""
 
-    first: float = key(3.0, POSITIVE, "first touch after START, s")
-    interval: float = key(5.0, POSITIVE, "between drops, s")
-    jitter: float = key(0.05, AT_LEAST_0, "largest deviation from that, s")
-    height_scatter: float = key(0.02, FRACTION, "standard deviation of the load between drops")
-    seating: tuple[float, ...] = key(
-        (0.85, 0.94), POSITIVE, "factors of the modulus under the first drops of a point"
+    first: float = declared(3.0, _POSITIVE, "first touch after START, s")
+    interval: float = declared(5.0, _POSITIVE, "between drops, s")
+    jitter: float = declared(0.05, _NOT_NEGATIVE, "largest deviation from that, s")
+    height_scatter: float = declared(
+        0.02, _FRACTION, "standard deviation of the load between drops"
     )
-    drops_per_point: int = key(0, AT_LEAST_0, "after so many drops the next point; 0: never")
-    bounces: tuple[int, ...] = key((2, 4), AT_LEAST_0, "fewest and most rebounds of the hammer")
-    bounce_interval: tuple[float, ...] = key((0.25, 0.5), POSITIVE, "between rebounds, s, range")
-    bounce_ratio: tuple[float, ...] = key(
-        (0.3, 0.5), FRACTION, "load over that of the impact before, range"
+    seating: tuple[float, ...] = declared(
+        (0.85, 0.94), Array(_POSITIVE), "factors of the modulus under the first drops of a point"
     )
-    knock_probability: float = key(0.0, FRACTION, "of a knock between two drops")
-    knock_load: float = key(400.0, POSITIVE, "peak of a knock, N")
-    quiet: float = key(3.0, AT_LEAST_0, "streamed after the last rebound of the last drop, s")
+    drops_per_point: int = declared(0, Integer(0), "after so many drops the next point; 0: never")
+    bounces: tuple[int, ...] = declared(
+        (2, 4), Array(Integer(0)), "fewest and most rebounds of the hammer"
+    )
+    bounce_interval: tuple[float, ...] = declared(
+        (0.25, 0.5), Array(_POSITIVE), "between rebounds, s, range"
+    )
+    bounce_ratio: tuple[float, ...] = declared(
+        (0.3, 0.5), Array(_FRACTION), "load over that of the impact before, range"
+    )
+    knock_probability: float = declared(0.0, _FRACTION, "of a knock between two drops")
+    knock_load: float = declared(400.0, _POSITIVE, "peak of a knock, N")
+    quiet: float = declared(
+        3.0, _NOT_NEGATIVE, "streamed after the last rebound of the last drop, s"
+    )
 
 
 @dataclass(frozen=True)
 class LinkSettings:
     """How the instrument talks, and how badly the cable carries it."""
 
-    dialect: str = key(
-        "pfwd", one_of(*LANGUAGES), "language, by the name that a setup file has for it"
+    dialect: str = declared(
+        "pfwd", Choice(LANGUAGES), "language, by the name that a setup file has for it"
     )
-    block_samples: int = key(0, AT_LEAST_0, "samples in a block; 0: 5 ms, as far as they fit")
-    buffer: float = key(1.0, POSITIVE, "output the instrument can hold before it overruns, s")
-    bit_error_rate: float = key(0.0, FRACTION, "bytes with a flipped bit, fraction")
-    lost_rate: float = key(0.0, FRACTION, "frames that never arrive, fraction")
-    repeated_rate: float = key(0.0, FRACTION, "frames that arrive twice, fraction")
-    reordered_rate: float = key(0.0, FRACTION, "frames that arrive after their follower, fraction")
-    garbage_at_start: int = key(0, AT_LEAST_0, "random bytes before the first frame")
-    ring: float = key(0.0, AT_LEAST_0, "so many of the last samples can be asked for again, s")
-    kept_drops: int = key(0, AT_LEAST_0, "drops that wait until they are acknowledged; 0: none")
-    kept_seconds: float = key(0.4, POSITIVE, "length of the longest drop that is kept, s")
-    streams: bool = key(True, ANY, "whether samples can be sent as they are taken")
+    block_samples: int = declared(0, Integer(0), "samples in a block; 0: 5 ms, as far as they fit")
+    buffer: float = declared(1.0, _POSITIVE, "output the instrument can hold before it overruns, s")
+    bit_error_rate: float = declared(0.0, _FRACTION, "bytes with a flipped bit, fraction")
+    lost_rate: float = declared(0.0, _FRACTION, "frames that never arrive, fraction")
+    repeated_rate: float = declared(0.0, _FRACTION, "frames that arrive twice, fraction")
+    reordered_rate: float = declared(
+        0.0, _FRACTION, "frames that arrive after their follower, fraction"
+    )
+    garbage_at_start: int = declared(0, Integer(0), "random bytes before the first frame")
+    ring: float = declared(
+        0.0, _NOT_NEGATIVE, "so many of the last samples can be asked for again, s"
+    )
+    kept_drops: int = declared(
+        0, Integer(0), "drops that wait until they are acknowledged; 0: none"
+    )
+    kept_seconds: float = declared(0.4, _POSITIVE, "length of the longest drop that is kept, s")
+    streams: bool = declared(True, Flag(), "whether samples can be sent as they are taken")
 
 
 _EARLIER_DIALECTS = {"binary": "pfwd"}
@@ -258,13 +282,13 @@ class ChannelEffect:
     KEYS: ClassVar = _EFFECTS
     """Of each kind: the keys it takes besides `kind` and `channel`."""
 
-    kind: str = key("", one_of(*_EFFECTS), "one of the effects below")
-    channel: str = key("", ANY, "name of the channel")
-    factor: float = key(1.0, ANY, "gain: true sensitivity over the declared one")
-    angle: float = key(0.0, ANY, "tilted: from the vertical, radians")
-    seconds: float = key(0.0, AT_LEAST_0, "delay: how much later the channel is")
-    frequency: float = key(180.0, POSITIVE, "ringing: of the sensor on its loose seat, Hz")
-    damping: float = key(0.05, POSITIVE, "ringing: damping ratio of the same")
+    kind: str = field(metadata=describe(Choice(_EFFECTS), "one of the effects below"))
+    channel: str = declared("", Text(), "name of the channel")
+    factor: float = declared(1.0, Number(), "gain: true sensitivity over the declared one")
+    angle: float = declared(0.0, Number(), "tilted: from the vertical, radians")
+    seconds: float = declared(0.0, _NOT_NEGATIVE, "delay: how much later the channel is")
+    frequency: float = declared(180.0, _POSITIVE, "ringing: of the sensor on its loose seat, Hz")
+    damping: float = declared(0.05, _POSITIVE, "ringing: damping ratio of the same")
 
 
 _FAULTS: dict[str, tuple[str, ...]] = {
@@ -291,33 +315,29 @@ class Fault:
     KEYS: ClassVar = _FAULTS
     """Of each kind: the keys it takes besides `kind` and `at_s`."""
 
-    kind: str = key("", one_of(*_FAULTS), "one of the faults below")
-    at_s: float = key(0.0, AT_LEAST_0, "seconds of sampling since the first START")
-    count: int = key(1, POSITIVE, "frames, bits, bytes or samples, see below")
-    seconds: float = key(1.0, ANY, "stall, unplug: how long; clock-jump: how far, s")
-    powered: bool = key(False, ANY, "unplug: the instrument goes on sampling meanwhile")
-    load: float = key(400.0, POSITIVE, "knock: peak, N")
+    kind: str = field(metadata=describe(Choice(_FAULTS), "one of the faults below"))
+    at_s: float = declared(0.0, _NOT_NEGATIVE, "seconds of sampling since the first START")
+    count: int = declared(1, Integer(1), "frames, bits, bytes or samples, see below")
+    seconds: float = declared(1.0, Number(), "stall, unplug: how long; clock-jump: how far, s")
+    powered: bool = declared(False, Flag(), "unplug: the instrument goes on sampling meanwhile")
+    load: float = declared(400.0, _POSITIVE, "knock: peak, N")
 
 
 @dataclass(frozen=True)
 class Scenario:
     """Everything that is simulated."""
 
-    base: str = key("", ANY, "name of a built-in scenario whose keys hold where these are silent")
-    soil: Soil = field(default=Soil(), metadata=about(ANY, "table", Soil))
-    hammer: HammerSettings = field(
-        default=HammerSettings(), metadata=about(ANY, "table", HammerSettings)
+    base: str = declared(
+        "", Text(), "name of a built-in scenario whose keys hold where these are silent"
     )
-    device: DeviceSettings = field(
-        default=DeviceSettings(), metadata=about(ANY, "table", DeviceSettings)
-    )
-    drops: DropSettings = field(default=DropSettings(), metadata=about(ANY, "table", DropSettings))
-    link: LinkSettings = field(default=LinkSettings(), metadata=about(ANY, "table", LinkSettings))
-    effects: tuple[ChannelEffect, ...] = field(
-        default=(), metadata=about(ANY, "array of tables", ChannelEffect)
-    )
-    faults: tuple[Fault, ...] = field(default=(), metadata=about(ANY, "array of tables", Fault))
-    name: str = field(default="", metadata={"hidden": True})
+    soil: Soil = declared(Soil(), table_of(Soil), "")
+    hammer: HammerSettings = declared(HammerSettings(), table_of(HammerSettings), "")
+    device: DeviceSettings = declared(DeviceSettings(), table_of(DeviceSettings), "")
+    drops: DropSettings = declared(DropSettings(), table_of(DropSettings), "")
+    link: LinkSettings = declared(LinkSettings(), table_of(LinkSettings), "")
+    effects: tuple[ChannelEffect, ...] = declared((), Array(table_of(ChannelEffect)), "")
+    faults: tuple[Fault, ...] = declared((), Array(table_of(Fault)), "")
+    name: str = ""
 
     def faults_of(self, *kinds: str) -> tuple[Fault, ...]:
         """Those of these kinds, in order of time."""
@@ -364,7 +384,11 @@ def scenario_from(tables: Mapping[str, Any], name: str) -> Scenario:
             raise ScenarioError(f"{name}: base: expected a built-in scenario, got {base!r}")
         tables = merged(_builtin_tables(base), tables)
     tables = _with_present_names(tables)
-    scenario: Scenario = read_table(Scenario, {**tables, "name": name}, name, "")
+    reader = TableReader(ScenarioError, name)
+    scenario = Scenario(**reader.read(tables, keys_of(Scenario)), name=name)
+    for key, keys_of_kind in (("effects", _EFFECTS), ("faults", _FAULTS)):
+        for number, table in enumerate(tables.get(key, ()), 1):
+            _refuse_keys_of_other_kinds(table, keys_of_kind, f"{name}, {key}[{number}]")
     _check(scenario)
     return scenario
 
@@ -376,6 +400,28 @@ def _with_present_names(tables: Mapping[str, Any]) -> Mapping[str, Any]:
         link = {**link, "dialect": _EARLIER_DIALECTS.get(dialect, dialect)}
         return {**tables, "link": link}
     return tables
+
+
+def merged(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
+    """Return tables whose keys another table overrides; arrays are replaced as one."""
+    result = dict(base)
+    for name, value in override.items():
+        inner = result.get(name)
+        if isinstance(value, Mapping) and isinstance(inner, Mapping):
+            value = merged(inner, value)
+        result[name] = value
+    return result
+
+
+def _refuse_keys_of_other_kinds(
+    table: Mapping[str, Any], keys_of_kind: Mapping[str, tuple[str, ...]], where: str
+) -> None:
+    kind = table["kind"]
+    special = {name for names in keys_of_kind.values() for name in names}
+    for name in table:
+        if name in special and name not in keys_of_kind[kind]:
+            expected = f"keys of {kind} ({', '.join(keys_of_kind[kind]) or 'none'})"
+            raise ScenarioError(refusal(where, expected, name))
 
 
 def _builtin_tables(name: str) -> Mapping[str, Any]:

@@ -57,6 +57,7 @@ KINDS: list[tuple[Value, list[Any], list[Any], str]] = [
         [datetime.datetime(2026, 5, 31), "2026-05-31"],
         "a date as 2026-05-31, without quotation marks",
     ),
+    (Date(text=True), ["2026-05-31"], ["soon", 1], "a date as 2026-05-31"),
     (AnyOf((Text(), Number()), "either"), ["a", 1], [True, []], "either"),
     (Array(Number(), min_items=1), [[1]], [[], 1], "an array with 1 or more"),
     (Array(Table({})), [[]], [{}], "an array of tables"),
