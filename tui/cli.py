@@ -7,7 +7,6 @@ than that. The modules of ``tui.commands`` import what they need when they run.
 import atexit
 import contextlib
 import errno
-import importlib
 import os
 import sys
 import warnings
@@ -18,7 +17,7 @@ from pfwd.errors import DeviceError, OptionError, SurveyError
 from pfwd.processes import children_shielded
 from tui.interrupts import stopped_by_signals, take_no_more_signals
 from tui.output import SPELLING, say
-from tui.parser import FIRST_STEPS, build_parser
+from tui.parser import FIRST_STEPS, build_parser, command_module
 
 DONE, REFUSED, USAGE = 0, 1, 2
 
@@ -44,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     warnings.filterwarnings("ignore", message="flock not supported", category=UserWarning)
     try:
         with stopped_by_signals(), children_shielded():
-            status = int(importlib.import_module(f"tui.commands.{args.command}").run(args))
+            status = int(command_module(args.command).run(args))
         sys.stdout.flush()  # here, so that a reader who has left is noticed here
     except KeyboardInterrupt:
         say("stopped")
@@ -57,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return DONE
         if os.environ.get("PFWD_DEBUG"):
             raise
-        say(_explain(err, args.command.rstrip("_")))  # import_ is import
+        say(_explain(err, args.command))
         status = USAGE if isinstance(err, OptionError) else REFUSED
     for remark in pfwd_plugins.remarks():
         say(remark)

@@ -32,12 +32,16 @@ from pfwd.session.events import (
     TableBuilding,
 )
 from pfwd.session.live_view import CompletePoints
+from pfwd.session.session import Ending
 from tui.diagnosis_lines import diagnosis_line
 from tui.format import drop_line
 from tui.output import clean, say
 from tui.point_lines import NAMES, is_worth_a_line, point_text
 
 log = logging.getLogger("pfwd.session")
+
+STATUS_OF_ENDING = {Ending.DONE: 0, Ending.UNSAVED: 1, Ending.LOST: 3}
+"""Exit status of a command by the end of its session."""
 
 CHANGED = 0.005
 """Part of the modulus by which the full search has to differ to be worth another line."""

@@ -1,6 +1,7 @@
 """The console command: usage, exit status, what goes to which output, and how it is stopped."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -16,9 +17,10 @@ import pytest
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult, FileOutcome
-from tui.cli import build_parser, main
+from tui.cli import main
 from tui.commands import bench
 from tui.commands.invert import options_from
+from tui.parser import CommandParser, build_parser, command_module
 
 TOP = Path(__file__).resolve().parents[2]
 RESULT = DropResult(file="a.csv", drop=1, status="measured", modulus_pa=4e7, r_squared=0.99)
@@ -371,8 +373,53 @@ def test_benchmarks_get_their_arguments_and_hand_back_their_status(
     assert capfd.readouterr().out.strip() == "['--json', 'speed', '-n', '3']"
 
 
-def test_every_command_says_what_it_is_for() -> None:
-    parser = build_parser()
-    (commands,) = (a.choices for a in parser._actions if isinstance(a.choices, dict))
-    silent = [name for name, command in commands.items() if not command.description]
+# Help
+
+
+def all_commands() -> dict[str, CommandParser]:
+    commands = build_parser().commands
+    for command in commands.values():
+        command.add_arguments()
+    return commands
+
+
+def test_every_command_has_a_description() -> None:
+    silent = [name for name, command in all_commands().items() if not command.description]
     assert silent == ["bench"], "bench hands its options on to a benchmark"
+
+
+def test_every_module_of_commands_has_a_command() -> None:
+    folder = TOP / "tui" / "commands"
+    modules = {command_module(name).__name__.rpartition(".")[2] for name in all_commands()}
+    assert modules == {file.stem for file in folder.glob("*.py")} - {"__init__"}
+
+
+def test_help_shows_twelve_commands_in_four_groups(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["help"]) == 0
+    text = capsys.readouterr().out
+    groups = re.findall(r"^(\w+):$", text, re.M)
+    assert groups == ["measure", "look", "export", "repair"]
+    names = re.findall(r"^  (\w+)  ", text, re.M)
+    assert len(names) <= 12
+    assert main(["help", "--all"]) == 0
+    everything = re.findall(r"^  (\w+)  ", capsys.readouterr().out, re.M)
+    assert everything == list(build_parser().commands)
+    assert f"help --all        {len(everything) - len(names)} more" in text
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    assert capsys.readouterr().out == text
+
+
+def test_help_of_a_command_ends_with_the_expert_options(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["help", "invert"])
+    text = capsys.readouterr().out
+    assert text.startswith("usage: pfwd invert FILE [FILE ...] [OPTIONS]\n")
+    everyday, expert = text.split("\nexpert options:\n")
+    assert "--bedrock-depth" in everyday
+    assert "--method" in expert
+    for command in all_commands().values():
+        titles = [group.title for group in command._action_groups]
+        assert "expert options" not in titles[:-1]

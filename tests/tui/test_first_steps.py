@@ -19,11 +19,11 @@ def test_bare_pfwd_says_what_to_do_first(capsys: pytest.CaptureFixture[str]) -> 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["lvie", "x"], "'lvie' is no command; did you mean live?"),
+        (["lvie", "x"], "'lvie' is not a command; did you mean live?"),
         (["log", "x", "-o", "y", "--procedur", "mndot"], "did you mean --procedure?"),
         (["log", "x", "-o", "y", "--targett=4"], "did you mean --target?"),
         (["invert", "x", "--plate", "rigid-rouhg"], "did you mean rigid-rough?"),
-        (["qqq"], "invalid choice: 'qqq'"),
+        (["qqq"], "'qqq' is not a command; pfwd help --all"),
         (["edit", "x", "--zzz"], "unrecognized arguments: --zzz\n"),
     ],
 )

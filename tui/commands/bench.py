@@ -11,6 +11,13 @@ from tui.output import say
 TOP = Path(__file__).resolve().parents[2]
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Hand all arguments, options too, to the benchmarks."""
+    parser.usage = "pfwd bench [PART] [ARGS]"
+    parser.prefix_chars = "\0"  # no argument begins with it, so that none is an option of pfwd
+    parser.add_argument("arguments", nargs=argparse.REMAINDER)
+
+
 def run(args: argparse.Namespace) -> int:
     """Run the benchmarks of the checkout that this package stands in; their exit status.
 

@@ -6,7 +6,39 @@ import os
 from pfwd.errors import OptionError, refusal
 from pfwd.export.json_text import json_text
 from pfwd.files.output_path import require_writable
+from tui.arguments import add_json, number
 from tui.output import clean, say
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``pfwd calibrate``."""
+    parser.description = (
+        "Fits gain, natural frequency, damping and delay to drops on a rig of springs, with their "
+        "intervals, or says why the drops do not repeat. A spring determines only the ratio of the "
+        "gains of load cell and geophone, so the gain of one of them is assumed to be correct."
+    )
+    parser.add_argument("files", nargs="+", metavar="FILE", help="survey, drop or trace file")
+    parser.add_argument(
+        "--stiffness",
+        type=number,
+        metavar="N/m",
+        help="stiffness of the rig; replaces stiffness_n_per_m of the files",
+    )
+    parser.add_argument(
+        "--point", metavar="NAME", help="use only points whose names begin with NAME: one rig"
+    )
+    parser.add_argument(
+        "--gain-of",
+        choices=("sensor", "load"),
+        default="sensor",
+        help="channel whose gain is fitted; that of the other is assumed to be correct (default: "
+        "sensor)",
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="D.toml", help="write the calibration, for diagnose --device"
+    )
+    parser.add_argument("--header", metavar="FILE.toml", help="replaces what the files declare")
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,12 +1,48 @@
-"""``pfwd check``: is this recording whole?"""
+"""``pfwd check`` and its alias ``pfwd recover``: verify a survey, restore it after a crash."""
 
 import argparse
 
-from pfwd.files.upkeep import check_survey
-from tui.upkeep_lines import show
+from pfwd.export.json_text import json_text
+from tui.arguments import add_json, add_spare
+from tui.output import clean, counted, say
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``pfwd check`` and ``pfwd recover``."""
+    parser.description = (
+        "Reads every record of a survey, its drop files or an exported survey, and compares "
+        "checksums and recorded peaks with the traces. Changes nothing without --repair. Exit "
+        "status 1 when something is damaged or missing."
+    )
+    parser.add_argument("survey", metavar="SURVEY", help="folder, or an exported survey (.h5)")
+    parser.add_argument(
+        "--repair",
+        action="store_true",
+        help="restore a survey after a crash, a full disk or a pulled drive (pfwd recover does "
+        "the same): every acknowledged drop gets its file again, damaged files are moved aside "
+        "byte for byte, nothing is deleted",
+    )
+    add_spare(parser)
+    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Look at every byte and change none; 1 when something is damaged or missing."""
-    record, notes = check_survey(args.survey, args.spare)
-    return show(record, notes, as_json=args.json)
+    """Check or repair the survey and print its state; 1 when something is damaged or missing."""
+    from pfwd.files.upkeep import check_survey, recover_survey
+
+    repair = args.repair or args.command == "recover"
+    record, remarks = (recover_survey if repair else check_survey)(args.survey, args.spare)
+    for remark in remarks:
+        say(remark)
+    if args.json:
+        print(json_text(record), flush=True)
+    else:
+        print(
+            f"{clean(record['survey'])}: "
+            f"{counted(record['drops_acknowledged'], 'drop')} acknowledged, "
+            f"{record['drops_published']} with a verified file, {record['recovered']} recovered"
+        )
+        for text in record["damaged"]:
+            print(f"  DAMAGED: {clean(text)}")
+        print("whole" if record["ok"] else "NOT whole", flush=True)
+    return 0 if record["ok"] else 1

@@ -5,9 +5,34 @@ import dataclasses
 
 from pfwd.export.json_text import json_text
 from pfwd.ports import conform
+from tui.arguments import add_json, count, not_negative
 from tui.output import clean, say
 
 _SIGNS = {"passed": "passed", "failed": "FAILED", "not-offered": "not offered"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``pfwd conform``."""
+    parser.description = (
+        "Tests every numbered requirement of docs/protocol.md, one line each: passed, failed, or "
+        "not offered. Takes two minutes; make one drop when you are asked to. Exit status 1 when "
+        "a requirement failed."
+    )
+    parser.add_argument("url", metavar="URL", help="port of the instrument, as for log")
+    parser.add_argument(
+        "--baud-rate", type=count, metavar="N", default=115_200, help="default: 115200"
+    )
+    parser.add_argument(
+        "--wait",
+        type=not_negative,
+        metavar="S",
+        default=15.0,
+        help="seconds to wait for a drop (default: 15; 0: no drop will be made)",
+    )
+    parser.add_argument(
+        "--only", metavar="P-N,...", help="requirements to test, separated by commas (default: all)"
+    )
+    add_json(parser, "requirement")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""``pfwd demo``: the main job with nothing attached."""
+"""``pfwd demo``: measure, record and invert drops of a simulated instrument."""
 
 import argparse
 import sys
@@ -6,25 +6,16 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from pfwd.analysis.options import AnalysisOptions
-from pfwd.files.folders import is_survey
-from pfwd.files.output_path import require_writable
-from pfwd.judging import JobRequest
-from pfwd.procedures import Procedure, find_procedure
-from pfwd.session.measure import measure, stopped_by_signals
-from pfwd.session.session import SessionPlan
-from simulators.firmware import BoardOptions, HostBoard, Played, play_records, serve_firmware
-from simulators.instrument import SimulatedInstrument, serve
-from simulators.mesh import SimulationError
-from tui.commands.log import STATUS_OF_ENDING
-from tui.log_file import close_log, open_log
-from tui.measuring_options import try_output
+from tui.arguments import add_expert_group, add_json, add_plot, add_seed, count, not_negative
 from tui.output import next_commands, on_terminal, say
-from tui.session_lines import SessionLines
+
+if TYPE_CHECKING:
+    from pfwd.procedures import Procedure
+    from pfwd.session.session import SessionPlan
+    from simulators.firmware import Played
+    from simulators.instrument import SimulatedInstrument
 
 DROPS, RATE = 6, 3.0
 """Of the demonstration in lines: a whole point in ten seconds."""
@@ -34,13 +25,69 @@ SCENARIO, PROCEDURE, TARGET = "compacted", "tp-bf-stb-b8.3", 45e6
 by a procedure, and its ground is above the target too (52 MPa)."""
 
 
-def run(args: argparse.Namespace) -> int:
-    """Measure with a simulated instrument, which hands over nothing but what it sends.
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``pfwd demo``."""
+    parser.description = (
+        "Runs a simulated instrument on a virtual serial port (TCP where there is none). Its drops "
+        "are measured, recorded and inverted like those of a real one, and judged by the procedure "
+        "tp-bf-stb-b8.3 against a target of 45 MPa. The simulated moduli are shown at the end."
+    )
+    parser.add_argument(
+        "--drops",
+        type=count,
+        metavar="N",
+        help="number of drops (default: 6; another scenario on the screen: no limit)",
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="SURVEY", help="folder to record into (default: a temporary one)"
+    )
+    parser.add_argument(
+        "--lines", action="store_true", help="print lines on a terminal too, instead of the screen"
+    )
+    add_plot(parser)
+    add_json(parser, "drop")
+    expert = add_expert_group(parser)
+    expert.add_argument(
+        "--scenario",
+        metavar="NAME",
+        help="as for simulate; only the default has a procedure and a target (default: compacted; "
+        "with --firmware: default)",
+    )
+    expert.add_argument(
+        "--rate",
+        type=not_negative,
+        metavar="X",
+        help="speed as a multiple of real time, in which a drop comes every 5 s (default: 3; on "
+        "the screen: 1)",
+    )
+    expert.add_argument(
+        "--firmware",
+        action="store_true",
+        help="compile the instrument's firmware and let it play the drops (needs a C compiler, or "
+        "pip install 'pfwd[firmware]')",
+    )
+    expert.add_argument(
+        "--play", metavar="FILE", help="with --firmware: trace file whose drops are played"
+    )
+    add_seed(expert)
 
-    What was simulated is told when all is measured, to standard error.
+
+def run(args: argparse.Namespace) -> int:
+    """Measure with a simulated instrument; print at the end what was simulated.
+
+    Nothing of the simulation but what the instrument sends is used.
     """
+    from pfwd.files.output_path import require_writable
+    from pfwd.session.measure import measure, stopped_by_signals
+    from simulators.firmware import BoardOptions, HostBoard, serve_firmware
+    from simulators.instrument import serve
+    from simulators.mesh import SimulationError
+    from tui.log_file import close_log, open_log
+    from tui.measuring_options import try_output
+    from tui.session_lines import STATUS_OF_ENDING, SessionLines
+
     if args.play and not args.firmware:
-        say("demo: --play: expected with --firmware, whose core plays the file, got without")
+        say("demo: --play: expected --firmware, which plays the file, got none")
         return 2
     if args.output:
         try_output(args.output)
@@ -66,8 +113,7 @@ def run(args: argparse.Namespace) -> int:
         say(f"demo: {err}")
         return 2
     lines = SessionLines(as_json=args.json, analysed=True, bell=False)
-    plan = _plan(args, folder, None)
-    plan = replace(plan, drops=drops)
+    plan = replace(_plan(args, folder), drops=drops)
     with instrument:
         what = "simulated instrument"
         if args.firmware:
@@ -100,21 +146,32 @@ def _scenario(args: argparse.Namespace) -> str:
     return args.scenario or ("default" if args.firmware else SCENARIO)
 
 
-def _plan(args: argparse.Namespace, folder: Path, usual: Procedure | None) -> SessionPlan:
-    """Return the plan of the session: judged by a procedure, or by `usual` for a named scenario.
+def _plan(
+    args: argparse.Namespace, folder: Path, default: "Procedure | None" = None
+) -> "SessionPlan":
+    """Return the plan of the session: judged by a procedure, or by `default` for other scenarios.
 
-    A survey that is there already keeps its own job.
+    An existing survey keeps its own job.
     """
-    plan = SessionPlan(options=AnalysisOptions(seed=args.seed), usual_procedure=usual)
+    from pfwd.analysis.options import AnalysisOptions
+    from pfwd.files.folders import is_survey
+    from pfwd.judging import JobRequest
+    from pfwd.procedures import find_procedure
+    from pfwd.session.session import SessionPlan
+
+    plan = SessionPlan(options=AnalysisOptions(seed=args.seed), usual_procedure=default)
     if args.play or _scenario(args) != SCENARIO or is_survey(folder):
         return plan
     job = JobRequest(target=TARGET)
     return replace(plan, usual_procedure=find_procedure(PROCEDURE), job=job)
 
 
-def _played(file: str, drops: int | None) -> Played:
-    """The drops of a trace file as samples of a converter."""
+def _played(file: str, drops: int | None) -> "Played":
+    """Return the drops of a trace file as samples of a converter."""
+    import numpy as np
+
     from pfwd.files.traces import read_traces
+    from simulators.firmware import play_records
 
     point = read_traces(file)
     chosen = point.drops[:drops]
@@ -176,6 +233,7 @@ def truth_lines(truth: Sequence[Mapping[str, Any]], found: Mapping[int, float]) 
 
 def _plot(folder: Path, plot: str) -> None:
     from pfwd.analysis.analyse import analyse_files
+    from pfwd.analysis.options import AnalysisOptions
     from pfwd.analysis.plots import plot_outcomes
 
     outcomes = list(analyse_files([str(folder)], AnalysisOptions()))

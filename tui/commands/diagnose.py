@@ -11,6 +11,15 @@ from pfwd.analysis.results import DiagnosisResult
 from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import require_writable
 from pfwd.message_groups import as_ranges
+from tui.arguments import (
+    add_archive,
+    add_declared,
+    add_expert_group,
+    add_jobs,
+    add_json,
+    add_plot,
+    add_stored,
+)
 from tui.diagnosis_lines import (
     SCREEN_LINES,
     WIDTH,
@@ -26,6 +35,53 @@ from tui.progress import diagnosis_progress
 if TYPE_CHECKING:
     from pfwd.analysis.diagnosis.diagnose import Diagnosed
     from pfwd.procedures import PointModulus
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``pfwd diagnose``."""
+    parser.description = (
+        "Searches the real effects of ground and device that explain what the fit of each point "
+        "leaves over, and says which modulus to use, or that nothing explains it. Files that "
+        "declare the same device are one survey."
+    )
+    parser.add_argument("files", nargs="+", metavar="FILE", help="survey, drop or trace file")
+    parser.add_argument(
+        "--details",
+        action="store_true",
+        help="show every point in full and all warnings; a single point is always shown so",
+    )
+    parser.add_argument(
+        "--device", metavar="D.toml", help="known device effects, as written by --write-device"
+    )
+    parser.add_argument(
+        "--write-device", metavar="D.toml", help="write the device effects for other surveys"
+    )
+    parser.add_argument(
+        "--leave-out",
+        choices=("next", "drop", "sensor", "point"),
+        help="check the prediction: of the last drop of each point (next), of each drop or of each "
+        "sensor, without using it; point: with the device effects of the other points",
+    )
+    add_plot(parser)
+    add_jobs(parser)
+    add_json(parser, "point")
+    add_declared(parser)
+    expert = add_expert_group(parser)
+    expert.add_argument(
+        "--allow",
+        choices=("stiffness",),
+        help="with --leave-out next or drop: fit this one number to the predicted drop",
+    )
+    expert.add_argument(
+        "--elastic", action="store_true", help="base model without viscosity of the soil"
+    )
+    expert.add_argument(
+        "--load",
+        choices=("measured", "half-sine"),
+        help="load in the model (default: measured)",
+    )
+    add_archive(expert)
+    add_stored(expert)
 
 
 def run(args: argparse.Namespace) -> int:

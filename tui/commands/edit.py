@@ -16,7 +16,48 @@ from pfwd.files.editing import (
     parse_position,
     survey_overview,
 )
+from tui.arguments import add_json, count, number
 from tui.output import clean, counted, say
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``pfwd edit``."""
+    parser.description = (
+        "Adds notes and other statements to a point or a drop, and shows the points. Nothing "
+        "recorded is changed or deleted: the last statement counts."
+    )
+    parser.add_argument("survey", metavar="SURVEY", help="folder")
+    parser.add_argument("--point", metavar="NAME", help="required if there are several points")
+    parser.add_argument("--drop", type=count, metavar="N", help="edit this drop of the point")
+    parser.add_argument("--note", action="append", metavar="TEXT")
+    parser.add_argument(
+        "--discard",
+        nargs="?",
+        const="",
+        metavar="REASON",
+        help="do not use the point or drop; --restore undoes it",
+    )
+    parser.add_argument("--restore", action="store_true", help="undo --discard or --move")
+    parser.add_argument(
+        "--move", metavar="POINT", help="with --drop: assign the drop to this point, old or new"
+    )
+    parser.add_argument("--position", metavar="LAT,LON", help="degrees")
+    parser.add_argument(
+        "--target",
+        type=number,
+        metavar="V",
+        help="target of the point in the unit of the survey's procedure: MPa, or mm for a "
+        "deflection",
+    )
+    parser.add_argument("--name", metavar="NAME", help="another name for the point")
+    parser.add_argument("--operator", metavar="NAME", help="name of the person who measured")
+    parser.add_argument(
+        "--set",
+        action="append",
+        metavar="KEY=VALUE",
+        help="declare a key of the header, for example plate_mass_kg=12.5",
+    )
+    add_json(parser, "point")
 
 
 def run(args: argparse.Namespace) -> int:

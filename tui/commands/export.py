@@ -2,8 +2,9 @@
 
 import argparse
 
-from pfwd.export.export import export_survey
 from pfwd.export.json_text import json_text
+from pfwd.export.registry import BUILT_IN_FORMATS as EXPORT_FORMATS
+from tui.arguments import add_expert_group, add_json, add_seed
 from tui.output import clean, counted, say
 
 MOST_PROCESSES = 2
@@ -11,8 +12,44 @@ MOST_PROCESSES = 2
 anything."""
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``pfwd export``."""
+    parser.description = (
+        "Writes a survey as one file, or as a folder for csv. An export that fails leaves nothing "
+        "behind. It holds the last stored result of each drop, always with uncertainty, model, "
+        "plate radius, Poisson's ratio and warnings."
+    )
+    parser.add_argument("survey", metavar="SURVEY", help="folder, or an exported survey (.h5)")
+    parser.add_argument(
+        "--format",
+        # No choices: another installed package may have the format, which is searched for later.
+        metavar="FORMAT",
+        help="; ".join(f"{form.name}: {form.holds}" for form in EXPORT_FORMATS.values())
+        + "; or a format of another installed package (default: from the ending of PATH)",
+    )
+    parser.add_argument("-o", "--output", metavar="PATH", required=True, help="file or folder")
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+    parser.add_argument(
+        "--delimiter",
+        metavar="SIGN",
+        help="for table and points: sign between columns, or tab (default: comma, or semicolon "
+        "with a decimal comma)",
+    )
+    parser.add_argument(
+        "--decimal", metavar="SIGN", help="for table and points: decimal sign, . or , (default: .)"
+    )
+    add_json(parser)
+    expert = add_expert_group(parser)
+    expert.add_argument(
+        "--invert", action="store_true", help="compute results instead of using the stored ones"
+    )
+    add_seed(expert)
+
+
 def run(args: argparse.Namespace) -> int:
-    """Export and say what was written and what was left out."""
+    """Export the survey and print what was written and what was left out."""
+    from pfwd.export.export import export_survey
+
     done = export_survey(
         args.survey,
         args.format,

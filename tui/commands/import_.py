@@ -7,9 +7,36 @@ from collections import Counter
 from pfwd.errors import OptionError, refusal
 from pfwd.export.json_text import json_text
 from pfwd.files.importing import Imported, import_files
+from tui.arguments import add_expert_group, add_json
 from tui.output import clean, counted, next_commands, say
 
 _KINDS = {"peaks": "peaks only", "stiffness": "stiffness test"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``pfwd import``."""
+    parser.description = (
+        "Reads trace files (.csv) and exported surveys (.h5); time histories of Rincent Minidyn, "
+        "Maxidyn and Heavydyn (.dynz, .prjz, .mpvz) and JILS (.thy); peaks of JILS (.dat), "
+        "Dynatest (.f25, .fwd), Sweco (.fwd) and PDDX (.pdx, .pddx); and any delimited text whose "
+        "columns a TOML file describes (--map; pfwd map writes a first one). Nothing is imported "
+        "twice, and a file that is refused does not stop the others."
+    )
+    parser.add_argument("files", nargs="+", metavar="TRACES", help="file of any of these kinds")
+    parser.add_argument(
+        "-o", "--output", metavar="SURVEY", required=True, help="folder, new or existing"
+    )
+    parser.add_argument("--header", metavar="FILE.toml", help="header keys, in place of the files'")
+    parser.add_argument(
+        "--map", metavar="FILE.toml", help="meaning of the columns of a text (docs/files.md)"
+    )
+    add_json(parser, "drop")
+    add_expert_group(parser).add_argument(
+        "--channels",
+        choices=["raw", "stored"],
+        help="raw channels, or those processed by the other program (default: raw if the file has "
+        "them)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:

@@ -9,6 +9,18 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import FileOutcome
 from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import require_writable
+from tui.arguments import (
+    add_archive,
+    add_declared,
+    add_expert_group,
+    add_jobs,
+    add_json,
+    add_layers,
+    add_plot,
+    add_seed,
+    add_stored,
+    depth,
+)
 from tui.files import any_folder
 from tui.format import By
 from tui.output import say
@@ -16,6 +28,85 @@ from tui.survey_lines import printed_results
 
 if TYPE_CHECKING:
     from pfwd.analysis.diagnosis.diagnose import Diagnosed
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``pfwd invert``."""
+    parser.description = (
+        "Computes modulus, viscosity, density and depth of bedrock for each drop of surveys and "
+        "trace files. An option replaces what a file declares; an undeclared depth is fitted. A "
+        "folder that is no survey stands for all surveys and files below it."
+    )
+    parser.add_argument(
+        "files", nargs="+", metavar="FILE", help="survey, drop or trace file, or a folder of them"
+    )
+    parser.add_argument(
+        "--bedrock-depth",
+        type=depth,
+        metavar="M",
+        help="depth of bedrock in m, or unknown, or none (default: as declared, else fitted)",
+    )
+    add_layers(parser, "default: 1")
+    parser.add_argument(
+        "--diagnose",
+        action="store_true",
+        help="diagnose the points too, and print the modulus to use beside that of the fit",
+    )
+    parser.add_argument(
+        "--by",
+        choices=["point", "drop"],
+        default="drop",
+        help="print a line for each point or for each drop (default: drop)",
+    )
+    add_plot(parser)
+    add_jobs(parser)
+    add_json(parser, "drop")
+    add_declared(parser)
+    expert = add_expert_group(parser)
+    expert.add_argument(
+        "--model",
+        choices=["layer", "half-space"],
+        help="soil on bedrock, or soil without end (default: layer, unless --bedrock-depth none)",
+    )
+    expert.add_argument(
+        "--elastic", action="store_true", help="model of the soil without viscosity"
+    )
+    expert.add_argument(
+        "--load",
+        choices=["measured", "half-sine"],
+        help="load in the model (default: measured)",
+    )
+    expert.add_argument(
+        "--plate",
+        choices=["rigid-rough", "rigid-smooth", "published", "uniform"],
+        help="contact of plate and ground: a rigid plate that sticks to it or slides on it, the "
+        "static pressure of the published method, or an even pressure (default: rigid-rough)",
+    )
+    expert.add_argument(
+        "--sensors", choices=["all", "centre"], help="sensors that are fitted (default: all)"
+    )
+    expert.add_argument(
+        "--joint", action="store_true", help="fit all drops of a point with the same soil"
+    )
+    expert.add_argument(
+        "--method",
+        choices=["mpga", "least-squares"],
+        help="search of the parameters: by a genetic algorithm (mpga) or from several starting "
+        "points by least squares (default: mpga)",
+    )
+    expert.add_argument(
+        "--published",
+        action="store_true",
+        help="the published method as a whole (doi 10.11835/j.issn.2096-6717.2022.021)",
+    )
+    expert.add_argument(
+        "--no-priors",
+        action="store_true",
+        help="do not prefer usual soils where the record leaves the depth of bedrock open",
+    )
+    add_seed(expert)
+    add_archive(expert)
+    add_stored(expert)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,20 +1,43 @@
-"""``pfwd job``: what a survey is measured by; shows it, or says it anew."""
+"""``pfwd job``: procedure, targets, stations and other settings of a survey."""
 
 import argparse
 
 from pfwd.export.json_text import json_text
-from pfwd.files.editing import add_events
-from pfwd.files.folders import refuse_no_survey
-from pfwd.judging import JobRequest
-from pfwd.judging.job import time_zone_of
-from pfwd.procedures import find_procedure
-from tui.job_lines import job_lines
-from tui.measuring_options import job_request, kept_job
+from tui.arguments import add_job, add_json
 from tui.output import clean, say
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``pfwd job``."""
+    parser.description = (
+        "Shows procedure, targets, stations and other settings of a survey, with the date of "
+        "every change, or changes them. All points are judged by the last settings. live and log "
+        "take the same options and store the same settings."
+    )
+    parser.add_argument("survey", metavar="SURVEY", help="folder")
+    parser.add_argument(
+        "--procedure", metavar="NAME", help="a name listed by pfwd procedures, or a TOML file"
+    )
+    add_job(parser)
+    parser.add_argument(
+        "--time-zone",
+        metavar="+HH:MM",
+        help="zone of local times without one, as in imported files; exports then have UTC (west "
+        "of Greenwich: --time-zone=-05:00)",
+    )
+    add_json(parser)
+
+
 def run(args: argparse.Namespace) -> int:
-    """Say what is asked to be said, then show the job."""
+    """Store the settings that are given, then print all of them."""
+    from pfwd.files.editing import add_events
+    from pfwd.files.folders import refuse_no_survey
+    from pfwd.judging import JobRequest
+    from pfwd.judging.job import time_zone_of
+    from pfwd.procedures import find_procedure
+    from tui.job_lines import job_lines
+    from tui.measuring_options import job_request, kept_job
+
     refuse_no_survey(args.survey)
     chosen = None if args.procedure is None else find_procedure(args.procedure)
     request = job_request(args, args.survey, chosen)

@@ -4,40 +4,62 @@ import argparse
 import contextlib
 from pathlib import Path
 
-from pfwd.judging import JobRequest
-from pfwd.procedures import plain_procedure
-from pfwd.session.plan import SessionPlan
-from pfwd.session.position import PositionReceiver
-from tui.commands import log
-from tui.measuring_options import (
-    agreed_on_terminal,
-    job_request,
-    measuring_options,
-    measuring_setup,
-    try_output,
+from tui.arguments import (
+    add_analysis,
+    add_changed_calibration,
+    add_expert_group,
+    add_instrument,
+    add_json,
 )
+from tui.commands import log
 from tui.output import say
-from tui.screen.session.sources import LiveSource
-from tui.screen.settings import load_settings
-from tui.screen.show import show
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``pfwd live``."""
+    parser.description = (
+        "Measures with an instrument, on a screen that fills the terminal; ? shows its keys. After "
+        "a lost connection it waits until the instrument is back."
+    )
+    add_instrument(parser)
+    expert = add_expert_group(parser)
+    add_analysis(parser, expert, diagnose=True)
+    add_json(parser, "drop")
+    add_changed_calibration(expert)
+    parser.set_defaults(drops=None, capture=False, give_up=None, no_bell=True)
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure on the screen until the operator leaves."""
+    from pfwd.judging import JobRequest
+    from pfwd.procedures import plain_procedure
+    from pfwd.session.plan import SessionPlan
+    from pfwd.session.position import PositionReceiver
+    from tui.measuring_options import (
+        agreed_on_terminal,
+        job_request,
+        measuring_options,
+        measuring_setup,
+        try_output,
+    )
+    from tui.screen.session.sources import LiveSource
+    from tui.screen.settings import load_settings
+    from tui.screen.show import show
+
     try_output(args.output)
     setup = measuring_setup(args)
     options = measuring_options(args)
-    said = setup.declared.get("seating_drops")
-    usual = plain_procedure() if said is None else plain_procedure(int(said))
+    seating = setup.declared.get("seating_drops")
+    default = plain_procedure() if seating is None else plain_procedure(int(seating))
     if args.json:  # for machines, in place of the screen
-        return log.run(args, usual)
+        return log.run(args, default)
     remarks: list[str] = []
 
     def remark(text: str) -> None:
         say(text)
         remarks.append(text)  # what stands on the terminal now is soon behind the screen
 
-    request = job_request(args, args.output, setup.procedure, usual, remark)
+    request = job_request(args, args.output, setup.procedure, default, remark)
     request = JobRequest(units=load_settings().units).over(request)
     if not agreed_on_terminal(args.output, setup.procedure, request):
         return 0
@@ -49,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
         changed_calibration="accept" if args.accept_calibration else "ask",
         position=receiver,
         job=request,
-        usual_procedure=usual,
+        usual_procedure=default,
     )
     source = LiveSource(args.url, Path(args.output), plan, args.spare)
     with receiver or contextlib.nullcontext():

@@ -3,42 +3,84 @@
 import argparse
 import contextlib
 import sys
+from typing import TYPE_CHECKING
 
-from pfwd.procedures import Procedure
-from pfwd.session.events import DropSaved, SessionEvent
-from pfwd.session.measure import measure, stopped_by_signals
-from pfwd.session.position import PositionReceiver
-from pfwd.session.session import Ending, Listener, SessionPlan
-from tui.log_file import close_log, open_log
-from tui.measuring_options import job_request, measuring_options, measuring_setup, try_output
+from tui.arguments import (
+    add_analysis,
+    add_changed_calibration,
+    add_expert_group,
+    add_instrument,
+    add_json,
+    count,
+    not_negative,
+)
 from tui.output import say
-from tui.session_lines import SessionLines
 
-STATUS_OF_ENDING = {Ending.DONE: 0, Ending.UNSAVED: 1, Ending.LOST: 3}
+if TYPE_CHECKING:
+    from pfwd.procedures import Procedure
+    from pfwd.session.events import SessionEvent
+    from pfwd.session.position import PositionReceiver
+    from pfwd.session.session import Listener
 
 
-def _with_position(tell: Listener, receiver: PositionReceiver | None) -> Listener:
-    """Says of every drop what is wrong with its position."""
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``pfwd log``."""
+    parser.description = (
+        "Records the drops of an instrument into a survey. A drop is printed only when it is "
+        "safe on the disk. Ends after --drops, when the instrument has no more, or on SIGINT or "
+        "SIGTERM. After a lost connection it waits until the instrument is back."
+    )
+    add_instrument(parser)
+    parser.add_argument("--drops", type=count, metavar="N", help="end after N drops")
+    expert = add_expert_group(parser)
+    add_analysis(parser, expert, diagnose=False)
+    add_json(parser, "drop")
+    add_changed_calibration(expert)
+    expert.add_argument(
+        "--give-up",
+        type=not_negative,
+        metavar="S",
+        help="end with status 3 when the instrument is lost for S seconds (default: wait for ever)",
+    )
+    expert.add_argument(
+        "--capture", action="store_true", help="also store every byte that the instrument sends"
+    )
+    expert.add_argument("--no-bell", action="store_true", help="do not ring for a safe drop")
+
+
+def _with_position_warnings(
+    listener: "Listener", receiver: "PositionReceiver | None"
+) -> "Listener":
+    """Return a listener that also reports drops without a valid position."""
+    from pfwd.session.events import DropSaved
+
     if receiver is None:
-        return tell
+        return listener
 
-    def told(event: SessionEvent) -> None:
-        tell(event)
+    def listen(event: "SessionEvent") -> None:
+        listener(event)
         if isinstance(event, DropSaved) and (warning := receiver.warning()) is not None:
             say(f"drop {event.saved.point}/{event.saved.number}: {warning}")
 
-    return told
+    return listen
 
 
-def run(args: argparse.Namespace, usual: Procedure | None = None) -> int:
-    """Measure until enough drops are in, or a signal comes, or the instrument has no more.
+def run(args: argparse.Namespace, default_procedure: "Procedure | None" = None) -> int:
+    """Measure until enough drops are recorded, a signal arrives or the instrument has no more.
 
     Parameters
     ----------
     args : argparse.Namespace
-    usual : Procedure, optional
-        Of a survey that begins now, where nobody chose one.
+    default_procedure : Procedure, optional
+        Procedure of a new survey for which none was chosen.
     """
+    from pfwd.session.measure import measure, stopped_by_signals
+    from pfwd.session.position import PositionReceiver
+    from pfwd.session.session import SessionPlan
+    from tui.log_file import close_log, open_log
+    from tui.measuring_options import job_request, measuring_options, measuring_setup, try_output
+    from tui.session_lines import STATUS_OF_ENDING, SessionLines
+
     try_output(args.output)
     setup = measuring_setup(args)
     options = measuring_options(args)
@@ -46,8 +88,8 @@ def run(args: argparse.Namespace, usual: Procedure | None = None) -> int:
     plan = SessionPlan(
         point=args.point,
         setup=setup,
-        job=job_request(args, args.output, setup.procedure, usual),
-        usual_procedure=usual,
+        job=job_request(args, args.output, setup.procedure, default_procedure),
+        usual_procedure=default_procedure,
         drops=args.drops,
         options=options,
         give_up=args.give_up,
@@ -62,7 +104,7 @@ def run(args: argparse.Namespace, usual: Procedure | None = None) -> int:
             ending = measure(
                 args.url,
                 args.output,
-                _with_position(lines.tell, receiver),
+                _with_position_warnings(lines.tell, receiver),
                 plan,
                 capture=args.capture,
                 control=stopped_by_signals,

@@ -15,6 +15,23 @@ from tui.output import clean, say
 ROLES = ("time", "load", "sensor", "drop", "none")
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``pfwd map``."""
+    parser.description = (
+        "Reads a text (CSV, tabs, blanks), proposes what its columns hold, asks about them on a "
+        "terminal, and writes a column map for pfwd import --map. Exit status 1 when something "
+        "still has to be filled in."
+    )
+    parser.add_argument("file", metavar="FILE", help="delimited text of any program")
+    parser.add_argument(
+        "-o", "--output", metavar="MAP.toml", help="default: FILE with .map.toml at its end"
+    )
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+    parser.add_argument(
+        "--no-questions", action="store_true", help="write the proposal without asking"
+    )
+
+
 def run(args: argparse.Namespace) -> int:
     """Write the map; 1 when something in it is still to be said."""
     target = args.output or os.path.splitext(args.file)[0] + ".map.toml"

@@ -5,9 +5,37 @@ import contextlib
 
 from pfwd.errors import OptionError, refusal
 from pfwd.files.folders import refuse_no_survey
+from tui.arguments import add_json
 from tui.output import on_terminal, say
 
 USAGE = 2
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``pfwd open``."""
+    parser.description = (
+        "Shows stored results: points (sorted, filtered), profile, map, drops over each other, two "
+        "points compared, the settings of the survey. Keys write a report or an export. Nothing is "
+        "computed again, and nothing in the survey is changed."
+    )
+    parser.add_argument("survey", metavar="SURVEY", help="folder")
+    parser.add_argument(
+        "--serve",
+        nargs="?",
+        const="",
+        metavar="HOST:PORT",
+        help="serve read-only pages for a browser instead of the screen (default: 127.0.0.1:8765; "
+        "on another host one browser is let in by a code)",
+    )
+    parser.add_argument(
+        "--photos",
+        nargs="?",
+        const="strip",
+        choices=("strip", "keep"),
+        help="with --serve: accept photos of points from the browser; strip (default) removes the "
+        "position that the camera wrote into them",
+    )
+    add_json(parser, "point")
 
 
 def run(args: argparse.Namespace) -> int:

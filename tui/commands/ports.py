@@ -6,7 +6,24 @@ from typing import Any
 
 from pfwd.export.json_text import json_text
 from pfwd.ports import Port, Probe, list_ports, port_advice, probe_ports
+from tui.arguments import add_json
 from tui.output import clean, say
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``pfwd ports``."""
+    parser.description = (
+        "Lists the serial ports of this computer and tests each for an instrument. A port without "
+        "an answer is listed with the reason and what to try."
+    )
+    parser.add_argument(
+        "urls",
+        nargs="*",
+        metavar="URL",
+        help="test only these, for example /dev/ttyUSB0, COM3 or socket://HOST:PORT",
+    )
+    parser.add_argument("--no-probe", action="store_true", help="do not open the ports")
+    add_json(parser, "port")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -6,6 +6,7 @@ import textwrap
 from pfwd.export.json_text import json_text
 from pfwd.procedures import Procedure, find_procedure, shipped_procedures
 from pfwd.procedures.profile import CHECKS, Number
+from tui.arguments import add_json
 from tui.output import clean
 
 _SHOWN = {
@@ -18,6 +19,17 @@ _SHOWN = {
     "plate_radius_m": ("plate radius", 1.0, "m"),
     **{key: (check.words, check.scale, check.unit) for key, check in CHECKS.items()},
 }
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``pfwd procedures``."""
+    parser.description = (
+        "Lists the procedures that come with the program: seating + measured drops (in brackets: "
+        "not verified, not enforced) and the judged quantity. With a name or a TOML file it shows "
+        "every number with its source."
+    )
+    parser.add_argument("name", nargs="?", metavar="NAME", help="show this procedure")
+    add_json(parser, "procedure")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -6,9 +6,79 @@ import time
 from pfwd.errors import OptionError, refusal
 from pfwd.export.json_text import json_text
 from pfwd.report.pictures_as_svg import SecondDrawer, second_drawer
+from tui.arguments import (
+    add_expert_group,
+    add_jobs,
+    add_json,
+    add_layers,
+    add_seed,
+    add_stored,
+    number,
+    report_file,
+)
 from tui.output import clean, say
 from tui.progress import telling
 from tui.report_settings import load_report_settings
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``pfwd report``."""
+    parser.description = (
+        "Writes one file that shows a survey to others: summary, map, profile, a page per point "
+        "with traces, fits and residuals, device, procedure, and all that is needed to compute it "
+        "again. It uses stored results; missing ones are computed."
+    )
+    parser.add_argument("survey", metavar="SURVEY", help="folder")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=report_file,
+        metavar="FILE",
+        required=True,
+        help=".html or .pdf; .xlsx with a workbook as --template",
+    )
+    parser.add_argument(
+        "--template",
+        metavar="T",
+        help="T.xlsx: a workbook whose named cells, or cells with {{ name }}, are filled; "
+        "T.typ: a layout of the PDF for Typst",
+    )
+    parser.add_argument(
+        "--language",
+        metavar="CODE",
+        default="en",
+        help="en, de or zh, or a TOML file with the texts of another language (default: en)",
+    )
+    parser.add_argument(
+        "--title", metavar="TEXT", help="heading (default: the site, or the folder's name)"
+    )
+    parser.add_argument("--company", metavar="TEXT", help="company on the first page")
+    parser.add_argument("--logo", metavar="FILE", help="picture for the first page (.png, .jpg)")
+    parser.add_argument(
+        "--procedure", metavar="NAME", help="judge by this procedure (default: that of the survey)"
+    )
+    parser.add_argument(
+        "--target",
+        type=number,
+        metavar="V",
+        help="target of points without their own, in the unit of the procedure: MPa, or mm for a "
+        "deflection",
+    )
+    parser.add_argument(
+        "--diagnose", action="store_true", help="diagnose points without a stored diagnosis (slow)"
+    )
+    add_jobs(parser)
+    add_json(parser, "point")
+    expert = add_expert_group(parser)
+    expert.add_argument(
+        "--target-deflection",
+        type=number,
+        metavar="MM",
+        help="the same as --target, refused if the procedure judges no deflection",
+    )
+    add_layers(expert, "computes all drops again; default: as stored")
+    add_stored(expert)
+    add_seed(expert)
 
 
 def _target(args: argparse.Namespace) -> float | None:

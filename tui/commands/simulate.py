@@ -4,13 +4,53 @@ import argparse
 
 from pfwd.export.json_text import json_text
 from pfwd.files.output_path import require_writable
-from simulators.instrument import SimulateOptions, simulate
-from simulators.mesh import SimulationError
+from tui.arguments import add_seed, count, not_negative
 from tui.output import say
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``pfwd simulate``."""
+    parser.description = (
+        "Runs a simulated instrument on a virtual serial port or on TCP until ctrl+c. Its drops "
+        "are computed by finite elements; scenarios add faults. Connect pfwd live or pfwd log to "
+        "the printed address."
+    )
+    parser.add_argument(
+        "--listen",
+        metavar="WHERE",
+        help="pty (a virtual serial port) or tcp://HOST:PORT, port 0 for a free one (default: pty "
+        "where the system has it)",
+    )
+    parser.add_argument(
+        "--scenario",
+        metavar="NAME",
+        default="default",
+        help="built-in name, or a TOML file (default: default)",
+    )
+    parser.add_argument(
+        "--drops", type=count, metavar="N", help="end after N drops (default: no limit)"
+    )
+    parser.add_argument(
+        "--rate",
+        type=not_negative,
+        metavar="X",
+        default=1.0,
+        help="speed as a multiple of real time, 0: as fast as possible (default: 1)",
+    )
+    parser.add_argument(
+        "--truth",
+        metavar="FILE",
+        help="at the end write what was simulated, as JSON",
+    )
+    add_seed(parser)
+    parser.add_argument("--json", action="store_true", help='print the address as {"url": ...}')
 
 
 def run(args: argparse.Namespace) -> int:
     """Serve a simulated instrument; the first line on standard output is its URL."""
+    from simulators.instrument import SimulateOptions, simulate
+    from simulators.mesh import SimulationError
+
     if args.truth is not None:
         require_writable(args.truth, "--truth", streams=True)
     options = SimulateOptions(

@@ -1,4 +1,4 @@
-"""What the command line takes for a value, and what it says of anything else."""
+"""Values of the command line: the accepted ones, and the messages for all others."""
 
 import argparse
 import re
@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tui import argument_values as values
+from tui import arguments as values
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,255 @@
+"""Types of argument values, and the arguments that several commands share.
+
+A type raises ArgumentTypeError with what it expected. Nothing heavy is imported here.
+"""
+
+import argparse
+
+Arguments = argparse._ActionsContainer
+"""A parser or one of its groups."""
+
+PLOT_FORMATS = (".pdf", ".png", ".svg")
+
+
+def whole(text: str) -> int:
+    """Return a whole number."""
+    try:
+        return int(text)
+    except ValueError:
+        raise _refused("a whole number", text) from None
+
+
+def count(text: str) -> int:
+    """Return a whole number of at least 1."""
+    value = whole(text)
+    if value < 1:
+        raise _refused("a whole number from 1", text)
+    return value
+
+
+def number(text: str) -> float:
+    """Return a number."""
+    try:
+        return float(text)
+    except ValueError:
+        raise _refused("a number", text) from None
+
+
+def not_negative(text: str) -> float:
+    """Return a finite number of at least 0."""
+    value = number(text)
+    if not 0 <= value < float("inf"):
+        raise _refused("a number >= 0", text)
+    return value
+
+
+def depth(text: str) -> float | str:
+    """Return a depth in m, or ``none`` or ``unknown``."""
+    if text in ("unknown", "none"):
+        return text
+    try:
+        value = float(text)
+    except ValueError:
+        raise _refused("a depth in m, unknown or none", text) from None
+    return "none" if value == float("inf") else value
+
+
+def layers(text: str) -> int | str:
+    """Return a number of layers, or ``auto``."""
+    if text == "auto":
+        return text
+    try:
+        return int(text)
+    except ValueError:
+        raise _refused("a whole number from 1 to 4, or auto", text) from None
+
+
+def thickness(text: str) -> tuple[float, ...] | str:
+    """Return thicknesses in m from the top, separated by commas, or ``unknown``."""
+    if text == "unknown":
+        return text
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise _refused("numbers in m with commas between, or unknown", text) from None
+
+
+def report_file(text: str) -> str:
+    """Return the name of a report."""
+    if not text.lower().endswith((".html", ".pdf", ".xlsx")):
+        raise _refused("a name ending in .html or .pdf, or in .xlsx with --template", text)
+    return text
+
+
+def plot_file(text: str) -> str:
+    """Return the name of a picture."""
+    if not text.lower().endswith(PLOT_FORMATS):
+        raise _refused(f"a name ending in {', '.join(PLOT_FORMATS)}", text)
+    return text
+
+
+def _refused(expected: str, came: str) -> argparse.ArgumentTypeError:
+    return argparse.ArgumentTypeError(f"expected {expected}, got {came}")
+
+
+def add_json(parser: Arguments, per: str | None = None) -> None:
+    """Add ``--json``, which prints an object for each `per`, or one object in all."""
+    each = "one JSON object" if per is None else f"one JSON object per {per}"
+    parser.add_argument("--json", action="store_true", help=f"print {each}, in SI units")
+
+
+def add_expert_group(parser: argparse.ArgumentParser) -> Arguments:
+    """Add the group of options that everyday work does not need; call it last."""
+    return parser.add_argument_group("expert options")
+
+
+def add_instrument(parser: argparse.ArgumentParser) -> None:
+    """Add what ``live`` and ``log`` both need: port, survey, setup, place and job."""
+    parser.add_argument(
+        "url", metavar="URL", help="port of the instrument: /dev/ttyUSB0, COM3, socket://HOST:PORT"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="SURVEY",
+        required=True,
+        help="folder to record into; an existing survey is continued",
+    )
+    parser.add_argument(
+        "--setup",
+        metavar="FILE.toml",
+        help="plate, sensors and soil; replaces what the instrument declares",
+    )
+    parser.add_argument("--point", metavar="NAME", help="test point (default: the last one)")
+    parser.add_argument(
+        "--procedure",
+        metavar="NAME",
+        help="how a point is measured: a name listed by pfwd procedures, or a TOML file",
+    )
+    add_job(parser)
+    parser.add_argument(
+        "--gps", metavar="PORT", help="port of a satellite receiver (NMEA) for positions"
+    )
+
+
+def add_changed_calibration(parser: Arguments) -> None:
+    """Add the permission to record with a new calibration."""
+    parser.add_argument(
+        "--accept-calibration",
+        action="store_true",
+        help="record even if the calibration differs from that of the instrument's drops in SURVEY",
+    )
+
+
+def add_job(parser: Arguments) -> None:
+    """Add the settings of a survey that ``live``, ``log`` and ``job`` store."""
+    parser.add_argument(
+        "--target",
+        type=number,
+        metavar="V",
+        help="target of points without their own, in the unit of the procedure: MPa, or mm for a "
+        "deflection",
+    )
+    parser.add_argument(
+        "--stations",
+        metavar="FILE",
+        help="points to measure: .csv (name, chainage, latitude, longitude, target) or .gpx",
+    )
+    parser.add_argument("--step", type=number, metavar="M", help="distance between stations, m")
+    parser.add_argument("--operator", metavar="T", help="name of the person who measures")
+
+
+def add_analysis(parser: Arguments, expert: Arguments, *, diagnose: bool) -> None:
+    """Add how drops are analysed while they are measured or replayed."""
+    parser.add_argument("--no-invert", action="store_true", help="record without a modulus")
+    parser.add_argument(
+        "--diagnose",
+        action=argparse.BooleanOptionalAction,
+        default=diagnose,
+        help="diagnose each point in the background, seconds after its drops, and store the result "
+        f"(default: {'yes' if diagnose else 'no'})",
+    )
+    add_layers(expert, "default: 1")
+    add_seed(expert)
+    add_spare(expert)
+
+
+def add_spare(parser: Arguments) -> None:
+    """Add the folder for drops that the survey cannot store."""
+    parser.add_argument(
+        "--spare",
+        metavar="FOLDER",
+        help="folder for drops that SURVEY cannot store, for example on a full disk (default: "
+        "PFWD_SPARE, or the data folder of this computer)",
+    )
+
+
+def add_declared(parser: argparse.ArgumentParser) -> None:
+    """Add values that replace those of the files' headers."""
+    group = parser.add_argument_group("declared values, in place of those in the files")
+    group.add_argument("--header", metavar="FILE.toml", help="header keys in a file of their own")
+    group.add_argument("--plate-radius", type=number, metavar="M", help="m")
+    group.add_argument("--poisson-ratio", type=number, metavar="NU", help="0 <= NU < 0.5")
+    group.add_argument("--density", type=number, metavar="RHO", help="density of the soil, kg/m3")
+    group.add_argument("--plate-mass", type=number, metavar="KG", help="mass below the load cell")
+
+
+def add_layers(parser: Arguments, default: str) -> None:
+    """Add number and thickness of the layers of the ground."""
+    parser.add_argument(
+        "--layers",
+        type=layers,
+        metavar="N",
+        help=f"number of layers, the ground below them included, 1 to 4 ({default}), or auto: as "
+        "many as the record supports",
+    )
+    parser.add_argument(
+        "--thickness",
+        type=thickness,
+        metavar="M[,M...]",
+        help="thickness of all layers but the lowest, from the top, m, or unknown (default: "
+        "fitted)",
+    )
+
+
+def add_stored(parser: Arguments) -> None:
+    """Add whether results stored in the survey are read and written."""
+    parser.add_argument(
+        "--refit", action="store_true", help="compute again, even if the survey stores the result"
+    )
+    parser.add_argument("--no-store", action="store_true", help="do not store the results")
+
+
+def add_archive(parser: Arguments) -> None:
+    """Add the options for many files: tables as output, a cluster."""
+    parser.add_argument(
+        "--archive",
+        metavar="OUT",
+        help="write results to this folder as Parquet tables; a run that was stopped is continued",
+    )
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="compute on a dask cluster instead of processes: tls://HOST:8786 with dask's "
+        "certificates, or tcp://HOST:8786",
+    )
+
+
+def add_seed(parser: Arguments) -> None:
+    """Add the seed of everything random."""
+    parser.add_argument(
+        "--seed", type=whole, metavar="S", default=0, help="seed of random numbers (default: 0)"
+    )
+
+
+def add_jobs(parser: Arguments) -> None:
+    """Add the number of processes."""
+    parser.add_argument(
+        "--jobs", type=count, metavar="N", default=1, help="number of processes (default: 1)"
+    )
+
+
+def add_plot(parser: Arguments) -> None:
+    """Add the name of a picture."""
+    formats = ", ".join(PLOT_FORMATS)
+    parser.add_argument("--plot", type=plot_file, metavar="FILE", help=f"draw a plot ({formats})")
