@@ -256,7 +256,7 @@ class Table(_Unchanged):
 
 
 @dataclass(frozen=True, slots=True)
-class Array(_Unchanged):
+class Array:
     """Array whose items are of one kind; with a `Table` an array of tables."""
 
     item: Value
@@ -268,7 +268,11 @@ class Array(_Unchanged):
         return f"{items} with {self.min_items} or more" if self.min_items else items
 
     def accepts(self, value: Any) -> bool:
+        # The items are checked one by one, so that a message names the one at fault.
         return isinstance(value, list | tuple) and len(value) >= self.min_items
+
+    def convert(self, value: Any) -> Any:
+        return tuple(self.item.convert(item) for item in value)
 
     def json_schema(self) -> dict[str, Any]:
         schema: dict[str, Any] = {"type": "array", "items": self.item.json_schema()}
@@ -400,6 +404,26 @@ class TableReader:
 
     def _place(self, where: str) -> str:
         return f"{self.path}, {where}" if self.path and where else self.path or where
+
+
+def readable_values(table: object, keys: Mapping[str, Key]) -> dict[str, Any]:
+    """Return the accepted values of a table by attribute, without unknown and refused ones.
+
+    It reads what other versions of the program stored. Tables inside are not read.
+    """
+    if not isinstance(table, Mapping):
+        return {}
+
+    def is_readable(kind: Value, value: Any) -> bool:
+        if not kind.accepts(value):
+            return False
+        return not isinstance(kind, Array) or all(map(kind.item.accepts, value))
+
+    return {
+        key.attribute or name: key.value.convert(table[name])
+        for name, key in keys.items()
+        if name in table and is_readable(key.value, table[name])
+    }
 
 
 def unknown_key(name: str, keys: Iterable[str], where: str) -> str:

@@ -9,11 +9,10 @@ Targets of single points are edits of these points.
 import dataclasses
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from inversion.records import is_number
 from pfwd.errors import OptionError, SurveyError, quote, refusal
 from pfwd.procedures import (
     NO_PROCEDURE,
@@ -24,6 +23,19 @@ from pfwd.procedures import (
     shipped_names,
 )
 from pfwd_device.recording.survey_content import SurveyContent
+from pfwd_device.schema import (
+    Array,
+    Choice,
+    Key,
+    Number,
+    Table,
+    Text,
+    declared,
+    describe,
+    keys_of,
+    readable_values,
+    table_of,
+)
 
 PROCEDURE_EVENT, JOB_EVENT = "procedure", "job"
 
@@ -32,26 +44,48 @@ MAX_STATIONS = 100_000
 
 UNITS = ("si", "us")
 
+_TEXT = Text(200, min_length=1)
+
 
 @dataclass(frozen=True, slots=True)
 class Station:
     """A place that is to be measured."""
 
-    name: str
-    """Name that the point shall have."""
-    chainage_m: float | None = None
-    """Along the line, m."""
-    latitude: float | None = None
-    """Degrees, north positive."""
-    longitude: float | None = None
-    """Degrees, east positive."""
-    target: float | None = None
-    """Pa, or m for a deflection; None: that of the job."""
+    name: str = field(metadata=describe(_TEXT, "Name that the point shall have."))
+    chainage_m: float | None = declared(None, Number("m"), "Distance along the line.")
+    latitude: float | None = declared(
+        None, Number("degrees", minimum=-90, maximum=90), "North positive."
+    )
+    longitude: float | None = declared(
+        None, Number("degrees", minimum=-180, maximum=180), "East positive."
+    )
+    target: float | None = declared(
+        None, Number("Pa or m", above=0), "Target; without one that of the job."
+    )
 
     def as_stored(self) -> dict[str, Any]:
         """Return the station as stored: without unknown values."""
         values = dataclasses.asdict(self)
         return {key: value for key, value in values.items() if value is not None}
+
+
+JOB_KEYS = {
+    "target": Key(
+        Number("Pa or m", above=0), meaning="Target of points that have none of their own."
+    ),
+    "stations": Key(Array(table_of(Station)), meaning="Stations, one table each."),
+    "step_m": Key(
+        Number("m", above=0), meaning="Distance of neighbouring stations along the line."
+    ),
+    "operator": Key(_TEXT, meaning="Name of the operator."),
+    "device": Key(_TEXT, meaning="Serial number of the instrument."),
+    "calibration": Key(
+        Array(Table({})), meaning="Channel, date of its calibration and date of expiry."
+    ),
+    "units": Key(Choice(UNITS), meaning="Units of the screen."),
+    "time_zone": Key(_TEXT, meaning="Offset of local time at the site, such as +02:00."),
+}
+"""Keys of an event ``job``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -425,23 +459,22 @@ def job_from_events(
             procedure_details = details
             continue
         for key, value in details.items():
-            read = _READERS.get(key)
-            if read is None:
+            if value is None:
+                readable = {key: _EMPTY.get(key)} if key in JOB_KEYS else {}
+            elif key == "stations":
+                readable = _stations(value)
+            else:
+                readable = readable_values({key: value}, JOB_KEYS)
+            if not readable:
                 continue
-            readable = read(value)
-            if readable is None and value is not None:
-                continue
-            values[key] = readable
+            values |= readable
             changes.append(JobChange(time_utc=when, key=key, value=value))
-    settings: dict[str, Any] = {
-        key: value if value is not None else _EMPTY.get(key) for key, value in values.items()
-    }
     procedure = (
         before
         if procedure_details is None or not procedure_details["text"]
         else _procedure(procedure_details, where)
     )
-    return Job(procedure=procedure, changes=tuple(changes), **settings)
+    return Job(procedure=procedure, changes=tuple(changes), **values)
 
 
 def _stored_details(details: Mapping[str, Any]) -> tuple[Any, ...]:
@@ -469,59 +502,13 @@ def _named_procedure(survey: SurveyContent) -> Procedure | None:
     return find_procedure(shipped.pop()) if len(shipped) == 1 else None
 
 
-def _finite(value: Any) -> float | None:
-    return float(value) if is_number(value) else None
+def _stations(value: Any) -> dict[str, Any]:
+    if not isinstance(value, list) or len(value) > MAX_STATIONS:
+        return {}
+    stations = [readable_values(entry, keys_of(Station)) for entry in value]
+    if not all("name" in station for station in stations):
+        return {}
+    return {"stations": tuple(Station(**station) for station in stations)}
 
 
-def _positive(value: Any) -> float | None:
-    return float(value) if is_number(value) and value > 0 else None
-
-
-def _text(value: Any) -> str | None:
-    return value if isinstance(value, str) and 0 < len(value) <= 200 else None
-
-
-def _units(value: Any) -> str | None:
-    return value if isinstance(value, str) and value in UNITS else None
-
-
-def _degrees(value: Any, limit: float) -> float | None:
-    return float(value) if is_number(value) and abs(value) <= limit else None
-
-
-def _stations(value: Any) -> tuple[Station, ...] | None:
-    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) > MAX_STATIONS:
-        return None
-    stations = []
-    for entry in value:
-        name = _text(entry.get("name")) if isinstance(entry, Mapping) else None
-        if name is None:
-            return None
-        stations.append(
-            Station(
-                name,
-                _finite(entry.get("chainage_m")),
-                _degrees(entry.get("latitude"), 90.0),
-                _degrees(entry.get("longitude"), 180.0),
-                _positive(entry.get("target")),
-            )
-        )
-    return tuple(stations)
-
-
-def _mappings(value: Any) -> tuple[Mapping[str, Any], ...] | None:
-    sound = isinstance(value, list) and all(isinstance(item, Mapping) for item in value)
-    return tuple(value) if sound else None
-
-
-_READERS: Mapping[str, Any] = {
-    "target": _positive,
-    "stations": _stations,
-    "step_m": _positive,
-    "operator": _text,
-    "device": _text,
-    "calibration": _mappings,
-    "units": _units,
-    "time_zone": _text,
-}
 _EMPTY: Mapping[str, Any] = {"stations": (), "calibration": ()}
