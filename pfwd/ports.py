@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 
 from pfwd.errors import SurveyError, refusal
-from pfwd_device.acquisition.probing import PROBE_TIMEOUT, probe_all
+from pfwd_device.acquisition.probing import PROBE_TIMEOUT_S, probe_all
 from pfwd_device.acquisition.probing import Probe as Probe
 from pfwd_device.conformance import Result as Result
 from pfwd_device.conformance import conform as _conform
@@ -22,7 +22,7 @@ from pfwd_device.transport.ports import list_ports as list_ports
 from pfwd_device.wire.registry import all_dialects
 
 
-def probe_ports(urls: Sequence[str], timeout: float = PROBE_TIMEOUT) -> list[Probe]:
+def probe_ports(urls: Sequence[str], timeout: float = PROBE_TIMEOUT_S) -> list[Probe]:
     """Return what answers at each of some ports, in their order; a few seconds for all together."""
     return probe_all(urls, all_dialects(), timeout)
 

@@ -60,7 +60,7 @@ from pfwd_device.acquisition.detection import (
     RawRebound,
     ReboundsOver,
 )
-from pfwd_device.acquisition.detector import Detector, Found
+from pfwd_device.acquisition.detector import DetectedItem, Detector
 from pfwd_device.acquisition.items import (
     BufferedDrop,
     Connected,
@@ -536,7 +536,7 @@ class Session:
                     *calibration_warnings(identity, item.time_utc.date()),
                     *response_warnings(identity),
                 ),
-                item.again,
+                item.reconnected,
             )
         )
         if self._feed.live:
@@ -596,7 +596,8 @@ class Session:
         if self._recorder is None or item is None or identity is None:
             return
         self._recorder.keep_point(self._point, self._declared)
-        details = {"url": item.url, "serial_number": identity.serial_number, "again": item.again}
+        number = identity.serial_number
+        details = {"url": item.url, "serial_number": number, "again": item.reconnected}
         self._recorder.keep_event("connected", details | _count(unkept))
         if not self._rules_stored:
             self._recorder.keep_event(RULES_EVENT, {"version": RULES_VERSION})
@@ -765,7 +766,7 @@ class Session:
         self._stream = None
         self._interrupted = True
 
-    def _on_detected(self, detected: list[Found]) -> None:
+    def _on_detected(self, detected: list[DetectedItem]) -> None:
         for item in detected:
             if self._armed is not None and not (isinstance(item, RawDrop) and item.by_operator):
                 continue  # it comes from the instrument itself
@@ -794,12 +795,12 @@ class Session:
                 "peak_load_n": peak,
                 "stream": pulse.stream,
                 "sample": pulse.trigger,
-                "doubt": str(pulse.doubt),
+                "doubt": str(pulse.reason),
             }
             self._recorder.keep_event("pulse", details | _count(unkept))
         text = (
             f"point {self._point}: pulse of {peak / 1e3:.2f} kN at {seconds:.2f} s of run "
-            f"{pulse.stream}: {pulse.doubt}. Look at the last drops and repeat what is missing"
+            f"{pulse.stream}: {pulse.reason}. Look at the last drops and repeat what is missing"
         )
         self._report(Notice(text, serious=True, kind="pulses"))
 

@@ -1,4 +1,4 @@
-"""Puts blocks of samples in order: each sample once, and what is missing located to the sample."""
+"""Ordering of blocks of samples: each sample once, each gap located to the sample."""
 
 import bisect
 import datetime
@@ -12,36 +12,37 @@ from pfwd_device.acquisition.items import Gap, Item, Samples, StreamBegan
 from pfwd_device.identity import Identity
 from pfwd_device.wire.messages import HostMessage, Resend, SampleBlock, SamplesGone
 
-LATE = 0.05
-"""s; a block that comes up to so much later than its successors is put in its place."""
-_VALUES_PER_BLOCK = 2048
-_LATEST = 0.2
-"""s; the same for an instrument with long blocks, of which two may overtake one."""
-PATIENCE = 0.5
-"""s; when nothing comes any more, the blocks that wait are handed on."""
-_MOST_WAITING = 256
-"""Blocks; more would be nonsense or an attack."""
-_MOST_WAITING_FOR_RESENT = 4096
-"""The same while missing samples are asked for: ten seconds of blocks of 5 ms, and more of those
-that came together."""
-RESEND_EVERY = 0.15
-"""s; so soon what was asked for again has come over a link that has room for it."""
-RESEND_PATIENCE = 2.5
-"""s; the ring that is recommended (2 s) has gone round by then."""
-_MOST_COUNT = 2**32 - 1
-_MOST_REQUESTS = 4
-"""Ranges that are asked for at a time: an instrument keeps few of them in mind."""
-_STREAMS_KEPT = 4
-"""Where the last streams stood: a stray block of an old one must not repeat samples."""
+REORDER_WINDOW_S = 0.05
+"""Longest delay of a block behind its successors at which it is still put in its place, s."""
+_VALUES_PER_LONG_BLOCK = 2048
+_REORDER_WINDOW_OF_LONG_BLOCKS_S = 0.2
+"""The same limit for an instrument with long blocks, of which two may overtake one, s."""
+FLUSH_AFTER_S = 0.5
+"""Time without new blocks after which the waiting blocks are passed on, s."""
+_MAX_WAITING_BLOCKS = 256
+"""Largest number of waiting blocks; more would be damage or an attack."""
+_MAX_WAITING_BLOCKS_WITH_RESEND = 4096
+"""The same limit while missing samples are requested again: more than ten seconds of blocks of
+5 ms."""
+RESEND_INTERVAL_S = 0.15
+"""Time between two requests for the same samples, s: a link with free capacity delivers sooner."""
+RESEND_TIMEOUT_S = 2.5
+"""Time after which requested samples are lost, s: the recommended ring of 2 s is overwritten."""
+_MAX_RESEND_SAMPLES = 2**32 - 1
+_MAX_OPEN_REQUESTS = 4
+"""Largest number of open requests: an instrument stores few of them."""
+_N_REMEMBERED_STREAMS = 4
+"""Number of earlier streams whose ends are remembered, so that a stray block of one repeats no
+samples."""
 
 
 @dataclass(slots=True)
-class _Waiting:
+class _WaitingBlock:
     block: SampleBlock
     received: float
     time_utc: datetime.datetime
     expected: int
-    """What was expected when it came."""
+    """Index of the next expected sample when the block was received."""
 
     @property
     def first(self) -> int:
@@ -53,40 +54,41 @@ class _Waiting:
 
 
 @dataclass(slots=True)
-class _Asked:
-    """Samples that were asked for again."""
+class _ResendRequest:
+    """Range of samples that was requested again."""
 
     first: int
     end: int
-    at: float
-    """s; when it was, or when the last of them came."""
+    changed: float
+    """Time of the request or of the last received sample of the range, s."""
 
 
 class Assembler:
     """Turns blocks into samples and gaps.
 
-    A gap is told when blocks behind it have come from more than a window away; one that is longer
-    than the window needs a second block that agrees with the first, since an index may be wrong.
-    An instrument that keeps its last samples is asked for those that are missing, and a gap is told
-    when it has them no more or does not send them within `RESEND_PATIENCE`.
-    A stream that is met near its start began with sample 0; elsewhere it is joined where it is.
+    A gap is reported when a block more than a window behind it is received. If the gap is longer
+    than the window, a second block must confirm the first, because an index may be wrong.
+    Missing samples are requested again from an instrument with a ring buffer. Then a gap is
+    reported when the ring no longer has them or `RESEND_TIMEOUT_S` has passed.
+    A stream whose first block lies within a window of sample 0 starts with sample 0; any other
+    starts with its first received sample.
 
     Parameters
     ----------
     identity : Identity
-        Tells the number of channels and the sampling rate.
+        Number of channels and sampling rate.
     counters : Counters
-        Where samples and blocks are counted.
+        Counters of samples and blocks, which are updated.
     """
 
     def __init__(self, identity: Identity, counters: Counters) -> None:
         self._counters = counters
         self._stream: int | None = None
         self._expected = 0
-        self._known: OrderedDict[int, int] = OrderedDict()
-        self._waiting: list[_Waiting] = []
+        self._ends_of_streams: OrderedDict[int, int] = OrderedDict()
+        self._waiting: list[_WaitingBlock] = []
         self._newest = 0
-        self._asked: list[_Asked] = []
+        self._open_requests: list[_ResendRequest] = []
         self.configure(identity)
 
     @property
@@ -95,29 +97,29 @@ class Assembler:
         return self._stream
 
     def is_newest(self, block: SampleBlock) -> bool:
-        """Whether a block holds later samples than all before it: it did not come again, and no
-        other overtook it."""
+        """Return True if a block ends later than all before it: no repeat, and not overtaken."""
         end = block.first_sample + len(block.counts)
         return block.stream != self._stream or end > max(self._expected, self._newest)
 
     def configure(self, identity: Identity) -> None:
-        """Go on with what the instrument says of itself now."""
+        """Continue with a changed identity."""
         rate = identity.sampling_rate
         self._channels = len(identity.channels)
         self._ring = identity.ring_samples
-        blocks = 2 * _VALUES_PER_BLOCK // self._channels
-        self._window = math.ceil(max(LATE * rate, min(blocks, _LATEST * rate)))
+        blocks = 2 * _VALUES_PER_LONG_BLOCK // self._channels
+        long_blocks = min(blocks, _REORDER_WINDOW_OF_LONG_BLOCKS_S * rate)
+        self._window = math.ceil(max(REORDER_WINDOW_S * rate, long_blocks))
 
     def add(self, block: SampleBlock, received: float, time_utc: datetime.datetime) -> list[Item]:
-        """What can be handed on with this block.
+        """Return the samples and gaps that are certain with this block.
 
         Parameters
         ----------
         block : SampleBlock
         received : float, s
-            Monotonic clock of the host when it had come.
+            Time of reception by the monotonic clock of the host.
         time_utc : datetime
-            The same by the calendar.
+            The same time in UTC.
         """
         if block.counts.shape[1] != self._channels:
             self._counters.blocks_refused += 1
@@ -126,102 +128,104 @@ class Assembler:
         if block.stream != self._stream:
             items += self.flush()
             items.append(self._begin(block))
-        new = _Waiting(block, received, time_utc, self._expected)
+        new = _WaitingBlock(block, received, time_utc, self._expected)
         if new.end > self._newest:
             self._newest = new.end
         elif new.end > self._expected:
             self._count_recovered(new)
         if new.first > self._expected:
-            self._keep(new)
-            self._give_up(new, items)
+            self._insert(new)
+            self._report_proven_gaps(new, items)
         else:
-            self._hand_on(new, items)
-            self._advance(items)
-        self._forget_stray()
+            self._emit(new, items)
+            self._emit_consecutive(items)
+        self._discard_strays()
         return items
 
     def flush(self, before: float | None = None) -> list[Item]:
-        """Hand on what waits for samples that will not come any more.
+        """Return the waiting samples, and gaps in place of the missing ones before them.
 
         Parameters
         ----------
         before : float or None, s
-            Only if the first of what waits had come before, and only what is beyond doubt. None:
-            the link was cut, nothing more will tell whether a lonely index was right.
+            Flush only if a block was received before this time, and no isolated block, whose index
+            may be wrong. None: the link was cut, so that no later block can confirm an index.
         """
         items: list[Item] = []
         if before is not None and all(each.received >= before for each in self._waiting):
             return items
-        while self._waiting and not (before is not None and self._is_lonely()):
+        while self._waiting and not (before is not None and self._is_isolated()):
             if before is not None and self._ring and self._waiting[0].received >= before:
-                break  # what is missing here may still come
+                break  # these samples were requested again and may still be received
             self._release(items)
-            self._advance(items)
+            self._emit_consecutive(items)
         return items
 
     @property
-    def patience(self) -> float:
-        """After so many seconds nobody waits any more for what is missing."""
-        return RESEND_PATIENCE if self._ring else PATIENCE
+    def flush_after(self) -> float:
+        """Time after which missing samples are given up, s."""
+        return RESEND_TIMEOUT_S if self._ring else FLUSH_AFTER_S
 
     @property
     def due(self) -> float | None:
-        """Monotonic time at which `requests` may have something new, s; None: nothing is."""
+        """Monotonic time of the next change of `requests`, s; None without open requests."""
         if not self._ring or not self._waiting:
             return None
-        return min((asked.at + RESEND_EVERY for asked in self._asked), default=None)
+        times = (request.changed + RESEND_INTERVAL_S for request in self._open_requests)
+        return min(times, default=None)
 
     def requests(self, now: float) -> list[HostMessage]:
-        """What to ask for again: samples that are missing before others that have come."""
-        self._asked = [
-            asked
-            for asked in self._asked
-            if asked.end > self._expected and now < asked.at + RESEND_EVERY
+        """Return the new requests for samples that are missing before the waiting blocks."""
+        self._open_requests = [
+            request
+            for request in self._open_requests
+            if request.end > self._expected and now < request.changed + RESEND_INTERVAL_S
         ]
-        if not self._ring or not self._waiting or self._stream is None or self._is_lonely():
+        if not self._ring or not self._waiting or self._stream is None or self._is_isolated():
             return []
-        found: list[HostMessage] = []
+        messages: list[HostMessage] = []
         holes = list(self._holes())
         for first, end in holes:
-            if len(self._asked) >= _MOST_REQUESTS:
+            if len(self._open_requests) >= _MAX_OPEN_REQUESTS:
                 break
-            if len(self._asked) == _MOST_REQUESTS - 1:
-                # The last request takes the near holes behind it along, with what lies between: on
-                # a slow way back four holes at a time would be fewer than come anew.
-                near = (other for _, other in holes if other - first <= self._window)
-                end = max(end, *near, end)
-            if not any(asked.first <= first and end <= asked.end for asked in self._asked):
-                self._asked.append(_Asked(first, end, now))
-                found.append(Resend(self._stream, first, min(end - first, _MOST_COUNT)))
-        return found
+            if len(self._open_requests) == _MAX_OPEN_REQUESTS - 1:
+                # The last request includes the holes within a window and the samples between: on a
+                # link with a slow return path new holes arise faster than four requests fill them.
+                hole_ends = (hole_end for _, hole_end in holes if hole_end - first <= self._window)
+                end = max(end, *hole_ends, end)
+            requests = self._open_requests
+            if not any(request.first <= first and end <= request.end for request in requests):
+                requests.append(_ResendRequest(first, end, now))
+                messages.append(Resend(self._stream, first, min(end - first, _MAX_RESEND_SAMPLES)))
+        return messages
 
-    def gone(self, message: SamplesGone) -> list[Item]:
-        """The instrument cannot send these again: what is missing of them is a gap."""
+    def mark_unavailable(self, message: SamplesGone) -> list[Item]:
+        """Return the gap of samples that the instrument cannot send again."""
         items: list[Item] = []
         end = message.first_sample + message.count
-        known = self._ring and message.stream == self._stream and self._waiting
-        if known and message.first_sample <= self._expected < end:
-            self._lose(min(end, self._waiting[0].first), items)
-            self._advance(items)
+        concerns_waiting = self._ring and message.stream == self._stream and self._waiting
+        if concerns_waiting and message.first_sample <= self._expected < end:
+            self._report_gap(min(end, self._waiting[0].first), items)
+            self._emit_consecutive(items)
         return items
 
     def _holes(self) -> Iterator[tuple[int, int]]:
-        """(first, end) of samples that are missing before those that wait."""
+        """Yield (first, end) of the missing samples before the waiting blocks."""
         position = self._expected
         for each in self._waiting:
             if each.first > position:
                 yield position, each.first
             position = max(position, each.end)
 
-    def _count_recovered(self, new: _Waiting) -> None:
-        for asked in self._asked:
-            if asked.first < new.end and new.first < asked.end:
-                asked.at = new.received
+    def _count_recovered(self, new: _WaitingBlock) -> None:
+        for request in self._open_requests:
+            if request.first < new.end and new.first < request.end:
+                request.changed = new.received
                 self._counters.samples_recovered += new.end - max(new.first, self._expected)
                 return
 
-    def _lose(self, end: int, items: list[Item]) -> None:
-        """What is missing before `end` will not come."""
+    def _report_gap(self, end: int, items: list[Item]) -> None:
+        """Report all missing samples before `end` as a gap."""
         assert self._stream is not None
         length = end - self._expected
         self._counters.samples_lost += length
@@ -230,83 +234,84 @@ class Assembler:
 
     def _begin(self, block: SampleBlock) -> StreamBegan:
         if self._stream is not None:
-            self._known[self._stream] = self._expected
-            while len(self._known) > _STREAMS_KEPT:
-                self._known.popitem(last=False)
+            self._ends_of_streams[self._stream] = self._expected
+            while len(self._ends_of_streams) > _N_REMEMBERED_STREAMS:
+                self._ends_of_streams.popitem(last=False)
         self._stream = block.stream
         self._newest = block.first_sample
-        self._asked.clear()
+        self._open_requests.clear()
         start = 0 if block.first_sample <= self._window else block.first_sample
-        self._expected = self._known.pop(block.stream, start)
+        self._expected = self._ends_of_streams.pop(block.stream, start)
         self._counters.streams += 1
         return StreamBegan(block.stream)
 
-    def _keep(self, new: _Waiting) -> None:
+    def _insert(self, new: _WaitingBlock) -> None:
         if any(each.first <= new.first and new.end <= each.end for each in self._waiting):
             self._counters.samples_repeated += new.end - new.first
             return
         bisect.insort(self._waiting, new, key=lambda each: each.first)
 
-    def _advance(self, items: list[Item]) -> None:
-        """Hand on what is due."""
+    def _emit_consecutive(self, items: list[Item]) -> None:
+        """Emit the waiting blocks that continue the samples without a gap."""
         while self._waiting and self._waiting[0].first <= self._expected:
-            self._hand_on(self._waiting.pop(0), items)
+            self._emit(self._waiting.pop(0), items)
 
-    def _give_up(self, new: _Waiting, items: list[Item]) -> None:
-        """Tell the gaps that a new block proves; what comes in order proves none."""
-        most = _MOST_WAITING_FOR_RESENT if self._ring else _MOST_WAITING
-        while self._waiting and (len(self._waiting) > most or self._is_proof(new)):
+    def _report_proven_gaps(self, new: _WaitingBlock, items: list[Item]) -> None:
+        """Report the gaps that a new block proves; a block in order proves none."""
+        limit = _MAX_WAITING_BLOCKS_WITH_RESEND if self._ring else _MAX_WAITING_BLOCKS
+        while self._waiting and (len(self._waiting) > limit or self._proves_gap(new)):
             self._release(items)
-            self._advance(items)
+            self._emit_consecutive(items)
 
-    def _is_proof(self, new: _Waiting) -> bool:
-        """Whether a block is so far ahead, and not alone, that what is missing has been lost."""
+    def _proves_gap(self, new: _WaitingBlock) -> bool:
+        """Return True if a block proves that the missing samples before it are lost."""
         if self._ring:
-            return new.received - self._waiting[0].received > RESEND_PATIENCE
+            return new.received - self._waiting[0].received > RESEND_TIMEOUT_S
         if new.end - self._expected <= self._window:
             return False
         if new.first - self._expected <= self._window:
             return True
-        return any(each is not new and self._are_near(each, new) for each in self._waiting)
+        return any(each is not new and self._is_within_window(each, new) for each in self._waiting)
 
-    def _forget_stray(self) -> None:
-        """Drop what came far ahead while the others went on as before: its index was wrong."""
-        kept = [
+    def _discard_strays(self) -> None:
+        """Discard blocks far ahead of blocks that continued in order: their index was wrong."""
+        plausible = [
             each
             for each in self._waiting
             if each.first - each.expected <= 2 * self._window
             or self._expected - each.expected <= self._window
-            or (self._ring and self._has_company(each))
+            or (self._ring and self._has_neighbour(each))
         ]
-        self._counters.blocks_refused += len(self._waiting) - len(kept)
-        self._waiting = kept
+        self._counters.blocks_refused += len(self._waiting) - len(plausible)
+        self._waiting = plausible
 
-    def _is_lonely(self) -> bool:
-        """Whether the first waiting block is far ahead, and nothing is near it."""
-        head, *others = self._waiting[:2]
-        far = head.first - self._expected > self._window
-        return far and not any(self._are_near(head, each) for each in others)
+    def _is_isolated(self) -> bool:
+        """Return True if the first waiting block is more than a window from all other samples."""
+        head, *following = self._waiting[:2]
+        is_ahead = head.first - self._expected > self._window
+        return is_ahead and not any(self._is_within_window(head, each) for each in following)
 
-    def _has_company(self, waiting: _Waiting) -> bool:
-        return any(each is not waiting and self._are_near(each, waiting) for each in self._waiting)
+    def _has_neighbour(self, waiting: _WaitingBlock) -> bool:
+        return any(
+            each is not waiting and self._is_within_window(each, waiting) for each in self._waiting
+        )
 
-    def _are_near(self, first: _Waiting, other: _Waiting) -> bool:
-        apart = max(first.first - other.end, other.first - first.end)
-        return apart <= self._window
+    def _is_within_window(self, a: _WaitingBlock, b: _WaitingBlock) -> bool:
+        return max(a.first - b.end, b.first - a.end) <= self._window
 
     def _release(self, items: list[Item]) -> None:
-        """Give up what is missing before the first waiting block, or a lonely block itself."""
-        lonely = self._is_lonely()
+        """Emit the first waiting block and the gap before it; discard an isolated block."""
+        is_isolated = self._is_isolated()
         head = self._waiting.pop(0)
-        if lonely:
+        if is_isolated:
             self._counters.blocks_refused += 1
             return
         if head.first > self._expected:
-            self._lose(head.first, items)
-        self._hand_on(head, items)
+            self._report_gap(head.first, items)
+        self._emit(head, items)
 
-    def _hand_on(self, waiting: _Waiting, items: list[Item]) -> None:
-        """The samples of a block that have not been handed on yet; it leaves no gap."""
+    def _emit(self, waiting: _WaitingBlock, items: list[Item]) -> None:
+        """Emit the samples of a block that were not emitted before; there is no gap before it."""
         block, end = waiting.block, waiting.end
         old = min(max(0, self._expected - waiting.first), len(block.counts))
         self._counters.samples_repeated += old

@@ -1,23 +1,24 @@
-"""The clock of the instrument against the clock of this computer."""
+"""Comparison of the instrument's clock with the clock of this computer."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-JUMP = 0.5
-"""s; a step of the clock by more is a jump, not a delay on the way."""
-_BACKWARD = 0.2
-"""s; blocks may overtake each other by less."""
-_PATIENCE = 3.0
-"""s; a message may be delayed by more than `JUMP`, but not all of them for so long."""
-_FIRST_WIDTH = 0.5
-"""s; width of a bin, doubled whenever there are too many."""
-_MOST_BINS = 128
-_BINS_FOR_SPEED = 8
-_SPAN_FOR_DRIFT = 15.0
-"""s; arrivals jitter by 1 ms, which is 70 ppm of so much at worst."""
-_REAL_TIME = 0.01
-"""A clock that is off by more runs at another speed on purpose."""
+JUMP_S = 0.5
+"""Smallest step of the clock that is a jump and not a delay of the message, s."""
+_MAX_REORDERING_S = 0.2
+"""Longest time by which one block overtakes another, s."""
+_MAX_DELAYED_TIME_S = 3.0
+"""Longest time for which all messages may be delayed by more than `JUMP_S`, s."""
+_FIRST_BIN_WIDTH_S = 0.5
+"""Initial width of a bin, s; it doubles whenever there are too many bins."""
+_MAX_BINS = 128
+_MIN_BINS_FOR_SPEED = 8
+_MIN_SPAN_FOR_DRIFT_S = 15.0
+"""Shortest time over which a drift is reported, s: the 1 ms of jitter of the arrivals is then at
+most 70 ppm."""
+_MAX_REAL_TIME_DEVIATION = 0.01
+"""Largest relative deviation of a real clock; a larger one is an intended other speed."""
 
 
 @dataclass(slots=True)
@@ -28,40 +29,40 @@ class _Bin:
 
 
 class DeviceClock:
-    r"""How fast the instrument's clock runs, from when its messages arrive.
+    r"""Estimator of the speed of the instrument's clock from the arrival times of messages.
 
     .. math:: d_i = t_i^\text{host} - t_i^\text{device}
 
-    A message comes late, never early: the smallest delay within a short time is the best one, and
-    the slope of these over time is the drift. The slope is the median over all pairs (Theil-Sen),
-    so that a time of slow arrivals does not bend it. Memory is bounded: when there are many bins,
-    neighbours are joined.
+    A message can be late but not early: the smallest delay d within a bin is the most accurate,
+    and the slope of these over time is the drift. The slope is the median over all pairs of bins
+    (Theil-Sen), which a period of late arrivals does not distort. Memory is bounded: neighbouring
+    bins are joined when there are too many.
     """
 
     def __init__(self) -> None:
         self.jumps = 0
-        """Steps of the instrument's clock by more than `JUMP`."""
+        """Number of steps of the instrument's clock by more than `JUMP_S`."""
         self.restart()
 
     def restart(self) -> None:
-        """Forget the estimate: the instrument's clock begins anew. Jumps stay counted."""
+        """Discard the estimate after a restart of the clock; the count of jumps stays."""
         self._bins: list[_Bin] = []
-        self._width = _FIRST_WIDTH
+        self._width = _FIRST_BIN_WIDTH_S
         self._latest: dict[str, float] = {}
         self._late_since: float | None = None
         self._slope: tuple[int, float | None] = (0, None)
 
     def add(self, device: float, host: float, kind: str = "") -> None:
-        """Take in the arrival of a message.
+        """Add the arrival of a message.
 
         Parameters
         ----------
         device : float, s
-            Clock of the instrument when the message was made.
+            Clock of the instrument when the message was composed.
         host : float, s
-            Monotonic clock of this computer when it came.
+            Monotonic clock of this computer at its arrival.
         kind : str
-            Messages of one kind come in order; others may have waited longer in the instrument.
+            Kind of message; only messages of one kind arrive in order.
         """
         if self._jumped(device, host, kind):
             self.jumps += 1
@@ -74,56 +75,63 @@ class DeviceClock:
                 self._bins[-1] = _Bin(self._bins[-1].number, host, delay)
         else:
             self._bins.append(_Bin(number, host, delay))
-            if len(self._bins) > _MOST_BINS:
+            if len(self._bins) > _MAX_BINS:
                 self._join_neighbours()
 
     @property
     def speed(self) -> float | None:
-        """Seconds of the instrument per second of this computer, about 1 unless it is simulated or
-        replayed at another speed; None: not known yet."""
+        """Seconds of the instrument per second of this computer; None before an estimate.
+
+        It is about 1 unless the instrument is simulated or replayed at another speed.
+        """
         slope = self._fitted()
         return None if slope is None else 1.0 - slope
 
     @property
     def is_real_time(self) -> bool | None:
-        """Whether the instrument keeps pace with this computer; None: not known yet."""
+        """True if the instrument runs in real time; None before an estimate."""
         speed = self.speed
-        return None if speed is None else abs(speed - 1.0) < _REAL_TIME
+        return None if speed is None else abs(speed - 1.0) < _MAX_REAL_TIME_DEVIATION
 
     @property
     def drift_ppm(self) -> float | None:
-        """By how much the instrument's clock gains, parts per million; None: not known yet, or
-        another speed rather than a drift."""
-        if not self.is_real_time or self._bins[-1].host - self._bins[0].host < _SPAN_FOR_DRIFT:
+        """Drift of the instrument's clock, parts per million, positive if it runs fast.
+
+        None before an estimate, or if the clock does not run in real time.
+        """
+        if (
+            not self.is_real_time
+            or self._bins[-1].host - self._bins[0].host < _MIN_SPAN_FOR_DRIFT_S
+        ):
             return None
         speed = self.speed
         return None if speed is None else (speed - 1.0) * 1e6
 
     def _jumped(self, device: float, host: float, kind: str) -> bool:
-        if device < self._latest.get(kind, device) - _BACKWARD:
+        if device < self._latest.get(kind, device) - _MAX_REORDERING_S:
             return True
         if not self.is_real_time:
-            return False  # it leaps all the time
-        ahead = min(each.delay for each in self._bins[-_BINS_FOR_SPEED:]) - (host - device)
-        if ahead > JUMP:
+            return False  # at another speed all steps look like jumps
+        ahead = min(each.delay for each in self._bins[-_MIN_BINS_FOR_SPEED:]) - (host - device)
+        if ahead > JUMP_S:
             return True
-        if ahead > -JUMP:
+        if ahead > -JUMP_S:
             self._late_since = None
             return False
         if self._late_since is None:
             self._late_since = host
-        return host - self._late_since > _PATIENCE
+        return host - self._late_since > _MAX_DELAYED_TIME_S
 
     def _fitted(self) -> float | None:
-        """Slope of the delay, s per s; computed anew when a bin is complete."""
-        count = len(self._bins) - 1  # the last one may still sink
-        if count < _BINS_FOR_SPEED:
+        """Return the slope of the delay, s per s; computed again when a bin is complete."""
+        count = len(self._bins) - 1  # the delay of the last bin may still decrease
+        if count < _MIN_BINS_FOR_SPEED:
             return None
         key = self._bins[-1].number
         if self._slope[0] != key or self._slope[1] is None:
             host = np.array([each.host for each in self._bins[:count]])
             delay = np.array([each.delay for each in self._bins[:count]])
-            # Near neighbours are mostly jitter.
+            # The slope between neighbouring bins is mostly jitter.
             rows, columns = np.triu_indices(count, max(1, count // 3))
             slopes = (delay[columns] - delay[rows]) / (host[columns] - host[rows])
             self._slope = (key, float(np.median(slopes)))

@@ -1,8 +1,8 @@
-"""What to say to an instrument, and when; free of ports, threads and clocks.
+"""State machine of the host: which message is sent when, without ports, threads or clocks.
 
-Greet until it says what it is, set the rate if one is asked for, start it, and begin anew when it
-was reset. An instrument that samples already is not started again: that would begin a new stream
-and cost what it still has to send.
+It requests the identity, sets the sampling rate if one is requested, starts the instrument, and
+does so again after a reset. An instrument that already samples is not started again: that would
+begin a new stream and lose the samples that are still to be sent.
 """
 
 from dataclasses import dataclass
@@ -24,68 +24,69 @@ from pfwd_device.wire.messages import (
     Stop,
 )
 
-ANSWER_TIME = 4.0
-"""s; an instrument that resets when its port is opened needs half of it."""
-_GREET_EVERY = 0.3
-_REQUEST_EVERY = 1.0
-_LOOK_TIME = 0.75
-"""s; the instrument says at least every half second whether it samples."""
-_BLOCK_TIME = 0.3
-"""s; a status may be older than the blocks around it by less."""
-_PERMANENT = (RefusalCode.VERSION, RefusalCode.UNKNOWN, RefusalCode.ARGUMENT)
+RESPONSE_TIMEOUT_S = 4.0
+"""Longest wait for a response, s: twice what an instrument needs that resets when its port is
+opened."""
+_GREETING_INTERVAL_S = 0.3
+_REQUEST_INTERVAL_S = 1.0
+_STATUS_TIMEOUT_S = 0.75
+"""Longest wait for a status, s: an instrument sends one at least every half second."""
+_MAX_STATUS_AGE_S = 0.3
+"""Largest age of a status relative to the blocks received with it, s."""
+_PERMANENT_REFUSALS = (RefusalCode.VERSION, RefusalCode.UNKNOWN, RefusalCode.ARGUMENT)
 
 
 class Stage(Enum):
-    """Where the conversation is."""
+    """State of the conversation."""
 
     CLOSED = auto()
     GREETING = auto()
     CONFIGURING = auto()
     LOOKING = auto()
-    """Whether it samples still, after the link was cut."""
+    """Wait for a sign that the instrument still samples after the link was cut."""
     STARTING = auto()
     RUNNING = auto()
     RESTING = auto()
-    """No samples are wanted."""
+    """No samples are requested."""
 
 
 class SampleAction(Enum):
-    """What the driver has to do about the samples."""
+    """Action of the driver on the samples."""
 
-    NOTHING = auto()
+    NO_ACTION = auto()
     SUSPEND = auto()
-    """Let them wait: they may belong to other settings."""
+    """Let samples wait: they may belong to other settings."""
     ACCEPT = auto()
-    """The instrument is the right one and as it should be."""
-    ACCEPT_ANEW = auto()
-    """The same, but what waits was sampled with other settings."""
+    """Accept the identity: instrument and settings are the requested ones."""
+    ACCEPT_NEW_SETTINGS = auto()
+    """Accept the identity and discard waiting samples: they were taken with other settings."""
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Why it came to nothing with this instrument."""
+    """Failure of the conversation with this instrument."""
 
     reason: str
-    """One sentence, with what to try."""
+    """Reason and remedy, one sentence."""
     refused: bool = False
-    """It said no, and would again."""
+    """True if the instrument refused permanently."""
 
 
 class Conversation:
-    """The host's side of the conversation.
+    """Host side of the conversation with an instrument.
 
     Parameters
     ----------
     sampling_rate : float or None, Hz
-        What to ask for; None: as it is.
+        Requested rate; None: the present one.
     serial_number : str or None
-        The only instrument to talk to; None: the first that answers, from then on.
+        The only instrument to accept; None: the first that responds, from then on.
     sampling : bool
-        Whether samples are wanted.
-    answers : bool
-        Whether the instrument listens at all.
-    answer_time : float, s
-        How long to wait for an answer.
+        Request samples.
+    accepts_commands : bool
+        False for an instrument that only sends.
+    response_timeout : float, s
+        Longest wait for a response.
     """
 
     def __init__(
@@ -94,23 +95,23 @@ class Conversation:
         serial_number: str | None = None,
         *,
         sampling: bool = True,
-        answers: bool = True,
-        answer_time: float = ANSWER_TIME,
+        accepts_commands: bool = True,
+        response_timeout: float = RESPONSE_TIMEOUT_S,
     ) -> None:
         self.outbox: list[HostMessage] = []
-        """What is to be said now; the driver takes it."""
+        """Messages to send; the driver removes them."""
         self.failure: Failure | None = None
         self.stage = Stage.CLOSED
         self._rate = sampling_rate
         self._settled_rate: float | None = None
         self._serial_number = serial_number
-        self._wanted = sampling
-        self._answers = answers
-        self._answer_time = answer_time
-        self._met = False
+        self._sampling_requested = sampling
+        self._accepts_commands = accepts_commands
+        self._response_timeout = response_timeout
+        self._was_connected = False
         self._ended = False
         self._greetings = 0
-        """Not answered yet."""
+        """Number of greetings without a response."""
         self._quiet_until = 0.0
         self._next: float | None = None
         self._deadline = 0.0
@@ -122,11 +123,11 @@ class Conversation:
 
     @property
     def due(self) -> float | None:
-        """Monotonic time of the next `tick`, s; None: nothing is waited for."""
+        """Monotonic time of the next `tick`, s; None if nothing is due."""
         return None if self._next is None else min(self._next, self._deadline)
 
     def opened(self, now: float) -> None:
-        """The link is there."""
+        """Begin after the link was opened."""
         self.failure = None
         self._ended = False
         self._greetings = 0
@@ -134,12 +135,12 @@ class Conversation:
         self._greet(now)
 
     def closed(self) -> None:
-        """The link is gone."""
+        """End after the link was closed."""
         self.outbox.clear()
         self._enter(Stage.CLOSED, 0.0)
 
     def request(self, message: HostMessage, now: float) -> SampleAction:
-        """Take in a command of the user.
+        """Process a command of the user.
 
         Parameters
         ----------
@@ -149,32 +150,32 @@ class Conversation:
         talking = self.stage not in (Stage.CLOSED, Stage.GREETING)
         match message:
             case Start():
-                self._wanted, self._ended = True, False
+                self._sampling_requested, self._ended = True, False
                 if self.stage is Stage.RESTING and self._streams:
                     self._start(now)
             case Stop():
-                self._wanted = False
+                self._sampling_requested = False
                 if talking:
                     self._rest(now)
                     self.outbox.append(message)
             case Configure(rate):
                 self._rate, self._settled_rate = rate, None
-                if talking and self._answers:
+                if talking and self._accepts_commands:
                     self._configure(now)
                     return SampleAction.SUSPEND
             case _:
                 if self.stage is not Stage.CLOSED:
                     self.outbox.append(message)
-        return SampleAction.NOTHING
+        return SampleAction.NO_ACTION
 
     def tick(self, now: float, *, received_all: bool = True) -> None:
-        """Say what is due, repeat what was not answered, or give up.
+        """Send due messages, repeat messages without a response, or fail after the timeout.
 
         Parameters
         ----------
         now : float, s
         received_all : bool
-            Nothing waits to be received: what was not answered by now is late.
+            True if no received bytes wait to be decoded: a missing response is then late.
         """
         if self._next is None or self.due is None or now < self.due:
             return
@@ -184,20 +185,20 @@ class Conversation:
         elif self.stage is Stage.GREETING:
             self.outbox.append(Hello())
             self._greetings += 1
-            self._next = now + _GREET_EVERY
+            self._next = now + _GREETING_INTERVAL_S
         elif self.stage is Stage.CONFIGURING:
             self._say_rate()
-            self._next = now + _REQUEST_EVERY
+            self._next = now + _REQUEST_INTERVAL_S
         elif self.stage is Stage.STARTING:
             self.outbox.append(Start())
-            self._next = now + _REQUEST_EVERY
+            self._next = now + _REQUEST_INTERVAL_S
         else:
             self._next = self._deadline
 
     def receive(self, message: InstrumentMessage, now: float) -> SampleAction:
-        """Take in a message, before its samples are handed on."""
+        """Process a message before its samples are passed on."""
         if self.stage is Stage.CLOSED:
-            return SampleAction.NOTHING
+            return SampleAction.NO_ACTION
         match message:
             case SampleBlock():
                 return self._receive_block(message, now)
@@ -216,20 +217,24 @@ class Conversation:
                 self._receive_refusal(message)
             case Event():
                 pass
-        return SampleAction.NOTHING
+        return SampleAction.NO_ACTION
 
     def _receive_block(self, block: SampleBlock, now: float) -> SampleAction:
-        known = self._stream
+        previous_stream = self._stream
         self._stream, self._last_block, self._sampling = block.stream, now, True
         if self.stage in (Stage.LOOKING, Stage.STARTING):
             self._enter(Stage.RUNNING, now)
         elif self.stage is Stage.RESTING and now >= self._quiet_until:
             self.outbox.append(Stop())  # the first one did not arrive
-            self._quiet_until = now + _REQUEST_EVERY
-        elif self.stage is Stage.RUNNING and known not in (None, block.stream) and self._answers:
-            self._greet(now)  # it was reset: its settings may be others
+            self._quiet_until = now + _REQUEST_INTERVAL_S
+        elif (
+            self.stage is Stage.RUNNING
+            and previous_stream not in (None, block.stream)
+            and self._accepts_commands
+        ):
+            self._greet(now)  # it was reset: its settings may have changed
             return SampleAction.SUSPEND
-        return SampleAction.NOTHING
+        return SampleAction.NO_ACTION
 
     def _receive_identity(self, identity: Identity, now: float) -> SampleAction:
         if self._serial_number not in (None, identity.serial_number):
@@ -239,43 +244,43 @@ class Conversation:
             )
             self.failure = Failure(reason)
             return SampleAction.SUSPEND
-        wanted = self._settled_rate or self._rate
+        requested_rate = self._settled_rate or self._rate
         if self.stage is Stage.GREETING:
             self._greetings -= 1
-            if self._answers and wanted not in (None, identity.sampling_rate):
+            if self._accepts_commands and requested_rate not in (None, identity.sampling_rate):
                 self._configure(now)
                 return SampleAction.SUSPEND
             return self._settle(identity, now, SampleAction.ACCEPT)
         if self.stage is Stage.CONFIGURING:
-            if identity.sampling_rate != wanted and self._greetings > 0:
-                self._greetings -= 1  # the answer to an earlier greeting
-                return SampleAction.NOTHING
+            if identity.sampling_rate != requested_rate and self._greetings > 0:
+                self._greetings -= 1  # the response to an earlier greeting
+                return SampleAction.NO_ACTION
             self._settled_rate = identity.sampling_rate
             self._forget_samples()
             self._sampling = False
-            return self._settle(identity, now, SampleAction.ACCEPT_ANEW)
-        return SampleAction.NOTHING
+            return self._settle(identity, now, SampleAction.ACCEPT_NEW_SETTINGS)
+        return SampleAction.NO_ACTION
 
     def _settle(self, identity: Identity, now: float, action: SampleAction) -> SampleAction:
-        again, self._met = self._met, True
+        was_connected, self._was_connected = self._was_connected, True
         self._serial_number = identity.serial_number
         self._streams = identity.streams
-        if not (self._wanted and self._streams):
+        if not (self._sampling_requested and self._streams):
             self._rest(now)
-        elif self._last_block is not None or not self._answers:
+        elif self._last_block is not None or not self._accepts_commands:
             self._enter(Stage.RUNNING, now)
-        elif self._sampling is False or not again:
+        elif self._sampling is False or not was_connected:
             self._start(now)
         else:
-            self._enter(Stage.LOOKING, now, _LOOK_TIME, _LOOK_TIME)
+            self._enter(Stage.LOOKING, now, _STATUS_TIMEOUT_S, _STATUS_TIMEOUT_S)
         return action
 
     def _receive_status(self, status: Status, now: float) -> SampleAction:
         self._sampling = status.sampling
         if status.sampling:
-            if self.stage in (Stage.LOOKING, Stage.STARTING):  # the first block may take long
-                self._next = now + _REQUEST_EVERY
-                self._deadline = now + self._answer_time
+            if self.stage in (Stage.LOOKING, Stage.STARTING):  # the first block may be late
+                self._next = now + _REQUEST_INTERVAL_S
+                self._deadline = now + self._response_timeout
         elif self.stage is Stage.LOOKING and not self._ended:
             self._start(now)
         elif self.stage is Stage.RUNNING and self._has_stopped(now):
@@ -283,26 +288,28 @@ class Conversation:
             self._sampling = False
             self._greet(now)
             return SampleAction.SUSPEND
-        return SampleAction.NOTHING
+        return SampleAction.NO_ACTION
 
     def _has_stopped(self, now: float) -> bool:
-        """Whether an instrument that says it does not sample should, and has for a while."""
-        quiet = self._last_block is None or now - self._last_block > _BLOCK_TIME
-        return quiet and self._answers and not self._ended
+        """Return True if an instrument that should sample has stopped, and not just now."""
+        quiet = self._last_block is None or now - self._last_block > _MAX_STATUS_AGE_S
+        return quiet and self._accepts_commands and not self._ended
 
     def _receive_refusal(self, refusal: Refusal) -> None:
-        said = f": {refusal.text}" if refusal.text else ""
-        self._last_refusal = f"it refused (code {refusal.code}{said})"
-        what = {
+        detail = f": {refusal.text}" if refusal.text else ""
+        self._last_refusal = f"it refused (code {refusal.code}{detail})"
+        command = {
             Stage.GREETING: "the greeting; its firmware and this program have no version in common",
             Stage.CONFIGURING: f"a sampling rate of {self._rate} Hz; ask for another one or none",
             Stage.STARTING: "to send samples; see its manual",
         }.get(self.stage)
-        # A greeting may have met the end of noise: only the version is final.
-        final = refusal.code in (_PERMANENT[:1] if self.stage is Stage.GREETING else _PERMANENT)
-        if what and final:
+        # The instrument may have read noise before the greeting: only the version is final.
+        final = refusal.code in (
+            _PERMANENT_REFUSALS[:1] if self.stage is Stage.GREETING else _PERMANENT_REFUSALS
+        )
+        if command and final:
             number = "" if self._serial_number is None else f" {self._serial_number}"
-            reason = f"the instrument{number} refuses (code {refusal.code}{said}) {what}"
+            reason = f"the instrument{number} refuses (code {refusal.code}{detail}) {command}"
             self.failure = Failure(reason, refused=True)
 
     def _give_up(self, now: float) -> None:
@@ -314,21 +321,22 @@ class Conversation:
             Stage.CONFIGURING: "an answer to the sampling rate",
             Stage.STARTING: "samples",
         }[self.stage]
-        came = self._last_refusal or "nothing of the kind"
+        response = self._last_refusal or "nothing of the kind"
         hint = "is it a PFWD, and switched on?"
-        seconds = f"{self._answer_time:g} s"
-        self.failure = Failure(f"expected {expected}, got {came} within {seconds}; {hint}")
+        seconds = f"{self._response_timeout:g} s"
+        self.failure = Failure(f"expected {expected}, got {response} within {seconds}; {hint}")
 
     def _greet(self, now: float) -> None:
-        self._enter(Stage.GREETING, now, 0.0, self._answer_time)
+        self._enter(Stage.GREETING, now, 0.0, self._response_timeout)
 
     def _configure(self, now: float) -> None:
-        self._enter(Stage.CONFIGURING, now, _REQUEST_EVERY, self._answer_time)
+        self._enter(Stage.CONFIGURING, now, _REQUEST_INTERVAL_S, self._response_timeout)
         self._say_rate()
 
     def _say_rate(self) -> None:
         if self._rate is not None:
-            if self._sampling is not False or self._last_refusal:  # some are busy while they sample
+            # Some instruments refuse a rate while they sample.
+            if self._sampling is not False or self._last_refusal:
                 self.outbox.append(Stop())
             self.outbox.append(Configure(self._rate))
 
@@ -337,11 +345,11 @@ class Conversation:
             self._rest(now)
             return
         self._forget_samples()
-        self._enter(Stage.STARTING, now, 0.0, self._answer_time)
+        self._enter(Stage.STARTING, now, 0.0, self._response_timeout)
 
     def _rest(self, now: float) -> None:
         self._enter(Stage.RESTING, now)
-        self._quiet_until = now + _REQUEST_EVERY
+        self._quiet_until = now + _REQUEST_INTERVAL_S
 
     def _enter(
         self, stage: Stage, now: float, first: float | None = None, patience: float = 0.0

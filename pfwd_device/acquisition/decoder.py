@@ -1,4 +1,4 @@
-"""From bytes to what they mean: the same path for a live instrument and for recorded bytes."""
+"""Decoding of bytes to items, the same for a live instrument and for recorded bytes."""
 
 import datetime
 from collections import deque
@@ -6,8 +6,8 @@ from collections import deque
 from pfwd_device.acquisition.assembler import Assembler
 from pfwd_device.acquisition.clock import DeviceClock
 from pfwd_device.acquisition.counters import Counters
+from pfwd_device.acquisition.drop_transfers import DropTransfers
 from pfwd_device.acquisition.items import Connected, Item
-from pfwd_device.acquisition.kept_drops import KeptDrops
 from pfwd_device.identity import Identity
 from pfwd_device.wire.dialect import Dialect
 from pfwd_device.wire.messages import (
@@ -25,24 +25,24 @@ from pfwd_device.wire.messages import (
     Status,
 )
 
-MOST_EARLY_BYTES = 2_000_000
-"""Of samples that wait for the identity; the oldest give way."""
+MAX_EARLY_BYTES = 2_000_000
+"""Memory for samples that wait for the identity; the oldest are discarded first."""
 
 
 class Decoder:
-    """Bytes of one instrument to items.
+    """Turns the bytes of one instrument into items.
 
-    Samples wait until the identity is accepted, since it says how many channels they have.
+    Samples wait until the identity is accepted, because it holds the number of channels.
 
     Parameters
     ----------
     dialect : Dialect
-        The language of the instrument.
+        Dialect of the instrument.
     url : str
-        Where the bytes come from; stands in `Connected`.
+        Origin of the bytes, for `Connected`.
     automatic : bool
         Accept each new identity when the first samples follow it, as for recorded bytes. A driver
-        decides itself.
+        calls `accept` itself.
     """
 
     def __init__(self, dialect: Dialect, url: str = "", *, automatic: bool = True) -> None:
@@ -50,31 +50,31 @@ class Decoder:
         self.url = url
         self.counters = Counters(link=dialect.counters)
         self.clock = DeviceClock()
-        self.kept = KeptDrops(self.counters)
-        """Drops that the instrument finds itself."""
+        self.transfers = DropTransfers(self.counters)
+        """Transfers of the drops that the instrument detects itself."""
         self.identity: Identity | None = None
-        """What the instrument said last."""
+        """Latest identity of the instrument."""
         self.accepted: Identity | None = None
-        """What the samples that are handed on belong to; None: they wait."""
+        """Identity to which the samples belong; None while samples wait."""
         self._automatic = automatic
         self._introduced = False
-        self._known = False
+        self._was_connected = False
         self._assembler: Assembler | None = None
         self._early: deque[tuple[SampleBlock, float, datetime.datetime]] = deque()
         self._early_bytes = 0
         self._overruns = 0
-        self._clock_seen: tuple[int, datetime.datetime] | None = None
+        self._clock_reading: tuple[int, datetime.datetime] | None = None
 
     def feed(self, data: bytes, received: float, time_utc: datetime.datetime) -> list[Item]:
-        """What these bytes complete.
+        """Return the items that these bytes complete.
 
         Parameters
         ----------
         data : bytes
         received : float, s
-            Monotonic clock when they had come.
+            Time of reception by the monotonic clock.
         time_utc : datetime
-            The same by the calendar.
+            The same time in UTC.
         """
         items: list[Item] = []
         for message in self.dialect.feed(data):
@@ -84,7 +84,7 @@ class Decoder:
     def take(
         self, message: InstrumentMessage, received: float, time_utc: datetime.datetime
     ) -> list[Item]:
-        """What one message of the dialect means."""
+        """Return the items of one message of the dialect."""
         match message:
             case SampleBlock():
                 return self._take_block(message, received, time_utc)
@@ -95,22 +95,22 @@ class Decoder:
                     self.accepted = None
                 return []
             case Status():
-                self._clock_seen = message.clock_us, time_utc
+                self._clock_reading = message.clock_us, time_utc
                 self._count_status(message, received)
             case DropOffer() | DropBlock() | Released():
-                return self._take_kept(message, received, time_utc)
+                return self._take_transfer_message(message, received, time_utc)
             case SamplesGone():
                 if self._assembler is None:
                     return []
-                return self._assembler.gone(message)
+                return self._assembler.mark_unavailable(message)
             case Armed() | Refusal():
-                self.kept.take(message, received, None)
+                self.transfers.take(message, received, None)
             case Event(kind=EventKind.BOOT):
                 self.counters.instrument_resets += 1
                 self.clock.restart()
                 self._overruns = 0
-                self._clock_seen = None
-                self.kept.cut()
+                self._clock_reading = None
+                self.transfers.cut()
                 return [*self._flush(), message]
             case Event(kind=EventKind.END):
                 return [*self._flush(), message]
@@ -119,36 +119,36 @@ class Decoder:
         return [message]
 
     def accept(self, time_utc: datetime.datetime) -> list[Item]:
-        """Hand on from now on: `Connected`, and the samples that waited.
+        """Accept the identity; return `Connected` and the samples that waited.
 
         Raises
         ------
         RuntimeError
-            If there is no identity yet; a mistake in the program.
+            If there is no identity yet, a programming error.
         """
         if self.identity is None:
             raise RuntimeError("expected an identity before its samples, got none")
         self.accepted = self.identity
-        self.kept.channels = len(self.identity.channels)
+        self.transfers.channels = len(self.identity.channels)
         if self._assembler is None:
             self._assembler = Assembler(self.identity, self.counters)
         items: list[Item] = self._assembler.flush()
         self._assembler.configure(self.identity)
-        items.append(Connected(self.url, self.identity, time_utc, again=self._known))
-        self._known = True
+        items.append(Connected(self.url, self.identity, time_utc, reconnected=self._was_connected))
+        self._was_connected = True
         while self._early:
             items += self._assembler.add(*self._early.popleft())
         self._early_bytes = 0
         return items
 
     def suspend(self) -> None:
-        """Let samples wait until the identity is accepted anew."""
+        """Let samples wait until the identity is accepted again."""
         self.accepted = None
 
     def cut(self) -> list[Item]:
-        """The link was cut: what waited for its place is handed on, half a frame is forgotten."""
+        """End the stream after the link was cut: return waiting samples, discard half a frame."""
         self.dialect.reset()
-        self.kept.cut()
+        self.transfers.cut()
         items = self._flush()
         self.drop_early()
         self.suspend()
@@ -156,13 +156,13 @@ class Decoder:
         return items
 
     def drop_early(self) -> None:
-        """Throw away the samples that wait for an identity."""
+        """Discard the samples that wait for an identity."""
         self.counters.samples_early += sum(len(block.counts) for block, *_ in self._early)
         self._early.clear()
         self._early_bytes = 0
 
     def idle(self, now: float) -> list[Item]:
-        """What has waited long enough for its place.
+        """Return the samples that have waited long enough for missing ones.
 
         Parameters
         ----------
@@ -171,11 +171,10 @@ class Decoder:
         """
         if self._assembler is None:
             return []
-        return self._assembler.flush(now - self._assembler.patience)
+        return self._assembler.flush(now - self._assembler.flush_after)
 
     def requests(self, now: float) -> list[HostMessage]:
-        """What has to be asked of the instrument now: drops that it keeps, samples that are
-        missing.
+        """Return the messages to send now: requests for stored drops and for missing samples.
 
         Parameters
         ----------
@@ -184,19 +183,19 @@ class Decoder:
         """
         if self.accepted is None:
             return []
-        self.kept.tick(now)
-        said, self.kept.outbox = self.kept.outbox, []
-        return said + (self._assembler.requests(now) if self._assembler is not None else [])
+        self.transfers.tick(now)
+        messages, self.transfers.outbox = self.transfers.outbox, []
+        return messages + (self._assembler.requests(now) if self._assembler is not None else [])
 
     @property
     def due(self) -> float | None:
-        """Monotonic time at which `requests` may have something new, s; None: nothing is due."""
+        """Monotonic time of the next change of `requests`, s; None if nothing is due."""
         if self.accepted is None:
             return None
         waits = self._assembler.due if self._assembler is not None else None
-        return min((at for at in (self.kept.due, waits) if at is not None), default=None)
+        return min((at for at in (self.transfers.due, waits) if at is not None), default=None)
 
-    def _take_kept(
+    def _take_transfer_message(
         self,
         message: DropOffer | DropBlock | Released,
         received: float,
@@ -205,9 +204,9 @@ class Decoder:
         items: list[Item] = []
         if self._automatic and self.accepted is None and self._introduced:
             items = self.accept(time_utc)
-        if self.accepted is None:  # it is offered again
+        if self.accepted is None:  # the instrument offers the drop again later
             return items
-        drop = self.kept.take(message, received, self._clock_seen)
+        drop = self.transfers.take(message, received, self._clock_reading)
         return items if drop is None else [*items, drop]
 
     def _take_block(
@@ -225,18 +224,18 @@ class Decoder:
         return items + self._assembler.add(block, received, time_utc)
 
     def _flush(self) -> list[Item]:
-        """What waits for samples that will not come any more."""
+        """Return the waiting samples; the missing ones before them are lost."""
         return self._assembler.flush() if self._assembler is not None else []
 
     def _may_accept(self, block: SampleBlock) -> bool:
-        """Whether the instrument has said what it is since the link was cut, or is the same."""
+        """Return True if the identity is known since the link was cut, or the stream continues."""
         same = self._assembler is not None and block.stream == self._assembler.stream
         return self._introduced or same
 
     def _keep_early(self, block: SampleBlock, received: float, time_utc: datetime.datetime) -> None:
         self._early.append((block, received, time_utc))
         self._early_bytes += block.counts.nbytes + 200
-        while self._early_bytes > MOST_EARLY_BYTES:
+        while self._early_bytes > MAX_EARLY_BYTES:
             oldest, *_ = self._early.popleft()
             self._early_bytes -= oldest.counts.nbytes + 200
             self.counters.samples_early += len(oldest.counts)
@@ -244,7 +243,7 @@ class Decoder:
     def _count_status(self, status: Status, received: float) -> None:
         self._compare_clocks(status.clock_us / 1e6, received, "status")
         since = status.overruns - self._overruns
-        # Less than before: it was reset and counts anew.
+        # A smaller count than before: the instrument was reset.
         self.counters.instrument_overruns += since if since >= 0 else status.overruns
         self._overruns = status.overruns
 

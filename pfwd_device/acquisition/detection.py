@@ -1,4 +1,4 @@
-"""What counts as a drop, what was seen of it, and the state that its detection began with."""
+"""Settings of the drop detection, and the drops, rebounds and reports that it returns."""
 
 import dataclasses
 import enum
@@ -9,40 +9,40 @@ from numpy.typing import NDArray
 
 from pfwd_device.errors import SetupError
 
-BOUNCE_OVER_PREVIOUS = 0.7
-"""Peak load of a bounce over that of the pulse before it: below this. On a spring the peak grows
-with the speed of the impact, and a weight that keeps 0.7 of its speed keeps half of its energy;
-rubber buffers return less. Two drops from one height differ by less than a quarter."""
+MAX_BOUNCE_PEAK_RATIO = 0.7
+"""Largest peak load of a bounce, relative to the pulse before it. On a spring the peak is
+proportional to the speed of the impact, and a weight that keeps 0.7 of its speed keeps half of its
+energy; rubber buffers return less. Two drops from one height differ by less than a quarter."""
 
-LONGEST_FLIGHT = 0.7
-"""s; a bounce follows the pulse before it at most so much later. A weight from 1.2 m that leaves
-with `BOUNCE_OVER_PREVIOUS` of its speed is in the air for 0.69 s. A hand that catches the weight,
-lifts it and lets it go takes longer."""
+MAX_FLIGHT_TIME_S = 0.7
+"""Longest time between a pulse and its bounce, s. A weight that falls from 1.2 m and leaves with
+`MAX_BOUNCE_PEAK_RATIO` of its speed is in the air for 0.69 s. Catching the weight by hand, lifting
+and releasing it takes longer."""
 
 
 @dataclass(frozen=True, slots=True)
 class DetectionSettings:
-    """When a drop begins and how much of it is kept."""
+    """Settings of the drop detection: start of a drop and length of its record."""
 
     threshold: float = 400.0
-    """Load above rest that starts a drop, N; raised to `noise_factor` times the noise."""
+    """Load above rest that starts a drop, N; at least `noise_factor` times the noise."""
     noise_factor: float = 8.0
-    """Least threshold over the root mean square of the load's noise."""
+    """Smallest threshold, relative to the root mean square of the load's noise."""
     hysteresis: float = 0.5
-    """Part of the threshold below which the load counts as gone again."""
+    """Fraction of the threshold below which the load is released."""
     confirm: float = 3e-4
-    """How long the load has to stay above the threshold, s: an electric spike does not."""
+    """Time for which the load has to exceed the threshold, s: longer than an electric spike."""
     pre_trigger: float = 0.020
-    """Kept before the trigger, s."""
+    """Length of the record before the trigger, s."""
     post_trigger: float = 0.100
-    """Kept after it, s."""
+    """Length of the record after the trigger, s."""
     rebound_window: float = 1.5
-    """Time after the trigger of a drop in which its bounces are looked for, s; no bounce prolongs
-    it. A weight from 1 m that returns 0.6 of its speed each time comes to rest within 1.36 s."""
+    """Time after the trigger of a drop in which its bounces are detected, s; no bounce extends it.
+    A weight from 1 m that keeps 0.6 of its speed at each bounce is at rest after 1.36 s."""
     rebound_pre_trigger: float = 0.005
-    """Kept before a rebound, s."""
+    """Length of the record before a rebound, s."""
     rebound_post_trigger: float = 0.030
-    """Kept after it, s."""
+    """Length of the record after a rebound, s."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -58,17 +58,17 @@ class DetectionSettings:
 
 @dataclass(frozen=True, slots=True)
 class AtRest:
-    """What the detector knows of the load at rest; given back to it, a replay finds the same."""
+    """Load at rest as estimated by the detector; a replay that starts with it detects the same."""
 
     load: float
-    """Counts."""
+    """Level, counts."""
     noise: float
-    """Root mean square, counts."""
+    """Root mean square of the noise, counts."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RawDrop:
-    """The samples of one drop as they came."""
+    """Uncalibrated samples of one drop."""
 
     stream: int
     """Number of the run of the sampler."""
@@ -77,24 +77,24 @@ class RawDrop:
     trigger: int
     """Index of the sample at time 0 within the counts."""
     counts: NDArray[np.int32]
-    """(n, channels); 0 where samples are missing."""
+    """Counts, (n, channels); 0 where samples are missing."""
     missing: tuple[tuple[int, int], ...]
-    """(start, length) of samples that never came, within the counts."""
+    """(start, length) of missing samples within the counts."""
     at_rest: AtRest
-    """The load before the drop."""
+    """Load at rest before the drop."""
     threshold: float
-    """Counts above rest that triggered; 0 when the operator did."""
+    """Threshold of the trigger, counts above rest; 0 if the operator triggered."""
     by_operator: bool
-    """Whether the operator triggered, not the load."""
+    """True if the operator triggered, not the load."""
     cut_off: str | None
-    """Why the record ends before its time; None when it does not."""
+    """Reason why the record is too short; None for a complete record."""
     saturated: tuple[tuple[int, int], ...]
     """(channel, count) of samples at the end of the converter's range."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RawRebound:
-    """The samples of a later bounce of the same hammer."""
+    """Samples of a bounce of the weight after a drop."""
 
     stream: int
     """Number of the run of the sampler."""
@@ -103,15 +103,15 @@ class RawRebound:
     trigger: int
     """Index of the sample that triggered, within the stream."""
     after: int
-    """Index of the sample at time 0 of the drop that it belongs to, within the stream."""
+    """Index of the sample at time 0 of its drop, within the stream."""
     peak: int
-    """Counts above rest."""
+    """Peak load, counts above rest."""
     counts: NDArray[np.int32]
-    """(n, channels); 0 where samples are missing."""
+    """Counts, (n, channels); 0 where samples are missing."""
 
 
-class PulseDoubt(enum.StrEnum):
-    """Reason why a pulse of the load is reported: what became of it, and why."""
+class PulseReason(enum.StrEnum):
+    """Reason why a pulse of the load is reported, as the text for the operator."""
 
     REST_UNKNOWN = "not recorded: the load at rest was not known yet"
     NOT_RELEASED = "not recorded: the load had not returned to rest since the pulse before"
@@ -122,18 +122,18 @@ class PulseDoubt(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PulseReport:
-    """A pulse of the load that is neither a certain drop nor a certain bounce."""
+    """Report of a pulse of the load that is neither certainly a drop nor certainly a bounce."""
 
     stream: int
     """Number of the run of the sampler."""
     trigger: int
     """Index of its first sample above the threshold, within the stream; for a pulse that is not
-    recorded, of the part of the stream that holds it."""
+    recorded, the first index of the part of the stream that contains it."""
     peak: int
-    """Counts above the load before it."""
-    doubt: PulseDoubt
+    """Peak, counts above the load before it."""
+    reason: PulseReason
 
 
 @dataclass(frozen=True, slots=True)
 class ReboundsOver:
-    """No more rebounds will come for the last drop."""
+    """End of the rebounds of the last drop."""

@@ -1,12 +1,12 @@
-"""Finds the drops in the stream of samples.
+"""Detection of drops in the stream of samples.
 
-The stream is looked at in quanta of a fixed number of samples that begin at fixed indices, so that
-what is found does not depend on how the samples arrived. Between drops the load at rest follows
-the median of each quantum; a drop begins where the load has left it by the threshold and stays
-away. A pulse that follows another within `LONGEST_FLIGHT`, has less than `BOUNCE_OVER_PREVIOUS` of
-its peak and falls within the rebound window of the drop is a bounce and is kept with its drop. Any
-other pulse is a drop. A pulse that cannot be recorded, or whose kind is uncertain because samples
-are missing, is reported.
+The stream is processed in quanta of a fixed number of samples that begin at fixed indices, so that
+the result does not depend on how the samples arrived. Between drops the load at rest follows the
+median of each quantum; a drop begins where the load departs from it by more than the threshold and
+stays away. A pulse is a bounce and belongs to the drop before it if it follows another pulse within
+`MAX_FLIGHT_TIME_S`, has less than `MAX_BOUNCE_PEAK_RATIO` of its peak and lies within the rebound
+window of the drop. Any other pulse is a drop. A pulse that cannot be recorded, or whose kind is
+uncertain because samples are missing, is reported.
 """
 
 import math
@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfwd_device.acquisition.detection import (
-    BOUNCE_OVER_PREVIOUS,
-    LONGEST_FLIGHT,
+    MAX_BOUNCE_PEAK_RATIO,
+    MAX_FLIGHT_TIME_S,
     AtRest,
     DetectionSettings,
-    PulseDoubt,
+    PulseReason,
     PulseReport,
     RawDrop,
     RawRebound,
@@ -35,58 +35,59 @@ from pfwd_device.errors import SetupError
 from pfwd_device.identity import Identity
 
 QUANTA_PER_SECOND = 100
-WARM_UP = 20
-"""Quanta after which the load at rest is known."""
-FOLLOWS = 0.03
-"""Part of the way that the load at rest goes towards each quantum: it follows a drift within 0.3 s
-and is not moved by noise."""
-STUCK = 100
-"""Quanta off rest after which the new level is rest: something stands on the plate now."""
-FEWEST_SAMPLES = 16
-"""In a record; fewer tell nothing of a pulse."""
-LONG_GAP = 1.0
-"""s; after so long without samples the load at rest is found anew."""
+WARM_UP_QUANTA = 20
+"""Number of quanta from which the load at rest is estimated first."""
+REST_TRACKING_GAIN = 0.03
+"""Fraction of the difference by which the load at rest approaches each quantum: it follows a drift
+within 0.3 s and averages the noise."""
+NEW_REST_AFTER_QUANTA = 100
+"""Number of successive quanta off rest after which the new level is rest, such as with an object
+on the plate."""
+MIN_RECORD_SAMPLES = 16
+"""Smallest number of samples in a record: fewer do not resolve a pulse."""
+LONG_GAP_S = 1.0
+"""Shortest gap after which the load at rest is estimated again, s."""
 
-HIDDEN_PULSE = 6e-3
-"""s; missing samples in a row that may hide a pulse. A pulse of 15 ms and 570 N, whose bounce would
-still exceed the default threshold, is above this threshold for 7.5 ms."""
-HIDDEN_PEAK = 2e-3
-"""s; missing samples within a pulse after which its peak is only a lower bound: the top 2 ms of a
-half-sine of 15 ms lie within 2 % of the peak."""
+MIN_GAP_HIDING_PULSE_S = 6e-3
+"""Shortest gap that may hide a pulse, s. A pulse of 15 ms and 570 N, whose bounce would still
+exceed the default threshold, is above this threshold for 7.5 ms."""
+MIN_GAP_HIDING_PEAK_S = 2e-3
+"""Shortest time of missing samples within a pulse that makes its peak a lower bound, s: the top
+2 ms of a half-sine of 15 ms lie within 2 % of the peak."""
 
-Found = RawDrop | RawRebound | ReboundsOver | PulseReport
+DetectedItem = RawDrop | RawRebound | ReboundsOver | PulseReport
 
 
 @dataclass(slots=True)
 class _Trigger:
-    """A drop or a rebound whose record is not complete yet."""
+    """Start of a drop or rebound whose record is incomplete."""
 
     index: int
     at_rest: AtRest
     threshold: float
     by_operator: bool = False
     may_bounce: bool = False
-    """Whether its time allows a bounce, so that its peak decides."""
-    doubt: PulseDoubt | None = None
+    """True if its time allows a bounce, so that its peak decides."""
+    reason: PulseReason | None = None
 
 
 @dataclass(slots=True)
 class _Last:
-    """The drop that rebounds may still belong to."""
+    """Latest drop, to which rebounds may belong."""
 
     trigger: int
     deadline: int
     pulse: int
     """Index of the trigger of the last pulse: the drop or its last bounce."""
     peak: float
-    """Peak of that pulse, counts; of a bounce with missing samples the largest possible one."""
+    """Peak of that pulse, counts; for a bounce with missing samples the largest possible peak."""
     incomplete: bool
-    """Whether samples of the drop are missing about its peak, which was higher then."""
+    """True if samples near the peak of the drop are missing, so that its peak may be higher."""
 
 
 @dataclass(slots=True)
 class _Unrecorded:
-    """A pulse in a part of the stream where no drop can begin."""
+    """Pulse in a part of the stream where no drop can begin."""
 
     start: int
     end: int
@@ -94,12 +95,12 @@ class _Unrecorded:
 
 
 class Detector:
-    """Turns samples into drops.
+    """Detector of drops in the samples of one instrument.
 
     Parameters
     ----------
     identity : Identity
-        Tells the load channel, its calibration, the sampling rate and the range of the converter.
+        Load channel, its calibration, sampling rate and range of the converter.
     settings : DetectionSettings
     """
 
@@ -110,15 +111,15 @@ class Detector:
         self._load = load_channel(identity)
         per_newton = abs(counts_per_unit(identity.channels[self._load], identity))
         self._per_newton = per_newton
-        self._least = settings.threshold * per_newton
+        self._min_threshold = settings.threshold * per_newton
         self._full = 1 << (identity.adc_bits - 1)
         self._quantum = max(1, round(rate / QUANTA_PER_SECOND))
         self._confirm = max(2, round(settings.confirm * rate))
         self._before = round(settings.pre_trigger * rate)
         self._after = max(1, round(settings.post_trigger * rate))
-        if self._before + self._after < FEWEST_SAMPLES:
+        if self._before + self._after < MIN_RECORD_SAMPLES:
             raise SetupError(
-                f"sampling rate: expected at least {FEWEST_SAMPLES} samples in the "
+                f"sampling rate: expected at least {MIN_RECORD_SAMPLES} samples in the "
                 f"{settings.pre_trigger + settings.post_trigger:g} s of a record, got "
                 f"{self._before + self._after} at {rate:g} Hz; sampling_rate_hz under [link] of "
                 "the setup file asks for another rate"
@@ -126,12 +127,12 @@ class Detector:
         self._rebound_before = round(settings.rebound_pre_trigger * rate)
         self._rebound_after = max(1, round(settings.rebound_post_trigger * rate))
         self._rebound_window = round(settings.rebound_window * rate)
-        # Back to before a trigger that is confirmed only in the next quantum.
-        self._kept = max(self._before, self._rebound_before) + self._confirm + 2 * self._quantum
-        self._long_gap = round(LONG_GAP * rate)
-        self._flight = round(LONGEST_FLIGHT * rate)
-        self._hides_pulse = max(1, round(HIDDEN_PULSE * rate))
-        self._hides_peak = max(1, round(HIDDEN_PEAK * rate))
+        # Includes the samples before a trigger that is confirmed only in the next quantum.
+        self._retained = max(self._before, self._rebound_before) + self._confirm + 2 * self._quantum
+        self._long_gap = round(LONG_GAP_S * rate)
+        self._flight = round(MAX_FLIGHT_TIME_S * rate)
+        self._hides_pulse = max(1, round(MIN_GAP_HIDING_PULSE_S * rate))
+        self._hides_peak = max(1, round(MIN_GAP_HIDING_PEAK_S * rate))
         self._stream = 0
         self._begin(0)
 
@@ -145,106 +146,107 @@ class Detector:
         """(index, low, high) of the quanta in which the load at rest was not known."""
         self._unrecorded: _Unrecorded | None = None
         self._low = math.inf
-        """Smallest departure since the last record, while the load is not back at rest."""
+        """Smallest departure since the last record, while the load has not returned to rest."""
         self._holes: deque[tuple[int, int]] = deque()
-        """(start, end) of missing samples, as far back as a bounce may follow them."""
+        """(start, end) of missing samples that a bounce may still follow."""
         self._released = True
         self._off_rest = 0
         self._open: _Trigger | None = None
         self._last: _Last | None = None
-        self._asked: int | None = None
+        self._operator_trigger: int | None = None
 
     @property
     def ready(self) -> bool:
-        """Whether a drop would be found now: the load at rest is known."""
+        """True once the load at rest is known, so that drops are detected."""
         return self._rest is not None
 
     @property
     def drop_load(self) -> float:
-        """Load above rest that starts a drop now, N: as set, or raised by the noise."""
+        """Present threshold of the load above rest, N: as set, or larger because of noise."""
         if self._rest is None or not self._per_newton:
             return self.settings.threshold
         return self._threshold(self._rest) / self._per_newton
 
     @property
     def at_rest(self) -> AtRest | None:
-        """The load at rest, None until it is known."""
+        """Load at rest; None until it is known."""
         return self._rest
 
     @property
     def busy(self) -> bool:
-        """Whether a drop has begun whose record is not complete yet."""
+        """True while the record of a drop is incomplete."""
         return self._open is not None
 
     def begin(self, stream: int, first: int = 0, at_rest: AtRest | None = None) -> None:
-        """A new run of the sampler, or a recorded drop with the rest that its detection had.
+        """Begin a new run of the sampler, or a replay with the recorded load at rest.
 
-        With `at_rest` given nothing is learnt before the drop, so that a replay finds the same.
+        With `at_rest` the load at rest is not estimated before the first drop, so that a replay
+        detects the same drop.
         """
         self._stream = stream
         self._begin(first, at_rest)
 
     def trigger_by_operator(self, index: int | None = None) -> None:
-        """Record a drop from here on, or from the sample with this index, whatever the load does.
+        """Record a drop from now on, or from the sample with this index, independent of the load.
 
-        Does nothing while a drop is being recorded.
+        No effect while a drop is recorded.
         """
-        if self._open is None and self._asked is None:
-            self._asked = self._window.end if index is None else index
+        if self._open is None and self._operator_trigger is None:
+            self._operator_trigger = self._window.end if index is None else index
 
-    def feed(self, item: Samples | Gap) -> list[Found]:
-        """Drops and rebounds that are complete with these samples, and reports, in order."""
+    def feed(self, item: Samples | Gap) -> list[DetectedItem]:
+        """Return the drops and rebounds that these samples complete, and reports, in order."""
         if item.stream != self._stream:
             raise ValueError(f"expected samples of stream {self._stream}, got {item.stream}")
         if isinstance(item, Gap):
             self._note_hole(self._window.end, self._window.end + item.length)
             return list(self._skip(item.length))
-        if item.shunt:  # no measurement
+        if item.shunt:  # samples with the shunt on are no measurement
             return list(self._skip(len(item.counts)))
         self._window.append(item.counts)
         return list(self._scan())
 
-    def finish(self, reason: str) -> list[Found]:
-        """No more samples come: what is left of a drop in hand, marked as cut off.
+    def finish(self, reason: str) -> list[DetectedItem]:
+        """Return the last items at the end of the samples; an incomplete drop is marked as cut off.
 
         Parameters
         ----------
         reason : str
-            Why, for the mark.
+            Reason for the end, recorded with an incomplete drop.
         """
-        found = list(self._scan_remainder())
+        items = list(self._scan_remainder())
         trigger = self._open
         if trigger is not None and trigger.may_bounce:
             assert self._last is not None
             peak = self._peak(trigger, self._rebound_after)
             if self._is_bounce(trigger, peak, self._last):
-                found.append(self._report(trigger.index, peak, PulseDoubt.CUT_OFF))
+                items.append(self._report(trigger.index, peak, PulseReason.CUT_OFF))
                 trigger = None
             else:
                 self._last = None
-                found.append(ReboundsOver())
+                items.append(ReboundsOver())
         if trigger is not None:
-            found += self._records(trigger, cut_off=reason)
-            found.append(ReboundsOver())
+            items += self._records(trigger, cut_off=reason)
+            items.append(ReboundsOver())
         elif self._last is not None:
-            found.append(ReboundsOver())
+            items.append(ReboundsOver())
         self.begin(self._stream, self._window.end)
-        return found
+        return items
 
-    def _scan_remainder(self) -> Iterator[Found]:
-        """Scan the samples after the last whole quantum and report the pulses not recorded yet."""
+    def _scan_remainder(self) -> Iterator[DetectedItem]:
+        """Scan the samples after the last complete quantum and report the unrecorded pulses."""
         end = self._window.end
         if end > self._scanned:
             yield from self._complete(end)
             if self._open is None:
                 self._open = self._find_trigger(end)
-                yield from self._begun(self._open)
+                yield from self._classify_by_time(self._open)
                 yield from self._complete(end)
         yield from self._report_unwatched()
         yield from self._report_unrecorded()
 
-    def _skip(self, length: int) -> Iterator[Found]:
-        filled = min(length, self._kept + self._after + self._rebound_window)
+    def _skip(self, length: int) -> Iterator[DetectedItem]:
+        filled = min(length, self._retained + self._after + self._rebound_window)
         self._window.append_missing(filled)
         yield from self._scan()
         if length > filled:
@@ -254,17 +256,17 @@ class Detector:
             self._rest, self._early, self._frozen = None, [], False
 
     def _note_hole(self, start: int, end: int) -> None:
-        """Note missing samples; two rows with hardly a sample in between count as one."""
+        """Store a row of missing samples, joined with the previous one if hardly separated."""
         if self._holes and start - self._holes[-1][1] < self._confirm:
             start = self._holes.pop()[0]
         self._holes.append((start, end))
 
     def _missing(self, start: int, end: int) -> int:
-        """Return how many samples from `start` to before `end` are missing."""
+        """Return the number of missing samples from `start` to before `end`."""
         return sum(max(0, min(end, last) - max(start, first)) for first, last in self._holes)
 
     def _may_hide_pulse(self, start: int, end: int) -> bool:
-        """Return whether missing samples between the two indices may hide a whole pulse."""
+        """Return True if missing samples between the two indices may hide a complete pulse."""
         return any(
             min(end, last) - max(start, first) >= self._hides_pulse for first, last in self._holes
         )
@@ -274,7 +276,7 @@ class Detector:
         self._window = Window(self._channels, end)
         self._scanned = end
 
-    def _scan(self) -> Iterator[Found]:
+    def _scan(self) -> Iterator[DetectedItem]:
         quantum = self._quantum
         while True:
             end = (self._scanned // quantum + 1) * quantum
@@ -282,29 +284,29 @@ class Detector:
                 break
             yield from self._scan_quantum(self._scanned, end)
             self._scanned = end
-        keep = self._scanned - self._kept
+        keep = self._scanned - self._retained
         if self._open is not None:
-            keep = min(keep, self._open.index - self._kept)
+            keep = min(keep, self._open.index - self._retained)
         self._window.forget_before(keep)
         bounces_after = self._scanned - self._after - max(self._rebound_window, self._flight)
         while self._holes and self._holes[0][1] < bounces_after:
             self._holes.popleft()
 
-    def _scan_quantum(self, start: int, end: int) -> Iterator[Found]:
+    def _scan_quantum(self, start: int, end: int) -> Iterator[DetectedItem]:
         yield from self._complete(end)
         if self._open is None:
             yield from self._learn(start, end)
             self._open = self._find_trigger(end)
             yield from self._watch_unreleased(start, end)
-            yield from self._begun(self._open)
+            yield from self._classify_by_time(self._open)
             # A record may be shorter than a quantum.
             yield from self._complete(end)
         if self._last is not None and self._open is None and end >= self._last.deadline:
             self._last = None
             yield ReboundsOver()
 
-    def _complete(self, end: int) -> Iterator[Found]:
-        """Hands on the record that is complete with the samples before `end`."""
+    def _complete(self, end: int) -> Iterator[DetectedItem]:
+        """Yield the record that the samples before `end` complete."""
         trigger = self._open
         if trigger is None:
             return
@@ -313,13 +315,13 @@ class Detector:
             assert self._last is not None
             if self._is_bounce(trigger, peak, self._last):
                 yield self._rebound(trigger, peak, self._last)
-                if trigger.doubt is not None:
-                    yield self._report(trigger.index, peak, trigger.doubt)
+                if trigger.reason is not None:
+                    yield self._report(trigger.index, peak, trigger.reason)
                 self._stop_recording()
                 return
-            # Too large for a bounce: it is a drop, and what came before a drop or a knock.
+            # Too large for a bounce: it is a drop, and the pulse before it a drop or a knock.
             trigger.may_bounce = False
-            trigger.doubt = self._doubt_of_drop(trigger, self._last)
+            trigger.reason = self._reason_to_report_drop(trigger, self._last)
             self._last = None
             yield ReboundsOver()
         if not trigger.may_bounce and end >= trigger.index + self._after:
@@ -334,49 +336,49 @@ class Detector:
     def _stop_recording(self) -> None:
         self._open, self._released, self._low = None, False, math.inf
 
-    def _begun(self, trigger: _Trigger | None) -> Iterator[Found]:
-        """Decide from its time alone whether a new trigger may be a bounce."""
+    def _classify_by_time(self, trigger: _Trigger | None) -> Iterator[DetectedItem]:
+        """Decide from the time of a new trigger whether it may be a bounce."""
         if trigger is None or trigger.by_operator:
             return
         last = self._last
         if last is not None and trigger.index < last.deadline:
             trigger.may_bounce = trigger.index - last.pulse <= self._flight
             if not trigger.may_bounce and self._may_hide_pulse(last.pulse, trigger.index):
-                trigger.may_bounce, trigger.doubt = True, PulseDoubt.MAYBE_DROP
+                trigger.may_bounce, trigger.reason = True, PulseReason.MAYBE_DROP
         if not trigger.may_bounce:
-            trigger.doubt = self._doubt_of_drop(trigger, None)
+            trigger.reason = self._reason_to_report_drop(trigger, None)
             if last is not None:
                 self._last = None
                 yield ReboundsOver()
 
     def _is_bounce(self, trigger: _Trigger, peak: int, last: _Last) -> bool:
-        """Return whether a pulse whose time allows a bounce is small enough for one."""
-        # Late after the last pulse, it bounced at least once more in the missing samples.
-        bounces = 1 if trigger.doubt is None else 2
-        return peak < BOUNCE_OVER_PREVIOUS**bounces * last.peak
+        """Return True if a pulse whose time allows a bounce is small enough for one."""
+        # With a reason to report it is late: the weight bounced once more in the missing samples.
+        bounces = 1 if trigger.reason is None else 2
+        return peak < MAX_BOUNCE_PEAK_RATIO**bounces * last.peak
 
-    def _doubt_of_drop(self, trigger: _Trigger, last: _Last | None) -> PulseDoubt | None:
-        """Return why a drop may be a bounce: of `last`, or of a pulse in missing samples."""
+    def _reason_to_report_drop(self, trigger: _Trigger, last: _Last | None) -> PulseReason | None:
+        """Return why a drop may be a bounce of `last` or of a pulse in missing samples, or None."""
         hidden = self._may_hide_pulse(trigger.index - self._flight, trigger.index)
         if hidden or (last is not None and last.incomplete):
-            return PulseDoubt.MAYBE_BOUNCE
+            return PulseReason.MAYBE_BOUNCE
         return None
 
     def _is_incomplete(self, trigger: _Trigger) -> bool:
-        """Return whether so many samples of a pulse are missing that its peak may be higher."""
+        """Return True if enough samples of a pulse are missing for its peak to be higher."""
         pulse = self._rebound_after
         return self._missing(trigger.index - pulse, trigger.index + pulse) >= self._hides_peak
 
-    def _report(self, index: int, peak: float, doubt: PulseDoubt) -> PulseReport:
-        return PulseReport(self._stream, index, round(peak), doubt)
+    def _report(self, index: int, peak: float, reason: PulseReason) -> PulseReport:
+        return PulseReport(self._stream, index, round(peak), reason)
 
-    def _records(self, trigger: _Trigger, cut_off: str | None) -> Iterator[Found]:
-        """The record of a drop, and a report where it may be a bounce."""
+    def _records(self, trigger: _Trigger, cut_off: str | None) -> Iterator[DetectedItem]:
+        """Yield the record of a drop, and a report if it may be a bounce."""
         yield self._record(trigger, cut_off)
-        if trigger.doubt is not None:
-            yield self._report(trigger.index, self._peak(trigger, self._after), trigger.doubt)
+        if trigger.reason is not None:
+            yield self._report(trigger.index, self._peak(trigger, self._after), trigger.reason)
 
-    def _watch_unreleased(self, start: int, end: int) -> Iterator[Found]:
+    def _watch_unreleased(self, start: int, end: int) -> Iterator[DetectedItem]:
         """Report pulses on top of a load that has not returned to rest."""
         if self._open is not None or self._released or self._rest is None:
             yield from self._report_unrecorded()
@@ -393,18 +395,18 @@ class Detector:
         yield from self._report_unrecorded()
         self._low = min(self._low, float(away.min()))
 
-    def _report_unrecorded(self) -> Iterator[Found]:
+    def _report_unrecorded(self) -> Iterator[DetectedItem]:
         pulse, self._unrecorded = self._unrecorded, None
         if pulse is not None:
-            yield self._unseen(pulse, PulseDoubt.NOT_RELEASED)
+            yield self._report_without_record(pulse, PulseReason.NOT_RELEASED)
 
-    def _unseen(self, pulse: _Unrecorded, doubt: PulseDoubt) -> PulseReport:
-        """The report of a pulse that is not recorded; what bounces from it is seen all the same."""
+    def _report_without_record(self, pulse: _Unrecorded, reason: PulseReason) -> PulseReport:
+        """Return the report of an unrecorded pulse, and store it as a hole that bounces follow."""
         self._holes.append((pulse.start, max(pulse.end, pulse.start + self._hides_pulse)))
-        return self._report(pulse.start, pulse.peak, doubt)
+        return self._report(pulse.start, pulse.peak, reason)
 
-    def _report_unwatched(self) -> Iterator[Found]:
-        """Report pulses that came while the load at rest was not known."""
+    def _report_unwatched(self) -> Iterator[DetectedItem]:
+        """Report pulses during the time when the load at rest was not known."""
         quanta, self._unwatched = self._unwatched, []
         rest = self._rest
         if rest is None and len(self._early) > 1:
@@ -419,22 +421,22 @@ class Detector:
             if away > threshold:
                 pulse = _extended(pulse, index, index + self._quantum, away)
             elif pulse is not None:
-                yield self._unseen(pulse, PulseDoubt.REST_UNKNOWN)
+                yield self._report_without_record(pulse, PulseReason.REST_UNKNOWN)
                 pulse = None
         if pulse is not None:
-            yield self._unseen(pulse, PulseDoubt.REST_UNKNOWN)
+            yield self._report_without_record(pulse, PulseReason.REST_UNKNOWN)
 
     def _departure(self, first: int, last: int, rest: AtRest) -> NDArray[np.float64]:
-        """Distance of the load from rest, counts; 0 where samples are missing."""
-        counts, gone = self._window.part(first, last)
+        """Return the distance of the load from rest, counts; 0 where samples are missing."""
+        counts, missing = self._window.part(first, last)
         away: NDArray[np.float64] = np.abs(counts[:, self._load] - rest.load)
-        away[gone] = 0.0
+        away[missing] = 0.0
         return away
 
     def _present_departure(self, first: int, last: int, rest: AtRest) -> NDArray[np.float64]:
-        """Distance of the load from rest where samples are present, counts."""
-        counts, gone = self._window.part(first, last)
-        away: NDArray[np.float64] = np.abs(counts[~gone, self._load] - rest.load)
+        """Return the distance of the load from rest for the samples that are present, counts."""
+        counts, missing = self._window.part(first, last)
+        away: NDArray[np.float64] = np.abs(counts[~missing, self._load] - rest.load)
         return away
 
     def _peak(self, trigger: _Trigger, length: int) -> int:
@@ -442,31 +444,31 @@ class Detector:
         return round(float(away.max()))
 
     def _threshold(self, rest: AtRest) -> float:
-        return max(self._least, self.settings.noise_factor * rest.noise)
+        return max(self._min_threshold, self.settings.noise_factor * rest.noise)
 
-    def _learn(self, start: int, end: int) -> Iterator[Found]:
-        """Follow the load at rest; once it is known, report the pulses before."""
+    def _learn(self, start: int, end: int) -> Iterator[DetectedItem]:
+        """Update the load at rest; when it is known first, report the pulses before."""
         if self._frozen:
             return
-        counts, gone = self._window.part(start, end)
-        load = counts[~gone, self._load].astype(float)
+        counts, missing = self._window.part(start, end)
+        load = counts[~missing, self._load].astype(float)
         if self._rest is None and load.size >= self._confirm:
-            # Without the few samples of a spike on either side.
-            few = self._confirm - 1
-            ends = np.partition(load, (few, load.size - 1 - few))
-            self._unwatched.append((start, float(ends[few]), float(ends[-1 - few])))
+            # Extremes without the samples of a spike on either side.
+            n_spike = self._confirm - 1
+            ends = np.partition(load, (n_spike, load.size - 1 - n_spike))
+            self._unwatched.append((start, float(ends[n_spike]), float(ends[-1 - n_spike])))
         if load.size < max(2, (end - start) // 2):
             return
-        # Quantum after quantum all day: the plain forms of median and root mean square.
+        # This runs for every quantum all day: median and root mean square in their fastest forms.
         level = float(np.partition(load, load.size // 2)[load.size // 2])
         steps = np.diff(load)
         noise = math.sqrt(float(steps @ steps) / (2 * steps.size))
         if self._rest is None:
             self._early.append((level, noise))
-            if len(self._early) >= WARM_UP:
+            if len(self._early) >= WARM_UP_QUANTA:
                 levels, noises = np.median(self._early, axis=0)
                 self._rest = AtRest(float(levels), float(noises))
-                # A drop may begin in this quantum.
+                # This quantum is scanned for a drop, so it is not reported.
                 self._unwatched = [each for each in self._unwatched if each[0] < start]
                 yield from self._report_unwatched()
                 self._early = []
@@ -476,41 +478,40 @@ class Detector:
         if np.abs(load - rest.load).max() < quiet:
             self._off_rest = 0
             self._rest = AtRest(
-                rest.load + FOLLOWS * (level - rest.load),
-                rest.noise + FOLLOWS * (noise - rest.noise),
+                rest.load + REST_TRACKING_GAIN * (level - rest.load),
+                rest.noise + REST_TRACKING_GAIN * (noise - rest.noise),
             )
             return
         self._off_rest += 1
-        if self._off_rest >= STUCK:
+        if self._off_rest >= NEW_REST_AFTER_QUANTA:
             self._rest, self._early = None, []
             self._off_rest, self._released = 0, True
             yield from self._report_unrecorded()
 
     def _find_trigger(self, end: int) -> _Trigger | None:
-        """The first sample that starts a drop, among those that can be confirmed before `end`."""
-        if self._asked is not None and self._asked < end:
+        """Return the first trigger of a drop that the samples before `end` confirm, or None."""
+        if self._operator_trigger is not None and self._operator_trigger < end:
             rest = self._rest or AtRest(0.0, 0.0)
-            trigger = _Trigger(self._asked, rest, 0.0, by_operator=True)
-            self._asked = None
+            trigger = _Trigger(self._operator_trigger, rest, 0.0, by_operator=True)
+            self._operator_trigger = None
             self._last = None
             return trigger
-        if self._frozen and self._asked is not None:
-            return None  # in a replay it is known that nothing goes before the operator
-        found = self._rest
-        if found is None:
+        if self._frozen and self._operator_trigger is not None:
+            return None  # in a replay no drop precedes the trigger of the operator
+        if self._rest is None:
             return None
-        rest = found
-        # From where the last look could not confirm.
+        rest = self._rest
+        # Include the samples that the last call could not confirm.
         start = max(self._window.start, self._scanned - self._confirm + 1)
         away = self._departure(start, end, rest)
         threshold = self._threshold(rest)
         if self._released and float(away.max(initial=0.0)) <= threshold:
             return None
-        gone_again = _rows(away < self.settings.hysteresis * threshold, self._confirm)
-        stays = _rows(away > self.settings.hysteresis * threshold, self._confirm)
-        starts = np.flatnonzero((away[: stays.size] > threshold) & stays)
+        is_below = _starts_of_rows(away < self.settings.hysteresis * threshold, self._confirm)
+        is_above = _starts_of_rows(away > self.settings.hysteresis * threshold, self._confirm)
+        starts = np.flatnonzero((away[: is_above.size] > threshold) & is_above)
         if not self._released:
-            released = np.flatnonzero(gone_again)
+            released = np.flatnonzero(is_below)
             if not released.size:
                 return None
             self._released = True
@@ -521,14 +522,14 @@ class Detector:
 
     def _record(self, trigger: _Trigger, cut_off: str | None) -> RawDrop:
         first = trigger.index - self._before
-        counts, gone = self._window.part(first, trigger.index + self._after)
+        counts, missing = self._window.part(first, trigger.index + self._after)
         over = (counts >= self._full - 1) | (counts <= -self._full)
         return RawDrop(
             stream=self._stream,
             first=first,
             trigger=self._before,
             counts=counts,
-            missing=runs(gone),
+            missing=runs(missing),
             at_rest=trigger.at_rest,
             threshold=trigger.threshold,
             by_operator=trigger.by_operator,
@@ -541,20 +542,20 @@ class Detector:
     def _rebound(self, trigger: _Trigger, peak: int, last: _Last) -> RawRebound:
         first = trigger.index - self._rebound_before
         counts, _ = self._window.part(first, trigger.index + self._rebound_after)
-        largest = BOUNCE_OVER_PREVIOUS * last.peak if self._is_incomplete(trigger) else 0.0
+        largest = MAX_BOUNCE_PEAK_RATIO * last.peak if self._is_incomplete(trigger) else 0.0
         last.pulse, last.peak = trigger.index, max(peak, largest)
         return RawRebound(self._stream, first, trigger.index, last.trigger, peak, counts)
 
 
 def _extended(pulse: _Unrecorded | None, start: int, end: int, peak: float) -> _Unrecorded:
-    """The same pulse with a further part of the stream, or a new one."""
+    """Return the pulse extended by a part of the stream, or a new pulse."""
     if pulse is None:
         return _Unrecorded(start, end, peak)
     return _Unrecorded(pulse.start, end, max(pulse.peak, peak))
 
 
-def _rows(flags: NDArray[np.bool_], length: int) -> NDArray[np.bool_]:
-    """Where `length` true values in a row begin, (n - length + 1,)."""
+def _starts_of_rows(flags: NDArray[np.bool_], length: int) -> NDArray[np.bool_]:
+    """Return a mask, (n - length + 1,), of the starts of `length` true values in a row."""
     if flags.size < length:
         return np.zeros(0, bool)
     return np.asarray(np.lib.stride_tricks.sliding_window_view(flags, length).all(axis=-1))

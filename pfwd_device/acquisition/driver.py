@@ -1,4 +1,4 @@
-"""Keeps an instrument sampling and hands on what it says."""
+"""Driver of an instrument: it keeps the instrument connected and sampling."""
 
 import threading
 import time
@@ -7,13 +7,18 @@ from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Self
 
-from pfwd_device.acquisition.conversation import ANSWER_TIME, Conversation, SampleAction, Stage
+from pfwd_device.acquisition.conversation import (
+    RESPONSE_TIMEOUT_S,
+    Conversation,
+    SampleAction,
+    Stage,
+)
 from pfwd_device.acquisition.counters import Counters
 from pfwd_device.acquisition.decoder import Decoder
 from pfwd_device.acquisition.items import Connected, Disconnected, Item
 from pfwd_device.acquisition.link import (
-    QUEUE_BYTES,
-    SILENCE,
+    MAX_QUEUE_BYTES,
+    SILENCE_TIMEOUT_S,
     Capture,
     Chunk,
     Link,
@@ -41,45 +46,45 @@ from pfwd_device.wire.messages import (
     Trigger,
 )
 
-_LONGEST_NAP = 0.25
-"""s; so often blocks that wait for their place are looked at."""
+_MAX_WAIT_S = 0.25
+"""Interval at which waiting blocks are checked, s."""
 
 DISARMED = Trigger(False, 0, 1, 1, 0, 1, 0)
-"""Nobody is there any more who would take the drops."""
+"""Settings that end the drop detection of an instrument, as no host receives the drops."""
 
 
 class Driver:
-    """An instrument as a sequence of items; found again by itself whenever it is lost.
+    """An instrument as a sequence of items; a lost instrument is connected again automatically.
 
-    A thread reads the port; decoding happens in the thread that calls `next`. Commands may come
-    from any thread and are carried out while `next` is called.
+    A thread reads the port; decoding happens in the thread that calls `next`. Commands may be
+    called from any thread and are executed while `next` is called.
 
     Parameters
     ----------
     port : str or callable
-        A URL, see `pfwd_device.transport.opening.open_transport`; or what returns an open
-        transport each time it is called, or raises `PortError`.
+        A URL, see `pfwd_device.transport.opening.open_transport`; or a function that returns an
+        open transport on each call, or raises `PortError`.
     dialect : Dialect
-        The language of the instrument; belongs to the driver from now on.
+        Dialect of the instrument; the driver alone uses it.
     sampling_rate : float or None, Hz
-        What to ask for; None: as the instrument is. One that only talks is not asked.
+        Requested rate; None: the present one. An instrument that only sends keeps its rate.
     expected_serial_number : str or None
-        The only instrument to accept; None: the first that answers, from then on.
+        The only instrument to accept; None: the first that responds, from then on.
     sampling : bool
-        Whether to start it.
+        Start the sampling.
     capture : Capture or None
-        Gets every byte, for replay. An error in it ends the capture, not the measurement.
+        Receives every byte, for replay. An error in it ends the capture, not the measurement.
     baud_rate : int
-        Of a serial port.
+        Baud rate of a serial port.
     queue_bytes : int
-        What may wait for the caller of `next`; what comes beyond is thrown away and counted.
+        Size of the queue for the caller of `next`; further bytes are discarded and counted.
     silence : float, s
-        The instrument is lost when it says nothing for so long.
-    answer_time : float, s
-        How long to wait for an answer.
+        Time without bytes after which the instrument is lost.
+    response_timeout : float, s
+        Longest wait for a response.
     trigger : callable or None
-        For the identity of an instrument that keeps drops: how it is to find them; None: it is not
-        to. Without it no instrument is told to.
+        Function from the identity of an instrument that stores drops to the settings of its
+        detection, or None for no detection. Without it no instrument detects drops.
 
     Examples
     --------
@@ -100,21 +105,21 @@ class Driver:
         sampling: bool = True,
         capture: Capture | None = None,
         baud_rate: int = BAUD_RATE,
-        queue_bytes: int = QUEUE_BYTES,
-        silence: float = SILENCE,
-        answer_time: float = ANSWER_TIME,
+        queue_bytes: int = MAX_QUEUE_BYTES,
+        silence: float = SILENCE_TIMEOUT_S,
+        response_timeout: float = RESPONSE_TIMEOUT_S,
         trigger: Callable[[Identity], Trigger | None] | None = None,
     ) -> None:
         url = port if isinstance(port, str) else ""
         self._decoder = Decoder(dialect, url, automatic=False)
         self._trigger = trigger
-        self._takes_commands = bool(dialect.encode(Hello()))
+        self._accepts_commands = bool(dialect.encode(Hello()))
         self._conversation = Conversation(
             sampling_rate,
             expected_serial_number,
             sampling=sampling,
-            answers=self._takes_commands,
-            answer_time=answer_time,
+            accepts_commands=self._accepts_commands,
+            response_timeout=response_timeout,
         )
         self._queue = Queue(queue_bytes, self.counters)
         self._open_port = PortFinder(port, baud_rate) if isinstance(port, str) else port
@@ -122,7 +127,7 @@ class Driver:
             self._open_port, self._queue, self.counters, capture=capture, silence=silence
         )
         self._open_transport: Transport | None = None
-        """Of a port that nobody reads yet."""
+        """Transport that was opened before the thread was started."""
         self._transport: Transport | None = None
         self._identity: Identity | None = None
         self._items: deque[Item] = deque()
@@ -136,53 +141,57 @@ class Driver:
 
     @property
     def counters(self) -> Counters:
-        """What came and what of it was thrown away."""
+        """Counters of received and discarded data."""
         return self._decoder.counters
 
     @property
     def identity(self) -> Identity | None:
-        """What the instrument says of itself; None: it was never connected."""
+        """Identity of the instrument; None before the first connection."""
         return self._identity
 
     @property
     def url(self) -> str:
-        """Where the instrument is, or was last."""
+        """Port of the instrument, or its last port."""
         return self._decoder.url
 
     @property
     def connected(self) -> bool:
-        """Whether the right instrument answers, as far as the items handed on tell."""
+        """True while the right instrument responds, according to the items returned so far."""
         return self._opened and self._lost_since is None
 
     @property
     def lost_since(self) -> float | None:
-        """Monotonic clock when the instrument was lost, or when the port was opened if it never
-        answered, s; None: it is connected."""
+        """Monotonic time of the loss, or of the opening before a first response, s.
+
+        None while the instrument is connected.
+        """
         return self._lost_since
 
     @property
     def last_error(self) -> str | None:
-        """Why the instrument is not connected, the latest reason; None: it is."""
+        """Latest reason why the instrument is not connected; None while it is connected."""
         return self._last_error
 
     @property
     def capture_error(self) -> Exception | None:
-        """Why the capture ended; None: it did not."""
+        """Error that ended the capture; None while it continues."""
         return self._link.capture_error
 
     @property
     def drift_ppm(self) -> float | None:
-        """By how much the instrument's clock gains on this computer's; None: not known."""
+        """Drift of the instrument's clock, parts per million; None if it is not known."""
         return self._decoder.clock.drift_ppm
 
     @property
     def clock_speed(self) -> float | None:
-        """Seconds of the instrument per second; far from 1 when it is simulated faster or slower
-        than real time. None: not known yet."""
+        """Seconds of the instrument per second; None before an estimate.
+
+        It differs from 1 if the instrument is simulated faster or slower than real time.
+        """
         return self._decoder.clock.speed
 
     def open_port(self) -> None:
-        """Open the port alone; nothing is read from it or sent to it before `open`.
+        """Open the port without reading or sending anything before `open`.
 
         Raises
         ------
@@ -193,17 +202,17 @@ class Driver:
             self._open_transport = self._open_port()
 
     def open(self, *, wait: bool = False) -> Self:
-        """Open the port and begin; done by the first `next` if nobody else does it.
+        """Open the port and begin; the first `next` calls it.
 
         Parameters
         ----------
         wait : bool
-            Keep trying when the port cannot be opened, as after a loss.
+            Keep trying if the port cannot be opened, as after a loss.
 
         Returns
         -------
         Driver
-            This one.
+            This driver.
 
         Raises
         ------
@@ -224,7 +233,7 @@ class Driver:
         return self
 
     def close(self) -> None:
-        """Stop the instrument if it listens, close the port and end the thread; from any thread."""
+        """Stop the instrument, close the port and end the thread; from any thread."""
         if self._closed:
             return
         self._closed = True
@@ -241,48 +250,49 @@ class Driver:
         self._queue.put(WakeUp())
 
     def start(self) -> None:
-        """Let the instrument sample."""
+        """Start the sampling."""
         self._queue_command(Start())
 
     def stop(self) -> None:
-        """Let the instrument rest; it stays connected."""
+        """Stop the sampling; the instrument stays connected."""
         self._queue_command(Stop())
 
     def shunt(self, on: bool) -> None:
-        """Switch the calibration shunt of the load cell; samples tell when it is on.
+        """Switch the calibration shunt of the load cell; a flag of the samples reports it.
 
-        Not kept for later when the instrument is lost.
+        The command is lost with the instrument.
 
         Raises
         ------
         DeviceRefused
-            If the instrument only talks.
+            If the instrument accepts no commands.
         """
         self._require_commands()
         self._queue_command(Shunt(on))
 
     def configure(self, sampling_rate: float) -> None:
-        """Ask for another sampling rate, Hz; a `Connected` with what was really set follows.
+        """Request another sampling rate, Hz; a `Connected` with the rate that was set follows.
 
         Raises
         ------
         DeviceRefused
-            If the instrument only talks.
+            If the instrument accepts no commands.
         """
         self._require_commands()
         self._queue_command(Configure(sampling_rate))
 
     def acknowledge(self, offer: DropOffer) -> None:
-        """Tell the instrument that the drop of this Offer is safe.
+        """Acknowledge the drop of this Offer: it is safe on the disk.
 
-        It is told again when it offers the same drop again.
+        The acknowledgement is repeated if the instrument offers the same drop again.
         """
         self._acknowledgements.append(offer)
         self._queue.put(WakeUp())
 
     def settle(self, timeout: float) -> bool:
-        """Wait until the instrument has let go of what was acknowledged; items that come meanwhile
-        are lost. In place of `next`, before `close`.
+        """Wait until the instrument has deleted the acknowledged drops.
+
+        Call it before `close`, in place of `next`: items of this time are lost.
 
         Parameters
         ----------
@@ -291,39 +301,39 @@ class Driver:
         Returns
         -------
         bool
-            Whether it has.
+            True if the instrument has deleted all of them.
         """
         deadline = time.monotonic() + timeout
         while True:
             self._acknowledge()
             self._conclude()
-            if not self._decoder.kept.unreleased:
+            if not self._decoder.transfers.unreleased:
                 return True
-            left = deadline - time.monotonic()
-            if left <= 0 or self._transport is None or self._closed:
+            remaining = deadline - time.monotonic()
+            if remaining <= 0 or self._transport is None or self._closed:
                 return False
-            self.next(min(left, _LONGEST_NAP))
+            self.next(min(remaining, _MAX_WAIT_S))
 
     def next(self, timeout: float | None = None) -> Item | None:
-        """The next item.
+        """Return the next item.
 
         Parameters
         ----------
         timeout : float or None, s
-            How long to wait; None: until there is one.
+            Longest wait; None: no limit.
 
         Returns
         -------
         Item or None
-            None: nothing happened in time, or the driver is closed.
+            None after the timeout, or if the driver is closed.
 
         Raises
         ------
         PortError
-            If the port could not be opened, the first time.
+            If the port cannot be opened at the first call.
         DeviceRefused
-            If the instrument will not do what was asked for; once, and only if it was never
-            connected. Called again, `next` keeps trying.
+            If the instrument refuses the requested settings; once, and only if it was never
+            connected. A further call keeps trying.
         """
         self.open()
         deadline = None if timeout is None else time.monotonic() + timeout
@@ -331,13 +341,13 @@ class Driver:
             if self._items:
                 return self._items.popleft()
             now = time.monotonic()
-            left = None if deadline is None else deadline - now
-            link_event = self._queue.get(self._nap(now, left))
+            remaining = None if deadline is None else deadline - now
+            link_event = self._queue.get(self._wait_time(now, remaining))
             if link_event is not None:
                 self._handle(link_event)
                 continue
             self._attend()
-            if left is not None and left <= 0 and not self._items:
+            if remaining is not None and remaining <= 0 and not self._items:
                 return None
         return None
 
@@ -357,7 +367,7 @@ class Driver:
         self.close()
 
     def _require_commands(self) -> None:
-        if not self._takes_commands:
+        if not self._accepts_commands:
             raise DeviceRefused(
                 f"{self.url or 'the instrument'}: expected one that takes commands, got one that "
                 "only sends lines; set it at the instrument itself"
@@ -367,14 +377,14 @@ class Driver:
         self._commands.append(message)
         self._queue.put(WakeUp())
 
-    def _nap(self, now: float, left: float | None) -> float:
-        """How long nothing needs to be done, s."""
+    def _wait_time(self, now: float, remaining: float | None) -> float:
+        """Return the time until the next action is due, s."""
         dues = (self._conversation.due, self._decoder.due)
-        naps = [_LONGEST_NAP, left, *(None if due is None else due - now for due in dues)]
-        return max(0.0, min(nap for nap in naps if nap is not None))
+        waits = [_MAX_WAIT_S, remaining, *(None if due is None else due - now for due in dues)]
+        return max(0.0, min(seconds for seconds in waits if seconds is not None))
 
     def _attend(self) -> None:
-        """What is to be done while nothing waits: only then is an answer late for certain."""
+        """Do what is due while the queue is empty: only then is a missing response late."""
         now = time.monotonic()
         self._conversation.tick(now)
         self._items += self._decoder.idle(now)
@@ -401,7 +411,7 @@ class Driver:
 
     def _acknowledge(self) -> None:
         while self._acknowledgements:
-            self._decoder.kept.acknowledge(self._acknowledgements.popleft(), time.monotonic())
+            self._decoder.transfers.acknowledge(self._acknowledgements.popleft(), time.monotonic())
 
     def _take(self, chunk: Chunk) -> None:
         for message in self._decoder.dialect.feed(chunk.data):
@@ -413,24 +423,24 @@ class Driver:
         if action is SampleAction.SUSPEND:
             self._decoder.suspend()
         self._items += self._decoder.take(message, chunk.received, chunk.time_utc)
-        if action in (SampleAction.ACCEPT, SampleAction.ACCEPT_ANEW):
-            if action is SampleAction.ACCEPT_ANEW:
+        if action in (SampleAction.ACCEPT, SampleAction.ACCEPT_NEW_SETTINGS):
+            if action is SampleAction.ACCEPT_NEW_SETTINGS:
                 self._decoder.drop_early()
             self._accept(self._decoder.accept(chunk.time_utc))
 
     def _accept(self, items: list[Item]) -> None:
         if self._lost_since is not None:
-            again = any(isinstance(item, Connected) and item.again for item in items)
-            self.counters.reconnects += again
+            reconnected = any(isinstance(item, Connected) and item.reconnected for item in items)
+            self.counters.reconnects += reconnected
         self._lost_since = self._last_error = self._last_reported = None
         self._identity = identity = self._decoder.accepted
         if identity is not None and identity.keeps_drops and self._trigger is not None:
-            self._decoder.kept.arm(self._trigger(identity), time.monotonic())
+            self._decoder.transfers.arm(self._trigger(identity), time.monotonic())
         self._link.settled()
         self._items += items
 
     def _conclude(self) -> None:
-        """Say what the conversation wants said; end it if it failed."""
+        """Send the messages of the conversation; close the link if the conversation failed."""
         transport, conversation = self._transport, self._conversation
         outbox, conversation.outbox = conversation.outbox, []
         failure, conversation.failure = conversation.failure, None
@@ -461,6 +471,6 @@ class Driver:
         if self._lost_since is None:
             self._lost_since = time.monotonic()
         elif not tell or lost.reason == self._last_reported:
-            return  # nothing new
+            return  # this loss was reported before
         self._last_reported = lost.reason
         self._items.append(Disconnected(lost.reason, lost.time_utc))

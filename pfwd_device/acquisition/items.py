@@ -1,4 +1,4 @@
-"""What the driver hands on, in the order in which it happened."""
+"""Items that the driver returns, in the order of their occurrence."""
 
 import datetime
 from dataclasses import dataclass
@@ -12,31 +12,31 @@ from pfwd_device.wire.messages import Armed, DropOffer, Event, Refusal, Status
 
 @dataclass(frozen=True, slots=True)
 class Connected:
-    """The instrument answers; also after each time that it was lost."""
+    """The instrument is connected, for the first time or after a loss."""
 
     url: str
-    """The port."""
+    """Port."""
     identity: Identity
-    """What it says of itself."""
+    """Identity that the instrument reported."""
     time_utc: datetime.datetime
-    """When, by the host."""
-    again: bool
-    """Whether this instrument was connected before."""
+    """Time by the clock of the host."""
+    reconnected: bool
+    """True if the instrument was connected before."""
 
 
 @dataclass(frozen=True, slots=True)
 class Disconnected:
-    """The instrument is lost; the driver keeps trying to have it back."""
+    """The instrument is lost; the driver tries to connect to it again."""
 
     reason: str
-    """One sentence, with what to try."""
+    """Reason and remedy, one sentence."""
     time_utc: datetime.datetime
-    """When, by the host."""
+    """Time by the clock of the host."""
 
 
 @dataclass(frozen=True, slots=True)
 class StreamBegan:
-    """The samples that follow belong to a new run of the sampler: its index begins anew."""
+    """Start of a new run of the sampler, to which the following samples belong."""
 
     stream: int
     """Number of the run."""
@@ -44,7 +44,7 @@ class StreamBegan:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Samples:
-    """Consecutive samples, following the last ones or a gap without overlap."""
+    """Consecutive samples that directly follow the preceding samples or gap."""
 
     stream: int
     """Number of the run of the sampler."""
@@ -53,16 +53,16 @@ class Samples:
     counts: NDArray[np.int32]
     """Raw counts of the converter, (n, channels)."""
     shunt: bool
-    """The calibration shunt is on: these are no measurement."""
+    """True if the calibration shunt is on: these samples are no measurement."""
     received: float
-    """Monotonic clock of the host when the last of them had come, s."""
+    """Time at which the last of them was received, by the monotonic clock of the host, s."""
     time_utc: datetime.datetime
-    """The same by the calendar."""
+    """The same time in UTC."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Samples that were lost on the way."""
+    """Samples that were lost."""
 
     stream: int
     """Number of the run of the sampler."""
@@ -88,12 +88,12 @@ class BufferedDrop:
 
 @dataclass(frozen=True, slots=True)
 class UnusableDrop:
-    """A drop that the instrument keeps and that cannot be recorded; it is not acknowledged."""
+    """A drop stored in the instrument that cannot be recorded; it is not acknowledged."""
 
     offer: DropOffer
-    """The Offer of the instrument."""
+    """Description of the drop by the instrument."""
     reason: str
-    """Why not: one sentence for people, without its end."""
+    """Reason, one sentence without its full stop."""
 
 
 Item = (

@@ -1,5 +1,6 @@
-"""The thread that reads: it takes bytes off the port, keeps them for replay and for the driver, and
-does nothing else, so that it is never late. It also opens the port again when it is lost.
+"""Thread that reads the port and opens it again after a loss.
+
+It only passes the bytes to the capture and to the driver, so that no byte waits for processing.
 """
 
 import datetime
@@ -15,23 +16,23 @@ from pfwd_device.errors import DeviceError, DeviceLost
 from pfwd_device.transport.base import Transport
 
 Capture = Callable[[int, datetime.datetime, Literal["from", "to"], bytes], object]
-"""Called with the monotonic clock in ns, the time of the day (UTC), the direction seen from the
-instrument, and the bytes; no bytes from the instrument: the link was cut. From several threads."""
+"""Function of the monotonic clock in ns, the time in UTC, the direction seen from the instrument,
+and the bytes; no bytes from the instrument: the link was cut. It is called from several threads."""
 
-QUEUE_BYTES = 16_000_000
-"""Ten seconds of the fastest instrument."""
-SILENCE = 1.0
-"""s; an instrument says how it is every half second."""
-_FIRST_WAIT, _LONGEST_WAIT = 0.1, 2.0
-"""s; between two attempts to open the port."""
-_READ_TIME = 0.2
+MAX_QUEUE_BYTES = 16_000_000
+"""Size of the queue: ten seconds of the fastest instrument."""
+SILENCE_TIMEOUT_S = 1.0
+"""Time without bytes after which the instrument is lost, s: it sends a status every half second."""
+_FIRST_RETRY_S, _LONGEST_RETRY_S = 0.1, 2.0
+"""Shortest and longest time between two attempts to open the port, s."""
+_READ_TIMEOUT_S = 0.2
 _CHUNK_OVERHEAD = 200
-"""Bytes that a chunk of any length costs."""
-_JOIN_TIME = 10.0
-PATIENCE_WHEN_FULL = 0.5
-"""s that a chunk waits for room before it is thrown away. It comes to this only when ten seconds of
-the fastest instrument lie unread. Until then nothing waits, and a sender that can wait (one that is
-replayed or simulated faster than real time) loses nothing."""
+"""Memory of a chunk in addition to its data, bytes."""
+_JOIN_TIMEOUT_S = 10.0
+FULL_QUEUE_TIMEOUT_S = 0.5
+"""Time for which a chunk waits for room before it is discarded, s. It waits only when ten seconds
+of the fastest instrument lie unread. A sender that can wait (one that is replayed or simulated
+faster than real time) loses nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,20 +62,20 @@ class Lost:
 
 
 class WakeUp:
-    """There is something else to do."""
+    """Request to the driver to check its other inputs."""
 
 
 LinkEvent = Chunk | Opened | Lost | WakeUp
 
 
 class Queue:
-    """What happened, in order; bytes up to a limit.
+    """Queue of link events in their order, with a limit on the bytes.
 
     Parameters
     ----------
     limit : int
-        Bytes; a chunk that still would exceed it after `PATIENCE_WHEN_FULL` is thrown away whole
-        and counted.
+        Largest number of bytes; a chunk that would exceed it after `FULL_QUEUE_TIMEOUT_S` is
+        discarded and counted.
     counters : Counters
     """
 
@@ -87,13 +88,13 @@ class Queue:
         self._changed = threading.Condition()
 
     def put(self, link_event: LinkEvent) -> None:
-        """Append; waits for the consumer only while the queue is full, and not for long."""
+        """Append an event; while the queue is full, wait up to `FULL_QUEUE_TIMEOUT_S`."""
         with self._changed:
             if isinstance(link_event, Chunk):
                 cost = len(link_event.data) + _CHUNK_OVERHEAD
                 room = self._limit - cost
-                # Once in vain is enough: whoever does not look now will not look soon.
-                patience = 0.0 if self._overflowing else PATIENCE_WHEN_FULL
+                # After one wait in vain do not wait again until there is room.
+                patience = 0.0 if self._overflowing else FULL_QUEUE_TIMEOUT_S
                 fits = self._changed.wait_for(lambda: self._bytes <= room, patience)
                 self._overflowing = not fits
                 if not fits:
@@ -104,7 +105,7 @@ class Queue:
             self._changed.notify_all()
 
     def get(self, timeout: float | None) -> LinkEvent | None:
-        """The oldest, waiting up to `timeout` s; None: nothing happened."""
+        """Return the oldest event after up to `timeout` s, or None."""
         with self._changed:
             self._changed.wait_for(lambda: self._held, timeout)
             if not self._held:
@@ -117,18 +118,19 @@ class Queue:
 
 
 class Link:
-    """Keeps a port open and reads it in a thread of its own.
+    """Link to an instrument: keeps a port open and reads it in its own thread.
 
     Parameters
     ----------
     open_port : callable
-        Returns an open transport or raises `PortError`; called again whenever the link is lost.
+        Function that returns an open transport or raises `PortError`; it is called again after
+        each loss.
     queue : Queue
-        Where the bytes go.
+        Queue that receives the events.
     counters : Counters
     capture : Capture or None
     silence : float, s
-        A port that said something and says nothing for so long is lost.
+        Time without bytes, after the first ones, after which the port is lost.
     """
 
     def __init__(
@@ -138,10 +140,10 @@ class Link:
         counters: Counters,
         *,
         capture: Capture | None = None,
-        silence: float = SILENCE,
+        silence: float = SILENCE_TIMEOUT_S,
     ) -> None:
         self.capture_error: Exception | None = None
-        """Why nothing is kept for replay any more."""
+        """Error that ended the capture."""
         self._open_port = open_port
         self._queue = queue
         self._counters = counters
@@ -151,22 +153,22 @@ class Link:
         self._transport: Transport | None = None
         self._unwanted: str | None = None
         self._stop = threading.Event()
-        self._wait = _FIRST_WAIT
+        self._wait = _FIRST_RETRY_S
         self._thread = threading.Thread(target=self._run, name="pfwd-reader", daemon=True)
 
     def start(self, transport: Transport | None = None) -> None:
-        """Begin to read.
+        """Start the thread.
 
         Parameters
         ----------
         transport : Transport or None
-            Open already.
+            Open transport; None: the thread opens the port.
         """
         self._transport = transport
         self._thread.start()
 
     def send(self, transport: Transport, data: bytes) -> None:
-        """Write to the port; when that fails, the link is lost."""
+        """Write to the port; if that fails, the link is lost."""
         try:
             transport.write(data)
         except DeviceLost as err:
@@ -175,19 +177,19 @@ class Link:
             self.keep("to", data)
 
     def drop(self, transport: Transport, reason: str) -> None:
-        """Close a port that is no good, and look for it anew a little later."""
+        """Close an unusable port; the thread opens it again a little later."""
         with self._lock:
             if transport is not self._transport:
-                return  # it is lost already
+                return  # the link is already lost
             self._unwanted = reason
         transport.close()
 
     def settled(self) -> None:
-        """The right instrument answers: when it is lost, look for it at once."""
-        self._wait = _FIRST_WAIT
+        """Report that the right instrument responds: after a loss, retry without delay."""
+        self._wait = _FIRST_RETRY_S
 
     def keep(self, direction: Literal["from", "to"], data: bytes) -> None:
-        """Hand bytes to the capture; if it fails, measuring goes on without."""
+        """Pass bytes to the capture; if it fails, the measurement continues without it."""
         if self._capture is None:
             return
         if self.capture_error is None:
@@ -207,7 +209,7 @@ class Link:
         if transport is not None:
             transport.close()
         if self._thread.is_alive() and self._thread is not threading.current_thread():
-            self._thread.join(_JOIN_TIME)
+            self._thread.join(_JOIN_TIMEOUT_S)
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -224,7 +226,7 @@ class Link:
                     reason, self._unwanted = self._unwanted or reason, None
                 self._queue.put(Lost(reason, _now(), was_open=True))
             self._stop.wait(self._wait)
-            self._wait = min(2 * self._wait, _LONGEST_WAIT)
+            self._wait = min(2 * self._wait, _LONGEST_RETRY_S)
 
     def _open(self) -> Transport | None:
         with self._lock:
@@ -237,19 +239,19 @@ class Link:
             return None
         with self._lock:
             self._transport = transport
-        if self._stop.is_set():  # whoever closed did not see this transport
+        if self._stop.is_set():  # `close` was called before this transport was stored
             transport.close()
         return transport
 
     def _read(self, transport: Transport) -> str:
-        """Read until the port is lost; why it is."""
+        """Read until the port is lost; return the reason."""
         received, empty = None, 0
         while True:
             try:
-                data = transport.read(_READ_TIME)
+                data = transport.read(_READ_TIMEOUT_S)
             except DeviceLost as err:
                 return str(err)
-            except Exception as err:  # a thread that ends unseen would leave the driver waiting
+            except Exception as err:  # if the thread ended silently, the driver would wait forever
                 return f"{transport.url}: an unexpected error: {type(err).__name__}: {err}"
             now = time.monotonic()
             if data:
@@ -258,7 +260,7 @@ class Link:
                 self.keep("from", data)
                 continue
             empty += 1
-            # Several reads in vain: this computer may have slept itself.
+            # Require several empty reads: this computer may have been asleep.
             if received is not None and empty > 2 and now - received > self._silence:
                 return (
                     f"{transport.url}: silent: expected to hear from the instrument at least "

@@ -1,4 +1,4 @@
-"""Asks ports whether an instrument answers there."""
+"""Search of ports for instruments."""
 
 import threading
 import time
@@ -12,48 +12,49 @@ from pfwd_device.transport.opening import BAUD_RATE, open_transport
 from pfwd_device.wire.messages import Hello
 from pfwd_device.wire.registry import DeclaredLink, DialectEntry
 
-PROBE_TIMEOUT = 1.5
-"""s; the instrument answers at once, one that resets when its port is opened a second later."""
-_REQUEST_EVERY = 0.4
-_OPENING_TIME = 3.5
-"""s; some ports (Bluetooth) take for ever to open and are given up."""
-_LONGEST_LOOK = 65536
+PROBE_TIMEOUT_S = 1.5
+"""Time for a port, s: an instrument responds at once, or after a second if it resets when its port
+is opened."""
+_PROBE_INTERVAL_S = 0.4
+_OPENING_TIMEOUT_S = 3.5
+"""Longest time to open a port, s: some (Bluetooth) never open."""
+_MAX_PROBED_BYTES = 65536
 
 
 @dataclass(frozen=True, slots=True)
 class Probe:
-    """What is at a port."""
+    """Result of the search of one port."""
 
     url: str
     answers: str | None
-    """Name of the dialect that is spoken there; None: nothing that this program understands."""
+    """Name of the detected dialect; None if no dialect was detected."""
     identity: Identity | None
-    """What the instrument says of itself; None: nothing, as one that sends lines."""
+    """Identity of the instrument; None if it reports none, as one that sends lines."""
     reason: str
-    """Why it is taken for what it is, one sentence."""
+    """Reason for the result, one sentence."""
 
 
 def probe(
     url: str,
     dialects: Sequence[DialectEntry],
-    timeout: float = PROBE_TIMEOUT,
+    timeout: float = PROBE_TIMEOUT_S,
     baud_rate: int = BAUD_RATE,
 ) -> Probe:
-    """Who answers at a port, after at most `timeout` s and what opening it takes.
+    """Search one port for an instrument, for at most `timeout` s after it is open.
 
     Parameters
     ----------
     url : str
         See `pfwd_device.transport.opening.open_transport`.
     dialects : sequence of DialectEntry
-        Asked for the identity, or recognised by what comes unasked.
+        Dialects to try: each sends a request, or recognises unrequested bytes.
     timeout : float, s
     baud_rate : int
 
     Returns
     -------
     Probe
-        Never an error: a port that cannot be opened is one of the answers.
+        No error is raised: a port that cannot be opened has a result as well.
     """
     try:
         transport = open_transport(url, baud_rate)
@@ -70,68 +71,68 @@ def probe(
 def _request(
     transport: Transport, url: str, entries: Sequence[DialectEntry], timeout: float
 ) -> Probe:
-    # What needs a declared identity cannot be spoken before somebody declares one.
+    # A dialect with a declared identity cannot be used before a setup file declares one.
     dialects = [entry.make(DeclaredLink()) for entry in entries if not entry.needs_identity]
-    seen = b""
+    received = b""
     now = time.monotonic()
     end, next_request = now + timeout, now
     while now < end:
         if now >= next_request:
-            next_request = now + _REQUEST_EVERY
+            next_request = now + _PROBE_INTERVAL_S
             for dialect in dialects:
                 if question := dialect.encode(Hello()):
                     transport.write(question)
         data = transport.read(min(end, next_request) - now)
-        seen = (seen + data)[-_LONGEST_LOOK:]
+        received = (received + data)[-_MAX_PROBED_BYTES:]
         for dialect in dialects:
             for message in dialect.feed(data):
                 if isinstance(message, Identity):
                     reason = f"answers as {message.model} {message.serial_number}"
                     return Probe(url, dialect.name, message, reason)
         for entry in entries:
-            if entry.recognises is not None and entry.recognises(seen):
+            if entry.recognises is not None and entry.recognises(received):
                 reason = f"sends {entry.title}; a setup file has to say what they are"
                 return Probe(url, entry.name, None, reason)
         now = time.monotonic()
-    if seen:
+    if received:
         return Probe(url, None, None, "sends something, but not as a PFWD; is it another device?")
     return Probe(url, None, None, "silent; is an instrument connected and switched on?")
 
 
 class _ProbeThread(threading.Thread):
-    """Probes one port; left alone when the port never opens."""
+    """Thread that probes one port; it is abandoned if the port never opens."""
 
     def __init__(
         self, url: str, dialects: Sequence[DialectEntry], timeout: float, rate: int
     ) -> None:
         super().__init__(name=f"pfwd-probe {url}", daemon=True)
         self._arguments = (url, dialects, timeout, rate)
-        self.answer = Probe(url, None, None, "did not open in time; is it a wireless port?")
+        self.result = Probe(url, None, None, "did not open in time; is it a wireless port?")
 
     def run(self) -> None:
-        self.answer = probe(*self._arguments)
+        self.result = probe(*self._arguments)
 
 
 def probe_all(
     urls: Sequence[str],
     dialects: Sequence[DialectEntry],
-    timeout: float = PROBE_TIMEOUT,
+    timeout: float = PROBE_TIMEOUT_S,
     baud_rate: int = BAUD_RATE,
 ) -> list[Probe]:
-    """Who answers at each of some ports, in their order; all are asked at the same time.
+    """Probe ports at the same time and return the results in their order.
 
     Parameters
     ----------
     urls : sequence of str
     dialects : sequence of DialectEntry
     timeout : float, s
-        For one port.
+        Time for one port.
     baud_rate : int
     """
     threads = [_ProbeThread(url, dialects, timeout, baud_rate) for url in urls]
     for thread in threads:
         thread.start()
-    deadline = time.monotonic() + timeout + _OPENING_TIME
+    deadline = time.monotonic() + timeout + _OPENING_TIMEOUT_S
     for thread in threads:
         thread.join(max(0.0, deadline - time.monotonic()))
-    return [thread.answer for thread in threads]
+    return [thread.result for thread in threads]

@@ -26,9 +26,9 @@ _LEARNT_FROM = 64
 """Samples from which the load at rest is known."""
 _FOLLOWS = 1024.0
 """The load at rest goes this part of the way to each sample."""
-BOUNCE_OVER_PREVIOUS = 0.7
+MAX_BOUNCE_PEAK_RATIO = 0.7
 """Peak of a bounce over that of the pulse before it: below this, by the protocol (Arm)."""
-LONGEST_FLIGHT = 0.7
+MAX_FLIGHT_TIME_S = 0.7
 """s; a bounce follows the pulse before it at most so much later, by the protocol (Arm)."""
 PATIENT_OFFERS = 8
 """Offers of the oldest drop alone; later ones take turns, so that a drop that the host cannot
@@ -268,8 +268,8 @@ class Keeper:
         return (
             self._last is not None
             and candidate - self._last < self.trigger.hold_off
-            and candidate - self._pulse <= LONGEST_FLIGHT * rate
-            and self._candidate_peak < BOUNCE_OVER_PREVIOUS * self._peak
+            and candidate - self._pulse <= MAX_FLIGHT_TIME_S * rate
+            and self._candidate_peak < MAX_BOUNCE_PEAK_RATIO * self._peak
         )
 
 

@@ -23,8 +23,8 @@ from pfwd.session.events import N_REPORTED_FIRST
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
 from pfwd_device.acquisition.counters import Counters
+from pfwd_device.acquisition.drop_transfers import DropId, DropTransfers
 from pfwd_device.acquisition.items import BufferedDrop, UnusableDrop
-from pfwd_device.acquisition.kept_drops import DropId, KeptDrops
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_device.wire.fields import pack_int24
 from pfwd_device.wire.messages import (
@@ -127,7 +127,7 @@ class Host:
         self.writer = SurveyWriter.open(
             folder, publish=False, reserve_bytes=0, storage=UnsyncedStorage()
         )
-        self.kept = KeptDrops(Counters())
+        self.kept = DropTransfers(Counters())
         self.kept.channels = len(IDENTITY.channels)
         self.log = log
         self.time = 0.0

@@ -244,4 +244,4 @@ def test_nonsense_stays_in_order_and_bounded(sent: list[tuple[int, int, int]]) -
                 length = len(item.counts) if isinstance(item, Samples) else item.length
                 reached[item.stream] = item.first + length
         assert len(target._waiting) <= 257
-        assert len(target._known) <= 4
+        assert len(target._ends_of_streams) <= 4

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pfwd_device.acquisition.clock import _MOST_BINS, DeviceClock
+from pfwd_device.acquisition.clock import _MAX_BINS, DeviceClock
 
 
 def run(
@@ -47,7 +47,7 @@ def test_drift_is_found(ppm: float, seed: int) -> None:
 def test_memory_is_bounded() -> None:
     clock = DeviceClock()
     run(clock, 3000.0, speed=1 + 25e-6, every=0.2)
-    assert len(clock._bins) <= _MOST_BINS
+    assert len(clock._bins) <= _MAX_BINS
     assert clock.drift_ppm == pytest.approx(25, abs=2)
 
 

@@ -46,7 +46,7 @@ class Talk:
 
     def receive(self, *messages: InstrumentMessage) -> list[SampleAction]:
         heard = [self.conversation.receive(message, self.now) for message in messages]
-        return [action for action in heard if action is not SampleAction.NOTHING]
+        return [action for action in heard if action is not SampleAction.NO_ACTION]
 
 
 def status(*, sampling: bool) -> Status:
@@ -84,7 +84,7 @@ def test_the_rate_is_set_once() -> None:
     talk.said()
     assert talk.receive(block(500), identity(rate=2000.0)) == [SampleAction.SUSPEND]
     assert talk.said() == [Stop(), Configure(4000.0)]
-    assert talk.receive(identity(rate=3999.0)) == [SampleAction.ACCEPT_ANEW]
+    assert talk.receive(identity(rate=3999.0)) == [SampleAction.ACCEPT_NEW_SETTINGS]
     assert talk.said() == [Start()]
     talk.receive(block(0))
     # The instrument took the nearest; after a loss that is the rate it should have.
@@ -98,7 +98,7 @@ def test_a_late_answer_to_the_greeting_is_not_the_one_to_the_rate() -> None:
     talk = Talk(Conversation(4000.0))
     assert talk.said(0.5) == [Hello()] * 2
     assert talk.receive(identity(rate=2000.0), identity(rate=2000.0)) == [SampleAction.SUSPEND]
-    assert talk.receive(identity(rate=4000.0)) == [SampleAction.ACCEPT_ANEW]
+    assert talk.receive(identity(rate=4000.0)) == [SampleAction.ACCEPT_NEW_SETTINGS]
 
 
 def test_the_right_rate_is_left_alone() -> None:
@@ -177,7 +177,7 @@ def test_start_is_repeated_but_not_while_the_first_block_fills() -> None:
 
 
 def test_silence_fails() -> None:
-    talk = Talk(Conversation(answer_time=2.0))
+    talk = Talk(Conversation(response_timeout=2.0))
     talk.said(3.0)
     failure = talk.conversation.failure
     assert failure is not None
@@ -210,7 +210,7 @@ def test_another_instrument_fails() -> None:
 )
 def test_refusals(stage: Stage, code: RefusalCode, final: bool) -> None:
     rate = 4000.0 if stage is Stage.CONFIGURING else None
-    talk = Talk(Conversation(rate, answer_time=3.0))
+    talk = Talk(Conversation(rate, response_timeout=3.0))
     talk.said()
     if stage is not Stage.GREETING:
         talk.receive(identity())
@@ -234,7 +234,7 @@ def test_refusals(stage: Stage, code: RefusalCode, final: bool) -> None:
 def test_wishes() -> None:
     talk = running()
     ask = talk.conversation.request
-    assert ask(Shunt(True), talk.now) is SampleAction.NOTHING
+    assert ask(Shunt(True), talk.now) is SampleAction.NO_ACTION
     ask(Stop(), talk.now)
     assert talk.said() == [Shunt(True), Stop()]
     talk.receive(block(20))
@@ -247,7 +247,7 @@ def test_wishes() -> None:
     talk.receive(block(0, stream=8))
     assert ask(Configure(1000.0), talk.now) is SampleAction.SUSPEND
     assert talk.said() == [Stop(), Configure(1000.0)]
-    assert talk.receive(identity(rate=1000.0)) == [SampleAction.ACCEPT_ANEW]
+    assert talk.receive(identity(rate=1000.0)) == [SampleAction.ACCEPT_NEW_SETTINGS]
     assert talk.said() == [Start()]
 
 
@@ -259,7 +259,7 @@ def test_no_samples_are_asked_for_when_none_are_wanted() -> None:
 
 
 def test_one_that_only_talks_is_believed() -> None:
-    talk = Talk(Conversation(4000.0, answers=False))
+    talk = Talk(Conversation(4000.0, accepts_commands=False))
     talk.said()
     assert talk.receive(identity(), block(0)) == ACCEPT
     assert talk.receive(block(0, stream=8), status(sampling=False)) == []
@@ -318,7 +318,7 @@ def test_a_status_may_be_older_than_the_blocks_around_it(since: float, stopped: 
 
 
 def test_what_waits_to_be_received_may_be_the_answer() -> None:
-    conversation = Conversation(answer_time=1.0)
+    conversation = Conversation(response_timeout=1.0)
     conversation.opened(0.0)
     conversation.tick(5.0, received_all=False)
     assert conversation.failure is None

@@ -46,7 +46,7 @@ def story(items: Sequence[Item]) -> list[object]:
                 else:
                     told.append((item.stream, item.first, end, item.shunt))
             case Connected():
-                told.append((item.identity, item.again))
+                told.append((item.identity, item.reconnected))
             case _:
                 told.append(item)
     return told
@@ -111,7 +111,7 @@ def test_samples_wait_for_the_identity(monkeypatch: pytest.MonkeyPatch) -> None:
     assert story(decoder.accept(UTC))[1:] == [StreamBegan(7), (7, 0, 180, False)]
     assert story(feed(decoder, blocks[9:])) == [(7, 180, 200, False)]
 
-    monkeypatch.setattr(decoder_module, "MOST_EARLY_BYTES", 1000)
+    monkeypatch.setattr(decoder_module, "MAX_EARLY_BYTES", 1000)
     decoder = Decoder(BinaryDialect(), automatic=False)
     feed(decoder, blocks)
     assert decoder.counters.samples_early == 160

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pfwd_device.acquisition.detection import (
-    PulseDoubt,
+    PulseReason,
     PulseReport,
     RawDrop,
     RawRebound,
@@ -81,8 +81,8 @@ def triggers(detections, kind):
     return [each.trigger for each in detections if isinstance(each, kind)]
 
 
-def doubts(detections):
-    return [each.doubt for each in detections if isinstance(each, PulseReport)]
+def reasons(detections):
+    return [each.reason for each in detections if isinstance(each, PulseReport)]
 
 
 def pulses_at(*times_and_peaks):
@@ -126,7 +126,7 @@ def test_without_gaps_every_drop_is_one_and_every_bounce_is_none(weight, chunk):
     detections, _ = feed(stream_of(pulses, seconds), chunk=chunk)
     drops = [pulse for pulse in pulses if pulse.is_drop]
     assert triggers(detections, RawDrop) == pytest.approx([each.start for each in drops], abs=30)
-    assert doubts(detections) == []
+    assert reasons(detections) == []
     bounces = [each for each in pulses if not each.is_drop and each.peak > THRESHOLD + 30]
     for index in triggers(detections, RawRebound):
         assert any(holds(each, index) for each in pulses if not each.is_drop)
@@ -162,8 +162,8 @@ def test_no_drop_is_lost_and_no_bounce_is_a_drop_without_a_report(weight, places
     for index in recorded:
         if not any(holds(pulse, index) for pulse in pulses if pulse.is_drop):
             assert any(holds(pulse, index) for pulse in pulses)
-            assert PulseDoubt.MAYBE_BOUNCE in [
-                each.doubt
+            assert PulseReason.MAYBE_BOUNCE in [
+                each.reason
                 for each in detections
                 if isinstance(each, PulseReport) and each.trigger == index
             ]
@@ -174,7 +174,7 @@ def test_of_drops_every_one_and_a_half_seconds_none_is_a_bounce():
     detections, _ = feed(stream_of(pulses, 43.0))
     assert len(triggers(detections, RawDrop)) == 30
     assert triggers(detections, RawRebound) == []
-    assert doubts(detections) == []
+    assert reasons(detections) == []
 
 
 @pytest.mark.parametrize(("part", "is_drop"), [(0.68, False), (0.72, True)])
@@ -185,14 +185,14 @@ def test_a_bounce_has_less_than_seven_tenths_of_the_pulse_before_it(part, is_dro
         stream_of(pulses_at((1.0, 8000.0), (1.5, 4000.0), (1.8, part * 4000.0)), 4.0)
     )
     assert len(triggers(detections, RawDrop)) == 1 + is_drop
-    assert doubts(detections) == []
+    assert reasons(detections) == []
 
 
 @pytest.mark.parametrize(("after", "is_drop"), [(0.68, False), (0.72, True)])
 def test_a_bounce_comes_within_the_longest_flight(after, is_drop):
     detections, _ = feed(stream_of(pulses_at((1.0, 8000.0), (1.0 + after, 3000.0)), 4.0))
     assert len(triggers(detections, RawDrop)) == 1 + is_drop
-    assert doubts(detections) == []
+    assert reasons(detections) == []
 
 
 def test_no_bounce_prolongs_the_time_in_which_bounces_are_looked_for():
@@ -207,17 +207,17 @@ def test_no_bounce_prolongs_the_time_in_which_bounces_are_looked_for():
 def test_a_pulse_before_the_load_at_rest_is_known_is_reported():
     detections, _ = feed(stream_of(pulses_at((0.1, 8000.0)), 3.0))
     (report,) = detections
-    assert report.doubt is PulseDoubt.REST_UNKNOWN
+    assert report.reason is PulseReason.REST_UNKNOWN
     assert report.trigger == 1000
     assert report.peak == pytest.approx(8000, abs=100)
 
 
 def test_a_pulse_after_a_long_gap_is_reported():
     detections, _ = feed(stream_of(pulses_at((3.1, 8000.0)), 6.0), gaps=[(10_000, 20_500)])
-    assert doubts(detections) == [PulseDoubt.REST_UNKNOWN]
+    assert reasons(detections) == [PulseReason.REST_UNKNOWN]
     # Also where the link is lost before the load at rest is known again.
     detections, _ = feed(stream_of(pulses_at((3.1, 8000.0)), 3.2), gaps=[(10_000, 20_500)])
-    assert doubts(detections) == [PulseDoubt.REST_UNKNOWN]
+    assert reasons(detections) == [PulseReason.REST_UNKNOWN]
 
 
 def test_a_pulse_on_top_of_a_load_that_stays_is_reported():
@@ -226,7 +226,7 @@ def test_a_pulse_on_top_of_a_load_that_stays_is_reported():
     detections, _ = feed(counts)
     assert triggers(detections, RawDrop) == pytest.approx([10_000], abs=3)
     (report,) = [each for each in detections if isinstance(each, PulseReport)]
-    assert report.doubt is PulseDoubt.NOT_RELEASED
+    assert report.reason is PulseReason.NOT_RELEASED
     assert report.trigger == pytest.approx(15_000, abs=100)
     assert report.peak == pytest.approx(8000, abs=100)
 
@@ -236,14 +236,14 @@ def test_a_bounce_after_a_gap_in_the_drop_is_a_drop_with_a_report():
     pulses = pulses_at((1.0, 8000.0), (1.5, 3000.0))
     detections, _ = feed(stream_of(pulses, 4.0), gaps=[(10_006, 200)])
     assert triggers(detections, RawDrop) == pytest.approx([10_003, 15_006], abs=4)
-    assert doubts(detections) == [PulseDoubt.MAYBE_BOUNCE]
+    assert reasons(detections) == [PulseReason.MAYBE_BOUNCE]
 
 
 def test_a_bounce_of_a_drop_that_is_missing_is_a_drop_with_a_report():
     pulses = pulses_at((1.0, 8000.0), (1.5, 3000.0))
     detections, _ = feed(stream_of(pulses, 4.0), gaps=[(9_990, 200)])
     assert len(triggers(detections, RawDrop)) == 1
-    assert doubts(detections) == [PulseDoubt.MAYBE_BOUNCE]
+    assert reasons(detections) == [PulseReason.MAYBE_BOUNCE]
 
 
 def test_a_late_small_pulse_after_missing_samples_is_a_bounce_with_a_report():
@@ -251,12 +251,12 @@ def test_a_late_small_pulse_after_missing_samples_is_a_bounce_with_a_report():
     detections, _ = feed(stream_of(pulses, 4.0), gaps=[(14_990, 200)])
     assert len(triggers(detections, RawDrop)) == 1
     assert triggers(detections, RawRebound) == pytest.approx([18_008], abs=4)
-    assert doubts(detections) == [PulseDoubt.MAYBE_DROP]
+    assert reasons(detections) == [PulseReason.MAYBE_DROP]
     # Too large for the second bounce: a drop, which may be a bounce of what is missing.
     pulses = pulses_at((1.0, 8000.0), (1.8, 5000.0))
     detections, _ = feed(stream_of(pulses, 4.0), gaps=[(14_990, 200)])
     assert len(triggers(detections, RawDrop)) == 2
-    assert doubts(detections) == [PulseDoubt.MAYBE_BOUNCE]
+    assert reasons(detections) == [PulseReason.MAYBE_BOUNCE]
 
 
 def test_a_pulse_that_begins_with_the_last_samples_is_a_drop():
@@ -269,11 +269,11 @@ def test_a_bounce_that_is_cut_off_is_reported():
     detections, _ = feed(stream_of(pulses_at((1.0, 8000.0), (1.5, 3000.0)), 2.0)[:15_120])
     assert len(triggers(detections, RawDrop)) == 1
     (report,) = [each for each in detections if isinstance(each, PulseReport)]
-    assert report.doubt is PulseDoubt.CUT_OFF
+    assert report.reason is PulseReason.CUT_OFF
     assert report.peak == pytest.approx(3000, abs=30)
 
 
 def test_a_pulse_with_which_the_load_at_rest_is_known_is_a_drop():
     detections, _ = feed(stream_of(pulses_at((0.192, 8000.0)), 3.0))
     assert triggers(detections, RawDrop) == pytest.approx([1923], abs=2)
-    assert doubts(detections) == []
+    assert reasons(detections) == []

@@ -137,7 +137,7 @@ def test_unplug_and_replug(make: MakeDriver) -> None:
     port.instrument = instrument
     items += collect(driver, lambda seen: len(of(seen, Samples)) > 3)
     assert_each_sample_once(items)
-    assert [each.again for each in of(items, Connected)] == [False, True]
+    assert [each.reconnected for each in of(items, Connected)] == [False, True]
     assert len(of(items, Disconnected)) == len(of(items, StreamBegan)) == 1
     assert of(items, Gap)[0].length >= 0.1 * 2000
     assert driver.counters.reconnects == 1
@@ -147,7 +147,7 @@ def test_unplug_and_replug(make: MakeDriver) -> None:
 
 def test_silence_is_a_loss(make: MakeDriver) -> None:
     instrument = Instrument()
-    driver = make(Socket(instrument), answer_time=1.0)
+    driver = make(Socket(instrument), response_timeout=1.0)
     items = collect(driver, lambda seen: bool(of(seen, Samples)))
     instrument.silent = True
     began = time.monotonic()
@@ -200,7 +200,7 @@ def test_another_instrument_is_not_taken(make: MakeDriver) -> None:
     assert driver.identity == instrument.identity
     port.instrument = instrument
     items = collect(driver, lambda seen: bool(of(seen, Samples)))
-    assert of(items, Connected)[0].again
+    assert of(items, Connected)[0].reconnected
 
 
 def test_only_the_expected_instrument(make: MakeDriver) -> None:
@@ -335,7 +335,7 @@ def test_what_was_captured_replays_to_the_same(make: MakeDriver) -> None:
 
     def told(story: list[Item]) -> list[Any]:
         kept = [each for each in story if isinstance(each, Connected | StreamBegan | Gap)]
-        return [each.again if isinstance(each, Connected) else each for each in kept]
+        return [each.reconnected if isinstance(each, Connected) else each for each in kept]
 
     live = np.concatenate([each.counts for each in of(items, Samples)])
     again = np.concatenate([each.counts for each in of(replayed, Samples)])

@@ -170,7 +170,7 @@ def test_a_consumer_that_is_always_late_is_answered_to() -> None:
     instrument = Instrument(rate=20_000.0)
     instrument.begin()
     with tcp_host(instrument) as url:
-        driver = Driver(url, BinaryDialect(), sampling_rate=10_000.0, answer_time=1.0)
+        driver = Driver(url, BinaryDialect(), sampling_rate=10_000.0, response_timeout=1.0)
         end = time.monotonic() + 1.5
         with driver:
             items = []

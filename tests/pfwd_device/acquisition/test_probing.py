@@ -108,7 +108,7 @@ def test_a_port_that_never_opens_is_given_up(monkeypatch: pytest.MonkeyPatch) ->
         return Probe("", None, None, "")
 
     monkeypatch.setattr(probing, "probe", hang)
-    monkeypatch.setattr(probing, "_OPENING_TIME", 0.1)
+    monkeypatch.setattr(probing, "_OPENING_TIMEOUT_S", 0.1)
     began = time.monotonic()
     (answer,) = probe_all(["/dev/rfcomm0"], list(BUILT_IN.values()), 0.1)
     assert time.monotonic() - began < 10

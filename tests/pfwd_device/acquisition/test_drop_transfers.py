@@ -7,18 +7,18 @@ import zlib
 
 import numpy as np
 
-from pfwd_device.acquisition.assembler import RESEND_EVERY, RESEND_PATIENCE, Assembler
+from pfwd_device.acquisition.assembler import RESEND_INTERVAL_S, RESEND_TIMEOUT_S, Assembler
 from pfwd_device.acquisition.counters import Counters
-from pfwd_device.acquisition.items import BufferedDrop, Gap, Item, Samples, UnusableDrop
-from pfwd_device.acquisition.kept_drops import (
-    ACKNOWLEDGE_AGAIN,
-    FETCH_AGAIN,
+from pfwd_device.acquisition.drop_transfers import (
     MAX_TRANSFER_BYTES,
-    STALLED_AFTER,
-    UNSOUND_AGAIN,
-    WHOLE_ATTEMPTS,
-    KeptDrops,
+    N_UNSOUND_BEFORE_REPORT,
+    REACKNOWLEDGE_AFTER_S,
+    REFETCH_AFTER_S,
+    STALLED_AFTER_S,
+    UNSOUND_RETRY_S,
+    DropTransfers,
 )
+from pfwd_device.acquisition.items import BufferedDrop, Gap, Item, Samples, UnusableDrop
 from pfwd_device.wire.fields import pack_int24
 from pfwd_device.wire.messages import (
     Acknowledge,
@@ -48,13 +48,13 @@ def block(number: int) -> DropBlock:
     return DropBlock(*NAME, number, DATA[number * size :][:size])
 
 
-def said(kept: KeptDrops) -> list[object]:
+def said(kept: DropTransfers) -> list[object]:
     found, kept.outbox = kept.outbox, []
     return list(found)
 
 
 def test_a_drop_is_fetched_whole_and_acknowledged_when_it_is_safe() -> None:
-    kept = KeptDrops(Counters())
+    kept = DropTransfers(Counters())
     kept.take(OFFER, 0.0, None)
     assert said(kept) == [Fetch(*NAME, 0, 10)]
     clock = 5_000_000, NOW
@@ -70,7 +70,7 @@ def test_a_drop_is_fetched_whole_and_acknowledged_when_it_is_safe() -> None:
     assert said(kept) == [Acknowledge(*NAME)]
     kept.take(OFFER, 0.4, None)
     assert said(kept) == []  # it may have been sent before the Acknowledge arrived
-    kept.take(OFFER, 0.3 + ACKNOWLEDGE_AGAIN, None)
+    kept.take(OFFER, 0.3 + REACKNOWLEDGE_AFTER_S, None)
     assert said(kept) == [Acknowledge(*NAME)]  # the first one was lost
     assert kept.unreleased == 1
     kept.take(Released(*NAME), 1.5, None)
@@ -87,7 +87,7 @@ def named_alike(seed: int) -> tuple[DropOffer, list[DropBlock]]:
 
 
 def test_each_of_five_drops_under_one_name_is_fetched() -> None:
-    kept = KeptDrops(Counters())
+    kept = DropTransfers(Counters())
     for seed in range(5):
         offer, blocks = named_alike(seed)
         kept.take(offer, 10.0 * seed, None)
@@ -102,7 +102,7 @@ def test_each_of_five_drops_under_one_name_is_fetched() -> None:
 
 def test_no_second_acknowledge_erases_the_next_drop_of_the_name() -> None:
     """Released was lost: only an Offer shows which drop the instrument has under the name."""
-    kept = KeptDrops(Counters())
+    kept = DropTransfers(Counters())
     kept.take(OFFER, 0.0, None)
     for number in range(10):
         kept.take(block(number), 0.1, None)
@@ -118,7 +118,7 @@ def test_no_second_acknowledge_erases_the_next_drop_of_the_name() -> None:
 
 
 def test_a_drop_that_is_safe_late_is_acknowledged_only_if_it_still_has_the_name() -> None:
-    kept = KeptDrops(Counters())
+    kept = DropTransfers(Counters())
     kept.take(OFFER, 0.0, None)
     for number in range(10):
         kept.take(block(number), 0.1, None)
@@ -136,7 +136,7 @@ def test_a_drop_that_is_safe_late_is_acknowledged_only_if_it_still_has_the_name(
 
 
 def test_a_drop_behind_an_unusable_one_of_its_name_is_not_acknowledged() -> None:
-    kept = KeptDrops(Counters())
+    kept = DropTransfers(Counters())
     kept.take(OFFER, 0.0, None)
     for number in range(10):
         kept.take(block(number), 0.1, None)
@@ -157,7 +157,7 @@ def test_a_drop_behind_an_unusable_one_of_its_name_is_not_acknowledged() -> None
 
 
 def test_a_drop_with_another_number_of_channels_is_reported_once_and_not_fetched() -> None:
-    kept = KeptDrops(Counters())
+    kept = DropTransfers(Counters())
     kept.channels = COUNTS.shape[1]
     other = dataclasses.replace(OFFER, channels=COUNTS.shape[1] + 1)
     reason = f"expected {COUNTS.shape[1]} channels as in the Identity, got {COUNTS.shape[1] + 1}"
@@ -169,12 +169,12 @@ def test_a_drop_with_another_number_of_channels_is_reported_once_and_not_fetched
 
 
 def test_missing_blocks_are_asked_for_again_and_those_that_came_stay_over_a_cut() -> None:
-    kept = KeptDrops(Counters())
+    kept = DropTransfers(Counters())
     kept.take(OFFER, 0.0, None)
     for number in (0, 1, 4, 5, 9):
         kept.take(block(number), 0.1, None)
     assert said(kept) == [Fetch(*NAME, 0, 10), Fetch(*NAME, 2, 2)]
-    kept.tick(0.1 + FETCH_AGAIN)
+    kept.tick(0.1 + REFETCH_AFTER_S)
     assert said(kept) == [Fetch(*NAME, 2, 2)]
     kept.cut()
     kept.tick(5.0)
@@ -187,7 +187,7 @@ def test_missing_blocks_are_asked_for_again_and_those_that_came_stay_over_a_cut(
 
 
 def test_a_whole_with_another_crc_is_not_believed() -> None:
-    kept = KeptDrops(Counters())
+    kept = DropTransfers(Counters())
     wrong = DropOffer(*NAME, None, 20, 95, COUNTS.shape[1], EACH, 1, 2000.0)
     kept.take(wrong, 0.0, None)
     said(kept)
@@ -197,7 +197,7 @@ def test_a_whole_with_another_crc_is_not_believed() -> None:
 
 def test_a_drop_that_never_has_its_crc_is_told_once_and_fetched_rarely() -> None:
     counters = Counters()
-    kept = KeptDrops(counters)
+    kept = DropTransfers(counters)
     wrong = DropOffer(*NAME, None, 20, 95, COUNTS.shape[1], EACH, 1, 2000.0)
     told: list[object] = []
     fetched = 0
@@ -212,8 +212,8 @@ def test_a_drop_that_never_has_its_crc_is_told_once_and_fetched_rarely() -> None
     (unusable,) = [each for each in told if each is not None]
     assert isinstance(unusable, UnusableDrop)
     assert unusable.offer == wrong
-    assert f"got another one {WHOLE_ATTEMPTS} times" in unusable.reason
-    assert fetched == WHOLE_ATTEMPTS + int(100 / UNSOUND_AGAIN)
+    assert f"got another one {N_UNSOUND_BEFORE_REPORT} times" in unusable.reason
+    assert fetched == N_UNSOUND_BEFORE_REPORT + int(100 / UNSOUND_RETRY_S)
     assert counters.blocks_refused == 10 * fetched
     kept.take(OFFER, 100.0, None)  # another CRC: offered anew
     assert said(kept) == [Fetch(*NAME, 0, 10)]
@@ -221,7 +221,7 @@ def test_a_drop_that_never_has_its_crc_is_told_once_and_fetched_rarely() -> None
 
 def test_a_block_of_another_length_is_refused() -> None:
     counters = Counters()
-    kept = KeptDrops(counters)
+    kept = DropTransfers(counters)
     kept.take(OFFER, 0.0, None)
     for wrong in (DropBlock(*NAME, 0, DATA[:6]), DropBlock(*NAME, 99, DATA[:6])):
         assert kept.take(wrong, 0.1, None) is None
@@ -230,7 +230,7 @@ def test_a_block_of_another_length_is_refused() -> None:
 
 def test_a_repeated_block_is_counted_and_requests_nothing() -> None:
     counters = Counters()
-    kept = KeptDrops(counters)
+    kept = DropTransfers(counters)
     kept.take(OFFER, 0.0, None)
     kept.take(block(9), 0.1, None)
     said(kept)
@@ -238,7 +238,7 @@ def test_a_repeated_block_is_counted_and_requests_nothing() -> None:
         assert kept.take(block(9), 0.2 + at / 1000, None) is None
     assert said(kept) == []
     assert counters.blocks_repeated == 100
-    kept.tick(0.1 + FETCH_AGAIN)  # repeated blocks do not put the next request off
+    kept.tick(0.1 + REFETCH_AFTER_S)  # repeated blocks do not put the next request off
     assert said(kept) == [Fetch(*NAME, 0, 9)]
 
 
@@ -248,12 +248,12 @@ def long_offer(number: int, blocks: int = 5000) -> DropOffer:
 
 def test_incomplete_drops_take_a_limited_amount_of_memory() -> None:
     counters = Counters()
-    kept = KeptDrops(counters)
+    kept = DropTransfers(counters)
     size_of_block = 3 * 8 * 100
     tracemalloc.start()
     try:
         for number in range(12):
-            now = number * 2 * STALLED_AFTER
+            now = number * 2 * STALLED_AFTER_S
             offer = long_offer(number)
             kept.take(offer, now, None)
             for at in range(offer.blocks - 1):
@@ -272,7 +272,7 @@ def offer_name(offer: DropOffer) -> tuple[int, int]:
 
 def test_a_running_transfer_is_not_abandoned_for_drops_offered_in_turn() -> None:
     counters = Counters()
-    kept = KeptDrops(counters)
+    kept = DropTransfers(counters)
     for number in range(1, 6):
         kept.take(long_offer(number), 0.0, None)
     kept.take(OFFER, 0.0, None)
@@ -285,15 +285,15 @@ def test_a_running_transfer_is_not_abandoned_for_drops_offered_in_turn() -> None
     said(kept)
     kept.take(long_offer(6), 1.1, None)  # no room yet: it is offered again
     assert said(kept) == []
-    kept.take(long_offer(6), STALLED_AFTER, None)
+    kept.take(long_offer(6), STALLED_AFTER_S, None)
     assert said(kept) == [Fetch(7, 60_000_000, 0, 5000)]
     assert counters.transfers_abandoned == 1
-    kept.take(long_offer(1), STALLED_AFTER, None)  # the one that gave way is transferred again
+    kept.take(long_offer(1), STALLED_AFTER_S, None)  # the one that gave way is transferred again
     assert said(kept) == [Fetch(7, 10_000_000, 0, 5000)]
 
 
 def test_arm_is_said_until_it_is_answered() -> None:
-    kept = KeptDrops(Counters())
+    kept = DropTransfers(Counters())
     kept.arm(TRIGGER, 0.0)
     kept.tick(1.0)
     assert said(kept) == [Arm(TRIGGER)] * 2
@@ -319,7 +319,7 @@ def test_missing_samples_are_asked_for_and_put_in_their_place() -> None:
     items = feed(made, 0, 0.0) + feed(made, 40, 0.1) + feed(made, 60, 0.11)
     assert made.requests(0.11) == [Resend(7, 20, 20)]
     assert made.requests(0.12) == []
-    assert made.requests(0.12 + RESEND_EVERY) == [Resend(7, 20, 20)]
+    assert made.requests(0.12 + RESEND_INTERVAL_S) == [Resend(7, 20, 20)]
     items += feed(made, 20, 0.3)
     scripted.assert_each_sample_once(items)
     assert [item.first for item in items if isinstance(item, Samples)] == [0, 20, 40, 60]
@@ -331,9 +331,9 @@ def test_what_is_gone_is_a_gap_at_once_and_what_never_comes_after_a_while() -> N
     made, counters = assembler()
     items = feed(made, 0, 0.0) + feed(made, 1000, 0.1) + feed(made, 1020, 0.11)
     assert made.requests(0.11) == [Resend(7, 20, 980)]
-    items += made.gone(SamplesGone(7, 20, 480))
+    items += made.mark_unavailable(SamplesGone(7, 20, 480))
     assert items[-1] == Gap(7, 20, 480)
-    assert made.flush(0.11 + RESEND_PATIENCE / 2 - RESEND_PATIENCE) == []
+    assert made.flush(0.11 + RESEND_TIMEOUT_S / 2 - RESEND_TIMEOUT_S) == []
     items += made.flush(0.2)
     assert counters.samples_lost == 980
     scripted.assert_each_sample_once(items)

@@ -1,7 +1,8 @@
-"""Drops that the instrument finds itself: fetched block by block, given back when they are safe.
+"""Transfer of the drops that the instrument detects itself, and their acknowledgement.
 
-Free of ports, threads and clocks. What is to be said to the instrument lies in `outbox`; who holds
-no link to it (a replay of recorded bytes) leaves it there.
+A drop is fetched block by block and acknowledged when it is safe. There are no ports, threads or
+clocks here: messages to the instrument are appended to `outbox`, which a replay of recorded bytes
+ignores.
 """
 
 import datetime
@@ -31,43 +32,44 @@ _K = TypeVar("_K")
 _V = TypeVar("_V")
 
 Name = tuple[int, int]
-"""Of a drop: number of the run of the sampler, index of the first sample."""
+"""Name of a drop: number of the run of the sampler, index of the first sample."""
 
-FETCH_AGAIN = 0.4
-"""s without a block after which the missing ones are asked for again: twice the longest way through
-a Bluetooth adapter and back."""
-ARM_AGAIN = 1.0
-"""s; so soon an instrument answers."""
-ACKNOWLEDGE_AGAIN = 1.0
-"""s after an Acknowledge during which no other one of the same drop is sent. It holds the name
-alone: a second one would erase the next drop of that name, which is not fetched yet. An answer
-takes up to 1 s, so that an Offer that comes later shows that the first one did not arrive."""
-WHOLE_ATTEMPTS = 3
-"""Times that all blocks of a drop come with another CRC before the operator is told. Each block has
-a checksum of its own, which passes a wrong one once in 4e9: the second time is no accident."""
-UNSOUND_AGAIN = 30.0
-"""s between further attempts: the link is left to what can be had."""
-_SAFE_KEPT = 1024
-"""Drops that are safe; one that is offered again is acknowledged again."""
+REFETCH_AFTER_S = 0.4
+"""Time without a block after which the missing ones are requested again, s: twice the longest
+round trip through a Bluetooth adapter."""
+REARM_AFTER_S = 1.0
+"""Time after which an Arm without a response is repeated, s."""
+REACKNOWLEDGE_AFTER_S = 1.0
+"""Time after an Acknowledge before another one of the same name may be sent, s. An Acknowledge
+contains only the name: a second one would delete the next drop of that name, which is not fetched
+yet. A response takes up to 1 s: a later Offer shows that the first Acknowledge was lost."""
+N_UNSOUND_BEFORE_REPORT = 3
+"""Number of complete transfers of a drop with a wrong CRC before it is reported. Each block has its
+own checksum, which accepts a damaged one once in 4e9: a repetition is no accident."""
+UNSOUND_RETRY_S = 30.0
+"""Time between further attempts, s: other transfers need the link."""
+_MAX_REMEMBERED_DROPS = 1024
+"""Largest number of remembered safe drops, which are acknowledged again if offered again."""
 _UNSOUND = (
     "expected the checksum of its Offer, got another one {} times. The memory or the firmware of "
     "the instrument is at fault: try `pfwd conform`"
 )
 _MAX_OFFERED_UNDER_NAME = 64
-"""Drops of one name whose order is remembered."""
+"""Largest number of drops of one name whose order is remembered."""
 MAX_TRANSFER_BYTES = 64_000_000
-"""Memory for incomplete drops. The largest drop of the protocol (MOST_DROP_SAMPLES of MOST_CHANNELS
-in MOST_BLOCKS) needs 25 MB of it."""
+"""Memory for incomplete drops. The largest drop of the protocol (MAX_DROP_SAMPLES of MAX_CHANNELS
+in MAX_DROP_BLOCKS) needs 25 MB of it."""
 _MIN_TRANSFER_BYTES = 1_000_000
-"""Memory that a short drop counts for: it limits the number of transfers to 64."""
+"""Smallest memory that a drop counts for: it limits the number of transfers to 64."""
 _BYTES_PER_BLOCK = 200
-"""Memory of a block beside its samples: its number, missing or received, and two objects."""
-STALLED_AFTER = 5.0
-"""s without a new block after which an incomplete drop gives way to one that has no room."""
+"""Memory of a block in addition to its samples: its number, missing or received, and two
+objects."""
+STALLED_AFTER_S = 5.0
+"""Time without a new block after which an incomplete drop may be discarded for another one, s."""
 
 
 class DropId(NamedTuple):
-    """What tells a drop from every other one, also from those of the same name."""
+    """Unique identification of a drop, even among drops of the same name."""
 
     stream: int
     first_sample: int
@@ -79,12 +81,12 @@ class DropId(NamedTuple):
 
     @property
     def name(self) -> Name:
-        """The name that the instrument knows it by."""
+        """Name of the drop in messages."""
         return self.stream, self.first_sample
 
     @classmethod
     def of(cls, offer: DropOffer) -> "DropId":
-        """From the Offer; its clock and its flags change when the instrument is reset."""
+        """Return the identification from an Offer, without the fields that a reset changes."""
         return cls(*(getattr(offer, field) for field in cls._fields))
 
 
@@ -94,25 +96,25 @@ class _Transfer:
 
     offer: DropOffer
     changed: float
-    """When the transfer began or a block of it was new, s."""
+    """Time of the start or of the latest new block, s."""
     blocks: dict[int, bytes] = field(default_factory=dict)
     missing: set[int] = field(default_factory=set)
     """Numbers of the blocks that have not been received."""
     until: int = 0
     """End of the last request: the number of the first block that it does not include."""
     progress: float | None = None
-    """When a block was last new or requested, s; None: no request is open."""
+    """Time of the latest new block or request, s; None without an open request."""
     unsound: int = 0
-    """Times that the complete drop had another CRC than its Offer."""
+    """Number of complete transfers with another CRC than that of the Offer."""
     not_before: float = 0.0
-    """Time of the next request at the earliest, s."""
+    """Earliest time of the next request, s."""
 
     def __post_init__(self) -> None:
         self.discard_blocks()
 
     @property
     def memory(self) -> int:
-        """Memory of the complete drop, bytes; it depends on the Offer alone."""
+        """Memory of the complete drop according to its Offer, bytes."""
         samples = 3 * self.offer.channels * self.offer.samples
         return max(_MIN_TRANSFER_BYTES, samples + _BYTES_PER_BLOCK * self.offer.blocks)
 
@@ -124,16 +126,16 @@ class _Transfer:
 
 @dataclass(slots=True)
 class _Named:
-    """A name that the instrument offers drops under."""
+    """State of one name under which the instrument offers drops."""
 
     offered: list[DropId] = field(default_factory=list)
-    """The drops offered since the link was opened that may still wait, the oldest first."""
+    """Drops offered since the link was opened that the instrument may still store, oldest first."""
     acknowledged: float | None = None
-    """When the last Acknowledge was sent, s; None: it is not under way."""
+    """Time of an Acknowledge that has no response yet, s; None without one."""
 
 
-class KeptDrops:
-    """The host's part in the drops that an instrument keeps.
+class DropTransfers:
+    """Host side of the transfer of the drops that an instrument stores.
 
     Parameters
     ----------
@@ -142,12 +144,12 @@ class KeptDrops:
 
     def __init__(self, counters: Counters) -> None:
         self.outbox: list[HostMessage] = []
-        """What is to be said now; the driver takes it."""
+        """Messages to send; the driver removes them."""
         self._counters = counters
         self.channels: int | None = None
-        """How many the Identity has; None: not known yet."""
+        """Number of channels of the identity; None before the identity is known."""
         self._transfers: OrderedDict[Name, _Transfer] = OrderedDict()
-        self._handed: set[DropId] = set()
+        self._delivered: set[DropId] = set()
         self._names: OrderedDict[Name, _Named] = OrderedDict()
         self._refused: OrderedDict[DropId, None] = OrderedDict()
         """Drops that were reported as unusable without being fetched."""
@@ -157,10 +159,10 @@ class KeptDrops:
 
     @property
     def due(self) -> float | None:
-        """Monotonic time of the next `tick`, s; None: nothing is waited for."""
+        """Monotonic time of the next `tick`, s; None if nothing is due."""
         times = [self._arm_at] if self._arm_at is not None else []
         times += [
-            transfer.progress + FETCH_AGAIN
+            transfer.progress + REFETCH_AFTER_S
             for transfer in self._transfers.values()
             if transfer.progress is not None
         ]
@@ -168,30 +170,30 @@ class KeptDrops:
 
     @property
     def unreleased(self) -> int:
-        """Drops that were acknowledged and that the instrument may still keep."""
+        """Number of acknowledged drops that the instrument may still store."""
         return sum(named.acknowledged is not None for named in self._names.values())
 
     def arm(self, trigger: Trigger | None, now: float) -> None:
-        """Have the instrument look for drops so; None: not at all."""
+        """Set the drop detection of the instrument; None: do not arm it."""
         self._trigger, self._arm_at = trigger, None if trigger is None else now
         self.tick(now)
 
     def cut(self) -> None:
-        """The link was cut; what has come of a drop stays, the rest is fetched afterwards."""
+        """Suspend the transfers after the link was cut; received blocks are kept."""
         self.outbox.clear()
         self._trigger, self._arm_at = None, None
-        self._names.clear()  # what is kept still is offered again
+        self._names.clear()  # drops that are still stored are offered again
         for transfer in self._transfers.values():
             transfer.progress = None
 
     def acknowledge(self, offer: DropOffer, now: float) -> None:
-        """The drop of this Offer is safe: the instrument need not keep it any more.
+        """Acknowledge the drop of this Offer, which is safe on the disk.
 
-        It is told so at once when it has offered the drop since the link was opened, otherwise
-        when it offers it again.
+        The message is sent at once if the instrument has offered the drop since the link was
+        opened, otherwise at its next Offer.
         """
         drop = DropId.of(offer)
-        self._handed.discard(drop)
+        self._delivered.discard(drop)
         _remember(self._safe, drop, None)
         self._acknowledge(drop, now)
 
@@ -201,20 +203,20 @@ class KeptDrops:
         now: float,
         clock: tuple[int, datetime.datetime] | None,
     ) -> BufferedDrop | UnusableDrop | None:
-        """Take in what the instrument says; a drop when it is complete or cannot be had.
+        """Process a message; return the drop that it completes, or that is unusable.
 
         Parameters
         ----------
         message
         now : float, s
         clock : (int, datetime) or None
-            A time by the instrument's clock (microseconds) and by the host's.
+            The same time by the instrument's clock (microseconds) and by the host's.
         """
         match message:
             case Armed():
                 self._arm_at = None
             case Refusal(code=RefusalCode.UNKNOWN | RefusalCode.ARGUMENT):
-                self._arm_at = None  # it would refuse again; who listens is told by the refusal
+                self._arm_at = None  # it would refuse again; the refusal itself is an item
             case DropOffer():
                 return self._take_offer(message, now)
             case DropBlock():
@@ -224,39 +226,39 @@ class KeptDrops:
         return None
 
     def tick(self, now: float) -> None:
-        """Ask again for what did not come."""
+        """Repeat messages without a response."""
         if self._arm_at is not None and self._trigger is not None and now >= self._arm_at:
             self.outbox.append(Arm(self._trigger))
-            self._arm_at = now + ARM_AGAIN
+            self._arm_at = now + REARM_AFTER_S
         for name, transfer in self._transfers.items():
-            if transfer.progress is not None and now >= transfer.progress + FETCH_AGAIN:
+            if transfer.progress is not None and now >= transfer.progress + REFETCH_AFTER_S:
                 self._fetch(name, transfer, now)
 
     def _acknowledge(self, drop: DropId, now: float) -> None:
-        """Acknowledge a safe drop, unless that could erase another one of its name.
+        """Acknowledge a safe drop, unless that could delete another one of its name.
 
-        An Acknowledge erases the oldest drop of the name, and one may be under way.
+        An Acknowledge deletes the oldest drop of the name, and an earlier one may still arrive.
         """
         named = self._names.get(drop.name)
         if named is None or drop not in named.offered:
             return
         older = named.offered[: named.offered.index(drop)]
-        others = (
-            other
-            for other in (*self._handed, *self._refused)
-            if other.name == drop.name and other not in named.offered
+        namesakes = (
+            each
+            for each in (*self._delivered, *self._refused)
+            if each.name == drop.name and each not in named.offered
         )
-        if not all(other in self._safe for other in (*older, *others)):
+        if not all(each in self._safe for each in (*older, *namesakes)):
             return
-        if named.acknowledged is None or now >= named.acknowledged + ACKNOWLEDGE_AGAIN:
+        if named.acknowledged is None or now >= named.acknowledged + REACKNOWLEDGE_AFTER_S:
             named.acknowledged = now
             self.outbox.append(Acknowledge(*drop.name))
 
     def _note_offer(self, drop: DropId, now: float) -> None:
-        """Keep which drops wait under the name, and what was erased though Released was lost."""
+        """Update the drops that are stored under each name, also after a lost Released."""
         for named in self._names.values():
             at = named.acknowledged
-            if at is not None and now >= at + ACKNOWLEDGE_AGAIN and drop not in named.offered:
+            if at is not None and now >= at + REACKNOWLEDGE_AFTER_S and drop not in named.offered:
                 named.offered, named.acknowledged = [], None  # else it is offered again
         if drop.name not in self._names:
             _remember(self._names, drop.name, _Named())
@@ -271,39 +273,39 @@ class KeptDrops:
         if drop in self._safe:
             self._acknowledge(drop, now)
             return None
-        if drop in self._handed:
+        if drop in self._delivered:
             return None
         if self.channels is not None and offer.channels != self.channels:
-            told = drop in self._refused
+            is_reported = drop in self._refused
             _remember(self._refused, drop, None)
             channels = f"expected {self.channels} channels as in the Identity, got {offer.channels}"
-            return None if told else UnusableDrop(offer, channels)
+            return None if is_reported else UnusableDrop(offer, channels)
         transfer = self._transfers.get(name)
         if transfer is None or DropId.of(transfer.offer) != drop:
             self._transfers.pop(name, None)
             transfer = _Transfer(offer, now)
             if not self._make_room(transfer, now):
-                return None  # offered again, as nothing of it is acknowledged
+                return None  # it is offered again, because it is not acknowledged
             self._transfers[name] = transfer
-        for other in self._transfers.values():
-            if other is not transfer:
-                other.progress = None  # the instrument does not send it now
+        for each in self._transfers.values():
+            if each is not transfer:
+                each.progress = None  # the instrument has ended this transfer
         if transfer.progress is None and now >= transfer.not_before:
             self._fetch(name, transfer, now)
         return None
 
     def _make_room(self, transfer: _Transfer, now: float) -> bool:
-        """Give up stalled transfers, the oldest first, until this one fits; return whether it does.
+        """Discard stalled transfers, the oldest first, until this one fits; return True if it does.
 
-        One that still receives blocks stays: two long drops that are offered in turn would
+        A transfer that still receives blocks stays: two long drops that are offered in turn would
         otherwise discard each other's blocks for ever.
         """
-        others = sorted(self._transfers.items(), key=lambda item: item[1].changed)
-        free = MAX_TRANSFER_BYTES - sum(other.memory for _, other in others)
-        for name, other in others:
-            if free >= transfer.memory or now < other.changed + STALLED_AFTER:
+        open_transfers = sorted(self._transfers.items(), key=lambda item: item[1].changed)
+        free = MAX_TRANSFER_BYTES - sum(each.memory for _, each in open_transfers)
+        for name, oldest in open_transfers:
+            if free >= transfer.memory or now < oldest.changed + STALLED_AFTER_S:
                 break
-            free += other.memory
+            free += oldest.memory
             del self._transfers[name]
             self._counters.transfers_abandoned += 1
         return free >= transfer.memory
@@ -333,19 +335,19 @@ class KeptDrops:
             return None
         data = b"".join(transfer.blocks[number] for number in range(offer.blocks))
         if zlib.crc32(data) != offer.crc:
-            # Each block was sound and the drop is not: none of them can be believed.
+            # Each block had a valid checksum but the drop has not: all blocks are suspect.
             self._counters.blocks_refused += offer.blocks
             transfer.discard_blocks()
             transfer.unsound += 1
-            if transfer.unsound < WHOLE_ATTEMPTS:
+            if transfer.unsound < N_UNSOUND_BEFORE_REPORT:
                 self._fetch(name, transfer, now)
                 return None
-            # It is offered further on and fetched now and then; reported once.
-            transfer.progress, transfer.not_before = None, now + UNSOUND_AGAIN
-            reported = transfer.unsound > WHOLE_ATTEMPTS
+            # Further Offers lead to a transfer now and then; it is reported once.
+            transfer.progress, transfer.not_before = None, now + UNSOUND_RETRY_S
+            reported = transfer.unsound > N_UNSOUND_BEFORE_REPORT
             return None if reported else UnusableDrop(offer, _UNSOUND.format(transfer.unsound))
         del self._transfers[name]
-        self._handed.add(DropId.of(offer))
+        self._delivered.add(DropId.of(offer))
         self._counters.drops_kept += 1
         counts = unpack_int24(data).reshape(offer.samples, offer.channels)
         return BufferedDrop(offer, counts, _time_of(offer, clock), now)
@@ -359,18 +361,18 @@ class KeptDrops:
         self.outbox.append(Fetch(*name, first, until - first))
 
 
-def _remember(known: OrderedDict[_K, _V], key: _K, value: _V) -> None:
-    """Keep a value as the latest of at most `_SAFE_KEPT`."""
-    known[key] = value
-    known.move_to_end(key)
-    while len(known) > _SAFE_KEPT:
-        known.popitem(last=False)
+def _remember(values: OrderedDict[_K, _V], key: _K, value: _V) -> None:
+    """Store a value as the latest of at most `_MAX_REMEMBERED_DROPS`."""
+    values[key] = value
+    values.move_to_end(key)
+    while len(values) > _MAX_REMEMBERED_DROPS:
+        values.popitem(last=False)
 
 
 def _length(offer: DropOffer, number: int) -> int:
-    """Bytes of a block, 0 when there is none of this number."""
-    left = offer.samples - number * offer.block_samples
-    return 3 * offer.channels * max(0, min(offer.block_samples, left))
+    """Return the bytes of a block; 0 if the drop has no block of this number."""
+    remaining = offer.samples - number * offer.block_samples
+    return 3 * offer.channels * max(0, min(offer.block_samples, remaining))
 
 
 def _time_of(
