@@ -291,6 +291,10 @@ class Key:
     """Advice in the message that refuses a value."""
     required: bool = False
 
+    def optional(self) -> "Key":
+        """Return the same key for a table that need not have it."""
+        return dataclasses.replace(self, required=False)
+
     def check(self, value: object, where: str, error: type[Exception]) -> None:
         """Raise an error for a value that the key does not accept.
 
@@ -446,10 +450,12 @@ def table_schema(keys: Mapping[str, Key], *, more_keys: bool = False) -> dict[st
     properties = {}
     for name, key in keys.items():
         described = key.value.json_schema()
+        meaning = f"{key.meaning[:1].upper()}{key.meaning[1:]}".rstrip(".")
+        sentences = [meaning] if meaning else []
         if not isinstance(key.value, Table | Array):
-            described["description"] = f"{key.meaning} Expected {key.value.expected}.".lstrip()
-        elif key.meaning:
-            described["description"] = key.meaning
+            sentences.append(f"Expected {key.value.expected}")
+        if sentences:
+            described["description"] = f"{'. '.join(sentences)}."
         properties[name] = described
     required = [name for name, key in keys.items() if key.required]
     return {

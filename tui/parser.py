@@ -38,6 +38,7 @@ COMMANDS = {
         "calibrate": "calibrate load cell and geophone on a rig of springs",
         "replay": "detect and invert recorded drops again",
         "recover": "repair a survey after a crash, as check --repair",
+        "schema": "print the JSON Schema of a file, for an editor",
         "simulate": "run a simulated instrument to connect to",
         "conform": "test whether an instrument follows the protocol",
         "bench": "run the project's benchmarks, from a checkout",

@@ -18,6 +18,7 @@ from typing import Any, ClassVar
 from pfwd_device.errors import SetupError, refusal
 from pfwd_device.identity import ChannelIdentity, Identity, Role
 from pfwd_device.schema import (
+    JSON_SCHEMA,
     Array,
     Choice,
     Date,
@@ -30,6 +31,7 @@ from pfwd_device.schema import (
     describe,
     keys_of,
     table_of,
+    table_schema,
 )
 from simulators.drop import STANDARD_GRAVITY
 from simulators.instrument.language import LANGUAGES
@@ -330,13 +332,29 @@ class Scenario:
     base: str = declared(
         "", Text(), "name of a built-in scenario whose keys hold where these are silent"
     )
-    soil: Soil = declared(Soil(), table_of(Soil), "")
-    hammer: HammerSettings = declared(HammerSettings(), table_of(HammerSettings), "")
-    device: DeviceSettings = declared(DeviceSettings(), table_of(DeviceSettings), "")
-    drops: DropSettings = declared(DropSettings(), table_of(DropSettings), "")
-    link: LinkSettings = declared(LinkSettings(), table_of(LinkSettings), "")
-    effects: tuple[ChannelEffect, ...] = declared((), Array(table_of(ChannelEffect)), "")
-    faults: tuple[Fault, ...] = declared((), Array(table_of(Fault)), "")
+    soil: Soil = declared(Soil(), table_of(Soil), "ground under the plate")
+    hammer: HammerSettings = declared(
+        HammerSettings(),
+        table_of(HammerSettings),
+        "falling weight and its spring",
+    )
+    device: DeviceSettings = declared(DeviceSettings(), table_of(DeviceSettings), "instrument")
+    drops: DropSettings = declared(
+        DropSettings(),
+        table_of(DropSettings),
+        "times and scatter of the drops",
+    )
+    link: LinkSettings = declared(
+        LinkSettings(),
+        table_of(LinkSettings),
+        "link to the host and its faults",
+    )
+    effects: tuple[ChannelEffect, ...] = declared(
+        (),
+        Array(table_of(ChannelEffect)),
+        "faults of single channels",
+    )
+    faults: tuple[Fault, ...] = declared((), Array(table_of(Fault)), "events at given times")
     name: str = ""
 
     def faults_of(self, *kinds: str) -> tuple[Fault, ...]:
@@ -374,6 +392,12 @@ def load_scenario(source: str | Path | Mapping[str, Any]) -> Scenario:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as err:
         raise ScenarioError(f"scenario {source}: expected a TOML file, got {err}") from err
     return scenario_from(tables, str(source))
+
+
+def scenario_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a scenario file."""
+    title = "Scenario of the simulated instrument"
+    return {"$schema": JSON_SCHEMA, "title": title, **table_schema(keys_of(Scenario))}
 
 
 def scenario_from(tables: Mapping[str, Any], name: str) -> Scenario:

@@ -1,0 +1,58 @@
+"""JSON Schemas of the files that people write, for editors that complete and check them."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from pfwd.files import header
+from pfwd.files.foreign import column_map
+from pfwd.judging.job import JOB_KEYS
+from pfwd.procedures import reading
+from pfwd.session.setup_file import SETUP_KEYS
+from pfwd_device.schema import JSON_SCHEMA, Integer, Key, table_schema
+
+
+class _Description(NamedTuple):
+    title: str
+    keys: Mapping[str, Key]
+    more_keys: bool = False
+
+
+def _version(name: str, version: int) -> dict[str, Key]:
+    return {name: Key(Integer(version, version), meaning="Version of the format.")}
+
+
+_HEADER_KEYS = {**_version(header.FORMAT_KEY, header.FORMAT_VERSION), **header.KEYS}
+_PROCEDURE_VERSION = _version(reading.FORMAT_KEY, reading.FORMAT_VERSION)
+
+_DESCRIPTIONS = {
+    "setup": _Description("Setup file of a measurement", SETUP_KEYS),
+    "header": _Description("Header of a trace file, or a file of --header", _HEADER_KEYS, True),
+    "column-map": _Description(
+        "Column map of a delimited text", {**header.KEYS, **column_map.KEYS}, True
+    ),
+    "procedure": _Description("Measuring procedure", {**_PROCEDURE_VERSION, **reading.KEYS}),
+    "job": _Description("Job of a survey: details of an event job", JOB_KEYS, True),
+}
+
+
+def schema_names() -> list[str]:
+    """Return the names of the described files."""
+    return list(_DESCRIPTIONS)
+
+
+def json_schema(name: str) -> dict[str, Any]:
+    """Return the JSON Schema of a kind of file.
+
+    Parameters
+    ----------
+    name : str
+        One of :func:`schema_names`.
+    """
+    title, keys, more_keys = _DESCRIPTIONS[name]
+    # The radius may stand in another file or on the command line.
+    keys = {key: item.optional() if key == header.RADIUS else item for key, item in keys.items()}
+    return {
+        "$schema": JSON_SCHEMA,
+        "title": title,
+        **table_schema(keys, more_keys=more_keys),
+    }
