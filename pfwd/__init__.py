@@ -19,11 +19,10 @@ if TYPE_CHECKING:
     from inversion.errors import InversionError
     from pfwd.errors import OptionError, SurveyError
     from pfwd.scripting.diagnosing import Diagnoses, Diagnosis, diagnose
-    from pfwd.scripting.examples import example
     from pfwd.scripting.inverting import invert
     from pfwd.scripting.measured import Drop, Point, Points, drop, read
     from pfwd.scripting.results import Result, Results
-    from pfwd.scripting.surveys import Survey, open
+    from pfwd.scripting.surveys import Survey, example, open
 
 __all__ = [
     "Diagnoses",
@@ -60,7 +59,7 @@ _HOMES = {
     "__version__": "pfwd.version",
     "diagnose": "pfwd.scripting.diagnosing",
     "drop": "pfwd.scripting.measured",
-    "example": "pfwd.scripting.examples",
+    "example": "pfwd.scripting.surveys",
     "invert": "pfwd.scripting.inverting",
     "open": "pfwd.scripting.surveys",
     "read": "pfwd.scripting.measured",

@@ -81,5 +81,7 @@ POINT_COLUMNS = (
     ResultColumn("modulus_source", "text", "source of the modulus in force: diagnosed or fitted"),
     ResultColumn("modulus_not_supported", "text", "reason why the data do not support modulus_pa"),
     ResultColumn("photos", "text", "paths of photos within the survey; empty: none"),
+    ResultColumn("use", "text", "use of the diagnosed modulus: design, with-care or do-not-use"),
+    ResultColumn("use_reason", "text", "reason for that use, one sentence; empty: not diagnosed"),
 )
 """Columns of a point in every export."""

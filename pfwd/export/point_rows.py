@@ -80,6 +80,8 @@ def judged_values(point: PointView) -> dict[str, Any]:
         "value_not_supported": None if value is None else value.not_supported,
         "drops_measured": len(progress.used),
         "diagnosis": None if diagnosis is None else diagnosis.verdict,
+        "use": None if diagnosis is None else diagnosis.use,
+        "use_reason": None if diagnosis is None else diagnosis.use_reason,
         **_modulus_values("modulus", fitted),
         **_modulus_values("modulus_in_force", in_force),
         "modulus_source": None if in_force is None else in_force.source,

@@ -8,6 +8,7 @@ import json
 import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from openpyxl import Workbook
@@ -77,6 +78,12 @@ _TITLE_WORDS = {
 }
 _TITLE_WORDS |= {name: name.upper() for name in ("sci", "bdi", "bci")}
 
+_POINT_TITLES = {
+    f"modulus_{name}": f"fitted_modulus_{name}"
+    for name in ("pa", "interval_low_pa", "interval_high_pa", "not_supported")
+} | {"use": "use_of_diagnosed_modulus", "use_reason": "reason_of_use"}
+"""Titles that tell the fits of the drops from the modulus in force, which stands beside them."""
+
 _LAYER_COLUMNS = ("layers", "layer_", "effective_")
 """Beginnings of the names of columns that are left out where no drop has a value."""
 
@@ -94,7 +101,7 @@ def write_xlsx(order: Order, path: str | os.PathLike[str]) -> list[str]:
     points = point_rows(order)
     book = Workbook(write_only=True)  # else a survey of many drops would fill the memory
     _add(book, "job", ("key", "value", "time_utc"), _job(order, points))
-    sheet = _add_rows(book, "points", POINT_COLUMNS, points)
+    sheet = _add_rows(book, "points", POINT_COLUMNS, points, _POINT_TITLES)
     drops = [row.values for row in order.rows]
     columns = [
         column
@@ -114,11 +121,18 @@ def write_xlsx(order: Order, path: str | os.PathLike[str]) -> list[str]:
 
 
 def _add_rows(
-    book: Any, title: str, columns: Sequence[ResultColumn], rows: Iterable[Mapping[str, Any]]
+    book: Any,
+    title: str,
+    columns: Sequence[ResultColumn],
+    rows: Iterable[Mapping[str, Any]],
+    titles_by_name: Mapping[str, str] = MappingProxyType({}),
 ) -> Any:
     """Add a sheet of rows with each cell in its column's kind and engineering unit."""
     units = {column.name: _unit(column) for column in columns}
-    titles = [_title(column.name, units[column.name]) for column in columns]
+    titles = [
+        _title(titles_by_name.get(column.name, column.name), units[column.name])
+        for column in columns
+    ]
     cells = [
         [
             _cell(value, column.kind, unit.number_format if unit else _NUMBER_FORMAT)

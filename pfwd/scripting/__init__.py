@@ -1,1 +1,1 @@
-"""What scripts and notebooks use: drops, surveys, results and diagnoses as objects."""
+"""Drops, surveys, results and diagnoses as objects for scripts and notebooks."""

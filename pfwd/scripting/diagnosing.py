@@ -1,4 +1,4 @@
-"""From a residual to the effect behind it."""
+"""Diagnosis of the residual of points: `pfwd.diagnose`."""
 
 from __future__ import annotations
 
@@ -13,11 +13,8 @@ from inversion import notices
 from inversion.notices import Notice
 from pfwd.errors import OptionError, SurveyError, refusal
 from pfwd.export.json_text import without_nan
-from pfwd.scripting.inverting import Header, drop_of_arrays, is_array
-from pfwd.scripting.measured import Drop, Point, points_of, time_and_load
-from pfwd.scripting.options import DIAGNOSE_OPTIONS, DiagnoseOptions, analysis_options
-from pfwd.scripting.shown import (
-    Shown,
+from pfwd.scripting.display import (
+    ScriptObject,
     axes_or_new,
     count,
     data_frame,
@@ -25,6 +22,9 @@ from pfwd.scripting.shown import (
     megapascal,
     text_of,
 )
+from pfwd.scripting.inverting import Header, drop_of_arrays, is_array
+from pfwd.scripting.measured import Drop, Point, points_of, time_and_load
+from pfwd.scripting.options import DIAGNOSE_OPTIONS, DiagnoseOptions, analysis_options
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,27 +38,27 @@ if TYPE_CHECKING:
     from pfwd.scripting.surveys import Survey
 
 
-class Diagnosis(Shown):
-    """Which effect leaves the residual of a point, and what it did to the modulus.
+class Diagnosis(ScriptObject):
+    """Effects that explain the residual of a point, and their influence on the modulus.
 
-    Its keys are those of ``pfwd diagnose --json``: ``diagnosis["held_out"]``.
+    The keys are those of ``pfwd diagnose --json``: ``diagnosis["held_out"]``.
     """
 
-    __slots__ = ("_found", "_place", "_record")
+    __slots__ = ("_diagnosis", "_place", "_record")
 
     def __init__(
         self,
         record: Mapping[str, Any],
-        found: PointDiagnosis | None,
+        diagnosis: PointDiagnosis | None,
         place: tuple[Instrument, int] | None = None,
     ) -> None:
         self._record: dict[str, Any] = without_nan(record)
-        self._found = found
+        self._diagnosis = diagnosis
         self._place = place
 
     @property
     def file(self) -> str:
-        """Where the point was read from."""
+        """Path from which the point was read."""
         return str(self._record["file"])
 
     @property
@@ -68,29 +68,29 @@ class Diagnosis(Shown):
 
     @property
     def corrected(self) -> bool:
-        """Whether the modulus after may be taken for corrected: only when explained."""
+        """True: the residual is explained, and the modulus after counts as corrected."""
         return bool(self._record["corrected"])
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Names of the effects found, strongest first; all about them: ``diagnosis["effects"]``."""
+        """Names of the effects, strongest first; details: ``diagnosis["effects"]``."""
         return tuple(str(effect["name"]) for effect in self._record["effects"])
 
     @property
     def before(self) -> dict[str, Any] | None:
-        """The base model: modulus with interval, residual; None: no drop was measured."""
-        found: dict[str, Any] | None = self._record["before"]
-        return found
+        """Base model: modulus with interval, and residual; None: no drop was measured."""
+        state: dict[str, Any] | None = self._record["before"]
+        return state
 
     @property
     def after(self) -> dict[str, Any] | None:
-        """The same with the effects; None: no drop was measured."""
-        found: dict[str, Any] | None = self._record["after"]
-        return found
+        """Base model with the effects, like `before`; None: no drop was measured."""
+        state: dict[str, Any] | None = self._record["after"]
+        return state
 
     @property
     def warnings(self) -> tuple[Notice, ...]:
-        """What should be known before it is believed."""
+        """Limits of the diagnosis."""
         return notices.from_json(self._record["warnings"], self._record["warning_codes"])
 
     def __getitem__(self, key: str) -> Any:
@@ -103,8 +103,8 @@ class Diagnosis(Shown):
         drops = count(len(self._record["drops"]), "drop")
         verdict = self.verdict
         if self.effects:
-            told = " by" if self.verdict == "explained" or self.corrected else ", found"
-            verdict += f"{told} {', '.join(self.effects)}"
+            joint = " by" if self.verdict == "explained" or self.corrected else ", found"
+            verdict += f"{joint} {', '.join(self.effects)}"
         warned = count(len(self.warnings), "warning") if self.warnings else "no warnings"
         if self.before is None or self.after is None:
             return f"Diagnosis({name}, {drops}: {verdict}; {warned})"
@@ -139,22 +139,22 @@ class Diagnosis(Shown):
             )
             for label, state in (("before", self.before), ("after", self.after))
         ]
-        return html_table(repr(self), _COLUMNS, rows)
+        return html_table(repr(self), _STATE_COLUMNS, rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """The record of ``pfwd diagnose --json``."""
+        """Return the record of ``pfwd diagnose --json``."""
         return dict(self._record)
 
     def to_dataframe(self) -> DataFrame:
-        """The model before and after, a row each; needs pandas."""
+        """Return a row for the model before and one for the model after; needs pandas."""
         return data_frame(_rows(self))
 
     def predict(self, time: ArrayLike, load: ArrayLike) -> NDArray[np.float64]:
         """Return the displacement as the instrument records it, for a drop that follows.
 
-        It rests on the drops of the point and on the other points that were diagnosed in the same
-        call with the same instrument: how ground hardens from drop to drop, and what their fits
-        have in common. Mains hum is not predicted. The first call fits all these points.
+        The prediction uses the drops of the point, and all points of the same instrument that were
+        diagnosed in the same call: the hardening of the ground from drop to drop, and the common
+        properties of the fits. Mains hum is not predicted. The first call fits all these points.
 
         Parameters
         ----------
@@ -163,13 +163,13 @@ class Diagnosis(Shown):
 
         Returns
         -------
-        (n_sensors, n) m, downward positive, from 0 before the pulse on
-            Of the sensors that were diagnosed, in the order of the drop.
+        (n_sensors, n) m, downward positive, 0 before the pulse
+            Displacement of the diagnosed sensors, in the order of the drop.
 
         Raises
         ------
         SurveyError, InversionError
-            If no drop was diagnosed, or the arrays are no load of a drop.
+            If no drop was diagnosed, or the arrays are not the load of a drop.
 
         Examples
         --------
@@ -185,10 +185,10 @@ class Diagnosis(Shown):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the residual before and after (% of the peak over ms), and return the axes."""
-        if self._found is None:
+        if self._diagnosis is None:
             raise SurveyError(refusal(self.file, "a diagnosed drop to draw", "none"))
         ax = axes_or_new(ax)
-        for curves in self._found.curves:
+        for curves in self._diagnosis.curves:
             time = 1e3 * curves.time
             for row, offset in enumerate(curves.offsets.tolist()):
                 observed = curves.observed[row]
@@ -206,8 +206,8 @@ class Diagnosis(Shown):
         return ax
 
 
-class Diagnoses(Shown, Sequence[Diagnosis]):
-    """The diagnoses of several points, in their order."""
+class Diagnoses(ScriptObject, Sequence[Diagnosis]):
+    """Diagnoses of several points, in their order."""
 
     __slots__ = ("_diagnoses",)
 
@@ -232,7 +232,7 @@ class Diagnoses(Shown, Sequence[Diagnosis]):
     def __repr__(self) -> str:
         if len(self) == 1:
             return f"Diagnoses({self[0]!r})"
-        verdicts = [one.verdict for one in self]
+        verdicts = [diagnosis.verdict for diagnosis in self]
         counts = ", ".join(f"{verdicts.count(v)} {v}" for v in dict.fromkeys(verdicts))
         return f"Diagnoses({count(len(self), 'point')}: {counts or 'none'})"
 
@@ -240,19 +240,28 @@ class Diagnoses(Shown, Sequence[Diagnosis]):
         return "\n".join(map(str, self))
 
     def _repr_html_(self) -> str:
-        rows = [(repr(one), ", ".join(one.effects) or "none", one.verdict) for one in self]
+        rows = [
+            (repr(diagnosis), ", ".join(diagnosis.effects) or "none", diagnosis.verdict)
+            for diagnosis in self
+        ]
         return html_table(repr(self), ("point", "effects", "verdict"), rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """``diagnoses``: one record a point, as of ``pfwd diagnose --json``."""
-        return {"diagnoses": [one.to_dict() for one in self]}
+        """Return ``diagnoses``: the record of ``pfwd diagnose --json`` for each point."""
+        return {"diagnoses": [diagnosis.to_dict() for diagnosis in self]}
 
     def to_dataframe(self) -> DataFrame:
-        """The models before and after, two rows a point; needs pandas."""
-        return data_frame(row for one in self for row in _rows(one))
+        """Return the models before and after, two rows for each point; needs pandas."""
+        return data_frame(row for diagnosis in self for row in _rows(diagnosis))
 
 
-_COLUMNS = ("", "E with its 95 % interval", "model", "residual, % of the peak", "over the noise")
+_STATE_COLUMNS = (
+    "",
+    "E with its 95 % interval",
+    "model",
+    "residual, % of the peak",
+    "over the noise",
+)
 
 
 @overload
@@ -297,19 +306,19 @@ def diagnose(
     jobs: int = 1,
     **options: Any,
 ) -> Diagnosis | Diagnoses:
-    """Which effect would leave just the residual that is there, and what it did to the modulus.
+    """Find the effects that explain the residual of points, and their influence on the modulus.
 
-    A drop, a point or arrays give one `Diagnosis`; a path, a survey or points give `Diagnoses`, one
-    a point. Points with the same declared ``device`` share the effects of their device.
+    A drop, a point or arrays return one `Diagnosis`; a path, a survey or points return `Diagnoses`,
+    one for each point. Points with the same declared ``device`` share the effects of their device.
 
     Parameters
     ----------
     data : a drop, a point, points, a survey, several of these, or a path; or ``time, load, values``
     quantity, offsets, header : as for `pfwd.invert`
     device : path of a TOML file that ``pfwd diagnose --write-device`` wrote, optional
-        Device effects that are known.
-    jobs : int, processes
-        More than one: the script needs ``if __name__ == "__main__":``.
+        Values of device effects.
+    jobs : int
+        Number of processes; a script with more than one needs ``if __name__ == "__main__":``.
 
     Other Parameters
     ----------------
@@ -326,31 +335,31 @@ def diagnose(
     from pfwd.analysis.diagnosis.diagnose import diagnose_entries
     from pfwd.analysis.diagnosis.entries import entry_of
 
-    asked = analysis_options(DIAGNOSE_OPTIONS, options)
+    settings = analysis_options(DIAGNOSE_OPTIONS, options)
     if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
         raise OptionError(refusal("jobs", "a whole number >= 1", repr(jobs)))
     if arrays or is_array(data):
-        data = drop_of_arrays(data, arrays, quantity, offsets, asked, header)
+        data = drop_of_arrays(data, arrays, quantity, offsets, settings, header)
     elif offsets is not None or quantity != "displacement":
-        said = "offsets" if offsets is not None else "quantity"
-        raise OptionError(refusal(said, "none unless arrays are given", "one"))
-    points = points_of(data, header, asked.overrides())
-    known, spread = (None, None) if device is None else read_device(device)
-    entries = [entry_of(point.file, point, asked) for point in points]
-    places = _places(entries, known)
-    found = []
-    diagnosed = diagnose_entries(entries, known, jobs, spread=spread)
-    for one, place in zip(diagnosed, places, strict=True):
-        if one.result is None:
-            raise SurveyError(one.error or refusal(one.file, "a diagnosis", "none"))
-        found.append(Diagnosis(one.result.to_json(), one.diagnosis, place))
-    return found[0] if isinstance(data, Drop | Point) else Diagnoses(found)
+        name = "offsets" if offsets is not None else "quantity"
+        raise OptionError(refusal(name, "none unless arrays are given", "one"))
+    points = points_of(data, header, settings.overrides())
+    device_values, spread = (None, None) if device is None else read_device(device)
+    entries = [entry_of(point.file, point, settings) for point in points]
+    places = _places(entries, device_values)
+    diagnoses = []
+    outcomes = diagnose_entries(entries, device_values, jobs, spread=spread)
+    for outcome, place in zip(outcomes, places, strict=True):
+        if outcome.result is None:
+            raise SurveyError(outcome.error or refusal(outcome.file, "a diagnosis", "none"))
+        diagnoses.append(Diagnosis(outcome.result.to_json(), outcome.diagnosis, place))
+    return diagnoses[0] if isinstance(data, Drop | Point) else Diagnoses(diagnoses)
 
 
 def _places(
-    entries: Sequence[DiagnosisPoint], known: DeviceValues | None
+    entries: Sequence[DiagnosisPoint], device_values: DeviceValues | None
 ) -> list[tuple[Instrument, int] | None]:
-    """Return the instrument of each point, and its place there; None: no drop was measured."""
+    """Return the instrument of each point, and its index there; None: no drop was measured."""
     from inversion.inference.instrument import Instrument
     from pfwd.analysis.diagnosis.entries import instrument_of
 
@@ -358,7 +367,7 @@ def _places(
     for entry in entries:
         if entry.records is not None:
             records.setdefault(instrument_of(entry), []).append(entry.records)
-    instruments = {key: Instrument(points, known) for key, points in records.items()}
+    instruments = {key: Instrument(points, device_values) for key, points in records.items()}
     counts = dict.fromkeys(records, 0)
     places: list[tuple[Instrument, int] | None] = []
     for entry in entries:
@@ -387,25 +396,25 @@ def _value(effect: Mapping[str, Any]) -> str:
     return f"{effect['value']:.4g}{spread}{unit}"
 
 
-def _rows(one: Diagnosis) -> list[dict[str, Any]]:
+def _rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     rows = []
-    for label, state in (("before", one.before), ("after", one.after)):
+    for label, state in (("before", diagnosis.before), ("after", diagnosis.after)):
         if state is None:
             continue
         low, high = state["modulus_interval_pa"]
         rows.append(
             {
-                "file": one.file,
-                "verdict": one.verdict,
+                "file": diagnosis.file,
+                "verdict": diagnosis.verdict,
                 "state": label,
-                "effects": "; ".join(one.effects) if label == "after" else "",
+                "effects": "; ".join(diagnosis.effects) if label == "after" else "",
                 **{key: value for key, value in state.items() if key != "modulus_interval_pa"},
                 "modulus_interval_low_pa": low,
                 "modulus_interval_high_pa": high,
-                "plate": one["plate"],
-                "plate_radius_m": one["plate_radius_m"],
-                "poisson_ratio": one["poisson_ratio"],
-                "warnings": "; ".join(one.warnings),
+                "plate": diagnosis["plate"],
+                "plate_radius_m": diagnosis["plate_radius_m"],
+                "poisson_ratio": diagnosis["poisson_ratio"],
+                "warnings": "; ".join(diagnosis.warnings),
             }
         )
     return rows

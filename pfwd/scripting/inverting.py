@@ -1,4 +1,4 @@
-"""From drops to moduli."""
+"""Inversion of drops: `pfwd.invert`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.errors import OptionError, quote, refusal
-from pfwd.scripting.measured import EXPECTED, Drop, Point, drop, points_of
+from pfwd.scripting.measured import EXPECTED_DATA, Drop, Point, drop, points_of
 from pfwd.scripting.options import INVERT_OPTIONS, InvertOptions, analysis_options
 from pfwd.scripting.results import Result, Results
 
@@ -57,38 +57,38 @@ def invert(
 ) -> Result | Results:
     """Return the modulus of the ground under drops, with its uncertainty and conditions.
 
-    ``invert(drop)`` and ``invert(time, load, values, plate_radius=0.15)`` give one `Result`;
-    a path, a survey, points, a point or several drops give `Results`, one a drop.
+    ``invert(drop)`` and ``invert(time, load, values, plate_radius=0.15)`` return one `Result`;
+    a path, a survey, points, a point or several drops return `Results`, one for each drop.
 
     Parameters
     ----------
     data : a drop, a point, points, a survey, several of these, or a path; or ``time, load, values``
-        as of `pfwd.drop`, with ``quantity`` and ``offsets``
+        for `pfwd.drop`, with ``quantity`` and ``offsets``
     header : path of a TOML file, or its keys as a dict, optional
-        Wins over what the file declares; with a path only.
+        Overrides the declarations of the file; with a path only.
 
     Other Parameters
     ----------------
-    model : "layer" or "half-space"; not said: the layer, unless the depth says otherwise
-    bedrock_depth : depth of the rigid base, m, or "unknown" or "none"; not said: as declared
-    layers : media with a modulus, the lowest included, 1 to 4, or "auto"; not said: 1
-    thickness : of all but the lowest, m, from the top, or "unknown"; not said: fitted
+    model : "layer" or "half-space"; default: the layer, unless the depth excludes it
+    bedrock_depth : depth of the rigid base, m, or "unknown" or "none"; default: as declared
+    layers : number of media with a modulus, the lowest included, 1 to 4, or "auto"; default: 1
+    thickness : of all media but the lowest, m, from the top, or "unknown"; default: fitted
     elastic : True: no viscosity
     load : "measured" or "half-sine"
     plate : "rigid-rough", "rigid-smooth", "published" or "uniform" (equal pressure)
     sensors : "all" or "centre"
-    joint : True: all measured drops of a point have one soil
+    joint : True: one soil for all measured drops of a point
     method : "mpga" (genetic search and polish) or "least-squares" (several starts)
-    published : True: the published method as a whole
-    priors : False: where the record leaves the depth of rock open, any ground that fits will do
-    seed : int, of the search
+    published : True: the published method in all its parts
+    priors : False: no prior on the ground where the record does not determine the depth of rock
+    seed : int, random seed of the search
     plate_radius, plate_mass, poisson_ratio, density : declared values, m, kg, -, kg/m3
-        Win over what the file declares.
+        Override the declarations of the file.
 
     Returns
     -------
     Result or Results
-        A drop that is none (a rebound, a dead sensor) comes with status ``rejected`` and a reason.
+        A rebound, or a drop with a dead sensor, has the status ``rejected`` and a reason.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def invert(
     results: list[Result] = []
     for item in data:
         if isinstance(item, list | tuple | int | float):
-            raise OptionError(refusal("data", EXPECTED, quote(item)))
+            raise OptionError(refusal("data", EXPECTED_DATA, quote(item)))
         of_item = invert(item, header=header, **options)
         results += [of_item] if isinstance(of_item, Result) else of_item
     return Results(results)
@@ -168,7 +168,7 @@ def _invert_drop(chosen: Drop, options: AnalysisOptions, header: Header) -> Resu
     if options.joint:
         hint = "give the point, or leave joint out"
         raise OptionError(refusal("joint", "several drops of a point", "one drop", hint))
-    # Screened among the drops of its point: a rebound is known by the largest of them.
+    # Screened with all drops of its point: a rebound is recognised by the largest of them.
     all_drops = chosen._point
     screening = leave_out_bad_sensors(all_drops, screen_point(all_drops))[chosen._index]
     (point,) = points_of(chosen, header, options.overrides())

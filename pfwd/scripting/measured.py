@@ -1,4 +1,4 @@
-"""Drops and points as they were measured, from files of any known format or from arrays."""
+"""Measured drops and points, from files of any known format or from arrays."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from pfwd.files.traces import (
     TracePoint,
     sensor_name,
 )
+from pfwd.scripting.display import ScriptObject, axes_or_new, count, data_frame, html_table, text_of
 from pfwd.scripting.options import analysis_options, reading
-from pfwd.scripting.shown import Shown, axes_or_new, count, data_frame, html_table, text_of
 from pfwd_device.drop import Channel, Peaks
 from pfwd_device.drop import Drop as DeviceDrop
 from pfwd_device.signals import displacement_of
@@ -37,13 +37,14 @@ from pfwd_device.signals import displacement_of
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
+    from xarray import Dataset
 
-FROM_ARRAYS = "arrays"
-"""Stands where the name of a file would."""
+ARRAYS_FILE = "arrays"
+"""File name of a drop from arrays."""
 
 
-class Drop(Shown):
-    """One fall of the weight as the instrument recorded it; made by `read`, `open` or `drop`."""
+class Drop(ScriptObject):
+    """One impact as the instrument recorded it; made by `read`, `open` or `drop`."""
 
     __slots__ = ("_index", "_point")
 
@@ -62,7 +63,7 @@ class Drop(Shown):
 
     @property
     def file(self) -> str:
-        """Where it was read from."""
+        """Path from which it was read."""
         return self._point.file
 
     @property
@@ -72,22 +73,22 @@ class Drop(Shown):
 
     @property
     def declared(self) -> dict[str, Any]:
-        """What is declared of instrument and ground, by the keys of docs/traces.md."""
+        """Declared values of instrument and ground, by the keys of docs/traces.md."""
         return declared_values(self._point.setup)
 
     @property
     def time(self) -> NDArray[np.float64]:
-        """(n,), s; 0 is the trigger."""
+        """Time, (n,), s; 0 is the trigger."""
         return self._drop.time
 
     @property
     def load(self) -> NDArray[np.float64]:
-        """(n,), N, downward positive."""
+        """Load, (n,), N, downward positive."""
         return self._drop.load
 
     @property
     def values(self) -> NDArray[np.float64]:
-        """(n_sensors, n), m/s or m as `quantities` says, downward positive, as recorded."""
+        """Recorded traces, (n_sensors, n), m/s or m (see `quantities`), downward positive."""
         return np.array([channel.values for channel in self._drop.channels])
 
     @property
@@ -97,35 +98,35 @@ class Drop(Shown):
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """Of each sensor: ``velocity`` (m/s) or ``displacement`` (m)."""
+        """Recorded quantity of each sensor: ``velocity`` (m/s) or ``displacement`` (m)."""
         return tuple(channel.quantity for channel in self._drop.channels)
 
     @property
     def displacement(self) -> NDArray[np.float64]:
-        """(n_sensors, n), m: velocities integrated, offsets removed."""
+        """Displacements, (n_sensors, n), m: velocities integrated, offsets removed."""
         drop = self._drop
         return np.array([displacement_of(channel, drop.time) for channel in drop.channels])
 
     @property
     def peak_load(self) -> float | None:
-        """N, offset removed; None: samples around the trigger are missing."""
+        """Peak load, N, offset removed; None: samples around the trigger are missing."""
         peaks = self._peaks()
         return None if peaks is None else peaks.load
 
     @property
     def peak_displacement(self) -> float | None:
-        """Of the sensor in the centre, m; None: there is none, or samples are missing."""
+        """Peak displacement in the centre, m; None: no sensor there, or samples are missing."""
         peaks = self._peaks()
         return None if peaks is None else peaks.centre
 
     @property
     def kind(self) -> Kind:
-        """``traces``; ``peaks``, without time histories; ``stiffness``, on a rig of springs."""
+        """``traces``; ``peaks``, without time histories; or ``stiffness``, on a rig of springs."""
         return kind_of(self._drop, self.declared)
 
     @property
     def peak_displacements(self) -> NDArray[np.float64] | None:
-        """(n_sensors,), m, as `peak_displacement`, of all sensors."""
+        """Peak displacement of every sensor, (n_sensors,), m."""
         peaks = self._peaks()
         return None if peaks is None else np.array([peak for _, peak in peaks.displacements])
 
@@ -149,27 +150,59 @@ class Drop(Shown):
         )
 
     def _repr_html_(self) -> str:
-        return html_table(repr(self), _ROW, [_row(self)])
+        return html_table(repr(self), _DROP_TABLE_COLUMNS, [_row(self)])
 
     def to_dict(self) -> dict[str, Any]:
-        """What is declared, and the arrays as lists, by the names of a trace file's columns."""
+        """Return the declared values, and the arrays as lists by the columns of a trace file."""
+        values = {"file": self.file, **self.declared, DROP_COLUMN: self.number, **self._columns()}
+        record: dict[str, Any] = without_nan(values)
+        return record
+
+    def _columns(self) -> dict[str, NDArray[np.float64]]:
+        """Return the traces by the names of the columns of a trace file."""
         drop = self._drop
-        arrays = {TIME_COLUMN: drop.time, LOAD_COLUMN: drop.load}
-        arrays |= {sensor_name(c.quantity, c.offset): c.values for c in drop.channels}
-        said = {"file": self.file, **self.declared, DROP_COLUMN: drop.number, **arrays}
-        found: dict[str, Any] = without_nan(said)
-        return found
+        sensors = {sensor_name(c.quantity, c.offset): c.values for c in drop.channels}
+        return {TIME_COLUMN: drop.time, LOAD_COLUMN: drop.load, **sensors}
 
     def to_dataframe(self) -> DataFrame:
-        """The traces, a row a sample, columns as in a trace file; needs pandas."""
-        drop = self._drop
-        columns = {TIME_COLUMN: drop.time, LOAD_COLUMN: drop.load}
-        columns |= {sensor_name(c.quantity, c.offset): c.values for c in drop.channels}
-        names = list(columns)
+        """Return the traces with a row for each sample, as in a trace file; needs pandas."""
+        columns = self._columns()
         rows = zip(*(values.tolist() for values in columns.values()), strict=True)
         return data_frame(
-            [{DROP_COLUMN: drop.number, **dict(zip(names, r, strict=True))} for r in rows]
+            {DROP_COLUMN: self.number, **dict(zip(columns, row, strict=True))} for row in rows
         )
+
+    def to_xarray(self) -> Dataset:
+        """Return the traces as a dataset of xarray, which has to be installed.
+
+        The variables are ``load`` (time) in N, ``displacement`` (sensor, time) in m, and
+        ``velocity`` (sensor, time) in m/s, NaN for a sensor that did not record it. Coordinates are
+        ``time`` in s and ``offset`` in m; the attributes are the declared values.
+
+        Raises
+        ------
+        OptionError
+            If xarray is not installed.
+        """
+        try:
+            import xarray
+        except ImportError as err:
+            hint = "python -m pip install xarray, or to_dict()"
+            raise OptionError(refusal("to_xarray()", "the package xarray", "none", hint)) from err
+        is_velocity = np.array([quantity == "velocity" for quantity in self.quantities])
+        velocity = np.where(is_velocity[:, None], self.values, np.nan)
+        traces = ("sensor", "time")
+        variables = {
+            "load": ("time", self.load, {"units": "N"}),
+            "displacement": (traces, self.displacement, {"units": "m"}),
+            "velocity": (traces, velocity, {"units": "m/s"}),
+        }
+        coordinates = {
+            "time": ("time", self.time, {"units": "s"}),
+            "offset": ("sensor", np.array(self.offsets), {"units": "m"}),
+        }
+        attributes = {"file": self.file, **self.declared, DROP_COLUMN: self.number}
+        return xarray.Dataset(variables, coordinates, attributes)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the displacement of every sensor (µm over ms), and return the axes."""
@@ -183,8 +216,8 @@ class Drop(Shown):
         return ax
 
 
-class Point(Shown, Sequence[Drop]):
-    """One test point: what is declared of it, and its drops."""
+class Point(ScriptObject, Sequence[Drop]):
+    """One test point with its declared values and its drops."""
 
     __slots__ = ("_drops", "_point")
 
@@ -194,27 +227,27 @@ class Point(Shown, Sequence[Drop]):
 
     @property
     def name(self) -> str | None:
-        """As declared; None: not declared."""
+        """Declared name; None: not declared."""
         return _name(self._point.setup)
 
     @property
     def file(self) -> str:
-        """Where it was read from."""
+        """Path from which it was read."""
         return self._point.file
 
     @property
     def declared(self) -> dict[str, Any]:
-        """What is declared of instrument and ground, by the keys of docs/traces.md."""
+        """Declared values of instrument and ground, by the keys of docs/traces.md."""
         return declared_values(self._point.setup)
 
     @property
     def warnings(self) -> tuple[Notice, ...]:
-        """What should be known of the point as a whole."""
+        """Warnings that concern all drops of the point."""
         return self._point.warnings
 
     @property
     def drops(self) -> tuple[Drop, ...]:
-        """In the order of the file."""
+        """Drops in the order of the file."""
         return self._drops
 
     def __len__(self) -> int:
@@ -233,16 +266,16 @@ class Point(Shown, Sequence[Drop]):
         return f"Point({name}: {count(len(self), 'drop')}, plate of radius {radius:g} m)"
 
     def _repr_html_(self) -> str:
-        return html_table(repr(self), _ROW, [_row(drop) for drop in self])
+        return html_table(repr(self), _DROP_TABLE_COLUMNS, [_row(drop) for drop in self])
 
     def to_dict(self) -> dict[str, Any]:
-        """What is declared, and the drops."""
-        said = {"file": self.file, **self.declared, **notices.to_json(self.warnings)}
-        found: dict[str, Any] = without_nan(said)
-        return {**found, "drops": [drop.to_dict() for drop in self]}
+        """Return the declared values, and the drops."""
+        values = {"file": self.file, **self.declared, **notices.to_json(self.warnings)}
+        record: dict[str, Any] = without_nan(values)
+        return {**record, "drops": [drop.to_dict() for drop in self]}
 
     def to_dataframe(self) -> DataFrame:
-        """A row a drop: peaks and what is declared; needs pandas."""
+        """Return peaks and declared values with a row for each drop; needs pandas."""
         return data_frame(map(_summary, self))
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -250,8 +283,8 @@ class Point(Shown, Sequence[Drop]):
         return _plot_drops(self, ax, self)
 
 
-class Points(Shown, Sequence[Point]):
-    """The test points of a file; `drops` are those of all of them."""
+class Points(ScriptObject, Sequence[Point]):
+    """Test points of a file; `drops` has the drops of all of them."""
 
     __slots__ = ("_file", "_points")
 
@@ -261,12 +294,12 @@ class Points(Shown, Sequence[Point]):
 
     @property
     def file(self) -> str:
-        """Where they were read from."""
+        """Path from which they were read."""
         return self._file
 
     @property
     def drops(self) -> tuple[Drop, ...]:
-        """Those of all points, point by point."""
+        """Drops of all points, point by point."""
         return tuple(drop for point in self._points for drop in point)
 
     def __len__(self) -> int:
@@ -290,14 +323,14 @@ class Points(Shown, Sequence[Point]):
         return f"Points({name}: {count(len(self), 'point')}, {drops})"
 
     def _repr_html_(self) -> str:
-        return html_table(repr(self), _ROW, [_row(drop) for drop in self.drops])
+        return html_table(repr(self), _DROP_TABLE_COLUMNS, [_row(drop) for drop in self.drops])
 
     def to_dict(self) -> dict[str, Any]:
-        """Every point with what is declared, and its drops."""
+        """Return every point with its declared values and its drops."""
         return {"file": self._file, "points": [point.to_dict() for point in self]}
 
     def to_dataframe(self) -> DataFrame:
-        """A row a drop: peaks and what is declared; needs pandas."""
+        """Return peaks and declared values with a row for each drop; needs pandas."""
         return data_frame(map(_summary, self.drops))
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -313,20 +346,20 @@ def read(
     channels: Literal["raw", "stored"] | None = None,
     **declared: float,
 ) -> Points:
-    """The test points of a file of any known format, with their drops.
+    """Read the test points of a file of any known format, with their drops.
 
     Parameters
     ----------
     path : path of a trace file, a survey (folder or exported), a drop file, or a file of another
         program (docs/files.md)
     header : path of a TOML file, or its keys as a dict, optional
-        Wins over what the file declares.
+        Overrides the declarations of the file.
     map : path of a TOML file, optional
-        Says what the columns of a text hold that is no trace file.
+        Column map of a text that is no trace file.
     channels : "raw" or "stored", optional
-        Which channels are taken of a file that has both.
+        Channels to read from a file that has both.
     **declared : plate_radius (m), plate_mass (kg), poisson_ratio, density (kg/m3)
-        Win over both.
+        Override both.
 
     Returns
     -------
@@ -347,8 +380,8 @@ def read(
         raise OptionError(refusal("channels", "raw or stored", quote(channels)))
     options = analysis_options(tuple(OPTION_OF_KEY.values()), declared)
     file, overrides = reading(header, options)
-    found = read_points(path, file, overrides, column_map=map, channels=channels)
-    return Points(os.fspath(path), [Point(point) for point in found])
+    points = read_points(path, file, overrides, column_map=map, channels=channels)
+    return Points(os.fspath(path), [Point(point) for point in points])
 
 
 def drop(
@@ -365,7 +398,7 @@ def drop(
     geophone_natural_frequency: float | None = None,
     geophone_damping: float | None = None,
 ) -> Drop:
-    """A drop from arrays.
+    """Return a drop from arrays.
 
     Parameters
     ----------
@@ -373,14 +406,14 @@ def drop(
     load : (n,) N, downward positive
     values : (n,) or (n_sensors, n), m or m/s, downward positive
     plate_radius : float, m
-    quantity : what `values` are, ``displacement`` (m) or ``velocity`` (m/s)
-    offsets : distance of each sensor from the plate centre, m, negative on its other side; one
-        sensor: 0 when not said
-    plate_mass : float, kg, between load cell and ground; not said: 0, with a warning
-    poisson_ratio : float; not said: 0.35
-    density : float, kg/m3; not said: fitted
+    quantity : quantity of `values`, ``displacement`` (m) or ``velocity`` (m/s)
+    offsets : distance of each sensor from the plate centre, m, negative on its opposite side;
+        default for one sensor: 0
+    plate_mass : float, kg, between load cell and ground; default: 0, with a warning
+    poisson_ratio : float; default: 0.35
+    density : float, kg/m3; default: fitted
     geophone_natural_frequency, geophone_damping : float, Hz and -, response that velocities still
-        carry; 0 Hz: corrected; not said: none, with a warning
+        carry; 0 Hz: corrected; default: no response, with a warning
 
     Returns
     -------
@@ -399,13 +432,13 @@ def drop(
         expected = f"({axis.size},) or (n_sensors, {axis.size})"
         raise TraceError(refusal("values", expected, f"shape {table.shape}"))
     places = _offsets(offsets, len(table))
-    given = {
+    declared = {
         "plate_radius": plate_radius,
         "plate_mass": plate_mass,
         "poisson_ratio": poisson_ratio,
         "density": density,
     }
-    options = analysis_options(tuple(OPTION_OF_KEY.values()), given)
+    options = analysis_options(tuple(OPTION_OF_KEY.values()), declared)
     radius = options.plate_radius
     if radius is None:
         raise OptionError(refusal("plate_radius", "a number > 0, in m", "none"))
@@ -437,8 +470,8 @@ def time_and_load(
     if force.size != axis.size:
         raise TraceError(refusal("load", f"{axis.size} samples as in time", str(force.size)))
     steps = np.diff(axis)
-    middle = float(np.median(steps))
-    if not (middle > 0 and np.all(np.abs(steps - middle) <= RELATIVE_STEP_TOLERANCE * middle)):
+    step = float(np.median(steps))
+    if not (step > 0 and np.all(np.abs(steps - step) <= RELATIVE_STEP_TOLERANCE * step)):
         raise TraceError(refusal("time", "uniform, rising steps in s", "others", "resample it"))
     return axis, force
 
@@ -446,7 +479,7 @@ def time_and_load(
 def _with_warnings(setup: PointSetup, drop: DeviceDrop) -> TracePoint:
     from pfwd.files.header import setup_warnings
 
-    return TracePoint(FROM_ARRAYS, setup, (drop,), setup_warnings(setup, [drop]))
+    return TracePoint(ARRAYS_FILE, setup, (drop,), setup_warnings(setup, [drop]))
 
 
 def _offsets(offsets: float | Sequence[float] | None, sensors: int) -> list[float]:
@@ -459,25 +492,25 @@ def _offsets(offsets: float | Sequence[float] | None, sensors: int) -> list[floa
     if places.shape != (sensors,) or np.unique(places).size != sensors:
         expected = f"{count(sensors, 'different distance')}, in m"
         raise OptionError(refusal("offsets", expected, quote(offsets)))
-    found: list[float] = places.tolist()
-    return found
+    distances: list[float] = places.tolist()
+    return distances
 
 
 def _vector(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    found = _numbers(name, values)
-    if found.ndim != 1:
-        raise TraceError(refusal(name, "one dimension", f"shape {found.shape}"))
-    return found
+    vector = _numbers(name, values)
+    if vector.ndim != 1:
+        raise TraceError(refusal(name, "one dimension", f"shape {vector.shape}"))
+    return vector
 
 
 def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
     try:
-        found = np.asarray(values, dtype=np.float64)
+        array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as err:
         raise TraceError(refusal(name, "numbers", quote(values))) from err
-    if not np.all(np.isfinite(found)):
+    if not np.all(np.isfinite(array)):
         raise TraceError(refusal(name, "finite numbers", "NaN or infinity"))
-    return found
+    return array
 
 
 def points_of(
@@ -485,12 +518,12 @@ def points_of(
     header: str | os.PathLike[str] | Mapping[str, object] | None,
     overrides: Mapping[str, float],
 ) -> list[TracePoint]:
-    """The points of whatever has some: a path, a survey, points, a point, drops.
+    """Return the points of a path, a survey, points, a point, or drops.
 
     Raises
     ------
     SurveyError
-        If there are none in it.
+        If `data` has no points.
     """
     if isinstance(data, str | os.PathLike):
         declared: dict[str, Any] = {OPTION_OF_KEY[key]: v for key, v in overrides.items()}
@@ -504,12 +537,12 @@ def points_of(
         return [_declared(data._point, overrides)]
     points = getattr(data, "points", data)
     if isinstance(points, Sequence) and points and not isinstance(points, bytes):
-        return [one for item in points for one in points_of(item, None, overrides)]
-    came = "an empty one" if isinstance(points, Sequence) else type(data).__name__
-    raise OptionError(refusal("data", EXPECTED, came))
+        return [point for item in points for point in points_of(item, None, overrides)]
+    kind = "an empty one" if isinstance(points, Sequence) else type(data).__name__
+    raise OptionError(refusal("data", EXPECTED_DATA, kind))
 
 
-EXPECTED = "a path, a survey, points, a drop, or the arrays time, load, values"
+EXPECTED_DATA = "a path, a survey, points, a drop, or the arrays time, load, values"
 
 
 def _declared(point: TracePoint, overrides: Mapping[str, float]) -> TracePoint:
@@ -526,7 +559,13 @@ def _name(setup: PointSetup) -> str | None:
     return None if setup.point is None else str(setup.point)
 
 
-_ROW = ("point", "drop", "peak load, kN", "peak displacement in the centre, µm", "sensors at, m")
+_DROP_TABLE_COLUMNS = (
+    "point",
+    "drop",
+    "peak load, kN",
+    "peak displacement in the centre, µm",
+    "sensors at, m",
+)
 
 
 def _row(drop: Drop) -> tuple[object, ...]:
@@ -551,9 +590,9 @@ def _summary(drop: Drop) -> dict[str, Any]:
     }
 
 
-def _plot_drops(drops: Sequence[Drop], ax: Axes | None, what: object) -> Axes:
+def _plot_drops(drops: Sequence[Drop], ax: Axes | None, source: Point | Points) -> Axes:
     ax = axes_or_new(ax)
-    for each in drops:
-        each.plot(ax)
-    ax.set_title(repr(what), fontsize="small", parse_math=False)
+    for drop_ in drops:
+        drop_.plot(ax)
+    ax.set_title(repr(source), fontsize="small", parse_math=False)
     return ax

@@ -1,4 +1,4 @@
-"""The options of `pfwd.invert` and `pfwd.diagnose`, named as on the command line."""
+"""Options of `pfwd.invert` and `pfwd.diagnose`, with the names of the command line."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from pfwd.analysis.options import (
     Sensors,
     Thickness,
 )
-from pfwd.errors import OptionError, TraceError, quote, refusal
-from pfwd.files.header import KEYS, check_value
+from pfwd.errors import OptionError, quote, refusal
+from pfwd.files.header import KEYS
 
 _CHOICES = {
     "model": get_args(Model),
@@ -35,7 +35,7 @@ _DECLARED = {option: key for key, option in OPTION_OF_KEY.items()}
 
 
 class DiagnoseOptions(TypedDict, total=False):
-    """What `pfwd.diagnose` takes; None: not said."""
+    """Options of `pfwd.diagnose`; None: the default."""
 
     elastic: bool
     load: Load | None
@@ -46,7 +46,7 @@ class DiagnoseOptions(TypedDict, total=False):
 
 
 class InvertOptions(DiagnoseOptions, total=False):
-    """What `pfwd.invert` takes; None: not said."""
+    """Options of `pfwd.invert`; None: the default."""
 
     model: Model | None
     bedrock_depth: Depth | None
@@ -65,27 +65,37 @@ INVERT_OPTIONS = tuple(InvertOptions.__annotations__)
 DIAGNOSE_OPTIONS = tuple(DiagnoseOptions.__annotations__)
 
 
-def analysis_options(known: tuple[str, ...], given: Mapping[str, Any]) -> AnalysisOptions:
-    """The options, each checked.
+def analysis_options(names: tuple[str, ...], options: Mapping[str, Any]) -> AnalysisOptions:
+    """Check options and return them as those of an analysis.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Names of the permitted options.
+    options : mapping
+        Values by name; None: the default.
 
     Raises
     ------
     OptionError
         If one is unknown, of the wrong kind, outside its range, or contradicts another.
     """
-    given = {name: _listed(value) for name, value in given.items()}
-    for name, value in given.items():
-        if name not in known:
-            close = difflib.get_close_matches(name, known, 1)
+    values: dict[str, Any] = {}
+    for name, array_or_value in options.items():
+        if name not in names:
+            close = difflib.get_close_matches(name, names, 1)
             hint = f"did you mean {close[0]}?" if close else ""
-            raise OptionError(refusal(name, f"one of {', '.join(known)}", quote(name), hint))
-        if value is not None:
-            _check(name, value)
-    said = {name: value for name, value in given.items() if value is not None}
-    if "thickness" in said and not isinstance(said["thickness"], str):
-        said["thickness"] = tuple(_plain(value) for value in said["thickness"])
-    numbers = {n: _plain(v) for n, v in said.items() if isinstance(v, Real) and n not in _FLAGS}
-    return AnalysisOptions(**{**said, **numbers})
+            raise OptionError(refusal(name, f"one of {', '.join(names)}", quote(name), hint))
+        value = _as_list(array_or_value)
+        if value is None:
+            continue
+        _check(name, value)
+        if name == "thickness" and not isinstance(value, str):
+            value = tuple(map(_as_number, value))
+        elif isinstance(value, Real) and name not in _FLAGS:
+            value = _as_number(value)
+        values[name] = value
+    return AnalysisOptions(**values)
 
 
 def _check(name: str, value: object) -> None:
@@ -96,40 +106,37 @@ def _check(name: str, value: object) -> None:
     if name == "seed" and (isinstance(value, bool) or not isinstance(value, Integral)):
         raise OptionError(refusal(name, "a whole number >= 0", quote(value)))
     if name == "bedrock_depth":
-        plain = _plain(value)
+        plain = _as_number(value)
         number = isinstance(plain, int | float) and not isinstance(plain, bool) and plain > 0
         if not number and value not in ("unknown", "none"):
             expected = "a number > 0, in m, or 'unknown' or 'none'"
             raise OptionError(refusal(name, expected, quote(value)))
-    whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if name == "layers" and value != "auto" and not whole:
+    is_integer = isinstance(value, Integral) and not isinstance(value, bool)
+    if name == "layers" and value != "auto" and not is_integer:
         raise OptionError(refusal(name, "a whole number from 1 to 4, or 'auto'", quote(value)))
     if name == "thickness" and value != "unknown":
         parts = value if isinstance(value, Sequence) and not isinstance(value, str) else [None]
-        if not all(isinstance(_plain(part), int | float) for part in parts):
+        if not all(isinstance(_as_number(part), int | float) for part in parts):
             expected = "a list of numbers in m, from the top, or 'unknown'"
             raise OptionError(refusal(name, expected, quote(value)))
     if name in _DECLARED:
-        try:
-            check_value(_DECLARED[name], _plain(value), name)
-        except TraceError as err:
-            raise OptionError(str(err)) from err
+        KEYS[_DECLARED[name]].check(_as_number(value), name, OptionError)
 
 
-def _plain(value: Any) -> Any:
-    """A number of numpy as one of Python."""
+def _as_number(value: Any) -> Any:
+    """Return a number of numpy as a number of Python, all else as it is."""
     return value.item() if hasattr(value, "item") and getattr(value, "ndim", 0) == 0 else value
 
 
-def _listed(value: Any) -> Any:
-    """An array of numpy as a list: it compares with words number by number."""
+def _as_list(value: Any) -> Any:
+    """Return an array as a list; an array would be compared with a word number by number."""
     return value.tolist() if hasattr(value, "tolist") and getattr(value, "ndim", 0) > 0 else value
 
 
 def reading(
     header: str | os.PathLike[str] | Mapping[str, object] | None, options: AnalysisOptions
 ) -> tuple[str | os.PathLike[str] | None, dict[str, object]]:
-    """The file of a header, and the keys that win over what files say.
+    """Return the file of a header, and the keys that override those of files.
 
     Raises
     ------
@@ -138,12 +145,9 @@ def reading(
     """
     if isinstance(header, Mapping):
         for key, value in header.items():
-            try:
-                if key in KEYS:
-                    check_value(key, _plain(value), f"header key {key}")
-            except TraceError as err:
-                raise OptionError(str(err)) from err
-        return None, {**{str(k): _plain(v) for k, v in header.items()}, **options.overrides()}
+            if key in KEYS:
+                KEYS[key].check(_as_number(value), f"header key {key}", OptionError)
+        return None, {**{str(k): _as_number(v) for k, v in header.items()}, **options.overrides()}
     if header is not None and not (
         isinstance(header, str | os.PathLike) and os.path.isfile(header)
     ):

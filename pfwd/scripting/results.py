@@ -1,4 +1,4 @@
-"""Moduli with all that belongs to them: uncertainty, model, plate, Poisson's ratio, warnings."""
+"""Results of inversions: modulus with its uncertainty, model, plate, Poisson's ratio, warnings."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from inversion.notices import Notice
 from pfwd.analysis.results import DropResult
 from pfwd.errors import SurveyError, refusal
 from pfwd.export.json_text import without_nan
-from pfwd.scripting.shown import (
-    Shown,
+from pfwd.scripting.display import (
+    ScriptObject,
     axes_or_new,
     count,
     data_frame,
-    flat,
+    flatten,
     html_table,
     megapascal,
     text_of,
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-class Result(DropResult, Shown):
-    """The ground under one drop, or the reason why there is none.
+class Result(DropResult, ScriptObject):
+    """Properties of the ground under one drop, or the reason why the drop has none.
 
-    Each key of ``pfwd invert --json`` is an attribute: ``result.viscosity_pa_s``. The quantities
-    used most have a second name without the unit, which is SI too: ``result.viscosity``.
-    ``history`` has arrays for plots; it is None for a rejected drop and for a stored result.
+    Each key of ``pfwd invert --json`` is an attribute: ``result.viscosity_pa_s``. Frequent ones
+    have a second name without the SI unit: ``result.viscosity``. ``history`` has arrays for plots;
+    it is None for a rejected drop and for a stored result.
     """
 
     __slots__ = ()
@@ -93,7 +93,7 @@ class Result(DropResult, Shown):
         return "\n".join([repr(self), *_warning_lines(self.warnings or ())])
 
     def _repr_html_(self) -> str:
-        return html_table(repr(self), _COLUMNS, [_row(self)])
+        return html_table(repr(self), _RESULT_TABLE_COLUMNS, [_row(self)])
 
     def _name(self) -> str:
         where = "" if self.point is None else f" of {text_of(self.point)}"
@@ -111,7 +111,7 @@ class Result(DropResult, Shown):
 
     def to_dataframe(self) -> DataFrame:
         """Return the record as one row; needs pandas."""
-        return data_frame([flat(self.to_dict())])
+        return data_frame([flatten(self.to_dict())])
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the displacement, measured and fitted (µm over ms), and return the axes.
@@ -152,7 +152,7 @@ class Result(DropResult, Shown):
         return ax
 
 
-class Results(Shown, Sequence[Result]):
+class Results(ScriptObject, Sequence[Result]):
     """The results of several drops, in their order."""
 
     __slots__ = ("_results",)
@@ -203,7 +203,7 @@ class Results(Shown, Sequence[Result]):
         return "\n".join([*map(repr, self), *_warning_lines(self.warnings)])
 
     def _repr_html_(self) -> str:
-        return html_table(repr(self), _COLUMNS, list(map(_row, self)))
+        return html_table(repr(self), _RESULT_TABLE_COLUMNS, list(map(_row, self)))
 
     def to_dict(self) -> dict[str, Any]:
         """Return ``results``: one record per drop, as of ``pfwd invert --json``."""
@@ -211,7 +211,7 @@ class Results(Shown, Sequence[Result]):
 
     def to_dataframe(self) -> DataFrame:
         """Return a row per drop, columns named as in ``pfwd invert --json``; needs pandas."""
-        return data_frame(flat(drop.to_dict()) for drop in self)
+        return data_frame(flatten(drop.to_dict()) for drop in self)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the moduli with their 95 % intervals (MPa), and return the axes."""
@@ -236,7 +236,7 @@ class Results(Shown, Sequence[Result]):
         return ax
 
 
-_COLUMNS = (
+_RESULT_TABLE_COLUMNS = (
     "point",
     "drop",
     "status",

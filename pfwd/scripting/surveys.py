@@ -1,19 +1,21 @@
-"""A survey: points, drops, and the results that it holds."""
+"""Survey with its points, drops and stored results; examples that ship with the package."""
 
 from __future__ import annotations
 
 import os
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, get_args, overload
 
-from pfwd.errors import OptionError, refusal
+from pfwd.errors import OptionError, quote, refusal
 from pfwd.export.json_text import without_nan
 from pfwd.export.point_rows import point_rows
 from pfwd.export.rows import Order, Row
 from pfwd.files.reading import survey_content
+from pfwd.procedures import Verdict, unit_of
+from pfwd.scripting.display import ScriptObject, axes_or_new, count, data_frame, html_table, text_of
 from pfwd.scripting.measured import Drop, Points, read
 from pfwd.scripting.results import Result, Results
-from pfwd.scripting.shown import Shown, axes_or_new, count, data_frame, html_table, text_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,47 +23,59 @@ if TYPE_CHECKING:
 
     from pfwd_device.recording.survey_content import SurveyContent
 
+Traces = Literal["half-space", "layer", "three-sensors", "unexplained"]
+SURVEY: Literal["survey"] = "survey"
+DATA_FOLDER = Path(__file__).resolve().parent / "data"
 
-class Survey(Shown):
-    """A survey as it was when it was opened; made by `open`."""
+
+_VERDICT_COLOURS = {
+    Verdict.PASS: "tab:green",
+    Verdict.FAIL: "tab:red",
+    Verdict.UNDECIDED: "tab:orange",
+    Verdict.NONE: "tab:blue",
+}
+
+
+class Survey(ScriptObject):
+    """Survey in the state in which `open` read it."""
 
     def __init__(self, content: SurveyContent) -> None:
         self._content = content
 
     @property
     def path(self) -> str:
-        """Its folder, or the file it was exported to."""
+        """Folder of the survey, or exported file."""
         return self._content.path
 
     @property
     def file(self) -> str:
-        """The same as `path`, as points and drops call it."""
+        """Same as `path`; points and drops have an attribute of this name, too."""
         return self._content.path
 
     @property
     def damage(self) -> tuple[str, ...]:
-        """What is lost, a short text each."""
+        """Description of each loss of data."""
         return self._content.damage
 
     @cached_property
     def points(self) -> Points:
-        """Its points with their drops; discarded ones are left out.
+        """Points with their drops, without the discarded ones.
 
         Raises
         ------
         SurveyError
-            If there are none.
+            If the survey has no points.
         """
         return read(self.path)
 
     @property
     def drops(self) -> tuple[Drop, ...]:
-        """Those of all points; discarded ones are left out."""
+        """Drops of all points, without the discarded ones."""
         return self.points.drops
 
     @cached_property
     def results(self) -> Results:
-        """The results that the survey holds, of each drop the last one; without time histories."""
+        """Last stored result of each drop, without time histories."""
         stored = (_stored(self.path, row) for row in self._rows)
         return Results([result for result in stored if result is not None])
 
@@ -77,10 +91,10 @@ class Survey(Shown):
         name = text_of(os.path.basename(os.path.normpath(self.path)))
         drops = len(self._content.drops)
         stored = sum(row.drop.last_result is not None for row in self._rows)
-        lost = f", {count(len(self.damage), 'damage')}" if self.damage else ""
+        damage = f", {count(len(self.damage), 'damage')}" if self.damage else ""
         return (
             f"Survey({name}: {count(len(self._content.points), 'point')}, {count(drops, 'drop')}, "
-            f"{stored} with results{lost})"
+            f"{stored} with results{damage})"
         )
 
     def _repr_html_(self) -> str:
@@ -96,12 +110,12 @@ class Survey(Shown):
         return html_table(repr(self), ("point", "drops", "discarded", "notes"), rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """``path`` and a row a drop, discarded ones with them, as ``pfwd export`` has it."""
+        """Return path, damage, and the row of each drop in an export, discarded ones included."""
         rows: list[Any] = without_nan([dict(row.values) for row in self._rows])
         return {"survey": self.path, "damage": list(self.damage), "drops": rows}
 
     def to_dataframe(self) -> DataFrame:
-        """A row a drop as in ``pfwd export --format table``; needs pandas."""
+        """Return a row for each drop as in ``pfwd export --format table``; needs pandas."""
         return data_frame(
             {
                 name: "; ".join(map(str, value)) if isinstance(value, list) else value
@@ -111,45 +125,87 @@ class Survey(Shown):
         )
 
     def points_dataframe(self) -> DataFrame:
-        """Return a row a point with value, target, verdict and diagnosis; needs pandas.
+        """Return a row for each point with value, target, verdict and diagnosis; needs pandas.
 
-        The columns are those of ``pfwd export --format points``; discarded points are marked.
+        The columns are those of ``pfwd export --format points``; discarded points are marked. The
+        modulus to use is ``modulus_in_force_pa``, ``use`` and ``use_reason`` say for what.
         """
         return data_frame(point_rows(self._order))
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the peak displacement of every drop, point by point (µm), and return the axes.
+        """Draw the judged value of each point with its 95 % interval, and return the axes.
 
-        The moduli are drawn by ``survey.results.plot()``.
+        Moduli are in MPa and deflections in mm. The colour is the verdict, a line the target; a
+        value that the data do not support is hollow. A survey without any value shows the peak
+        displacement of its drops, mm. ``survey.results.plot()`` draws the moduli of single drops.
         """
         ax = axes_or_new(ax)
-        names = [text_of(point.title) for point in self._content.points]
-        place = {point.name: index for index, point in enumerate(self._content.points)}
-        shown = [
-            (place[row.point.name], row.drop.peaks.centre, not row.used)
-            for row in self._rows
-            if row.drop.peaks is not None and row.drop.peaks.centre is not None
-        ]
-        for discarded, marker in ((False, "o"), (True, "x")):
-            part = [(at, 1e6 * peak) for at, peak, gone in shown if gone == discarded]
-            if part:
-                label = "discarded" if discarded else "used"
-                ax.plot(*zip(*part, strict=True), marker, label=label)
+        points = [point for point, _ in self._order.points]
+        names = [text_of(point.shown_name) for point in points]
+        values = [None if point.discarded else point.progress.value for point in points]
+        if any(value is not None for value in values):
+            self._plot_values(ax)
+        else:
+            self._plot_peaks(ax)
         ax.set_xticks(range(len(names)), names, rotation=30, ha="right", parse_math=False)
-        ax.set_ylabel("peak displacement in the centre, µm")
         ax.set_title(repr(self), fontsize="small", parse_math=False)
-        if shown:
+        if ax.get_legend_handles_labels()[0]:
             ax.legend()
         return ax
 
+    def _plot_values(self, ax: Axes) -> None:
+        quantity = self._order.job.quantity
+        unit, scale = ("mm", 1e3) if unit_of(quantity) == "m" else ("MPa", 1e-6)
+        labels: set[str] = set()
+        for place, (point, _) in enumerate(self._order.points):
+            value = None if point.discarded else point.progress.value
+            if value is None:
+                continue
+            low, high = value.interval or (value.value, value.value)
+            reach = [[scale * (value.value - low)], [scale * (high - value.value)]]
+            label = point.progress.verdict.word
+            ax.errorbar(
+                [place],
+                [scale * value.value],
+                reach,
+                fmt="o",
+                capsize=3,
+                color=_VERDICT_COLOURS[point.progress.verdict],
+                markerfacecolor="none" if value.not_supported else None,
+                label="_nolegend_" if label in labels else label,
+            )
+            labels.add(label)
+            if point.progress.target is not None:
+                target = scale * point.progress.target
+                name = "_nolegend_" if "target" in labels else "target"
+                ax.hlines(target, place - 0.4, place + 0.4, "0.4", "dashed", label=name)
+                labels.add("target")
+        ax.set_ylabel(f"{quantity} with its 95 % interval, {unit}")
+
+    def _plot_peaks(self, ax: Axes) -> None:
+        for used, marker, label in ((True, "o", "used"), (False, "x", "discarded")):
+            peaks = [
+                (place, 1e3 * row.drop.peaks.centre)
+                for place, (_, rows) in enumerate(self._order.points)
+                for row in rows
+                if row.used == used
+                and row.drop.peaks is not None
+                and row.drop.peaks.centre is not None
+            ]
+            if peaks:
+                ax.plot(*zip(*peaks, strict=True), marker, label=label)
+        ax.set_ylabel("peak displacement in the centre, mm")
+
 
 def open(path: str | os.PathLike[str]) -> Survey:
-    """A survey, in its folder or exported as h5; it may be written meanwhile.
+    """Read a survey from its folder or from an exported file of the format h5.
+
+    Another program may be writing it.
 
     Raises
     ------
     SurveyError
-        If it is no survey, or cannot be read.
+        If the path holds no survey, or cannot be read.
 
     Examples
     --------
@@ -159,6 +215,42 @@ def open(path: str | os.PathLike[str]) -> Survey:
     if not isinstance(path, str | os.PathLike):
         raise OptionError(refusal("path", "the path of a survey", type(path).__name__))
     return Survey(survey_content(path))
+
+
+@overload
+def example(name: Traces) -> Points: ...
+@overload
+def example(name: Literal["survey"]) -> Survey: ...
+def example(name: str) -> Points | Survey:
+    """Return an example that ships with the package, simulated by finite elements with noise.
+
+    Parameters
+    ----------
+    name : "half-space" (one drop), "layer" (three drops, soil on rock), "three-sensors" (one drop,
+        depth of the rock not declared), "unexplained" (one drop that the base model cannot
+        explain), or "survey" (four points with positions and results)
+
+    Returns
+    -------
+    Points, or for "survey" a Survey
+
+    Raises
+    ------
+    OptionError
+        If there is no such example.
+
+    Examples
+    --------
+    >>> pfwd.example("three-sensors")
+    Points(three-sensors.csv: 1 point, 1 drop)
+    """
+    if name == SURVEY:
+        return open(DATA_FOLDER / f"{name}.h5")
+    names = get_args(Traces)
+    if name not in names:
+        expected = f"one of {', '.join([*names, SURVEY])}"
+        raise OptionError(refusal("example", expected, quote(name)))
+    return read(DATA_FOLDER / f"{name}.csv")
 
 
 def _stored(path: str, row: Row) -> Result | None:
@@ -176,6 +268,6 @@ def _stored(path: str, row: Row) -> Result | None:
         "modulus_pa": row.values["modulus_pa"],
         "warnings": row.warnings,
     }
-    # Values that could not be read do not come back in place of these.
+    # Unreadable values of these keys stay out.
     more = {key: value for key, value in record.more.items() if key not in changes}
     return Result.of(record, more=more, **changes)

@@ -11,7 +11,6 @@ MODULES = (
     "pfwd",
     "pfwd.scripting.measured",
     "pfwd.scripting.surveys",
-    "pfwd.scripting.examples",
     "pfwd.scripting.inverting",
     "pfwd.scripting.diagnosing",
 )

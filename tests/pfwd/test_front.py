@@ -14,8 +14,12 @@ import pytest
 
 import pfwd
 from pfwd.export.columns import DROP_COLUMNS, POINT_COLUMNS
-from pfwd.scripting.examples import FOLDER, Traces
-from pfwd.scripting.shown import MOST_ROWS, html_table
+from pfwd.files.importing import import_files
+from pfwd.judging import JobRequest
+from pfwd.procedures import Procedure, find_procedure, plain_procedure
+from pfwd.scripting.display import MAX_TABLE_ROWS, html_table
+from pfwd.scripting.surveys import DATA_FOLDER, Traces
+from pfwd_device.recording import SurveyWriter
 
 mpl.use("Agg")
 from matplotlib.figure import Figure
@@ -125,7 +129,8 @@ def test_what_is_no_axes_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("package", "method"), [("pandas", "to_dataframe"), ("matplotlib", "plot")]
+    ("package", "method"),
+    [("pandas", "to_dataframe"), ("matplotlib", "plot"), ("xarray", "to_xarray")],
 )
 def test_a_missing_package_is_one_line(
     monkeypatch: pytest.MonkeyPatch, package: str, method: str
@@ -137,8 +142,73 @@ def test_a_missing_package_is_one_line(
         getattr(drop, method)()
 
 
+def test_a_drop_becomes_a_dataset_of_xarray() -> None:
+    drop = pfwd.example("three-sensors").drops[0]
+    data = drop.to_xarray()
+    assert dict(data.sizes) == {"time": drop.time.size, "sensor": 3}
+    np.testing.assert_array_equal(data["load"], drop.load)
+    np.testing.assert_array_equal(data["displacement"], drop.displacement)
+    np.testing.assert_array_equal(data["velocity"], drop.values)
+    assert data["offset"].values.tolist() == list(drop.offsets)
+    units = {str(name): values.attrs["units"] for name, values in data.variables.items()}
+    assert units == {
+        "load": "N",
+        "displacement": "m",
+        "velocity": "m/s",
+        "time": "s",
+        "offset": "m",
+    }
+    assert data.attrs["plate_radius_m"] == 0.15
+    largest = data.isel(sensor=0).displacement.sel(time=slice(0, 0.04)).max()
+    assert float(largest) == pytest.approx(drop.peak_displacement, rel=0.01)
+
+
+def test_a_displacement_has_no_velocity_in_the_dataset() -> None:
+    drop = pfwd.example("half-space").drops[0]
+    recorded = pfwd.drop(drop.time, drop.load, drop.displacement, plate_radius=0.15)
+    data = recorded.to_xarray()
+    np.testing.assert_allclose(data["displacement"], recorded.values, atol=1e-7)
+    assert data["velocity"].isnull().all()
+
+
+def test_a_survey_draws_the_judged_values_in_the_unit_of_the_axis() -> None:
+    survey = pfwd.open(DATA_FOLDER / "survey.h5")
+    ax = survey.plot(axes())
+    assert ax.get_ylabel() == "modulus with its 95 % interval, MPa"
+    drawn = [float(bars.lines[0].get_ydata()[0]) for bars in ax.containers]
+    assert drawn == pytest.approx([drop.modulus / 1e6 for drop in survey.results.measured])
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["no verdict"]
+    assert [tick.get_text() for tick in ax.get_xticklabels()] == [p.name for p in survey.points]
+
+
+def survey_with_job(folder: Path, procedure: Procedure, target: float) -> pfwd.Survey:
+    (outcome, *_) = import_files([str(DATA_FOLDER / "survey.h5")], folder)
+    assert outcome.error is None
+    with SurveyWriter.open(folder) as writer:
+        for kind, values in JobRequest(procedure=procedure, target=target).events():
+            writer.note_event(kind, values)
+    return pfwd.open(folder)
+
+
+def test_a_survey_draws_targets_and_verdicts(tmp_path: Path) -> None:
+    ax = survey_with_job(tmp_path, plain_procedure(1, 1), 50e6).plot(axes())
+    texts = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert sorted(texts) == ["fail", "pass", "target"]
+    assert [lines.get_segments()[0][0][1] for lines in ax.collections[-1:]] == [50.0]
+
+
+def test_a_survey_without_values_draws_peaks(tmp_path: Path) -> None:
+    procedure = find_procedure("mndot", enforce_unverified=True)  # it needs six drops
+    survey = survey_with_job(tmp_path, procedure, 0.6e-3)
+    ax = survey.plot(axes())
+    assert ax.get_ylabel() == "peak displacement in the centre, mm"
+    (line,) = ax.lines
+    peaks = [1e3 * float(drop.peak_displacement or 0) for drop in survey.drops]
+    assert line.get_ydata() == pytest.approx(peaks)
+
+
 def test_a_survey_has_its_points_drops_and_results() -> None:
-    survey = pfwd.open(FOLDER / "survey.h5")
+    survey = pfwd.open(DATA_FOLDER / "survey.h5")
     assert repr(survey) == "Survey(survey.h5: 4 points, 8 drops, 8 with results)"
     assert [point.name for point in survey.points][:2] == ["km 0+000", "km 0+025"]
     assert len(survey.drops) == 8
@@ -156,7 +226,7 @@ def test_a_survey_has_its_points_drops_and_results() -> None:
 
 
 def test_a_stored_result_draws_its_modulus_with_the_interval() -> None:
-    result = pfwd.open(FOLDER / "survey.h5").results.measured[0]
+    result = pfwd.open(DATA_FOLDER / "survey.h5").results.measured[0]
     assert result.history is None
     axes = result.plot(Figure().subplots())
     assert axes.get_ylabel() == "modulus E with its 95 % interval, MPa"
@@ -173,7 +243,7 @@ def test_what_is_no_survey_is_refused(tmp_path: Path) -> None:
     with pytest.raises(pfwd.SurveyError, match=r"expected a survey, .* got another folder"):
         pfwd.open(tmp_path)
     with pytest.raises(pfwd.SurveyError, match=r"expected a survey, .* got another file"):
-        pfwd.open(FOLDER / "layer.csv")
+        pfwd.open(DATA_FOLDER / "layer.csv")
     with pytest.raises(pfwd.OptionError, match="path: expected the path of a survey, got int"):
         pfwd.open(3)  # type: ignore[arg-type]
 
@@ -182,14 +252,14 @@ def test_reading_takes_what_the_command_line_takes(tmp_path: Path) -> None:
     header = tmp_path / "plate.toml"
     header.write_text("plate_radius_m = 0.1\n")
     for said in (header, {"plate_radius_m": 0.1}):
-        points = pfwd.read(FOLDER / "layer.csv", header=said)
+        points = pfwd.read(DATA_FOLDER / "layer.csv", header=said)
         assert points[0].declared["plate_radius_m"] == 0.1
-    points = pfwd.read(FOLDER / "layer.csv", header=header, plate_radius=0.2)
+    points = pfwd.read(DATA_FOLDER / "layer.csv", header=header, plate_radius=0.2)
     assert points.drops[0].declared["plate_radius_m"] == 0.2
     with pytest.raises(pfwd.OptionError, match="path: expected the path of a file or folder"):
         pfwd.read(None)  # type: ignore[arg-type]
     with pytest.raises(pfwd.OptionError, match="channels: expected raw or stored, got 'all'"):
-        pfwd.read(FOLDER / "layer.csv", channels="all")  # type: ignore[arg-type]
+        pfwd.read(DATA_FOLDER / "layer.csv", channels="all")  # type: ignore[arg-type]
 
 
 def test_a_drop_shows_what_was_measured() -> None:
@@ -221,13 +291,13 @@ def test_an_unknown_example_is_refused() -> None:
 
 
 def test_the_examples_are_small_and_say_nothing_of_their_truth() -> None:
-    files = {path.stem for path in FOLDER.iterdir()} - {"README"}
+    files = {path.stem for path in DATA_FOLDER.iterdir()} - {"README"}
     assert files == {*get_args(Traces), "survey"}
-    assert sum(path.stat().st_size for path in FOLDER.iterdir()) < 250_000
+    assert sum(path.stat().st_size for path in DATA_FOLDER.iterdir()) < 250_000
     for name in get_args(Traces):
         header = [
             line.split("=")[0].strip("# ")
-            for line in (FOLDER / f"{name}.csv").read_text(encoding="utf-8").splitlines()
+            for line in (DATA_FOLDER / f"{name}.csv").read_text(encoding="utf-8").splitlines()
             if line.startswith("#")
         ]
         assert not {"modulus", "viscosity"} & set(header)
@@ -239,7 +309,7 @@ def test_the_examples_are_what_their_command_makes(tmp_path: Path) -> None:
     for name in ("half-space", "unexplained"):
         TRACES[name](tmp_path / f"{name}.csv")
         made = pfwd.read(tmp_path / f"{name}.csv").drops[0]
-        shipped = pfwd.read(FOLDER / f"{name}.csv").drops[0]
+        shipped = pfwd.read(DATA_FOLDER / f"{name}.csv").drops[0]
         assert made.declared == shipped.declared
         # A count of the converter more or less, on another platform.
         np.testing.assert_allclose(made.load, shipped.load, atol=2e-4 * np.max(shipped.load))
@@ -249,7 +319,7 @@ def test_the_examples_are_what_their_command_makes(tmp_path: Path) -> None:
 
 
 def test_a_table_is_bounded_and_escaped() -> None:
-    text = html_table("<b>", ("a",), [("<script>",)] * (MOST_ROWS + 3))
-    assert text.count("&lt;script&gt;") == MOST_ROWS
+    text = html_table("<b>", ("a",), [("<script>",)] * (MAX_TABLE_ROWS + 3))
+    assert text.count("&lt;script&gt;") == MAX_TABLE_ROWS
     assert "<script>" not in text
     assert "and 3 rows more" in text

@@ -11,7 +11,7 @@ import pytest
 import pfwd
 from pfwd.files.importing import import_files
 from pfwd.files.traces import read_traces
-from pfwd.scripting.examples import FOLDER
+from pfwd.scripting.surveys import DATA_FOLDER
 from pfwd_device.recording import SurveyWriter
 
 HOSTILE = "\x1b[31m<b>$x_1$"
@@ -20,7 +20,9 @@ HOSTILE = "\x1b[31m<b>$x_1$"
 @pytest.fixture
 def survey(tmp_path: Path) -> Path:
     folder = tmp_path / "site"
-    assert [one.error for one in import_files([str(FOLDER / "layer.csv")], folder)] == [None] * 3
+    assert [one.error for one in import_files([str(DATA_FOLDER / "layer.csv")], folder)] == [
+        None
+    ] * 3
     return folder
 
 
@@ -71,7 +73,7 @@ def test_discarded_drops_are_left_out_of_points_and_stay_in_the_table(survey: Pa
 def test_text_of_a_file_is_harmless_where_it_is_shown(tmp_path: Path) -> None:
     from matplotlib.figure import Figure
 
-    point = read_traces(FOLDER / "layer.csv")
+    point = read_traces(DATA_FOLDER / "layer.csv")
     named = pfwd.Point(replace(point, setup=replace(point.setup, point=HOSTILE)))
     found = pfwd.invert(named, method="least-squares")
     for shown in (repr(named), repr(named[0]), str(found), repr(found), repr(found[0])):

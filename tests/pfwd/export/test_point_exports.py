@@ -35,7 +35,7 @@ POINT_COLUMNS = [
     *("modulus_interval_high_pa", "diagnosis", "discarded", "note"),
     *("verdict_reason", "verdict_reason_code", "value_not_supported", "modulus_in_force_pa"),
     *("modulus_in_force_interval_low_pa", "modulus_in_force_interval_high_pa"),
-    *("modulus_source", "modulus_not_supported", "photos"),
+    *("modulus_source", "modulus_not_supported", "photos", "use", "use_reason"),
 ]
 
 
@@ -160,11 +160,13 @@ def test_points_geojson_has_a_feature_a_point(judged: Path, tmp_path: Path) -> N
 POINT_TITLES = [
     *("Point", "Chainage (m)", "Latitude (°)", "Longitude (°)", "Altitude (m)", "Time UTC"),
     *("Time local", "Procedure", "Quantity", "Value", "Interval low", "Interval high", "Unit"),
-    *("Target", "Verdict", "Drops measured", "Modulus (MPa)", "Modulus interval low (MPa)"),
-    *("Modulus interval high (MPa)", "Diagnosis", "Discarded", "Note", "Verdict reason"),
+    *("Target", "Verdict", "Drops measured", "Fitted modulus (MPa)"),
+    *("Fitted modulus interval low (MPa)", "Fitted modulus interval high (MPa)"),
+    *("Diagnosis", "Discarded", "Note", "Verdict reason"),
     *("Verdict reason code", "Value not supported", "Modulus in force (MPa)"),
     *("Modulus in force interval low (MPa)", "Modulus in force interval high (MPa)"),
-    *("Modulus source", "Modulus not supported", "Photos"),
+    *("Modulus source", "Fitted modulus not supported", "Photos"),
+    *("Use of diagnosed modulus", "Reason of use"),
 ]
 
 
@@ -243,10 +245,10 @@ def test_a_workbook_has_filters_frozen_heads_formats_and_a_chart(
     book = openpyxl.load_workbook(tmp_path / "p.xlsx")
     points, drops = book["points"], book["drops"]
     assert (points.freeze_panes, drops.freeze_panes) == ("B2", "B2")
-    assert (points.auto_filter.ref, drops.auto_filter.ref[:3]) == ("A1:AE3", "A1:")
+    assert (points.auto_filter.ref, drops.auto_filter.ref[:3]) == ("A1:AG3", "A1:")
     formats = {cell.value: points.cell(2, cell.column).number_format for cell in points[1]}
     assert formats["Latitude (°)"] == "0.0000000"
-    assert formats["Modulus (MPa)"] == formats["Value"] == "#,##0.0"
+    assert formats["Fitted modulus (MPa)"] == formats["Value"] == "#,##0.0"
     (chart,) = book["chart"]._charts
     references = [series.val.numRef.f for series in chart.series]
     titles = [

@@ -1,4 +1,4 @@
-"""How things show themselves: one line, a small table, plain values, a data frame, axes."""
+"""Representations that the objects for scripts share: text, table, data frame, axes."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
 
-MOST_ROWS = 20
-"""Of a table in a notebook; more would push what is below it off the screen."""
+MAX_TABLE_ROWS = 20
+"""Rows of a table in a notebook; a longer table would fill the screen."""
 
-LONGEST_TEXT = 200
-"""Characters of a text from a file, in a line for people."""
+MAX_LINE_CHARACTERS = 200
+"""Longest text from a file in a line for people."""
 
 
-class Shown:
-    """What all objects of the package share: completion shows the public names alone."""
+class ScriptObject:
+    """Base of the objects for scripts; completion lists their public names only."""
 
     __slots__ = ()
 
@@ -31,58 +31,58 @@ class Shown:
 
 
 def text_of(value: object) -> str:
-    """A value from a file as it may stand in a line."""
-    return clean(str(value), limit=LONGEST_TEXT)
+    """Return a value from a file as a text of limited length on one line."""
+    return clean(str(value), limit=MAX_LINE_CHARACTERS)
 
 
 def megapascal(value: float) -> str:
-    """A modulus (Pa) in MPa with four digits, without the unit."""
+    """Return a modulus (Pa) in MPa with four digits, without the unit."""
     return f"{value / 1e6:.4g}"
 
 
 def count(number: int, noun: str) -> str:
-    """A number of things: ``1 drop``, ``2 drops``."""
+    """Return a number with its noun: ``1 drop``, ``2 drops``."""
     return f"{number} {noun}" + ("" if number == 1 else "s")
 
 
 def html_table(caption: str, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A small table for a notebook; at most `MOST_ROWS` rows, and how many are left out."""
+    """Return a table for a notebook, with the number of rows beyond `MAX_TABLE_ROWS`."""
     head = "".join(f"<th>{html.escape(name)}</th>" for name in columns)
     body = "".join(
         "<tr>" + "".join(f"<td>{html.escape(text_of(cell))}</td>" for cell in row) + "</tr>"
-        for row in rows[:MOST_ROWS]
+        for row in rows[:MAX_TABLE_ROWS]
     )
-    left = len(rows) - MOST_ROWS
-    more = f"<p>and {count(left, 'row')} more</p>" if left > 0 else ""
+    omitted = len(rows) - MAX_TABLE_ROWS
+    more = f"<p>and {count(omitted, 'row')} more</p>" if omitted > 0 else ""
     return (
         f"<table><caption>{html.escape(caption)}</caption>"
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{more}"
     )
 
 
-def flat(record: Mapping[str, Any]) -> dict[str, Any]:
-    """A result's record as columns of a table.
+def flatten(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the record of a result as columns of a table.
 
-    Pairs become two columns (``modulus_interval_low_pa``, ``modulus_interval_high_pa``),
-    inner records columns of their own (``half_sine_duration_s``), texts one text.
+    An interval becomes two columns (``modulus_interval_low_pa``, ``modulus_interval_high_pa``), a
+    nested record one column for each key (``half_sine_duration_s``), a list of texts one text.
     """
-    found: dict[str, Any] = {}
+    columns: dict[str, Any] = {}
     for key, value in record.items():
         if key.rpartition("_")[0].endswith("_interval"):
             name, _, unit = key.rpartition("_")
             low, high = value or (None, None)
-            found |= {f"{name}_low_{unit}": low, f"{name}_high_{unit}": high}
+            columns |= {f"{name}_low_{unit}": low, f"{name}_high_{unit}": high}
         elif isinstance(value, Mapping):
-            found |= {f"{key}_{inner}": item for inner, item in value.items()}
+            columns |= {f"{key}_{inner}": item for inner, item in value.items()}
         elif isinstance(value, list):
-            found[key] = "; ".join(map(str, value))
+            columns[key] = "; ".join(map(str, value))
         else:
-            found[key] = value
-    return found
+            columns[key] = value
+    return columns
 
 
 def data_frame(rows: Iterable[Mapping[str, Any]]) -> DataFrame:
-    """The rows as a data frame of pandas.
+    """Return the rows as a data frame of pandas.
 
     Raises
     ------
@@ -98,12 +98,12 @@ def data_frame(rows: Iterable[Mapping[str, Any]]) -> DataFrame:
 
 
 def axes_or_new(ax: Axes | None) -> Axes:
-    """The axes that were given, or those of a new figure.
+    """Return `ax`, or the axes of a new figure for None.
 
     Raises
     ------
     OptionError
-        If what was given is no axes, or matplotlib is not installed.
+        If `ax` is no axes object, or matplotlib is not installed.
     """
     if ax is not None:
         if not hasattr(ax, "plot"):
