@@ -10,7 +10,7 @@ from inversion.notices import Notice
 from pfwd.errors import SurveyError, refusal
 from pfwd.files.folders import is_survey
 from pfwd.files.foreign.common import Channels, Request
-from pfwd.files.foreign.registry import TEXT, find_format, read_foreign
+from pfwd.files.foreign.registry import DELIMITED_TEXT, find_format, read_foreign
 from pfwd.files.header import (
     Declaration,
     Declarations,
@@ -75,7 +75,7 @@ def read_points(
         raise SurveyError(str(err)) from err
     form = find_format(file)
     if form is None and column_map is not None and not is_trace_file(file):
-        form = TEXT
+        form = DELIMITED_TEXT
     if form is None:
         return [read_traces(path, header, overrides)]
     request = Request(

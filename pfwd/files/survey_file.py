@@ -330,9 +330,9 @@ def _drops_damage(
     n_intact, damaged = 0, []
     with _opened(name) as file:
         for number, facts, expected in drops:
-            drop_problem, *others = _drop_damage(file, number, name, facts, expected)
+            drop_problem, *result_problems = _drop_damage(file, number, name, facts, expected)
             n_intact += drop_problem is None
-            damaged += [text for text in (drop_problem, *others) if text is not None]
+            damaged += [text for text in (drop_problem, *result_problems) if text is not None]
     return n_intact, damaged
 
 

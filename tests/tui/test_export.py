@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from pfwd.files.foreign.registry import OWN
+from pfwd.files.foreign.registry import FOREIGN_FORMATS
 from tests.pfwd.files.foreign.builders import dynz, prjz, pulse, thy, viewed
 from tests.tui.console import pfwd, records
 
@@ -61,7 +61,7 @@ def test_an_import_ends_with_what_it_did_and_the_next_command(tmp_path: Path) ->
 
 def test_the_help_of_import_names_every_format() -> None:
     text = pfwd("import", "--help").stdout
-    for form in OWN:
+    for form in FOREIGN_FORMATS:
         assert form.name.split()[0] in text
         assert all(suffix in text for suffix in form.suffixes)
 

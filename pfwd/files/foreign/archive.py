@@ -1,4 +1,4 @@
-"""A zip archive that cannot do harm: bounded sizes, names with either slash, nothing extracted."""
+"""Zip archives of untrusted origin: bounded sizes, either slash in names, nothing extracted."""
 
 import io
 import zipfile
@@ -6,23 +6,23 @@ from pathlib import Path
 
 from pfwd.errors import TraceError, quote, refusal
 
-LARGEST_MEMBER = 64_000_000
-"""Bytes, unpacked; a point takes some 100 kB and the largest database seen a few MB."""
+MAX_MEMBER_BYTES = 64_000_000
+"""Unpacked size of a member; a point takes about 100 kB, the largest known database a few MB."""
 
-LARGEST_TOTAL = 128_000_000
-"""Bytes, unpacked, of all that is read of an archive: over a thousand points of some 100 kB. They
-take twice as much as numbers and once more as drops."""
+MAX_ARCHIVE_BYTES = 128_000_000
+"""Unpacked size of all members that are read: over a thousand points of about 100 kB. As numbers
+they take twice as much, and as much again as drops."""
 
-LARGEST_DIRECTORY = 4_000_000
-"""Bytes of the list of members: some 40 000 of them, forty times what a long day makes."""
+MAX_DIRECTORY_BYTES = 4_000_000
+"""Size of the list of members: about 40 000 of them, forty times those of a long day."""
 
-_END, _END_SIZE, _LONGEST_END = b"PK\x05\x06", 22, 22 + 65_535
-_LARGE_END, _LARGE_END_SIZE = b"PK\x06\x07", 20
-_CHUNK = 1 << 20
+_END, _END_SIZE, _MAX_END_SIZE = b"PK\x05\x06", 22, 22 + 65_535
+_ZIP64_END, _ZIP64_END_SIZE = b"PK\x06\x07", 20
+_CHUNK_BYTES = 1 << 20
 
 
 class Archive:
-    """Members of a zip archive by name, ``/`` between folders, read into memory and checked.
+    """Members of a zip archive by name, ``/`` between folders, checked and read into memory.
 
     Parameters
     ----------
@@ -31,12 +31,12 @@ class Archive:
     Raises
     ------
     TraceError
-        If it is no archive, or one that cannot be read.
+        If it is no archive, or cannot be read.
     """
 
     def __init__(self, file: str) -> None:
         self.file = file
-        self._left = LARGEST_TOTAL
+        self._remaining_bytes = MAX_ARCHIVE_BYTES
         try:
             _check_directory(file)
             self._zip = zipfile.ZipFile(file)
@@ -44,7 +44,7 @@ class Archive:
             raise
         except Exception as err:  # what zipfile raises on damage is not documented
             raise TraceError(_no_archive(file, err)) from err
-        # Some programs write a backslash into the names, on every system.
+        # Some programs write backslashes into the names, on every system.
         self._members = {
             member.filename.replace("\\", "/").lower(): member
             for member in self._zip.infolist()
@@ -63,7 +63,7 @@ class Archive:
         return list(self._members)
 
     def read(self, name: str) -> bytes:
-        """A member, unpacked.
+        """Return the unpacked content of a member.
 
         Raises
         ------
@@ -76,43 +76,43 @@ class Archive:
             raise TraceError(refusal(where, "a plain member", "an encrypted one", "save it anew"))
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise TraceError(refusal(where, "a member packed by deflate", "another method"))
-        limit = min(LARGEST_MEMBER, self._left)
+        limit = min(MAX_MEMBER_BYTES, self._remaining_bytes)
         if member.file_size > limit:
             raise TraceError(refusal(where, f"at most {limit / 1e6:.0f} MB", "more"))
-        found, size = io.BytesIO(), 0
+        content, size = io.BytesIO(), 0
         try:
             with self._zip.open(member) as stream:
-                # In pieces: what is announced need not be what comes.
-                while chunk := stream.read(_CHUNK):
+                # In pieces: the real size may exceed the declared one.
+                while chunk := stream.read(_CHUNK_BYTES):
                     size += len(chunk)
                     if size > limit:
                         raise TraceError(refusal(where, f"at most {limit / 1e6:.0f} MB", "more"))
-                    found.write(chunk)
+                    content.write(chunk)
         except TraceError:
             raise
         except Exception as err:  # as above
             raise TraceError(
                 refusal(where, "a whole member", f"damage: {quote(str(err))}")
             ) from err
-        self._left -= size
-        return found.getvalue()
+        self._remaining_bytes -= size
+        return content.getvalue()
 
 
 def _check_directory(file: str) -> None:
-    """Refuse a list of members that would fill the memory before the first is looked at."""
+    """Refuse a list of members that would fill the memory when the archive is opened."""
     size = Path(file).stat().st_size
     with open(file, "rb") as stream:
-        stream.seek(max(0, size - _LONGEST_END))
-        tail = stream.read(_LONGEST_END)
+        stream.seek(max(0, size - _MAX_END_SIZE))
+        tail = stream.read(_MAX_END_SIZE)
     at = tail.rfind(_END)
     if at < 0 or at + _END_SIZE > len(tail):
         hint = "it was cut off: copy it again" if size else ""
         raise TraceError(refusal(file, "a zip archive", "a file without the end of one", hint))
-    if tail[max(0, at - _LARGE_END_SIZE) : at].startswith(_LARGE_END):
-        # Its list of members is elsewhere, and as long as it likes.
+    if tail[max(0, at - _ZIP64_END_SIZE) : at].startswith(_ZIP64_END):
+        # The list of members of zip64 is elsewhere, and may be of any length.
         raise TraceError(refusal(file, "an archive of less than 4 GB", "a zip64 archive"))
     length = int.from_bytes(tail[at + 12 : at + 16], "little")
-    if length > LARGEST_DIRECTORY:
+    if length > MAX_DIRECTORY_BYTES:
         raise TraceError(refusal(file, "a usual number of members", f"{length} bytes of names"))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from pfwd.errors import TraceError, quote, refusal
-from pfwd.files.foreign.units import DISPLACEMENT, FORCE, TIME, VELOCITY
+from pfwd.files.foreign.units import DISPLACEMENT_UNITS, FORCE_UNITS, TIME_UNITS, VELOCITY_UNITS
 from pfwd.files.header import Declaration, Declarations
 from pfwd.toml_reading import LARGEST_TOML, parse_toml
 from pfwd_device.drop import Quantity
@@ -28,10 +28,10 @@ DELIMITERS = {",": ",", ";": ";", "\t": "\t", "tab": "\t", "|": "|", "blank": No
 """What separates columns; None: any run of blanks."""
 
 UNITS: Mapping[str, Mapping[str, float]] = {
-    "time": TIME,
-    "load": FORCE,
-    "velocity": VELOCITY,
-    "displacement": DISPLACEMENT,
+    "time": TIME_UNITS,
+    "load": FORCE_UNITS,
+    "velocity": VELOCITY_UNITS,
+    "displacement": DISPLACEMENT_UNITS,
 }
 
 

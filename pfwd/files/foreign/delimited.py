@@ -1,4 +1,4 @@
-"""Delimited text of any program, read by a column map (:mod:`.column_map`)."""
+"""Reader of delimited texts with a column map (:mod:`.column_map`)."""
 
 import csv
 import itertools
@@ -20,18 +20,20 @@ from pfwd.files.traces import (
 )
 from pfwd_device import Drop
 
-MOST_COLUMNS = 1024
+MAX_COLUMNS = 1024
+"""Columns of a line that are read."""
+
 Line = tuple[int, list[str]]
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
-    """The test point of a text.
+    """Read the test point of a text.
 
     Parameters
     ----------
     file : str
     request : Request
-        With a column map. Its declarations win over those in the map.
+        With a column map; its declarations override those of the map.
 
     Raises
     ------
@@ -48,12 +50,14 @@ def read(file: str, request: Request) -> list[TracePoint]:
         hint = f"say text.encoding in {columns.file}"
         raise TraceError(refusal(file, f"text in {columns.encoding}", str(err), hint)) from err
     drops = _drops(table, lines, file, columns)
-    said = Request(columns.declarations | request.said, request.channels, request.column_map)
-    return [point_of(file, {}, drops, said)]
+    merged = Request(
+        columns.declarations | request.declarations, request.channels, request.column_map
+    )
+    return [point_of(file, {}, drops, merged)]
 
 
 def _numbers(stream: TextIO, file: str, columns: ColumnMap) -> tuple[Values, Sequence[int]]:
-    """What the map names, in the order time, load, sensors, drop; and the line of each row."""
+    """Return the mapped columns in the order time, load, sensors, drop, and each row's line."""
     lines = _cells(stream, file, columns)
     names: list[str] = []
     for _ in range(columns.skip_lines):
@@ -64,34 +68,34 @@ def _numbers(stream: TextIO, file: str, columns: ColumnMap) -> tuple[Values, Seq
             next(lines, None)
         if not number:
             raise TraceError(refusal(file, "a line with names", "the end of the file"))
-    wanted = [one for one in (columns.time, columns.load) if one is not None]
-    wanted += [sensor.where for sensor in columns.sensors]
+    parts = [part for part in (columns.time, columns.load) if part is not None]
+    parts += [sensor.where for sensor in columns.sensors]
     if columns.drop is not None:
-        wanted.append(Column(columns.drop, 1.0))
-    places = [_place(one, names, file) for one in wanted]
-    refuse_long(file, len(places))
-    table, at = array("d"), array("q")  # lists of Python's numbers take six times as much
+        parts.append(Column(columns.drop, 1.0))
+    positions = [_place(part, names, file) for part in parts]
+    refuse_long(file, len(positions))
+    table, line_numbers = array("d"), array("q")  # lists would take six times the memory
     for number, cells in lines:
         if not any(cell.strip() for cell in cells):
             continue
         where = f"{file}, line {number}"
-        if len(cells) <= max(places):
-            expected = f"at least {max(places) + 1} columns"
+        if len(cells) <= max(positions):
+            expected = f"at least {max(positions) + 1} columns"
             raise TraceError(refusal(where, expected, f"{len(cells)}: {quote(' '.join(cells))}"))
-        table.extend([_number(cells[place], columns, where) for place in places])
-        at.append(number)
+        table.extend([_number(cells[position], columns, where) for position in positions])
+        line_numbers.append(number)
     if not table:
         raise TraceError(refusal(file, "rows of numbers", "the end of the file"))
-    factors = np.array([one.factor for one in wanted])
-    return np.frombuffer(table).reshape(-1, len(places)) * factors, at
+    factors = np.array([part.factor for part in parts])
+    return np.frombuffer(table).reshape(-1, len(positions)) * factors, line_numbers
 
 
 def _cells(stream: TextIO, file: str, columns: ColumnMap) -> Iterator[Line]:
     for number in itertools.count(1):
         text = stream.readline(MAX_LINE_CHARACTERS)
         if len(text) == MAX_LINE_CHARACTERS or "\0" in text:
-            came = "binary data, or another encoding"
-            raise TraceError(refusal(f"{file}, line {number}", "a line of text", came))
+            actual = "binary data, or another encoding"
+            raise TraceError(refusal(f"{file}, line {number}", "a line of text", actual))
         if not text:
             return
         if columns.delimiter is None:
@@ -101,19 +105,20 @@ def _cells(stream: TextIO, file: str, columns: ColumnMap) -> Iterator[Line]:
                 cells = next(csv.reader([text.rstrip("\n")], delimiter=columns.delimiter), [])
             except csv.Error as err:
                 raise TraceError(refusal(f"{file}, line {number}", "cells", str(err))) from err
-        yield number, cells[:MOST_COLUMNS]
+        yield number, cells[:MAX_COLUMNS]
 
 
 def _place(column: Column, names: list[str], file: str) -> int:
     if isinstance(column.column, int):
         return column.column - 1
-    found = [index for index, name in enumerate(names) if name.strip() == column.column]
-    if len(found) != 1:
+    positions = [index for index, name in enumerate(names) if name.strip() == column.column]
+    if len(positions) != 1:
         expected = f"one column named {quote(column.column)}"
-        came = f"columns {', '.join(quote(name.strip()) for name in names[:20])}"
+        actual = f"columns {', '.join(quote(name.strip()) for name in names[:20])}"
         hint = "is text.delimiter right?" if len(names) < 2 else ""
-        raise TraceError(refusal(file, expected, came if not found else f"{len(found)}", hint))
-    return found[0]
+        actual = f"{len(positions)}" if positions else actual
+        raise TraceError(refusal(file, expected, actual, hint))
+    return positions[0]
 
 
 def _number(cell: str, columns: ColumnMap, where: str) -> float:
@@ -139,11 +144,11 @@ def _drops(table: Values, lines: Sequence[int], file: str, columns: ColumnMap) -
     starts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(table)]
     if len(starts) > MAX_FILE_DROPS + 1:
         raise TraceError(refusal(file, f"at most {MAX_FILE_DROPS} drops", str(len(starts) - 1)))
-    found: dict[int, Drop] = {}
+    drops: dict[int, Drop] = {}
     for start, end in itertools.pairwise(starts):
         number = int(numbers[start])
         where = f"{file}, line {lines[start]}, drop {number}"
-        if number in found:
+        if number in drops:
             raise TraceError(refusal(where, "the rows of a drop together", "the drop again"))
         rows = table[start:end]
         if columns.time is not None:
@@ -156,5 +161,5 @@ def _drops(table: Values, lines: Sequence[int], file: str, columns: ColumnMap) -
             (sensor.offset, sensor.quantity, rows[:, 1 + index])
             for index, sensor in enumerate(columns.sensors)
         ]
-        found[number] = make_drop(number, time, rows[:, 0], sensors, where)
-    return list(found.values())
+        drops[number] = make_drop(number, time, rows[:, 0], sensors, where)
+    return list(drops.values())

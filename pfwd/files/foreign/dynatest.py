@@ -1,19 +1,18 @@
-"""Dynatest's older ``.fwd`` (``R80``) as a viewer of another maker writes it.
+"""Reader of Dynatest's older ``.fwd`` (``R80``) as a viewer of another maker writes it.
 
 Line 3 has the radius of the plate and the positions of seven sensors (mm, four letters each).
 After the head follow ``G`` with a position, ``S`` with station and temperatures (surface, air), and
 one line a drop: pressure (kPa) and deflections (um), each of at least four letters and two
-decimals, with nothing between them; a blank and 0.1 stand for all that was not positive. All
-sensors are in these lines, those at the other side and beyond the seventh too: the columns are told
-by the largest deflection, which is in the centre.
+decimals, with nothing between them; a blank and 0.1 replace every value that was not positive. All
+sensors are in these lines, also those at the other side and beyond the seventh. The largest
+deflection, which is in the centre, identifies the columns.
 
-Files of Dynatest's own programs were not seen, and are refused.
+No file of Dynatest's own programs was available; they are refused.
 """
 
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 
 from inversion.notices import Notice, Value
 from pfwd.errors import TraceError, quote, refusal
@@ -25,67 +24,63 @@ from pfwd.files.foreign.common import (
     temperature_of,
 )
 from pfwd.files.foreign.peaks_text import (
-    PLATES,
+    OFFSETS_KEY,
     Station,
+    declared_offsets,
     force_of,
     lines_of,
     number_of,
     plate_radius,
     points_of_stations,
+    require_plate_radius,
 )
 from pfwd.files.traces import TracePoint
 
-OFFSETS = "sensor_offsets_m"
-"""Key of ``--header``: distances of the sensors, m, one a column; nan leaves one out."""
+ASSUMED_PLATE_RADIUS_M = 0.15
+"""Radius of nearly every FWD's plate, used with a remark where the file has 0."""
 
-USUAL_RADIUS = 0.15
-"""m; of nearly every FWD's plate, taken with a remark where the file says 0."""
-
-_VALUE = re.compile(r" +0\.1|-?\d{1,5}\.\d\d")
-_ROW = re.compile(rf"(?:{_VALUE.pattern})+\s*")
-_STATION = re.compile(r"S\s*(-?\d{1,6}\.\d\d)\s+(-?\d{1,3}\.\d)00\s+(-?\d{1,3})\s")
-_POSITION = re.compile(r"G\d{7}\+(-?\d{1,2}\.\d{1,20})\+(-?\d{1,3}\.\d{1,20})999\.9\s*")
+_R80_VALUE = re.compile(r" +0\.1|-?\d{1,5}\.\d\d")
+_R80_VALUES = re.compile(rf"(?:{_R80_VALUE.pattern})+\s*")
+_R80_STATION = re.compile(r"S\s*(-?\d{1,6}\.\d\d)\s+(-?\d{1,3}\.\d)00\s+(-?\d{1,3})\s")
+_R80_POSITION = re.compile(r"G\d{7}\+(-?\d{1,2}\.\d{1,20})\+(-?\d{1,3}\.\d{1,20})999\.9\s*")
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
-    """The test points of a file.
+    """Read the test points of a file.
 
     Parameters
     ----------
     file : str
     request : Request
-        ``sensor_offsets_m`` says where the sensors of all columns stand.
+        ``sensor_offsets_m`` declares the offsets of the sensors of all columns.
 
     Raises
     ------
     TraceError
-        If it is another file, or a line is no drop.
+        If the format is another one, or a line is no drop.
     """
-    said = dict(request.said)
-    declared = said.pop(OFFSETS, None)
-    request = replace(request, said=said)
+    request, declared = request.without(OFFSETS_KEY)
     name = os.path.basename(file)
     lines = list(lines_of(file))
     if len(lines) < 4 or not lines[0][1].startswith("R80"):
         hint = "is it a Dynatest .fwd?"
         raise TraceError(refusal(file, "a text that begins with R80", quote(lines[0][1]), hint))
     where = f"{file}, line 3"
-    said_radius, offsets = _head(lines[2][1], where)
+    recorded_radius, offsets = _head(lines[2][1], where)
     remarks = []
-    radius = plate_radius(request, said_radius)
+    radius = plate_radius(request, recorded_radius)
     if radius == 0:
-        radius = USUAL_RADIUS
+        radius = ASSUMED_PLATE_RADIUS_M
         assumed: dict[str, Value] = {"file": name, "line": 3, "plate_radius_m": radius}
         remarks.append(Notice("plate-radius-assumed", assumed))
-    if radius is None or not PLATES[0] <= radius <= PLATES[1]:
-        raise TraceError(refusal(where, "a plate radius of 20 to 1000 mm", f"{radius}"))
+    radius = require_plate_radius(radius, where)
     stations = _stations(file, lines, radius)
-    columns = {len(moved) for one in stations for _, moved, _ in one.drops}
+    columns = {len(deflections) for station in stations for _, deflections, _ in station.drops}
     if len(columns) > 1:
         raise TraceError(refusal(file, "one number of sensors", f"{sorted(columns)}"))
     count = columns.pop() if columns else len(offsets)
     if declared is not None:
-        offsets = _declared(declared.value, count, declared.where)
+        offsets = declared_offsets(declared.value, count, declared.where)
     elif count != len(offsets):
         values: dict[str, Value] = {
             "file": name,
@@ -106,64 +101,63 @@ def read(file: str, request: Request) -> list[TracePoint]:
 
 
 def _head(line: str, where: str) -> tuple[float, list[float]]:
-    """Radius of the plate and positions of the sensors, m."""
+    """Return the plate radius and the offsets of the sensors, m."""
     fields = [line[start : start + 4] for start in range(0, 32, 4)]
-    numbers = [number_of(one, "eight whole numbers of four letters, mm", where) for one in fields]
+    expected = "eight whole numbers of four letters, mm"
+    numbers = [number_of(field, expected, where) for field in fields]
     return numbers[0] / 1e3, [number / 1e3 for number in numbers[1:]]
 
 
 def _stations(file: str, lines: Sequence[tuple[int, str]], radius: float) -> list[Station]:
-    found: list[Station] = []
-    place: dict[str, float] = {}
+    stations: list[Station] = []
+    position: dict[str, float] = {}
     for number, line in lines[4:]:
-        if match := _POSITION.fullmatch(line):
-            place = position_of(match[1], match[2])
-        elif match := _STATION.match(line):
+        if match := _R80_POSITION.fullmatch(line):
+            position = position_of(match[1], match[2])
+        elif match := _R80_STATION.match(line):
             noted = {
                 "chainage_m": finite(match[1]),
                 "air_temperature_c": temperature_of(match[2]),
                 "surface_temperature_c": temperature_of(match[3]),
             }
-            found.append(Station(f"chainage {float(match[1]):g}", place, noted))
-            place = {}
-        elif found and _ROW.fullmatch(line):
-            pressure, *moved = [
-                number_of(one, "a number", f"{file}, line {number}") for one in _VALUE.findall(line)
+            stations.append(Station(f"chainage {float(match[1]):g}", position, noted))
+            position = {}
+        elif stations and _R80_VALUES.fullmatch(line):
+            pressure, *deflections = [
+                number_of(text, "a number", f"{file}, line {number}")
+                for text in _R80_VALUE.findall(line)
             ]
             load = force_of(1e3 * pressure, radius)
-            found[-1].drops.append((load, tuple(1e-6 * one for one in moved), number))
-        elif found and line[:1].isdigit() and "." in line and found[-1].drops:
+            stations[-1].drops.append((load, tuple(1e-6 * each for each in deflections), number))
+        elif stations and line[:1].isdigit() and "." in line and stations[-1].drops:
             expected = "a drop: pressure and deflections with two decimals"
             raise TraceError(refusal(f"{file}, line {number}", expected, quote(line.strip()[:60])))
-    return found
+    return stations
 
 
 def _placed(
     stations: Sequence[Station], offsets: list[float], count: int, where: str
 ) -> list[float]:
-    """Positions of all columns, NaN where the head has none: the largest deflection is at 0.
+    """Return the offsets of all columns, NaN where the head has none.
+
+    The largest deflection is in the centre.
 
     Raises
     ------
     TraceError
         If no sensor of the head is in the centre, or the largest is not in one column.
     """
-    rows = [[one or 0.0 for one in moved] for station in stations for _, moved, _ in station.drops]
+    rows = [
+        [deflection or 0.0 for deflection in deflections]
+        for station in stations
+        for _, deflections, _ in station.drops
+    ]
     peaks = [row.index(max(row)) for row in rows]
     centre = max(set(peaks), key=peaks.count)
     first = centre - offsets.index(0.0) if 0.0 in offsets else -1
     if first < 0 or first + len(offsets) > count or peaks.count(centre) < 0.9 * len(peaks):
         expected = f"{len(offsets)} deflections, as the head has positions"
-        raise TraceError(refusal(where, expected, f"{count}", f"declare {OFFSETS}"))
-    found = [float("nan")] * count
-    found[first : first + len(offsets)] = offsets
-    return found
-
-
-def _declared(value: object, count: int, where: str) -> list[float]:
-    numbers = value if isinstance(value, list) else []
-    plain = [float(one) for one in numbers if isinstance(one, int | float)]
-    if len(plain) != count or len(numbers) != count:
-        expected = f"{OFFSETS}: {count} distances in m, one a column, nan to leave one out"
-        raise TraceError(refusal(where, expected, quote(value)))
-    return plain
+        raise TraceError(refusal(where, expected, f"{count}", f"declare {OFFSETS_KEY}"))
+    positions = [float("nan")] * count
+    positions[first : first + len(offsets)] = offsets
+    return positions

@@ -1,6 +1,6 @@
-"""Dynatest's ``.F25``: peaks of an FWD as text.
+"""Reader of Dynatest's ``.F25``: peaks of an FWD as text.
 
-A line is a number that says what it is, then fields between commas. ``5002`` has the units
+A line has a number for its kind, then fields between commas. ``5002`` has the units
 (``"25SI"``), ``5011`` the date, ``5020`` the radius of the plate and the positions of the sensors
 (mm; ``N0``: none), ``5030`` to ``5032`` operator, road and section, ``5280`` a position, ``5301``
 to ``5303`` station, comment and temperatures (asphalt, surface, air). A line whose number is less
@@ -30,7 +30,6 @@ from pfwd.files.foreign.common import (
     temperature_of,
 )
 from pfwd.files.foreign.peaks_text import (
-    PLATES,
     Station,
     force_of,
     lines_of,
@@ -38,26 +37,27 @@ from pfwd.files.foreign.peaks_text import (
     number_of,
     plate_radius,
     points_of_stations,
+    require_plate_radius,
 )
 from pfwd.files.foreign.units import celsius
 from pfwd.files.header import RADIUS
 from pfwd.files.traces import TracePoint
 
-NONE = "N0"
-"""What stands where nothing was measured."""
+MISSING_FIELD = "N0"
+"""Field without a measurement."""
 
 _CELL = re.compile(r'((?:"[^"]*"|[^",]|"(?=[^"]*$))*),')
 
-DROPS_BELOW = 5000
-"""Numbers of lines from here on are no drops."""
+FIRST_HEADER_CODE = 5000
+"""Smallest number of a line that is no drop."""
 
 _LEADING_DIGITS = re.compile(r"\s*[1-9]\d{0,2}")
 _THREE_DIGITS = re.compile(r"\d{3}(\.\d*)?\s*")
-"""Two neighbouring fields that are one number, written with a comma between the thousands."""
+"""Two neighbouring fields can be one number with a comma between the thousands."""
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
-    """The test points of a file, one a station.
+    """Read the test points of a file, one for each station.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
     Raises
     ------
     TraceError
-        If it is another file, its units are not SI, or a line is no drop.
+        If the format is another one, the units are not SI, or a line is no drop.
     """
     reader = _Reader(file, request)
     for number, line in lines_of(file):
@@ -78,22 +78,22 @@ def read(file: str, request: Request) -> list[TracePoint]:
 
 @dataclass(frozen=True, slots=True)
 class _DropLine:
-    """A line with a drop."""
+    """Line with a drop."""
 
     station: Station
     line: int
     load: float
     """N"""
     deflections: dict[int, float]
-    """By index of the sensor's position, m."""
+    """Deflections by index of the sensor's position, m."""
     fields: int
     """Number of deflection columns."""
     too_short: bool
-    """Whether the line has fewer columns than line 5020 has positions."""
+    """True if the line has fewer columns than line 5020 has positions."""
 
 
 class _Reader:
-    """Collects stations; what stands before a drop belongs to it."""
+    """Parser of the lines; header lines apply to the drops after them."""
 
     def __init__(self, file: str, request: Request) -> None:
         self._file = file
@@ -106,9 +106,9 @@ class _Reader:
         self._radius: float | None = None
         self._radii: list[float] = []
         self._stations: list[Station] = []
-        self._place: dict[str, float] = {}
-        self._strange: list[int] = []
-        """Lines that do not say what they are."""
+        self._position: dict[str, float] = {}
+        self._unreadable_lines: list[int] = []
+        """Lines without a number for their kind."""
         self._drops: list[_DropLine] = []
         self._remarks: dict[str, list[dict[str, Value]]] = {}
         """Remarks on drop lines by kind."""
@@ -121,68 +121,68 @@ class _Reader:
         self._last_line = line
         kind = finite(cells[0])
         if kind is None:
-            self._strange.append(line)
-        elif kind < DROPS_BELOW:
-            self._drop(fields, line, where)
+            self._unreadable_lines.append(line)
+        elif kind < FIRST_HEADER_CODE:
+            self._add_drop(fields, line, where)
         elif kind == 5001:
             self._common["device"] = _text(cells, 6)
         elif kind == 5002 and "SI" not in (cells[1] if len(cells) > 1 else ""):
             raise TraceError(refusal(where, "units SI (25SI)", quote(",".join(cells[1:2]))))
         elif kind == 5020:
-            self._plate(cells, where)
+            self._read_plate(cells, where)
         elif kind == 5030:
             self._common["operator"] = _text(cells, 1)
         elif kind == 5031:
             self._common["site"] = _text(cells, 1)
         elif kind == 5280:
-            self._position(cells)
+            self._read_position(cells)
         elif kind == 5301:
-            self._station(cells)
+            self._add_station(cells)
         elif kind == 5302 and self._stations:
             self._stations[-1].noted["comment"] = _text(cells, 9)
         elif kind == 5303 and self._stations:
-            self._temperatures(cells)
+            self._read_temperatures(cells)
 
-    def _plate(self, cells: Sequence[str], where: str) -> None:
-        said = number_of(cells[1] if len(cells) > 1 else "", "the radius of the plate, mm", where)
-        self._radius = plate_radius(self._request, said / 1e3)
+    def _read_plate(self, cells: Sequence[str], where: str) -> None:
+        recorded = number_of(
+            cells[1] if len(cells) > 1 else "", "the radius of the plate, mm", where
+        )
+        self._radius = plate_radius(self._request, recorded / 1e3)
         self._columns = []
         for cell in _without_empty_end(cells[2:]):
             column = None
-            if cell not in (NONE, ""):
+            if cell not in (MISSING_FIELD, ""):
                 offset = number_of(cell, "the position of a sensor, mm", where) / 1e3
                 column = self._sensor_index(offset)
             self._columns.append(column)
-        if self._radius is None or not PLATES[0] <= self._radius <= PLATES[1]:
-            expected = "a plate radius of 20 to 1000 mm"
-            raise TraceError(refusal(where, expected, quote(cells[1]), "declare plate_radius_m"))
+        self._radius = require_plate_radius(self._radius, where)
         if self._radius not in self._radii:
             self._radii.append(self._radius)
 
     def _sensor_index(self, offset: float) -> int:
-        """Index of a position; two sensors of one line 5020 at one place have two."""
-        for index, known in enumerate(self._offsets):
-            if known == offset and index not in self._columns:
+        """Return the index of a position; two equal ones of one line 5020 have two."""
+        for index, position in enumerate(self._offsets):
+            if position == offset and index not in self._columns:
                 return index
         self._offsets.append(offset)
         return len(self._offsets) - 1
 
-    def _position(self, cells: Sequence[str]) -> None:
-        # A cause of failure that is not 0: no fix.
+    def _read_position(self, cells: Sequence[str]) -> None:
+        # An error code other than 0: no fix.
         failed = len(cells) < 6 or finite(cells[1]) != 0
-        self._place = {} if failed else position_of(cells[3], cells[4])
+        self._position = {} if failed else position_of(cells[3], cells[4])
 
-    def _station(self, cells: Sequence[str]) -> None:
+    def _add_station(self, cells: Sequence[str]) -> None:
         station = _text(cells, 5) or "?"
         moment = local_moment(*(finite(cell) for cell in cells[9:14]))
-        # Kilometres in one program, metres in another: it is kept as it was written.
+        # Kilometres in one program, metres in another: stored as it is.
         noted: dict[str, object] = {"station": station, "time_local": moment}
         noted["lane"] = _text(cells, 7)
-        found = Station(f"station {station}", dict(self._place), noted)
-        self._place = {}
-        self._stations.append(found)
+        new_station = Station(f"station {station}", dict(self._position), noted)
+        self._position = {}
+        self._stations.append(new_station)
 
-    def _temperatures(self, cells: Sequence[str]) -> None:
+    def _read_temperatures(self, cells: Sequence[str]) -> None:
         noted = self._stations[-1].noted
         in_celsius = len(cells) > 1 and cells[1] == "0"
         names = ("asphalt_temperature_c", "surface_temperature_c", "air_temperature_c")
@@ -191,54 +191,55 @@ class _Reader:
             if value is not None:
                 noted[name] = temperature_of(value if in_celsius else celsius(value))
 
-    def _drop(self, fields: Sequence[str], line: int, where: str) -> None:
+    def _add_drop(self, fields: Sequence[str], line: int, where: str) -> None:
         cells = [field.strip() for field in fields]
         sensors = sum(column is not None for column in self._columns)
         if not self._stations or self._radius is None or not sensors:
             expected = "lines 5020 and 5301 before the first drop"
             raise TraceError(refusal(where, expected, quote(",".join(cells[:3]))))
         station = self._stations[-1]
-        radius = station.known.setdefault(RADIUS, self._radius)
+        radius = station.declared.setdefault(RADIUS, self._radius)
         if radius != self._radius:
             expected = f"one plate at a station, of radius {1e3 * radius:g} mm"
             raise TraceError(refusal(where, expected, f"{1e3 * self._radius:g} mm"))
         width = len(self._columns)
-        # A row may end with fields for sensors that there are not.
+        # A row may end with fields for sensors that do not exist.
         surplus = len(_without_empty_end(cells[2:])) - width
         joined = _with_joined_thousands(fields, surplus)
         if joined is not None and self._largest_is_at_plate(joined[2:]):
-            self._remark("thousands-joined", line)
+            self._add_remark("thousands-joined", line)
             cells, surplus = joined, 0
         values = cells[2:]
         deflections = {
             index: 1e-6 * number_of(cell, "a deflection, um", where)
             for index, cell in zip(self._columns, values, strict=False)
-            if index is not None and cell not in (NONE, "")
+            if index is not None and cell not in (MISSING_FIELD, "")
         }
         pressure = number_of(cells[1] if len(cells) > 1 else "", "the pressure, kPa", where)
         without_position = [
             number
             for number, cell in enumerate(values)
-            if cell not in (NONE, "") and (number >= width or self._columns[number] is None)
+            if cell not in (MISSING_FIELD, "")
+            and (number >= width or self._columns[number] is None)
         ]
         counts = {"deflections": len(_without_empty_end(values)), "positions": sensors}
         if without_position and not self._largest_is_at_plate(values):
-            self._remark("drop-columns-suspect", line, **counts)
+            self._add_remark("drop-columns-suspect", line, **counts)
             return
         if without_position:
             columns = tuple(str(number + 1) for number in without_position)
-            self._remark("deflections-without-position", line, **counts, columns=columns)
+            self._add_remark("deflections-without-position", line, **counts, columns=columns)
         too_short = len(values) < width
         if too_short:
-            self._remark("deflections-missing", line, **counts)
+            self._add_remark("deflections-missing", line, **counts)
         load = force_of(1e3 * pressure, self._radius)
         self._drops.append(_DropLine(station, line, load, deflections, len(values), too_short))
 
     def _largest_is_at_plate(self, values: Sequence[str]) -> bool:
         """Return whether the largest deflection is at the position nearest to the plate's centre.
 
-        The surface deflects most under the plate; where it does not seem to, the columns of the
-        drop are not those of the positions.
+        The surface deflects most under the plate; otherwise the columns of the drop do not match
+        the positions.
         """
         deflections = [
             (finite(cell), column) for cell, column in zip_longest(values, self._columns)
@@ -252,12 +253,12 @@ class _Reader:
         )
         return largest is not None and largest == nearest
 
-    def _remark(self, code: str, line: int, **values: Value) -> None:
+    def _add_remark(self, code: str, line: int, **values: Value) -> None:
         name = os.path.basename(self._file)
         self._remarks.setdefault(code, []).append({"file": name, "line": line, **values})
 
     def _drop_lines(self) -> list[_DropLine]:
-        """Lines with drops, without a last one that is cut off."""
+        """Return the lines with drops, without a last one that is cut off."""
         if not self._drops:
             return []
         last = self._drops[-1]
@@ -265,11 +266,11 @@ class _Reader:
             return self._drops
         if len(self._drops) > 1 and self._drops[-2].fields <= last.fields:
             return self._drops  # as few sensors as in the drop before
-        self._remark("drop-cut-off", last.line)
+        self._add_remark("drop-cut-off", last.line)
         return self._drops[:-1]
 
     def points(self) -> list[TracePoint]:
-        """All that were found; the first lines 5301 to 5303 are the file's own."""
+        """Return the test points of all stations with drops."""
         if not self._offsets:
             hint = "is it a Dynatest F25 file?"
             raise TraceError(
@@ -278,16 +279,16 @@ class _Reader:
         common = {key: value for key, value in self._common.items() if value}
         name = os.path.basename(self._file)
         for drop in self._drop_lines():
-            moved = tuple(drop.deflections.get(index) for index in range(len(self._offsets)))
-            drop.station.drops.append((drop.load, moved, drop.line))
+            deflections = tuple(drop.deflections.get(index) for index in range(len(self._offsets)))
+            drop.station.drops.append((drop.load, deflections, drop.line))
         if len(self._radii) == 1:
             (radius,) = self._radii
             remarks = [Notice("load-from-pressure", {"file": name, "plate_radius_m": radius})]
         else:
             radii = " or ".join(f"{radius:g}" for radius in self._radii)
             remarks = [Notice("load-from-pressure-on-plates", {"file": name, "radii": radii})]
-        for line in self._strange:
-            self._remark("line-not-read", line)
+        for line in self._unreadable_lines:
+            self._add_remark("line-not-read", line)
         remarks += [
             Notice(code, {**first, "more": len(more)})
             for code, (first, *more) in self._remarks.items()
@@ -298,13 +299,15 @@ class _Reader:
 
 
 def _fields(line: str) -> list[str]:
-    """Fields of a line; a comma between quotation marks separates nothing."""
+    """Split a line into fields; commas between quotation marks do not separate."""
     return [field.replace('"', "") for field in _CELL.findall(line + ",")]
 
 
 def _without_empty_end(cells: Sequence[str]) -> list[str]:
-    """Fields up to the last one that is not empty."""
-    count = max((n for n, cell in enumerate(cells, start=1) if cell not in (NONE, "")), default=0)
+    """Return the fields up to the last one that is not empty."""
+    count = max(
+        (n for n, cell in enumerate(cells, start=1) if cell not in (MISSING_FIELD, "")), default=0
+    )
     return list(cells[:count])
 
 
@@ -314,11 +317,11 @@ def _with_joined_thousands(fields: Sequence[str], surplus: int) -> list[str] | N
     Parameters
     ----------
     fields : sequence of str
-        With the blanks around them: three digits that follow a comma without a blank are the rest
-        of a number where the columns are padded.
+        Fields with the blanks around them: in padded columns three digits that follow a comma
+        without a blank are the rest of a number.
     surplus : int
-        Number of fields that there are too many; None is returned if it is another number of pairs
-        that could be one number.
+        Number of surplus fields. If it is not the number of pairs that could be one number, the
+        result is None.
     """
     joined: list[str] = []
     pairs = 0
@@ -337,4 +340,6 @@ def _with_joined_thousands(fields: Sequence[str], surplus: int) -> list[str] | N
 
 
 def _text(cells: Sequence[str], index: int) -> str | None:
-    return short_text(cells[index]) if len(cells) > index and cells[index] != NONE else None
+    return (
+        short_text(cells[index]) if len(cells) > index and cells[index] != MISSING_FIELD else None
+    )

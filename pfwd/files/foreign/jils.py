@@ -1,11 +1,11 @@
-"""JILS ``.THY``: the time histories of a trailer FWD as text.
+"""Reader of JILS ``.THY``: time histories of a trailer FWD as text.
 
 Lines of ``Name: value`` (``Date-Time``, ``Sensors``, ``Weight/spring``, ``Location``, ``Temp`` in
 degrees Fahrenheit, ``Operator``, ``Comments``), then for each drop its ``Station``, ``Lane`` and
 ``Milepost``, ``Drop # 1 Desired peak force`` in lbf, the names of the columns, ``Impact`` with
-``Number_of_samples``, and so many rows: time in ms, force in kip, displacements in mil, negative
-downward. Layout as seen in public files. Neither the plate nor the distances of the sensors are
-among what is understood of it: they have to be declared.
+``Number_of_samples``, and that many rows: time in ms, force in kip, displacements in mil,
+negative downward. Layout as in public files. Plate and distances of the sensors have to be
+declared: the fields that may hold them are not understood.
 """
 
 import os
@@ -21,53 +21,64 @@ from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.common import (
     Request,
     Values,
-    distinct,
+    distinct_names,
     even_time,
     finite,
     make_drop,
     point_of,
     short_text,
 )
-from pfwd.files.foreign.jils_head import OFFSETS, head_facts, sensor_offsets, station_name
-from pfwd.files.foreign.jils_peaks import PeaksStation, beside, compared, parse
-from pfwd.files.foreign.units import DISPLACEMENT, FORCE, POUND_FORCE, TIME
+from pfwd.files.foreign.jils_peaks import (
+    PeaksStation,
+    compare_peaks,
+    find_peaks_file,
+    head_facts,
+    parse,
+    sensor_offsets,
+    station_name,
+)
+from pfwd.files.foreign.peaks_text import OFFSETS_KEY
+from pfwd.files.foreign.units import DISPLACEMENT_UNITS, FORCE_UNITS, POUND_FORCE_N, TIME_UNITS
 from pfwd.files.traces import MAX_FILE_DROPS, MAX_FILE_NUMBERS, TracePoint
 from pfwd_device import Drop
 
-MOST_SAMPLES = 1_000_000
-LONGEST_LINE = 4096
+MAX_DROP_SAMPLES = 1_000_000
+"""Largest number of samples of a drop."""
 
-_STATION = re.compile(r"\s*Station:\s*(\S*)\s+Lane:\s*(\S*)\s+Milepost:\s*(\S*)")
-_DROP = re.compile(r"\s*Drop\s*#\s*(\d{1,6})\s+Desired peak force:\s*(\S+)")
-_IMPACT = re.compile(r"\s*Impact:\s*(\S+)\s+Number_of_samples:\s*(\d{1,9})\s*$")
-_COLUMNS = re.compile(r"\s*Time\s+Force((?:\s+Disp\d{1,3})+)\s*$")
+MAX_JILS_LINE_CHARACTERS = 4096
+"""Longest line; a file with a longer one is no text."""
+
+_THY_STATION = re.compile(r"\s*Station:\s*(\S*)\s+Lane:\s*(\S*)\s+Milepost:\s*(\S*)")
+_THY_DROP = re.compile(r"\s*Drop\s*#\s*(\d{1,6})\s+Desired peak force:\s*(\S+)")
+_THY_IMPACT = re.compile(r"\s*Impact:\s*(\S+)\s+Number_of_samples:\s*(\d{1,9})\s*$")
+_THY_COLUMNS = re.compile(r"\s*Time\s+Force((?:\s+Disp\d{1,3})+)\s*$")
 _HEADING = re.compile(r"\s*([A-Z][\w/-]*):\s*(.*?)\s*$")
 
 
 @dataclass(slots=True)
 class _Block:
-    """One drop as it stands in the file."""
+    """Drop of the file."""
 
     station: tuple[str, str, str]
-    """Station, lane, milepost."""
+    """Station, lane and milepost."""
     number: int
-    wanted: float | None
-    """lbf."""
+    desired_load: float | None
+    """Desired peak force, lbf."""
     line: int
     """Line of the first row, from 1."""
     width: int
-    """Numbers of a row."""
+    """Number of cells of a row."""
     numbers: "array[float]" = field(default_factory=lambda: array("d"))
-    """Row after row: ms, kip, mil."""
+    """Numbers row by row: ms, kip, mil."""
 
     @property
     def table(self) -> Values:
-        """(rows, columns)."""
+        """Numbers, (rows, columns)."""
         return np.frombuffer(self.numbers).reshape(-1, self.width)
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
-    """The test points of a file, one for each station, lane and milepost.
+    """Read the test points of a file, one for each station, lane and milepost.
 
     Parameters
     ----------
@@ -79,47 +90,46 @@ def read(file: str, request: Request) -> list[TracePoint]:
     Raises
     ------
     TraceError
-        If it is another file, cut off, or the plate is not declared.
+        If the format is another one, the file is cut off, or the plate is not declared.
     """
     with open(file, encoding="latin-1", newline=None) as stream:
         headings, blocks = _parse(_Lines(stream, file))
     if not blocks:
         hint = "is it a JILS time history?"
         raise TraceError(refusal(file, "drops with Impact: and rows of numbers", "none", hint))
-    said = dict(request.said)
-    declared = said.pop(OFFSETS, None)
-    request = Request(said, request.channels, request.column_map)
+    request, declared = request.without(OFFSETS_KEY)
     count = blocks[0].width - 2
     offsets, remarks = sensor_offsets(file, declared and declared.value, count, headings)
-    other, peaks = _peaks_beside(file, remarks)
-    common, about = head_facts(headings, "JILS time history (.THY)")
+    peaks_name, peaks = _read_peaks_file(file, remarks)
+    common, head_noted = head_facts(headings, "JILS time history (.THY)")
     stations: dict[tuple[str, str, str], list[_Block]] = {}
     for block in blocks:
         stations.setdefault(block.station, []).append(block)
-    names = distinct([station_name(station) for station in stations])
-    found = []
-    for name, (station, of_station) in zip(names, stations.items(), strict=True):
-        drops = [_drop(file, number, block, offsets) for number, block in _numbered(of_station)]
-        known, noted = {**common, "point": name}, about | {"milepost": short_text(station[2])}
-        wanted = [block.wanted * POUND_FORCE for block in of_station if block.wanted is not None]
-        noted["desired_peak_force_n"] = wanted or None
-        texts = list(remarks)
-        beside_it = peaks.pop(station, None)
-        if beside_it is not None:
-            known |= beside_it.place
-            noted |= beside_it.noted
-            texts += compared([_block_peaks(block) for block in of_station], beside_it, other)
-        elif other:
-            texts.append(Notice("peaks-file-without-station", {"file": other}))
-        found.append(point_of(file, known, drops, request, noted=noted, remarks=texts))
-    return found
+    names = distinct_names([station_name(station) for station in stations])
+    points = []
+    for name, (station, station_blocks) in zip(names, stations.items(), strict=True):
+        drops = [_drop(file, number, block, offsets) for number, block in _numbered(station_blocks)]
+        values, noted = {**common, "point": name}, head_noted | {"milepost": short_text(station[2])}
+        desired = [block.desired_load for block in station_blocks if block.desired_load is not None]
+        noted["desired_peak_force_n"] = [POUND_FORCE_N * load for load in desired] or None
+        point_remarks = list(remarks)
+        peaks_station = peaks.pop(station, None)
+        if peaks_station is not None:
+            values |= peaks_station.position
+            noted |= peaks_station.noted
+            traced = [_block_peaks(block) for block in station_blocks]
+            point_remarks += compare_peaks(traced, peaks_station, peaks_name)
+        elif peaks_name:
+            point_remarks.append(Notice("peaks-file-without-station", {"file": peaks_name}))
+        points.append(point_of(file, values, drops, request, noted=noted, remarks=point_remarks))
+    return points
 
 
-def _peaks_beside(
+def _read_peaks_file(
     file: str, remarks: list[Notice]
 ) -> tuple[str, dict[tuple[str, str, str], PeaksStation]]:
-    """Name and stations of the .DAT beside a file; a damaged one is a remark."""
-    path = beside(file)
+    """Return name and stations of the .DAT of a file; add a remark if it is damaged."""
+    path = find_peaks_file(file)
     if path is None:
         return "", {}
     name = os.path.basename(path)
@@ -133,14 +143,14 @@ def _peaks_beside(
 
 
 def _block_peaks(block: _Block) -> tuple[float, list[float]]:
-    """Largest load (N) and deflections (m) of a drop, as they stand in the file."""
+    """Return the largest load, N, and deflections, m, of a drop."""
     table = block.table
-    moved = -table[:, 2:].min(axis=0) * DISPLACEMENT["mil"]
-    return float(table[:, 1].max()) * FORCE["kip"], moved.tolist()
+    deflections = -table[:, 2:].min(axis=0) * DISPLACEMENT_UNITS["mil"]
+    return float(table[:, 1].max()) * FORCE_UNITS["kip"], deflections.tolist()
 
 
 class _Lines:
-    """Lines with their numbers; one without end is refused."""
+    """Lines with their numbers; too long ones are refused."""
 
     def __init__(self, stream: Iterator[str], file: str) -> None:
         self._stream = stream
@@ -148,73 +158,73 @@ class _Lines:
         self.number = 0
 
     @property
-    def here(self) -> str:
+    def where(self) -> str:
         return f"{self._file}, line {self.number}"
 
     def next(self) -> str | None:
-        """The next line; None at the end."""
-        text: str = self._stream.readline(LONGEST_LINE)  # type: ignore[attr-defined]
+        """Return the next line; None at the end."""
+        text: str = self._stream.readline(MAX_JILS_LINE_CHARACTERS)  # type: ignore[attr-defined]
         self.number += 1
-        if len(text) == LONGEST_LINE or "\0" in text:
-            raise TraceError(refusal(self.here, "a line of text", "binary data"))
+        if len(text) == MAX_JILS_LINE_CHARACTERS or "\0" in text:
+            raise TraceError(refusal(self.where, "a line of text", "binary data"))
         return text or None
 
 
 def _parse(lines: _Lines) -> tuple[dict[str, str], list[_Block]]:
     headings: dict[str, str] = {}
     blocks: list[_Block] = []
-    station, number, wanted, columns = ("", "", ""), 0, None, 0
+    station, number, desired, columns = ("", "", ""), 0, None, 0
     total = 0
     while (text := lines.next()) is not None:
-        if match := _STATION.match(text):
+        if match := _THY_STATION.match(text):
             station = (match[1], match[2], match[3])
-        elif match := _DROP.match(text):
-            number, wanted = int(match[1]), finite(match[2])
-        elif match := _COLUMNS.match(text):
+        elif match := _THY_DROP.match(text):
+            number, desired = int(match[1]), finite(match[2])
+        elif match := _THY_COLUMNS.match(text):
             columns = len(match[1].split())
-        elif match := _IMPACT.match(text):
+        elif match := _THY_IMPACT.match(text):
             if not columns:
                 expected = "a line Time Force Disp1 ... before the first Impact"
-                raise TraceError(refusal(lines.here, expected, "none"))
-            block = _Block(station, number, wanted, lines.number + 1, columns + 2)
+                raise TraceError(refusal(lines.where, expected, "none"))
+            block = _Block(station, number, desired, lines.number + 1, columns + 2)
             _rows(lines, block, int(match[2]))
             blocks.append(block)
             total += len(block.numbers)
             if total > MAX_FILE_NUMBERS or len(blocks) > MAX_FILE_DROPS:
                 expected = f"at most {MAX_FILE_DROPS} drops and {MAX_FILE_NUMBERS} numbers"
-                raise TraceError(refusal(lines.here, expected, "more"))
+                raise TraceError(refusal(lines.where, expected, "more"))
         elif (match := _HEADING.match(text)) and not blocks:
             headings.setdefault(match[1], match[2])
         elif text.strip() and columns and text.split()[0].lstrip("-").replace(".", "").isdigit():
             expected = "as many rows as Number_of_samples says"
-            raise TraceError(refusal(lines.here, expected, quote(text.strip())))
+            raise TraceError(refusal(lines.where, expected, quote(text.strip())))
     return headings, blocks
 
 
 def _rows(lines: _Lines, block: _Block, samples: int) -> None:
-    if not 0 < samples <= MOST_SAMPLES:
-        raise TraceError(refusal(lines.here, "a number of samples", str(samples)))
+    if not 0 < samples <= MAX_DROP_SAMPLES:
+        raise TraceError(refusal(lines.where, "a number of samples", str(samples)))
     for row in range(samples):
         text = lines.next()
         if text is None:
             hint = "the file was cut off: copy it again"
-            came = f"the end of the file after {row}"
-            raise TraceError(refusal(lines.here, f"{samples} rows", came, hint))
+            actual = f"the end of the file after {row}"
+            raise TraceError(refusal(lines.where, f"{samples} rows", actual, hint))
         cells = text.split()
         numbers = [finite(cell) for cell in cells]
         if len(cells) != block.width or None in numbers:
-            raise TraceError(refusal(lines.here, f"{block.width} numbers", quote(text.strip())))
+            raise TraceError(refusal(lines.where, f"{block.width} numbers", quote(text.strip())))
         block.numbers.extend([number for number in numbers if number is not None])
 
 
 def _numbered(blocks: Sequence[_Block]) -> Iterator[tuple[int, _Block]]:
-    """The drops with the numbers they have, or counted on where a number comes again."""
-    taken: set[int] = set()
+    """Yield the drops with their numbers; a repeated number is replaced by the next free one."""
+    numbers: set[int] = set()
     for block in blocks:
         number = block.number
-        if number < 1 or number in taken:
-            number = max(taken, default=0) + 1
-        taken.add(number)
+        if number < 1 or number in numbers:
+            number = max(numbers, default=0) + 1
+        numbers.add(number)
         yield number, block
 
 
@@ -224,12 +234,12 @@ def _drop(file: str, number: int, block: _Block, offsets: Sequence[float]) -> Dr
     if table.shape[1] != len(offsets) + 2:
         expected = f"{len(offsets)} sensors as in the first drop"
         raise TraceError(refusal(where, expected, str(table.shape[1] - 2)))
-    wanted = [index for index, offset in enumerate(offsets) if not np.isnan(offset)]
+    used = [index for index, offset in enumerate(offsets) if not np.isnan(offset)]
     sensors = []
-    for index in wanted:
+    for index in used:
         # Negative is downward in the file; 0.0 - x, so that nothing becomes -0.
-        values = 0.0 - table[:, 2 + index] * DISPLACEMENT["mil"]
+        values = 0.0 - table[:, 2 + index] * DISPLACEMENT_UNITS["mil"]
         sensors.append((offsets[index], "displacement", values))
-    time = even_time(table[:, 0] * TIME["ms"], where)
-    load = table[:, 1] * FORCE["kip"]
+    time = even_time(table[:, 0] * TIME_UNITS["ms"], where)
+    load = table[:, 1] * FORCE_UNITS["kip"]
     return make_drop(number, time, load, sensors, where)  # type: ignore[arg-type]

@@ -1,16 +1,20 @@
-"""JILS ``.DAT``: peaks of a trailer FWD as text, beside the time histories of its ``.THY``.
+"""Reader of JILS ``.DAT``: peaks of a trailer FWD as text, often beside a ``.THY``.
 
-Lines of ``Name: value`` as in a ``.THY``, then one line a drop: station, lane, milepost, a number
-whose meaning is not known (1), load in kip, deflections in mil downward, surface temperature in
-degrees Fahrenheit. Behind the drops of a station stand ``Drop Sequence Completed Time`` with the
-air temperature, ``GPS`` with a position, and ``Note``. Learned from one file.
+Lines of ``Name: value`` as in a ``.THY``, then one line for each drop: station, lane, milepost, a
+number of unknown meaning (1), load in kip, deflections in mil downward, surface temperature in
+degrees Fahrenheit. After the drops of a station follow ``Drop Sequence Completed Time`` with
+the air temperature, ``GPS`` with a position, and ``Note``. Learned from one file.
+
+Head, names of stations and offsets of sensors are the same for the reader of ``.THY``.
 """
 
 import os
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isnan, nan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,85 +22,86 @@ from inversion.notices import Notice, Value
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.common import (
     Request,
+    distinct_sensors,
     finite,
     position_of,
     short_text,
     temperature_of,
 )
-from pfwd.files.foreign.jils_head import OFFSETS, head_facts, sensor_offsets, station_name
 from pfwd.files.foreign.peaks_text import (
+    OFFSETS_KEY,
     Station,
+    declared_offsets,
     lines_of,
     number_of,
     points_of_stations,
 )
-from pfwd.files.foreign.units import DISPLACEMENT, FORCE, celsius
+from pfwd.files.foreign.units import DISPLACEMENT_UNITS, FORCE_UNITS, celsius
 from pfwd.files.header import LONGEST_REMARK
 from pfwd.files.traces import TracePoint
 
-FEWEST_CELLS = 7
-"""Of the line of a drop: four numbers, load, a deflection and a temperature."""
+MIN_DROP_CELLS = 7
+"""Cells in the line of a drop: four numbers, load, a deflection and a temperature."""
 
 _HEADING = re.compile(r"\s*([A-Z][\w/-]*):\s*(.*?)\s*$")
-_DROP = re.compile(r"\s*[\d+.-]\S{0,15}\s+\S{1,16}\s+-?\d{1,6}\.\d{1,6}\s")
+_DAT_DROP = re.compile(r"\s*[\d+.-]\S{0,15}\s+\S{1,16}\s+-?\d{1,6}\.\d{1,6}\s")
 _GPS = re.compile(
     r"GPS:.*?Latitude\s*=\s*(\d{1,2})\s*deg\s*(\d{1,2}(?:\.\d{1,9})?)\s*([NS])"
     r".*?Longitude\s*=\s*(\d{1,3})\s*deg\s*(\d{1,2}(?:\.\d{1,9})?)\s*([EW])"
 )
 _DILUTION = re.compile(r"[PH]DOP\s*=\s*(\d{1,4}(?:\.\d{1,4})?)")
 _AIR = re.compile(r"Air Temp \(F\):\s*(-?\d{1,4}(?:\.\d{1,4})?)")
-_TIME = re.compile(r"Completed Time:\s*(\d{1,2}:\d{2})")
+_DAT_TIME = re.compile(r"Completed Time:\s*(\d{1,2}:\d{2})")
 
 
 @dataclass(frozen=True, slots=True)
 class PeaksStation:
-    """A station with what the file says of it."""
+    """Station of a ``.DAT``."""
 
     key: tuple[str, str, str]
-    """Station, lane, milepost, as a ``.THY`` writes them too."""
-    place: dict[str, float] = field(default_factory=dict)
+    """Station, lane and milepost, written as in a ``.THY``."""
+    position: dict[str, float] = field(default_factory=dict)
     noted: dict[str, object] = field(default_factory=dict)
     drops: list[tuple[float, tuple[float, ...], int]] = field(default_factory=list)
     """Load (N), deflections (m), line."""
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
-    """The test points of a file, one for each station, lane and milepost.
+    """Read the test points of a file, one for each station, lane and milepost.
 
     Parameters
     ----------
     file : str
     request : Request
-        As for a time history.
+        Declarations as for a time history.
 
     Raises
     ------
     TraceError
-        If it is another file, a line is no drop, or the plate is not declared.
+        If the format is another one, a line is no drop, or the plate is not declared.
     """
     headings, stations = parse(file)
     if not stations:
         hint = "is it a JILS .DAT?"
         raise TraceError(refusal(file, "lines with load and deflections", "none", hint))
-    said = dict(request.said)
-    declared = said.pop(OFFSETS, None)
+    request, declared = request.without(OFFSETS_KEY)
     count = len(stations[0].drops[0][1])
     offsets, remarks = sensor_offsets(file, declared and declared.value, count, headings)
-    common, about = head_facts(headings, "JILS peaks (.DAT)")
-    found = [
+    common, head_noted = head_facts(headings, "JILS peaks (.DAT)")
+    converted = [
         Station(
-            station_name(one.key),
-            dict(one.place),
-            about | one.noted | {"milepost": one.key[2]},
-            [(load, tuple(moved), line) for load, moved, line in one.drops],
+            station_name(station.key),
+            dict(station.position),
+            head_noted | station.noted | {"milepost": station.key[2]},
+            [(load, tuple(deflections), line) for load, deflections, line in station.drops],
         )
-        for one in stations
+        for station in stations
     ]
-    return points_of_stations(file, found, offsets, common, replace(request, said=said), remarks)
+    return points_of_stations(file, converted, offsets, common, request, remarks)
 
 
 def parse(file: str) -> tuple[dict[str, str], list[PeaksStation]]:
-    """What a file says: its headings and stations.
+    """Return the headings and stations of a file.
 
     Raises
     ------
@@ -104,50 +109,52 @@ def parse(file: str) -> tuple[dict[str, str], list[PeaksStation]]:
         If a line is no drop.
     """
     headings: dict[str, str] = {}
-    found: dict[tuple[str, str, str], PeaksStation] = {}
+    by_key: dict[tuple[str, str, str], PeaksStation] = {}
     last: PeaksStation | None = None
     for number, line in lines_of(file):
-        if _DROP.match(line):
-            last = _take_drop(found, line.split(), f"{file}, line {number}", number)
+        if _DAT_DROP.match(line):
+            last = _add_drop(by_key, line.split(), f"{file}, line {number}", number)
         elif last is None:
             if match := _HEADING.match(line):
                 headings.setdefault(match[1], match[2])
         else:
-            _take_facts(last, line)
-    stations = list(found.values())
-    counts = {len(moved) for one in stations for _, moved, _ in one.drops}
+            _add_facts(last, line)
+    stations = list(by_key.values())
+    counts = {len(deflections) for station in stations for _, deflections, _ in station.drops}
     if len(counts) > 1:
         raise TraceError(refusal(file, "one number of sensors", f"{sorted(counts)}"))
     return headings, stations
 
 
-def _take_drop(
-    found: dict[tuple[str, str, str], PeaksStation], cells: list[str], where: str, line: int
+def _add_drop(
+    stations: dict[tuple[str, str, str], PeaksStation], cells: list[str], where: str, line: int
 ) -> PeaksStation:
-    if len(cells) < FEWEST_CELLS:
+    if len(cells) < MIN_DROP_CELLS:
         raise TraceError(refusal(where, "a load and deflections", quote(" ".join(cells))))
     key = (cells[0], cells[1], cells[2])
-    load, *moved = [number_of(cell, "a load and deflections", where) for cell in cells[4:-1]]
-    station = found.setdefault(key, PeaksStation(key))
-    mil = DISPLACEMENT["mil"]
-    station.drops.append((load * FORCE["kip"], tuple(mil * one for one in moved), line))
+    load, *deflections = [number_of(cell, "a load and deflections", where) for cell in cells[4:-1]]
+    station = stations.setdefault(key, PeaksStation(key))
+    mil = DISPLACEMENT_UNITS["mil"]
+    station.drops.append(
+        (load * FORCE_UNITS["kip"], tuple(mil * deflection for deflection in deflections), line)
+    )
     surface = finite(cells[-1])
     if surface is not None:
         station.noted.setdefault("surface_temperature_c", _celsius(surface))
     return station
 
 
-def _take_facts(station: PeaksStation, line: str) -> None:
+def _add_facts(station: PeaksStation, line: str) -> None:
     if match := _GPS.search(line):
         north = int(match[1]) + float(match[2]) / 60
         east = int(match[4]) + float(match[5]) / 60
         sides = (-north if match[3] == "S" else north, -east if match[6] == "W" else east)
-        station.place.update(position_of(*sides))
+        station.position.update(position_of(*sides))
         dilution = _DILUTION.search(line)
         station.noted["position_dop"] = float(dilution[1]) or None if dilution else None
     elif match := _AIR.search(line):
         station.noted["air_temperature_c"] = _celsius(float(match[1]))
-        time = _TIME.search(line)
+        time = _DAT_TIME.search(line)
         station.noted["completed_local"] = time[1] if time else None
     elif line.startswith("Note:"):
         station.noted["note"] = short_text(line.removeprefix("Note:"), LONGEST_REMARK)
@@ -157,34 +164,34 @@ def _celsius(fahrenheit: float) -> float | None:
     return temperature_of(round(celsius(fahrenheit), 2))
 
 
-def beside(file: str) -> str | None:
-    """The ``.DAT`` of a ``.THY`` in the same folder; None when there is none."""
+def find_peaks_file(file: str) -> str | None:
+    """Return the ``.DAT`` of a ``.THY`` in the same folder; None if there is none."""
     path = Path(file)
     for suffix in (".DAT", ".dat", ".Dat"):
-        other = path.with_suffix(suffix)
-        if other.is_file():
-            return os.fspath(other)
+        candidate = path.with_suffix(suffix)
+        if candidate.is_file():
+            return os.fspath(candidate)
     return None
 
 
-LOAD_ROUNDING = 0.006 * FORCE["kip"]
-"""N; a load of the .DAT has two decimals in kip."""
+LOAD_ROUNDING_N = 0.006 * FORCE_UNITS["kip"]
+"""Rounding of a load: two decimals in kip."""
 
-PEAK_ROUNDING = 0.011 * DISPLACEMENT["mil"]
-"""m; a deflection of the .DAT has two decimals in mil."""
+DEFLECTION_ROUNDING_M = 0.011 * DISPLACEMENT_UNITS["mil"]
+"""Rounding of a deflection: two decimals in mil."""
 
 
-def compared(
+def compare_peaks(
     traced: Sequence[tuple[float, Sequence[float]]], station: PeaksStation, name: str
 ) -> list[Notice]:
-    """What the peaks of a .DAT differ in from those of the traces.
+    """Return the differences between the peaks of a .DAT and those of the traces.
 
     Parameters
     ----------
-    traced : sequence of load (N) and deflections (m, NaN: not compared), one a drop
+    traced : sequence of load (N) and deflections (m, NaN: not compared), one for each drop
     station : PeaksStation
     name : str
-        Of the .DAT.
+        Name of the .DAT.
 
     Returns
     -------
@@ -197,26 +204,79 @@ def compared(
             "drops": len(traced),
         }
         return [Notice("peaks-file-drops-differ", counts)]
-    found = []
+    remarks = []
     worst: dict[int, tuple[float, int]] = {}
-    for (load, moved), (said_load, said, line) in zip(traced, station.drops, strict=True):
-        if abs(load - said_load) > LOAD_ROUNDING:
+    for (load, deflections), (file_load, file_deflections, line) in zip(
+        traced, station.drops, strict=True
+    ):
+        if abs(load - file_load) > LOAD_ROUNDING_N:
             values: dict[str, Value] = {
                 "file": name,
                 "line": line,
-                "file_load_n": said_load,
+                "file_load_n": file_load,
                 "load_n": load,
             }
-            found.append(Notice("peaks-file-load-differs", values))
-        for index, (ours, theirs) in enumerate(zip(moved, said, strict=False), start=1):
+            remarks.append(Notice("peaks-file-load-differs", values))
+        for index, (ours, theirs) in enumerate(
+            zip(deflections, file_deflections, strict=False), start=1
+        ):
             off = abs(ours - theirs)
-            if not np.isnan(off) and off > PEAK_ROUNDING and off > worst.get(index, (0.0, 0))[0]:
+            if (
+                not np.isnan(off)
+                and off > DEFLECTION_ROUNDING_M
+                and off > worst.get(index, (0.0, 0))[0]
+            ):
                 worst[index] = (off, line)
-    found += [
+    remarks += [
         Notice(
             "peaks-file-deflection-differs",
             {"file": name, "line": line, "sensor": index, "difference_m": off},
         )
         for index, (off, line) in sorted(worst.items())
     ]
-    return found
+    return remarks
+
+
+def sensor_offsets(
+    file: str, declared: object, count: int, headings: Mapping[str, str]
+) -> tuple[list[float], list[Notice]]:
+    """Return the offset of each sensor, m, NaN: omitted, and remarks on them."""
+    if declared is None:
+        sensors = short_text(headings.get("Sensors")) or "nothing"
+        remark = Notice("positions-not-declared", {"sensors": sensors})
+        return [0.0] + [nan] * (count - 1), [remark] if count > 1 else []
+    offsets = declared_offsets(declared, count, file)
+    with_offset = [index for index, offset in enumerate(offsets) if not isnan(offset)]
+    distinct, remarks = distinct_sensors([offsets[index] for index in with_offset])
+    used = {with_offset[index] for index in distinct}
+    return [offset if index in used else nan for index, offset in enumerate(offsets)], remarks
+
+
+def station_name(station: tuple[str, str, str]) -> str:
+    """Return the name of a point for station, lane and milepost."""
+    place = f"station {station[0] or '?'}"
+    return f"{place} lane {station[1]}" if station[1] else place
+
+
+def first_temperature(text: str) -> float | None:
+    """Return degrees Celsius from the first number of a text (air before surface)."""
+    match = re.match(r"\s*(-?\d{1,4}(?:\.\d{1,4})?)", text)
+    return None if match is None else _celsius(float(match[1]))
+
+
+def head_facts(headings: Mapping[str, str], source: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return values of header keys and other data for all points of a file."""
+    common = {
+        "site": short_text(headings.get("Location")),
+        "operator": short_text(headings.get("Operator")),
+        "source": source,
+        "temperature_c": first_temperature(headings.get("Temp", "")),
+    }
+    noted = {
+        # The file has no time zone, and the order of day and month is uncertain.
+        "date_time": short_text(headings.get("Date-Time")),
+        "sensors": short_text(headings.get("Sensors"), LONGEST_REMARK),
+        "weight_spring": short_text(headings.get("Weight/spring"), LONGEST_REMARK),
+        "comment": short_text(headings.get("Comments"), LONGEST_REMARK),
+    }
+    return common, noted

@@ -1,7 +1,7 @@
-"""A first column map for a delimited text: what its separators, names and units look like.
+"""Draft of a column map for a delimited text, from its separators, names and units.
 
-Nothing is certain here: the draft is shown, asked about, and written as a file that people read and
-correct. A sensor's distance that no name says is a question.
+Nothing in it is certain: the user checks the draft, answers questions about missing values and
+corrects the file. A distance of a sensor that is in no name is such a question.
 """
 
 import csv
@@ -18,15 +18,15 @@ from pfwd_device.drop import Quantity
 
 Role = Literal["time", "load", "sensor", "drop", "none"]
 
-HEAD = 200_000
-"""Bytes that are looked at."""
+DRAFT_BYTES = 200_000
+"""Bytes at the beginning of the text that the draft is based on."""
 
-_DELIMITERS = (";", "\t", ",", "|", None)
-"""Tried in this order; None: runs of blanks."""
+_TRIED_DELIMITERS = (";", "\t", ",", "|", None)
+"""Delimiters in the order of the trials; None: runs of blanks."""
 
-_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
+_NUMBER_CELL = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
 
-_WORDS: tuple[tuple[Role, str], ...] = (
+_ROLE_PATTERNS: tuple[tuple[Role, str], ...] = (
     ("drop", r"\b(drop|blow|shot|stoss|stoß|schlag|chute|coup|锤|次)"),
     ("load", r"(force|load|kraft|last|charge|\bf\b|荷载|力)"),
     ("time", r"(time|zeit|temps|\bt\b|时间)"),
@@ -36,13 +36,13 @@ _WORDS: tuple[tuple[Role, str], ...] = (
         r"\b[sdvw]\d*\b|\bg\d+\b|沉降|位移|速度)",
     ),
 )
-"""Names by which columns are recognised, the surest first."""
+"""Patterns of column names, the most reliable first."""
 
 _UNIT = re.compile(r"[\[(/,]\s*([A-Za-zµμ]+(?:/s)?)\s*[\])]?\s*$|\b([A-Za-zµμ]+(?:/s)?)\s*$")
 _DISTANCE = re.compile(r"@?\s*([+-]?\d+(?:[.,]\d+)?)\s*(mm|cm|m)\b")
-_CENTRE = re.compile(r"(cent(er|re)|mitte|\b[sdvw]0\b|中心)", re.IGNORECASE)
+_CENTRE_NAME = re.compile(r"(cent(er|re)|mitte|\b[sdvw]0\b|中心)", re.IGNORECASE)
 
-_SAME_UNIT = {
+_UNIT_SPELLINGS = {
     "µm": "um",
     "μm": "um",
     "µs": "us",
@@ -60,19 +60,19 @@ _SAME_UNIT = {
 
 @dataclass(frozen=True, slots=True)
 class DraftColumn:
-    """What a column seems to hold."""
+    """Column and its likely meaning."""
 
     position: int
-    """From 1."""
+    """Position from 1."""
     name: str
-    """As the file has it; empty: it has none."""
+    """Name in the file; empty: none."""
     role: Role = "none"
     unit: str | None = None
-    """None: not recognised."""
+    """Unit; None: not recognised."""
     quantity: Quantity = "displacement"
-    """Of a sensor."""
+    """Quantity of a sensor."""
     offset: float | None = None
-    """Of a sensor, m; None: not said."""
+    """Offset of a sensor, m; None: not in its name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,30 +81,30 @@ class MapDraft(TextLayout):
 
     columns: tuple[DraftColumn, ...]
     plate_radius: float | None = None
-    """m; asked for, no text says it."""
+    """Plate radius, m; from the user, as no text has it."""
 
     def with_column(self, column: DraftColumn) -> "MapDraft":
-        """The same with one column said otherwise."""
+        """Return a draft with another description of one column."""
         columns = tuple(column if c.position == column.position else c for c in self.columns)
         return replace(self, columns=columns)
 
     @property
     def missing(self) -> list[str]:
-        """What a map has to say and this one does not know, a few words each."""
+        """Missing entries of the map, a few words each."""
         roles = [column.role for column in self.columns]
-        found = [f"which column is the {role}" for role in ("time", "load") if role not in roles]
+        gaps = [f"which column is the {role}" for role in ("time", "load") if role not in roles]
         if "sensor" not in roles:
-            found.append("which column is a sensor")
+            gaps.append("which column is a sensor")
         for column in self.columns:
             if column.role in ("time", "load", "sensor") and column.unit is None:
-                found.append(f"the unit of {column.name or column.position}")
+                gaps.append(f"the unit of {column.name or column.position}")
             if column.role == "sensor" and column.offset is None:
-                found.append(f"the distance of {column.name or column.position} from the centre")
-        return found
+                gaps.append(f"the distance of {column.name or column.position} from the centre")
+        return gaps
 
 
 def draft_map(file: str | os.PathLike[str]) -> MapDraft:
-    """What a text seems to be.
+    """Return the likely layout of a text.
 
     Raises
     ------
@@ -114,22 +114,22 @@ def draft_map(file: str | os.PathLike[str]) -> MapDraft:
     path = os.fspath(file)
     try:
         with open(path, "rb") as stream:
-            data = stream.read(HEAD)
+            data = stream.read(DRAFT_BYTES)
     except OSError as err:
         raise TraceError(refusal(path, "a readable text", err.strerror or str(err))) from err
     text, encoding = _decoded(data, path)
     lines = text.splitlines()
-    if len(data) == HEAD:
+    if len(data) == DRAFT_BYTES:
         lines = lines[:-1]  # cut off
     best: tuple[int, int, MapDraft] | None = None
-    for delimiter in _DELIMITERS:
+    for delimiter in _TRIED_DELIMITERS:
         for decimal in (".", ","):
             if delimiter == decimal:
                 continue
-            found = _as_table(path, lines, delimiter, decimal, encoding)
-            # Most numbers win: a wrong separator makes few columns, or texts of numbers.
-            if found is not None and (best is None or found[:2] > best[:2]):
-                best = found
+            reading = _as_table(path, lines, delimiter, decimal, encoding)
+            # The most numbers win: a wrong separator gives few columns, or texts.
+            if reading is not None and (best is None or reading[:2] > best[:2]):
+                best = reading
     if best is None:
         hint = "a workbook is saved as CSV first" if data[:2] == b"PK" else ""
         raise TraceError(refusal(path, "rows of two or more numbers", "none", hint))
@@ -145,7 +145,7 @@ def _decoded(data: bytes, path: str) -> tuple[str, str]:
     try:
         return data.decode("utf-8-sig"), "utf-8-sig"
     except UnicodeDecodeError as err:
-        if err.start > len(data) - 4:  # a letter that the end cut
+        if err.start > len(data) - 4:  # a character cut off at the end
             return data.decode("utf-8-sig", "ignore"), "utf-8-sig"
         return data.decode("cp1252", "replace"), "cp1252"
 
@@ -153,14 +153,18 @@ def _decoded(data: bytes, path: str) -> tuple[str, str]:
 def _as_table(
     path: str, lines: Sequence[str], delimiter: str | None, decimal: str, encoding: str
 ) -> tuple[int, int, MapDraft] | None:
-    """How many numbers a reading finds, how many columns, and the draft; None: none."""
+    """Return number of numbers, number of columns and draft of a trial; None: no numbers."""
     rows = [_cells(line, delimiter) for line in lines]
     numeric = [_is_numeric(row, decimal) for row in rows]
-    first = next((i for i, found in enumerate(numeric) if found), None)
+    first = next((i for i, is_number_row in enumerate(numeric) if is_number_row), None)
     if first is None:
         return None
     width = len(rows[first])
-    body = [row for row, found in zip(rows, numeric, strict=True) if found and len(row) == width]
+    body = [
+        row
+        for row, is_number_row in zip(rows, numeric, strict=True)
+        if is_number_row and len(row) == width
+    ]
     above = [i for i in range(first) if any(cell.strip() for cell in rows[i])]
     fitting = [i for i in above if len(rows[i]) == width]
     units_line = len(fitting) > 1 and _are_units(rows[fitting[-1]])
@@ -190,70 +194,77 @@ def _cells(line: str, delimiter: str | None) -> list[str]:
 
 
 def _is_numeric(row: Sequence[str], decimal: str) -> bool:
-    other = "," if decimal == "." else "."
+    grouping_sign = "," if decimal == "." else "."
     cells = [cell for cell in row if cell]
     return len(cells) > 1 and all(
-        _NUMBER.fullmatch(cell) is not None and other not in cell for cell in cells
+        _NUMBER_CELL.fullmatch(cell) is not None and grouping_sign not in cell for cell in cells
     )
 
 
 def _are_units(row: Sequence[str]) -> bool:
-    known = [_unit_of(cell.strip("[]() "), None) for cell in row if cell]
-    return sum(unit is not None for unit in known) >= 2
+    units = [_unit_of(cell.strip("[]() "), None) for cell in row if cell]
+    return sum(unit is not None for unit in units) >= 2
 
 
 def _columns(names: Sequence[str], units: Sequence[str]) -> tuple[DraftColumn, ...]:
-    found: list[DraftColumn] = []
+    columns: list[DraftColumn] = []
     for position, (name, unit) in enumerate(zip(names, units, strict=True), start=1):
-        found.append(_column(position, name.strip(), unit.strip("[]() "), found))
-    return tuple(found)
+        columns.append(_column(position, name.strip(), unit.strip("[]() "), columns))
+    return tuple(columns)
 
 
 def _column(position: int, name: str, unit: str, before: Sequence[DraftColumn]) -> DraftColumn:
-    said = unit
-    if not said:
+    unit_text = unit
+    if not unit_text:
         match = _UNIT.search(name)
-        said = next((part for part in match.groups() if part), "") if match else ""
-    taken = {column.role for column in before}
-    roles = [role for role, words in _WORDS if re.search(words, name, re.IGNORECASE)]
-    role: Role = next((r for r in roles if r == "sensor" or r not in taken), "none")
+        unit_text = next((part for part in match.groups() if part), "") if match else ""
+    assigned = {column.role for column in before}
+    roles = [role for role, words in _ROLE_PATTERNS if re.search(words, name, re.IGNORECASE)]
+    role: Role = next((r for r in roles if r == "sensor" or r not in assigned), "none")
     if role == "none":
-        # A name that says nothing: by its unit.
-        kinds = {"time": "time", "load": "load", "velocity": "sensor", "displacement": "sensor"}
-        by_unit = [kinds[kind] for kind in UNITS if _unit_of(said, kind) is not None]
-        free: list[Role] = [r for r in ("time", "load") if r in by_unit and r not in taken]
+        # An unknown name: the unit decides.
+        roles_by_kind = {
+            "time": "time",
+            "load": "load",
+            "velocity": "sensor",
+            "displacement": "sensor",
+        }
+        by_unit = [roles_by_kind[kind] for kind in UNITS if _unit_of(unit_text, kind) is not None]
+        free: list[Role] = [r for r in ("time", "load") if r in by_unit and r not in assigned]
         role = free[0] if free else "sensor" if "sensor" in by_unit else "none"
     if role not in ("time", "load", "sensor"):
         return DraftColumn(position, name, role)
     if role != "sensor":
-        return DraftColumn(position, name, role, _unit_of(said, role))
-    quantity: Quantity = "velocity" if _unit_of(said, "velocity") is not None else "displacement"
+        return DraftColumn(position, name, role, _unit_of(unit_text, role))
+    quantity: Quantity = (
+        "velocity" if _unit_of(unit_text, "velocity") is not None else "displacement"
+    )
     first = not any(column.role == "sensor" for column in before)
     return DraftColumn(
-        position, name, role, _unit_of(said, quantity), quantity, _offset(name, first=first)
+        position, name, role, _unit_of(unit_text, quantity), quantity, _offset(name, first=first)
     )
 
 
 def _unit_of(text: str, kind: str | None) -> str | None:
-    """The unit that a text names, of a kind or of any."""
-    wanted = _SAME_UNIT.get(text, _SAME_UNIT.get(text.lower(), text))
+    """Return the unit in a text, of one kind or of any."""
+    spelling = _UNIT_SPELLINGS.get(text, _UNIT_SPELLINGS.get(text.lower(), text))
     tables = UNITS.values() if kind is None else (UNITS[kind],)
-    return wanted if any(wanted in table for table in tables) else None
+    return spelling if any(spelling in table for table in tables) else None
 
 
 def _offset(name: str, *, first: bool) -> float | None:
-    """Distance that a name says; the first sensor stands in the centre as a rule."""
-    if _CENTRE.search(name):
+    """Return the distance in a name, m; without one the first sensor is in the centre."""
+    if _CENTRE_NAME.search(name):
         return 0.0
-    found = _DISTANCE.search(name)
-    if found is not None:
-        scale = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}[found[2]]
-        return round(float(found[1].replace(",", ".")) * scale, 6)
+    match = _DISTANCE.search(name)
+    if match is not None:
+        scale = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}[match[2]]
+        return round(float(match[1].replace(",", ".")) * scale, 6)
     return 0.0 if first else None
 
 
 def map_text(draft: MapDraft) -> str:
-    """The draft as the TOML of ``pfwd import --map``; what is not known stands as a comment."""
+    """Return the draft as TOML for ``pfwd import --map``; unknown values are comments."""
     delimiter = {None: "blank", "\t": "tab"}.get(draft.delimiter, draft.delimiter)
     name = os.path.basename(draft.file)
     lines = [f"# What the columns of {_plain(name)} hold: a first draft, to be looked at."]
@@ -267,8 +278,8 @@ def map_text(draft: MapDraft) -> str:
     lines += [toml_line("names", draft.names), toml_line("units_line", draft.units_line)]
     for column in draft.columns:
         if column.role == "none":
-            what = column.name or "no name"
-            lines += ["", f"# column {column.position} ({_plain(what)}) is not used"]
+            title = column.name or "no name"
+            lines += ["", f"# column {column.position} ({_plain(title)}) is not used"]
         else:
             lines += ["", *_column_lines(column)]
     return "\n".join(lines) + "\n"
@@ -297,5 +308,5 @@ def _column_lines(column: DraftColumn) -> list[str]:
 
 
 def _plain(text: str) -> str:
-    """A text that stays a comment of one line."""
+    """Return a text that fits into a comment of one line."""
     return "".join(letter if letter.isprintable() else " " for letter in text)[:80]

@@ -1,8 +1,8 @@
-"""AASHTO's Pavement Deflection Data Exchange (PDDX): peaks as text, sections of ``key = value``.
+"""Reader of AASHTO's Pavement Deflection Data Exchange (PDDX): peaks as ``key = value`` texts.
 
-``[Units]`` says in which units the rest is, ``[Device Configuration]`` the radius of the plate and
-the positions of the sensors, each ``[Test Location N]`` one point with ``DropData_N = load,
-deflections``. Learned from a file that a viewer writes, and from what this program writes itself.
+``[Units]`` has the units of all other sections, ``[Device Configuration]`` the radius of the plate
+and the positions of the sensors, each ``[Test Location N]`` one point with ``DropData_N = load,
+deflections``. Learned from a file that a viewer writes, and from those of this program.
 """
 
 import os
@@ -20,7 +20,7 @@ from pfwd.files.foreign.common import (
     temperature_of,
 )
 from pfwd.files.foreign.peaks_text import (
-    PLATES,
+    PLATE_RADII_M,
     Station,
     force_of,
     lines_of,
@@ -28,34 +28,35 @@ from pfwd.files.foreign.peaks_text import (
     number_of,
     plate_radius,
     points_of_stations,
+    require_plate_radius,
 )
-from pfwd.files.foreign.units import INCH, POUND_FORCE, celsius
+from pfwd.files.foreign.units import INCH_M, POUND_FORCE_N, celsius
 from pfwd.files.traces import TracePoint
 
 BEGIN = b"[Pavement Deflection Data Exchange File]"
-MOST_ENTRIES = 200_000
-"""Keys of a file; a point has some twelve."""
+MAX_ENTRIES = 200_000
+"""Keys of a file; a point has about twelve."""
 
-LENGTHS: Mapping[str, float] = {
+LENGTH_UNITS: Mapping[str, float] = {
     "millimeter": 1e-3,
     "centimeter": 1e-2,
     "meter": 1.0,
     "kilometer": 1e3,
     "micron": 1e-6,
-    "inch": INCH,
-    "mil": 1e-3 * INCH,
-    "foot": 12 * INCH,
-    "feet": 12 * INCH,
+    "inch": INCH_M,
+    "mil": 1e-3 * INCH_M,
+    "foot": 12 * INCH_M,
+    "feet": 12 * INCH_M,
 }
-LOADS: Mapping[str, float] = {
+LOAD_UNITS: Mapping[str, float] = {
     "kilo-newton": 1e3,
     "kilonewton": 1e3,
     "newton": 1.0,
-    "pound-force": POUND_FORCE,
-    "pound": POUND_FORCE,
-    "kip": 1e3 * POUND_FORCE,
+    "pound-force": POUND_FORCE_N,
+    "pound": POUND_FORCE_N,
+    "kip": 1e3 * POUND_FORCE_N,
 }
-TEMPERATURES = {
+PDDX_TEMPERATURE_KEYS = {
     "air": "air_temperature_c",
     "surface": "surface_temperature_c",
     "pavement": "surface_temperature_c",
@@ -66,17 +67,17 @@ TEMPERATURES = {
 _SECTION = re.compile(r"\[([^\]]{1,100})\]\s*")
 _ENTRY = re.compile(r"([A-Za-z]\w{0,99})\s*=\s*(.*?)\s*")
 _LOCATION = re.compile(r"Test Location (\d{1,9})")
-_DROP = re.compile(r"DropData_(\d{1,9})")
-_DATE = re.compile(r"(\d{1,2})-([A-Za-z]{3})-(\d{4})")
-_TIME = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
-_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_PDDX_DROP_KEY = re.compile(r"DropData_(\d{1,9})")
+_PDDX_DATE = re.compile(r"(\d{1,2})-([A-Za-z]{3})-(\d{4})")
+_PDDX_TIME = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
+_PDDX_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 
 Section = dict[str, tuple[str, int]]
-"""Text and line of each key."""
+"""Text and line by key."""
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
-    """The test points of a file.
+    """Read the test points of a file.
 
     Parameters
     ----------
@@ -86,31 +87,31 @@ def read(file: str, request: Request) -> list[TracePoint]:
     Raises
     ------
     TraceError
-        If it is another file, or a unit, the plate or a drop is none.
+        If the format is another one, or a unit, the plate or a drop is invalid.
     """
     return _Reader(file, request, _sections(file)).points()
 
 
 def _sections(file: str) -> dict[str, Section]:
-    found: dict[str, Section] = {}
+    sections: dict[str, Section] = {}
     section: Section = {}
     entries = 0
     for number, line in lines_of(file):
         if match := _SECTION.fullmatch(line):
             name = match[1].strip()
-            if _LOCATION.match(name) and name in found:
+            if _LOCATION.match(name) and name in sections:
                 name = f"{name} in line {number}"  # another point under the same number
-            section = found.setdefault(name, {})
+            section = sections.setdefault(name, {})
         elif match := _ENTRY.fullmatch(line):
             entries += 1
-            if entries > MOST_ENTRIES:
-                raise TraceError(refusal(file, f"at most {MOST_ENTRIES} keys", "more"))
+            if entries > MAX_ENTRIES:
+                raise TraceError(refusal(file, f"at most {MAX_ENTRIES} keys", "more"))
             section.setdefault(match[1], (match[2], number))
-    return found
+    return sections
 
 
 class _Reader:
-    """Takes what is known out of the sections."""
+    """Converter of the sections to test points."""
 
     def __init__(self, file: str, request: Request, sections: Mapping[str, Section]) -> None:
         self._file = file
@@ -124,25 +125,25 @@ class _Reader:
         self._decimal = begin.get("DecimalSymbol", (".", 0))[0] or "."
         self._remarks: list[Notice] = []
         self._viewer = "rincent" in self._get("Device Information", "DeviceDesignationName").lower()
-        """Written by a viewer that has its own way with units."""
+        """True for a viewer that uses units of its own."""
 
     def points(self) -> list[TracePoint]:
-        """All of the file."""
+        """Return all test points of the file."""
         device = "Device Configuration"
-        length = self._unit("SensorLocationUnits", LENGTHS)
-        moved = self._unit("DeflectionUnits", LENGTHS)
+        length = self._unit("SensorLocationUnits", LENGTH_UNITS)
+        deflection_factor = self._unit("DeflectionUnits", LENGTH_UNITS)
         offsets = [length * n for n in self._numbers(device, "DeflectionSensorXAxisDistances")]
         across = self._numbers(device, "DeflectionSensorYAxisDistances", needed=False)
         count = int(next(iter(self._numbers(device, "NumberOfDeflectionSensors")), 0))
         if len(offsets) == count + 1 and offsets[0] == 0 and self._viewer:
-            # The viewer lists the load cell among them.
+            # The viewer lists the load cell as well.
             offsets = offsets[1:]
         if len(offsets) != count or any(across[: count + 1]):
             expected = f"{count} distances along one line in DeflectionSensorXAxisDistances"
             raise TraceError(refusal(self._file, expected, f"{len(offsets)}"))
         radius, per_load = self._plate()
         stations = [
-            self._station(name, section, count, per_load, moved)
+            self._station(name, section, count, per_load, deflection_factor)
             for name, section in self._sections.items()
             if _LOCATION.match(name)
         ]
@@ -161,41 +162,43 @@ class _Reader:
         )
 
     def _plate(self) -> tuple[float, float]:
-        """Radius, m, and newtons of one of the file's loads."""
+        """Return plate radius, m, and newtons in one unit of load."""
         key = "LoadPlateRadius"
         text, line = self._sections.get("Device Configuration", {}).get(key, ("", 0))
         where = f"{self._file}, line {line}" if line else self._file
-        said = number_of(text.replace(self._decimal, "."), f"{key}, a number", where)
-        radius = plate_radius(self._request, said * self._unit("LoadPlateRadiusUnits", LENGTHS))
-        per_load = self._unit("LoadUnits", LOADS)
+        recorded = number_of(text.replace(self._decimal, "."), f"{key}, a number", where)
+        radius = plate_radius(
+            self._request, recorded * self._unit("LoadPlateRadiusUnits", LENGTH_UNITS)
+        )
+        per_load = self._unit("LoadUnits", LOAD_UNITS)
         name = os.path.basename(self._file)
-        if self._viewer and PLATES[0] <= said / 2 <= PLATES[1]:
-            # Metres, and the whole width: no plate has a radius of half a millimetre.
-            radius = plate_radius(self._request, round(said / 2, 6)) or 0.0
+        if self._viewer and PLATE_RADII_M[0] <= recorded / 2 <= PLATE_RADII_M[1]:
+            # A diameter in metres: no plate has a radius of half a millimetre.
+            radius = plate_radius(self._request, round(recorded / 2, 6)) or 0.0
             per_load = force_of(1e3, radius)
-            values: dict[str, Value] = {"file": name, "line": line, "diameter_m": said}
+            values: dict[str, Value] = {"file": name, "line": line, "diameter_m": recorded}
             self._remarks.append(Notice("plate-diameter-taken", values))
-        if radius is None or not PLATES[0] <= radius <= PLATES[1]:
-            came = "none" if radius is None else f"{1e3 * radius:g} mm"
-            hint = "declare plate_radius_m with --header"
-            raise TraceError(refusal(where, "a plate radius of 20 to 1000 mm", came, hint))
-        return radius, per_load
+        return require_plate_radius(radius, where), per_load
 
     def _station(
-        self, name: str, section: Section, count: int, per_load: float, moved: float
+        self, name: str, section: Section, count: int, per_load: float, deflection_factor: float
     ) -> Station:
         title = short_text(_plain(section, "TestComment"))
-        found = Station(title or _LOCATION.sub(r"location \1", name.partition(" in line")[0]))
-        place = self._split(_plain(section, "GPSLocation"))
-        found.known.update(position_of(*place[:2]) if len(place) >= 2 else {})
+        station = Station(title or _LOCATION.sub(r"location \1", name.partition(" in line")[0]))
+        position = self._split(_plain(section, "GPSLocation"))
+        station.declared.update(position_of(*position[:2]) if len(position) >= 2 else {})
         chainage = finite(next(iter(self._split(_plain(section, "TestLocation"))), None))
         if chainage is not None:
             unit = self._get("Units", "TestLocationUnits").split(",")[0].strip().lower()
-            found.noted["chainage_m"] = chainage * (1.0 if self._viewer else LENGTHS.get(unit, 1.0))
-        found.noted.update(self._temperatures(section))
-        found.noted["time_local"] = self._moment(section)
-        found.noted["lane"] = short_text(_plain(section, "TestLane"))
-        drops = [(int(match[1]), key) for key in section if (match := _DROP.fullmatch(key))]
+            station.noted["chainage_m"] = chainage * (
+                1.0 if self._viewer else LENGTH_UNITS.get(unit, 1.0)
+            )
+        station.noted.update(self._temperatures(section))
+        station.noted["time_local"] = self._moment(section)
+        station.noted["lane"] = short_text(_plain(section, "TestLane"))
+        drops = [
+            (int(match[1]), key) for key in section if (match := _PDDX_DROP_KEY.fullmatch(key))
+        ]
         for _, key in sorted(drops):
             text, line = section[key]
             where = f"{self._file}, line {line}"
@@ -204,54 +207,56 @@ class _Reader:
             ]
             if len(peaks) != count:
                 raise TraceError(refusal(where, f"{count} deflections", str(len(peaks))))
-            found.drops.append((per_load * load, tuple(moved * peak for peak in peaks), line))
-        return found
+            station.drops.append(
+                (per_load * load, tuple(deflection_factor * peak for peak in peaks), line)
+            )
+        return station
 
     def _temperatures(self, section: Section) -> dict[str, float | None]:
         use = self._get("Device Configuration", "TemperatureSensorUse").lower()
         names = [name.strip() for name in use.split(self._delimiter)]
         in_celsius = "fahr" not in self._get("Units", "TemperatureUnits").lower()
-        found = {}
+        temperatures = {}
         values = self._split(_plain(section, "TestTemperatures"))
         for name, text in zip(names, values, strict=False):
             value = finite(text)
-            if name in TEMPERATURES and value is not None:
+            if name in PDDX_TEMPERATURE_KEYS and value is not None:
                 value = value if in_celsius else celsius(value)
-                found[TEMPERATURES[name]] = temperature_of(value)
-        return found
+                temperatures[PDDX_TEMPERATURE_KEYS[name]] = temperature_of(value)
+        return temperatures
 
     def _moment(self, section: Section) -> str | None:
-        date = _DATE.match(self._get("Operations Information", "StartDate"))
-        time = _TIME.match(_plain(section, "TestTime"))
-        if date is None or time is None or date[2].lower() not in _MONTHS:
+        date = _PDDX_DATE.match(self._get("Operations Information", "StartDate"))
+        time = _PDDX_TIME.match(_plain(section, "TestTime"))
+        if date is None or time is None or date[2].lower() not in _PDDX_MONTHS:
             return None
-        month = _MONTHS.index(date[2].lower()) + 1
+        month = _PDDX_MONTHS.index(date[2].lower()) + 1
         hours = (int(time[1]), int(time[2]), int(time[3] or 0))
         return local_moment(int(date[3]), month, int(date[1]), *hours)
 
     def _split(self, text: str) -> list[str]:
-        return [one.strip().replace(self._decimal, ".") for one in text.split(self._delimiter)]
+        return [part.strip().replace(self._decimal, ".") for part in text.split(self._delimiter)]
 
     def _get(self, section: str, key: str) -> str:
         return _plain(self._sections.get(section, {}), key)
 
-    def _unit(self, key: str, known: Mapping[str, float]) -> float:
+    def _unit(self, key: str, units: Mapping[str, float]) -> float:
         text, line = self._sections.get("Units", {}).get(key, ("", 0))
-        found = known.get(text.strip().lower().removesuffix("s"), known.get(text.strip().lower()))
-        if found is None:
+        factor = units.get(text.strip().lower().removesuffix("s"), units.get(text.strip().lower()))
+        if factor is None:
             where = f"{self._file}, line {line}" if line else self._file
-            raise TraceError(refusal(where, f"{key}: one of {', '.join(known)}", quote(text)))
-        return found
+            raise TraceError(refusal(where, f"{key}: one of {', '.join(units)}", quote(text)))
+        return factor
 
     def _numbers(self, section: str, key: str, *, needed: bool = True) -> Sequence[float]:
         text, line = self._sections.get(section, {}).get(key, ("", 0))
         if not text and not needed:
             return []
         where = f"{self._file}, line {line}" if line else self._file
-        return [number_of(one, f"{key}, numbers", where) for one in self._split(text)]
+        return [number_of(part, f"{key}, numbers", where) for part in self._split(text)]
 
 
 def _plain(section: Mapping[str, Any], key: str) -> str:
-    """The text of a key; empty when there is none, or what a program writes for none."""
+    """Return the text of a key; empty if there is none or it is ``undefined``."""
     text = str(section.get(key, ("", 0))[0]).strip()
     return "" if text.lower() == "undefined" else text

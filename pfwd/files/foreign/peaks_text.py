@@ -1,20 +1,20 @@
-"""What readers of texts with peaks share: bounded lines, numbers with their place, remarks."""
+"""Shared parts of the readers of texts with peaks: lines, numbers, plates, sensors, points."""
 
 import datetime
 import itertools
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import isnan, pi
+from math import isinf, isnan, pi
 from typing import Any
 
 from inversion.notices import Notice
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.common import (
     Request,
-    distinct,
+    distinct_names,
+    distinct_sensors,
     finite,
-    one_a_place,
     peaks_drop,
     point_of,
 )
@@ -22,46 +22,49 @@ from pfwd.files.header import RADIUS
 from pfwd.files.traces import MAX_FILE_DROPS, MAX_LINE_CHARACTERS, TracePoint
 from pfwd_device import Drop
 
-LARGEST_TEXT = 32_000_000
-"""Bytes of a file with peaks; a line is a drop, and 10,000 drops have 1 MB."""
+MAX_TEXT_BYTES = 32_000_000
+"""Largest file with peaks; a line is a drop, and 10,000 drops take 1 MB."""
 
 PEAKS_REMARK = Notice("peaks-imported")
 
-PLATES = (0.02, 1.0)
-"""m; the smallest plate is that of a light deflectometer for trenches, 0.05 m in radius, and load
-plates end at 0.4 m. What is outside was written in another unit."""
+PLATE_RADII_M = (0.02, 1.0)
+"""Range of plate radii: real ones are 0.05 m, of a light deflectometer for trenches, to 0.4 m. A
+value outside is in another unit."""
+
+OFFSETS_KEY = "sensor_offsets_m"
+"""Key of ``--header``: distances of the sensors, m, in the order of the columns; nan omits one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """A test point as it stands in a file."""
+    """Test point of a file with peaks."""
 
     name: str
-    known: dict[str, Any] = field(default_factory=dict)
-    """Header keys."""
+    declared: dict[str, Any] = field(default_factory=dict)
+    """Values of header keys."""
     noted: dict[str, Any] = field(default_factory=dict)
-    """What else is kept."""
+    """Other data to store."""
     drops: list[tuple[float, tuple[float | None, ...], int]] = field(default_factory=list)
-    """Load (N), deflections (m, one a sensor; None: not measured), and line."""
+    """Load (N), deflections (m, one for each sensor; None: not measured) and line."""
 
 
 def lines_of(file: str) -> Iterator[tuple[int, str]]:
-    """The lines of a text with their numbers from 1.
+    """Yield the lines of a text with their numbers from 1.
 
     Raises
     ------
     TraceError
-        If it is too large, or a line has no end.
+        If the file or a line is too long.
     """
-    if os.path.getsize(file) > LARGEST_TEXT:
-        raise TraceError(refusal(file, f"at most {LARGEST_TEXT // 10**6} MB of peaks", "more"))
+    if os.path.getsize(file) > MAX_TEXT_BYTES:
+        raise TraceError(refusal(file, f"at most {MAX_TEXT_BYTES // 10**6} MB of peaks", "more"))
     with open(file, "rb") as stream:
-        data = stream.read(LARGEST_TEXT + 1)
+        data = stream.read(MAX_TEXT_BYTES + 1)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("cp1252", errors="replace")
-    # What ended a text under DOS.
+    # DOS ended a text with this sign.
     text = text.rstrip("\x1a\0\r\n")
     for number, line in enumerate(text.split("\n"), start=1):
         if len(line) > MAX_LINE_CHARACTERS:
@@ -69,36 +72,69 @@ def lines_of(file: str) -> Iterator[tuple[int, str]]:
         yield number, line.rstrip("\r")
 
 
-def number_of(text: str, what: str, where: str) -> float:
-    """A finite number.
+def number_of(text: str, expected: str, where: str) -> float:
+    """Return a finite number.
 
     Raises
     ------
     TraceError
     """
-    found = None if "_" in text else finite(text.strip())
-    if found is None:
-        raise TraceError(refusal(where, what, quote(text.strip())))
-    return found
+    number = None if "_" in text else finite(text.strip())
+    if number is None:
+        raise TraceError(refusal(where, expected, quote(text.strip())))
+    return number
 
 
-def plate_radius(request: Request, said: float | None) -> float | None:
-    """Radius of the plate, m: as declared, else as the file says."""
-    declared = request.said.get(RADIUS)
+def plate_radius(request: Request, recorded: float | None) -> float | None:
+    """Return the plate radius, m: the declared one, else that of the file."""
+    declared = request.declarations.get(RADIUS)
     value = None if declared is None else finite(declared.value)
-    return said if value is None else value
+    return recorded if value is None else value
+
+
+def require_plate_radius(radius: float | None, where: str) -> float:
+    """Return a plate radius in the range of real plates.
+
+    Raises
+    ------
+    TraceError
+    """
+    if radius is None or not PLATE_RADII_M[0] <= radius <= PLATE_RADII_M[1]:
+        actual = "none" if radius is None else f"{1e3 * radius:g} mm"
+        hint = f"declare {RADIUS} with --header"
+        raise TraceError(refusal(where, "a plate radius of 20 to 1000 mm", actual, hint))
+    return radius
+
+
+def declared_offsets(value: object, count: int, where: str) -> list[float]:
+    """Return the declared distances of `count` sensors, m; NaN: the sensor is omitted.
+
+    Raises
+    ------
+    TraceError
+        If it is no list of as many numbers.
+    """
+    offsets = [
+        float(each)
+        for each in (value if isinstance(value, list) else [])
+        if isinstance(each, int | float) and not isinstance(each, bool) and not isinf(each)
+    ]
+    if not isinstance(value, list) or not len(offsets) == len(value) == count:
+        expected = f"{OFFSETS_KEY}: {count} distances in m, one a column, nan to leave one out"
+        raise TraceError(refusal(where, expected, quote(value)))
+    return offsets
 
 
 def force_of(pressure: float, radius: float) -> float:
-    """Load in N of a mean pressure in Pa under the plate."""
+    """Return the load, N, of a mean pressure, Pa, under a plate of this radius, m."""
     return pressure * pi * radius**2
 
 
 def local_moment(*parts: float | None) -> str | None:
-    """Date and time without a zone, ISO 8601; None when they are none."""
+    """Return date and time without a zone, ISO 8601; None if the parts are no date."""
     try:
-        whole = [int(part) for part in parts if part is not None]
-        return datetime.datetime(*whole).isoformat() if len(whole) == len(parts) else None  # type: ignore[arg-type]
+        numbers = [int(part) for part in parts if part is not None]
+        return datetime.datetime(*numbers).isoformat() if len(numbers) == len(parts) else None  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):
         return None
 
@@ -111,15 +147,15 @@ def points_of_stations(
     request: Request,
     remarks: Sequence[Notice] = (),
 ) -> list[TracePoint]:
-    """Test points with drops of kind peaks.
+    """Return test points whose drops have peaks and no time histories.
 
     Parameters
     ----------
     file : str
     stations : sequence of Station
-        Without drops: left out.
+        Stations without drops are omitted.
     offsets : sequence of float, m
-        NaN: the sensor is left out.
+        NaN: the sensor is omitted.
     common : mapping
         Header keys of all stations.
     request : Request
@@ -128,24 +164,28 @@ def points_of_stations(
     Raises
     ------
     TraceError
-        If there is no drop, or the plate is not known.
+        If there is no drop, or the plate radius is missing.
     """
     stations = [station for station in stations if station.drops]
     if not stations:
         raise TraceError(refusal(file, "drops with a load and deflections", "none"))
     if sum(len(station.drops) for station in stations) > MAX_FILE_DROPS:
         raise TraceError(refusal(file, f"at most {MAX_FILE_DROPS} drops", "more"))
-    placed = [index for index, offset in enumerate(offsets) if not isnan(offset)]
-    taken, left_out = one_a_place([offsets[index] for index in placed])
-    used = [placed[index] for index in taken]
-    found = []
-    names = distinct([station.name for station in stations])
+    with_offset = [index for index, offset in enumerate(offsets) if not isnan(offset)]
+    distinct, sensor_remarks = distinct_sensors([offsets[index] for index in with_offset])
+    used = [with_offset[index] for index in distinct]
+    points = []
+    names = distinct_names([station.name for station in stations])
     for name, station in zip(names, stations, strict=True):
         drops: list[Drop] = []
-        for number, (load, moved, line) in zip(itertools.count(1), station.drops, strict=False):
-            pairs = [(offsets[index], moved[index]) for index in used]
+        for number, (load, deflections, line) in zip(
+            itertools.count(1), station.drops, strict=False
+        ):
+            pairs = [(offsets[index], deflections[index]) for index in used]
             drops.append(peaks_drop(number, load, pairs, f"{file}, line {line}"))
-        known = {**common, **station.known, "point": name}
-        said = (PEAKS_REMARK, *remarks, *left_out)
-        found.append(point_of(file, known, drops, request, noted=station.noted, remarks=said))
-    return found
+        declared = {**common, **station.declared, "point": name}
+        all_remarks = (PEAKS_REMARK, *remarks, *sensor_remarks)
+        points.append(
+            point_of(file, declared, drops, request, noted=station.noted, remarks=all_remarks)
+        )
+    return points

@@ -1,8 +1,8 @@
-"""Which reader a file of another program needs, by its content and by the end of its name.
+"""Formats of other programs' files, recognised by content and by suffix.
 
-A new one is a module with a function ``read(file, request)`` and one entry in ``OWN``; in another
-package, an entry point of the group ``pfwd.import_formats``. Readers are imported when they are
-needed.
+A new one is a module with a function ``read(file, request)`` and one entry in ``FOREIGN_FORMATS``;
+in another package, an entry point of the group ``pfwd.import_formats``. Readers are imported on
+use.
 """
 
 import os
@@ -18,92 +18,103 @@ from pfwd.errors import SurveyError, TraceError, refusal
 from pfwd.files.foreign.common import Request
 from pfwd.files.traces import MAX_FILE_BYTES, TracePoint, is_trace_file
 
-HEAD = 4096
-"""Bytes that a file is recognised by."""
+RECOGNITION_BYTES = 4096
+"""Bytes at the beginning of a file that identify its format."""
 
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A kind of files that another program writes."""
+    """File format of another program."""
 
     name: str
-    """For people."""
+    """Name for messages."""
     suffixes: tuple[str, ...]
-    """Ends of the names, in small letters."""
+    """Suffixes in small letters."""
     read: str | Callable[[str, Request], Sequence[TracePoint]]
-    """Reads the test points of a file; or where that function is, as ``"module:function"``:
-    imported when it is used."""
+    """Function that reads the test points of a file, or its name ``"module:function"``, imported
+    on use."""
     recognises: Callable[[bytes], bool]
-    """Whether the first bytes are those of such a file."""
+    """Function that recognises the format by the first bytes of a file."""
 
     def reader(self) -> Callable[[str, Request], Sequence[TracePoint]]:
-        """The function ``read(file, request)``."""
+        """Return the function ``read(file, request)``."""
         if not isinstance(self.read, str):
             return self.read
         module, _, function = self.read.partition(":")
-        found: Callable[[str, Request], Sequence[TracePoint]]
-        found = getattr(import_module(module), function)
-        return found
+        reader: Callable[[str, Request], Sequence[TracePoint]]
+        reader = getattr(import_module(module), function)
+        return reader
 
 
-_HERE = __name__.rpartition(".")[0]
+_PACKAGE = __name__.rpartition(".")[0]
 
-OWN = (
+FOREIGN_FORMATS = (
     Format(
         "Rincent Minidyn, Maxidyn, Heavydyn",
         (".dynz", ".prjz", ".mpvz"),
-        f"{_HERE}.rincent:read",
+        f"{_PACKAGE}.rincent:read",
         lambda head: head.startswith(b"PK\x03\x04"),
     ),
     Format(
         "JILS time history",
         (".thy",),
-        f"{_HERE}.jils:read",
+        f"{_PACKAGE}.jils:read",
         lambda head: b"Weight/spring:" in head and b"Number_of_samples:" in head,
     ),
     Format(
-        "JILS peaks", (".dat",), f"{_HERE}.jils_peaks:read", lambda head: b"Weight/spring:" in head
+        "JILS peaks",
+        (".dat",),
+        f"{_PACKAGE}.jils_peaks:read",
+        lambda head: b"Weight/spring:" in head,
     ),
     Format(
         "Dynatest F25",
         (".f25",),
-        f"{_HERE}.f25:read",
+        f"{_PACKAGE}.f25:read",
         lambda head: head.startswith(b"5001,"),
     ),
     Format(
         "PDDX",
         (".pdx", ".pddx"),
-        f"{_HERE}.pddx:read",
+        f"{_PACKAGE}.pddx:read",
         lambda head: b"[Pavement Deflection Data Exchange File]" in head,
     ),
-    Format("Sweco .fwd", (), f"{_HERE}.sweco:read", lambda head: b"ROAD SYSTEM" in head),
-    Format("Dynatest .fwd", (".fwd",), f"{_HERE}.dynatest:read", lambda head: head[:3] == b"R80"),
+    Format("Sweco .fwd", (), f"{_PACKAGE}.sweco:read", lambda head: b"ROAD SYSTEM" in head),
+    Format(
+        "Dynatest .fwd", (".fwd",), f"{_PACKAGE}.dynatest:read", lambda head: head[:3] == b"R80"
+    ),
 )
 
-TEXT = Format("delimited text with a column map", (), f"{_HERE}.delimited:read", lambda head: False)
+DELIMITED_TEXT = Format(
+    "delimited text with a column map", (), f"{_PACKAGE}.delimited:read", lambda head: False
+)
 
 
 def find_format(file: str) -> Format | None:
-    """The format of a file; None when it is none of another program, or cannot be read."""
+    """Return the format of a file; None: it is no other program's, or cannot be read."""
     try:
         if not stat.S_ISREG(os.stat(file).st_mode):
             return None  # a pipe may wait for ever
         with open(file, "rb") as stream:
-            head = stream.read(HEAD)
+            head = stream.read(RECOGNITION_BYTES)
     except OSError:
         return None
-    found = _of(OWN, file, head)
-    # What this program writes itself is nobody else's.
-    return found if found is not None or is_trace_file(file) else _of(_others(), file, head)
+    built_in = _select(FOREIGN_FORMATS, file, head)
+    # Trace files of this program are never offered to plug-ins.
+    if built_in is not None or is_trace_file(file):
+        return built_in
+    return _select(_plugin_formats(), file, head)
 
 
 def foreign_suffixes() -> tuple[str, ...]:
-    """Ends of the names of all formats, in small letters."""
-    return tuple(suffix for form in (*OWN, *_others()) for suffix in form.suffixes)
+    """Return the suffixes of all formats, in small letters."""
+    return tuple(
+        suffix for form in (*FOREIGN_FORMATS, *_plugin_formats()) for suffix in form.suffixes
+    )
 
 
-def _of(formats: Iterable[Format], file: str, head: bytes) -> Format | None:
-    """By the content, else by the end of the name."""
+def _select(formats: Iterable[Format], file: str, head: bytes) -> Format | None:
+    """Return the format that fits the content, else the suffix; None: no format does."""
     formats = tuple(formats)
     suffix = Path(file).suffix.lower()
     by_content = (form for form in formats if form.recognises(head))
@@ -112,10 +123,10 @@ def _of(formats: Iterable[Format], file: str, head: bytes) -> Format | None:
 
 
 @cache
-def _others() -> tuple[Format, ...]:
-    """Of other packages; whatever goes wrong in them is an answer."""
-    found = pfwd_plugins.load_all(pfwd_plugins.IMPORT_FORMATS, Format)
-    return tuple(_guarded(name, form) for name, form in found)
+def _plugin_formats() -> tuple[Format, ...]:
+    """Return the formats of other packages; their errors become messages."""
+    formats = pfwd_plugins.load_all(pfwd_plugins.IMPORT_FORMATS, Format)
+    return tuple(_guarded(name, form) for name, form in formats)
 
 
 def _guarded(name: str, form: Format) -> Format:
@@ -125,8 +136,8 @@ def _guarded(name: str, form: Format) -> Format:
         try:
             return bool(form.recognises(head))
         except Exception as err:
-            came = f"an answer to whether a file is one of it, got {type(err).__name__}: {err}"
-            pfwd_plugins.remark(pfwd_plugins.IMPORT_FORMATS, name, came)
+            actual = f"an answer to whether a file is one of it, got {type(err).__name__}: {err}"
+            pfwd_plugins.remark(pfwd_plugins.IMPORT_FORMATS, name, actual)
             return False
 
     def read(file: str, request: Request) -> Sequence[TracePoint]:
@@ -135,19 +146,19 @@ def _guarded(name: str, form: Format) -> Format:
         except (SurveyError, OSError):
             raise
         except Exception as err:
-            came = f"{type(err).__name__}: {err}"
-            raise TraceError(refusal(file, f"a file that {package} reads", came)) from err
+            actual = f"{type(err).__name__}: {err}"
+            raise TraceError(refusal(file, f"a file that {package} reads", actual)) from err
 
     return replace(form, recognises=recognises, read=read)
 
 
 def read_foreign(form: Format, file: str, request: Request) -> list[TracePoint]:
-    """The test points of another program's file.
+    """Read the test points of another program's file.
 
     Raises
     ------
     TraceError
-        If it is refused.
+        If the file is refused.
     """
     try:
         size = os.path.getsize(file)

@@ -1,8 +1,8 @@
-"""Projects of Rincent's Minidyn, Maxidyn and Heavydyn: ``.dynz``, ``.prjz`` and ``.mpvz``.
+"""Reader of projects of Rincent's Minidyn, Maxidyn, Heavydyn: ``.dynz``, ``.prjz``, ``.mpvz``.
 
 All three are zip archives with a database and, for each point, the traces that the program stored.
-A ``.dynz`` has the raw channels of every drop as well. Layout as seen in public files; the maker
-has published none.
+A ``.dynz`` has the raw channels of every drop as well. Layout as in public files; the maker has
+published no description.
 """
 
 import itertools
@@ -20,9 +20,9 @@ from pfwd.files.foreign.common import (
     Channels,
     Request,
     Values,
+    distinct_sensors,
     finite,
     make_drop,
-    one_a_place,
     peaks_drop,
     point_of,
     sampled_time,
@@ -30,8 +30,8 @@ from pfwd.files.foreign.common import (
 )
 from pfwd.files.foreign.peaks_text import PEAKS_REMARK
 from pfwd.files.foreign.rincent_facts import (
-    MASK,
-    RATES,
+    IDENTITY_MASK,
+    SAMPLING_RATES_HZ,
     Facts,
     PointFacts,
     StoredPeaks,
@@ -41,42 +41,43 @@ from pfwd.files.foreign.rincent_stored import Stored, parse_stored
 from pfwd.files.foreign.rincent_xml import (
     RawDrop,
     facts_of,
-    mended,
     raw_drops,
     read_tables,
+    repair_xml,
 )
 from pfwd.files.header import PEAK_DEVIATIONS
 from pfwd.files.traces import TracePoint
 from pfwd_device import Channel, Drop
 from pfwd_device.signals import displacement_of, remove_offset, trace_peaks
 
-JSON, XML, TRACES = "database.json", "database.xml", "rawdata/"
+JSON_NAME, XML_NAME, TRACE_FOLDER = "database.json", "database.xml", "rawdata/"
 
-RATE = "sampling_rate_hz"
-"""Key of ``--header``: sampling rate of the stored traces, Hz; wins over what the file says."""
+RATE_KEY = "sampling_rate_hz"
+"""Key of ``--header``: sampling rate of the stored traces, Hz; overrides that of the file."""
 
-RATE_TOLERANCE = 1e-6
-"""Relative; two places of a file that say the sampling rate say the same one."""
+RELATIVE_RATE_TOLERANCE = 1e-6
+"""Relative difference below which two sampling rates in a file are the same."""
 
-CENTRE = 1e-3
-"""m; a sensor nearer to the plate's centre than this is the centre sensor."""
+CENTRE_TOLERANCE_M = 1e-3
+"""Distance from the plate's centre below which a sensor is the centre sensor."""
 
-PEAK_TOLERANCE = 5e-3
-"""Relative; peaks that the maker's software stored and those of the traces are then the same. It is
-what rounding and the offset at rest come to; software that smooths first is 1 % lower."""
+RELATIVE_PEAK_TOLERANCE = 5e-3
+"""Relative difference below which stored peaks and those of the traces agree. Rounding and the
+offset at rest stay below it; software that smooths first is 1 % lower."""
 
-SMOOTHING_HZ, SMOOTHING_POLES = 320.0, 6
-"""Of the filter of Minidyn's software: with it 45 drops of a rig have its peak loads within 0.01 %
-and its peak deflections within 0.03 %; without, both are up to 1.6 % off."""
+SMOOTHING_HZ, N_SMOOTHING_POLES = 320.0, 6
+"""Cut-off and poles of the filter of Minidyn's software. On 45 drops of a rig the filtered traces
+have its peak loads within 0.01 % and its peak deflections within 0.03 %; unfiltered ones are up to
+1.6 % off."""
 
 STORED_REMARK = Notice("stored-traces")
 
-_DEVIATIONS = {"stored-load-differs", "stored-deflection-differs"}
-"""Codes of remarks on stored peaks that are not those of the traces."""
+_DEVIATION_CODES = {"stored-load-differs", "stored-deflection-differs"}
+"""Codes of remarks on stored peaks that differ from those of the traces."""
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
-    """The test points of a project.
+    """Read the test points of a project.
 
     Parameters
     ----------
@@ -87,14 +88,12 @@ def read(file: str, request: Request) -> list[TracePoint]:
     Raises
     ------
     TraceError
-        If it is refused.
+        If the project is refused.
     """
-    said = dict(request.said)
-    declared = said.pop(RATE, None)
-    request = replace(request, said=said)
+    request, declared = request.without(RATE_KEY)
     rate = None
     if declared is not None:
-        rate = within(declared.value, RATE, *RATES, f"{declared.where}")
+        rate = within(declared.value, RATE_KEY, *SAMPLING_RATES_HZ, f"{declared.where}")
     with Archive(file) as archive:
         project = _Project(archive, rate)
         if request.channels != "stored" and project.drops:
@@ -106,7 +105,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
 
 @dataclass(frozen=True, slots=True)
 class _Source:
-    """What the points of a file are made with."""
+    """Properties that the points of a file share."""
 
     file: str
     facts: Facts
@@ -114,45 +113,45 @@ class _Source:
     channels: Channels
     remarks: tuple[Notice, ...]
     rate: float | None = None
-    """As it was declared, Hz."""
+    """Declared sampling rate, Hz."""
 
 
 class _Project:
-    """An opened project: its databases and where its traces are."""
+    """Opened project: its databases and the names of its traces."""
 
     def __init__(self, archive: Archive, rate: float | None = None) -> None:
         self.archive = archive
         self.rate = rate
-        """As it was declared, Hz."""
+        """Declared sampling rate, Hz."""
         self.remarks: tuple[Notice, ...] = ()
         self.file = archive.file
         names = archive.names
-        self.json = next((n for n in names if n.rpartition("/")[2] == JSON), None)
-        self.xml = next((n for n in names if n.rpartition("/")[2] == XML), None)
-        self.stored = [n for n in names if TRACES in f"/{n}" and not n.endswith("/")]
+        self.json = next((n for n in names if n.rpartition("/")[2] == JSON_NAME), None)
+        self.xml = next((n for n in names if n.rpartition("/")[2] == XML_NAME), None)
+        self.stored = [n for n in names if TRACE_FOLDER in f"/{n}" and not n.endswith("/")]
         self.drops: list[RawDrop] = []
         self.xml_facts: Facts | None = None
         if self.json is None and self.xml is None:
-            expected = f"{JSON} or {XML} in the archive"
-            came = quote(", ".join(names[:3]) or "nothing")
-            raise TraceError(refusal(self.file, expected, came, "is it a Rincent project?"))
+            expected = f"{JSON_NAME} or {XML_NAME} in the archive"
+            actual = quote(", ".join(names[:3]) or "nothing")
+            raise TraceError(refusal(self.file, expected, actual, "is it a Rincent project?"))
         if self.xml is not None:
             where = f"{self.file}, {self.xml}"
-            data, remarks = mended(archive.read(self.xml), _short(where))
+            data, remarks = repair_xml(archive.read(self.xml), _short(where))
             self.remarks = tuple(remarks)
             tables = read_tables(data, where)
             self.drops = raw_drops(tables, where)
             self.xml_facts = facts_of(tables, where)
 
     def facts(self) -> Facts:
-        """Of the JSON database where there is one: it says more."""
+        """Return the facts of the JSON database, which is more complete, else of the XML one."""
         if self.json is not None:
             return read_json(self.archive.read(self.json), f"{self.file}, {self.json}")
         assert self.xml_facts is not None
         return self.xml_facts
 
     def stored_peaks(self) -> Mapping[str, tuple[StoredPeaks, ...]]:
-        """Of each point by its name, what the maker's software found; empty when it is unknown."""
+        """Return the peaks that the maker's software stored, by name of the point; may be empty."""
         if self.json is None:
             return {}
         try:
@@ -162,7 +161,7 @@ class _Project:
 
 
 def _short(where: str) -> str:
-    """Name of file and member, for a remark that is kept."""
+    """Return the names of file and member without the folder, for stored remarks."""
     file, _, member = where.rpartition(", ")
     return f"{os.path.basename(file)}, {member}"
 
@@ -179,28 +178,30 @@ def _raw_points(project: _Project, request: Request) -> list[TracePoint]:
     by_point: dict[str, list[RawDrop]] = defaultdict(list)
     for drop in project.drops:
         by_point[drop.point].append(drop)
-    known = {point.identity: point for point in facts.points}
+    points_by_identity = {point.identity: point for point in facts.points}
     peaks = project.stored_peaks()
     source = _Source(project.file, facts, request, "raw", project.remarks)
     rate = project.rate or facts.rate
-    found = []
-    for identity, raw in by_point.items():
-        point = known.get(identity) or PointFacts(identity, f"point {identity}")
+    points = []
+    for identity, raw_drops_of_point in by_point.items():
+        point = points_by_identity.get(identity) or PointFacts(identity, f"point {identity}")
         drops = []
-        for one in sorted(raw, key=lambda drop: drop.number):
-            where = f"{project.file}, {point.name}, drop {one.number}"
-            time = sampled_time(one.load.size, rate, facts.pre_trigger)
-            quantity = one.quantity or "velocity"
+        for raw_drop in sorted(raw_drops_of_point, key=lambda drop: drop.number):
+            where = f"{project.file}, {point.name}, drop {raw_drop.number}"
+            time = sampled_time(raw_drop.load.size, rate, facts.pre_trigger)
+            quantity = raw_drop.quantity or "velocity"
             drops.append(
-                make_drop(one.number, time, one.load, [(0.0, quantity, one.sensor)], where)
+                make_drop(
+                    raw_drop.number, time, raw_drop.load, [(0.0, quantity, raw_drop.sensor)], where
+                )
             )
         _refuse_twins(drops, f"{project.file}, {point.name}")
         where = f"{_short(f'{project.file}, {project.json}')}"
         stored = peaks.get(point.name, ())
         compared = compare_raw_peaks(drops, stored, where)
         point = _with_deviations(point, peak_deviations(drops, stored))
-        found.append(_point(source, point, drops, *compared))
-    return found
+        points.append(_point(source, point, drops, *compared))
+    return points
 
 
 def _refuse_twins(drops: list[Drop], where: str) -> None:
@@ -214,51 +215,59 @@ def _stored_points(project: _Project, request: Request, *remarks: Notice) -> lis
     if not project.stored:
         if request.channels == "stored" and project.drops:
             hint = "leave --channels stored out"
-            raise TraceError(refusal(project.file, f"traces in {TRACES}", "none", hint))
+            raise TraceError(refusal(project.file, f"traces in {TRACE_FOLDER}", "none", hint))
         source = _Source(project.file, facts, request, "stored", facts.remarks)
-        found = [one for point in facts.points for one in _peaks_point(source, point)]
-        if not found:
-            expected = f"traces in {TRACES}, or peaks of load and deflection in the database"
+        points = [
+            point_of_peaks
+            for point in facts.points
+            for point_of_peaks in _peaks_point(source, point)
+        ]
+        if not points:
+            expected = f"traces in {TRACE_FOLDER}, or peaks of load and deflection in the database"
             raise TraceError(refusal(project.file, expected, "none"))
-        return found
-    said = (*remarks, *project.remarks, *facts.remarks, STORED_REMARK)
-    source = _Source(project.file, facts, request, "stored", said, project.rate)
+        return points
+    all_remarks = (*remarks, *project.remarks, *facts.remarks, STORED_REMARK)
+    source = _Source(project.file, facts, request, "stored", all_remarks, project.rate)
     traces: dict[str, Stored] = {}
     order = {name: place for place, name in enumerate(project.stored)}
     for name in project.stored:
         traces[name] = parse_stored(project.archive.read(name), f"{project.file}, {name}")
-    found, left = [], dict(traces)
-    named: dict[int, deque[str]] = defaultdict(deque)
+    points, unassigned = [], dict(traces)
+    members_by_number: dict[int, deque[str]] = defaultdict(deque)
     for name in traces:
         for number in _numbers_of(name, traces[name]):
-            named[number].append(name)
+            members_by_number[number].append(name)
     for point in facts.points:
-        # The first one in the archive that nobody has taken.
-        waiting = [named[number] for number in point.numbers if number in named]
-        for names in waiting:
-            while names and names[0] not in left:
+        # The first one in the archive without a point.
+        candidates = [
+            members_by_number[number] for number in point.numbers if number in members_by_number
+        ]
+        for names in candidates:
+            while names and names[0] not in unassigned:
                 names.popleft()
-        match = min((names[0] for names in waiting if names), key=order.__getitem__, default=None)
+        match = min(
+            (names[0] for names in candidates if names), key=order.__getitem__, default=None
+        )
         if match is not None:
-            found.append(_stored_point(source, point, left.pop(match), match))
+            points.append(_stored_point(source, point, unassigned.pop(match), match))
         else:
-            found += _peaks_point(source, point)
-    taken = {point.name for point in facts.points}
-    free = (name for n in itertools.count(1) if (name := f"point {n}") not in taken)
-    for (member, stored), name in zip(left.items(), free, strict=False):
+            points += _peaks_point(source, point)
+    names_used = {point.name for point in facts.points}
+    free_names = (name for n in itertools.count(1) if (name := f"point {n}") not in names_used)
+    for (member, stored), name in zip(unassigned.items(), free_names, strict=False):
         remark = Notice("traces-without-point", {"file": _short(f"{project.file}, {member}")})
-        alone = replace(source, remarks=(*source.remarks, remark))
-        found.append(_stored_point(alone, PointFacts("", name), stored, member))
-    return found
+        single = replace(source, remarks=(*source.remarks, remark))
+        points.append(_stored_point(single, PointFacts("", name), stored, member))
+    return points
 
 
 def _numbers_of(member: str, stored: Stored) -> set[int]:
-    """What identifies the point of traces: the name of the member, and the identity within."""
+    """Return the identities of traces: by the name of the member, and in its content."""
     try:
-        of_name = int(member.rpartition("/")[2].partition(".")[0], 16) & MASK
+        name_identity = int(member.rpartition("/")[2].partition(".")[0], 16) & IDENTITY_MASK
     except ValueError:
-        of_name = stored.identity & MASK
-    return {of_name, stored.identity & MASK}
+        name_identity = stored.identity & IDENTITY_MASK
+    return {name_identity, stored.identity & IDENTITY_MASK}
 
 
 def _stored_point(source: _Source, point: PointFacts, stored: Stored, member: str) -> TracePoint:
@@ -270,14 +279,14 @@ def _stored_point(source: _Source, point: PointFacts, stored: Stored, member: st
     if len(offsets) != channels:
         expected = f"{len(offsets)} displacements, as the database lists sensors"
         raise TraceError(refusal(where, expected, str(channels)))
-    used, left_out = one_a_place(offsets)
-    remarks += left_out
+    used, sensor_remarks = distinct_sensors(offsets)
+    remarks += sensor_remarks
     drops = []
-    for number, one in enumerate(stored.drops, start=1):
-        time = sampled_time(one.load.size, rate, facts.pre_trigger)
-        sensors = [(offsets[i], "displacement", one.displacement[i]) for i in used]
+    for number, stored_drop in enumerate(stored.drops, start=1):
+        time = sampled_time(stored_drop.load.size, rate, facts.pre_trigger)
+        sensors = [(offsets[i], "displacement", stored_drop.displacement[i]) for i in used]
         drops.append(
-            make_drop(number, time, one.load, sensors, f"{where}, drop {number}")  # type: ignore[arg-type]
+            make_drop(number, time, stored_drop.load, sensors, f"{where}, drop {number}")  # type: ignore[arg-type]
         )
     remarks += compare_peaks(drops, point.peaks, _short(facts.where), "stored_traces")
     point = _with_deviations(point, peak_deviations(drops, point.peaks))
@@ -285,56 +294,56 @@ def _stored_point(source: _Source, point: PointFacts, stored: Stored, member: st
 
 
 def _peaks_point(source: _Source, point: PointFacts) -> list[TracePoint]:
-    """A point of which the project has no traces; none when it has no peaks either."""
+    """Return a point without traces in the project; an empty list if it has no peaks either."""
     where = f"{source.facts.where}, {point.name}"
     remarks, drops = [PEAKS_REMARK], []
-    for number, one in enumerate(point.peaks, start=1):
-        if one.load is None or not one.deflections:
+    for number, peaks in enumerate(point.peaks, start=1):
+        if peaks.load is None or not peaks.deflections:
             remarks.append(Notice("drop-without-peaks", {"file": _short(where), "drop": number}))
             continue
         offsets = source.facts.offsets or point.labels or (0.0,)
-        if len(offsets) != len(one.deflections):
+        if len(offsets) != len(peaks.deflections):
             expected = f"{len(offsets)} deflections, as the database lists sensors"
-            raise TraceError(refusal(where, expected, str(len(one.deflections))))
-        used, left_out = one_a_place(offsets)
-        remarks += left_out
-        pairs = [(offsets[i], one.deflections[i]) for i in used]
-        drops.append(peaks_drop(number, one.load, pairs, f"{where}, drop {number}"))
+            raise TraceError(refusal(where, expected, str(len(peaks.deflections))))
+        used, sensor_remarks = distinct_sensors(offsets)
+        remarks += sensor_remarks
+        pairs = [(offsets[i], peaks.deflections[i]) for i in used]
+        drops.append(peaks_drop(number, peaks.load, pairs, f"{where}, drop {number}"))
     if not drops:
         return []
-    durations = [one.duration for one in point.peaks if one.duration is not None]
-    said = tuple(one for one in source.remarks if one != STORED_REMARK)
-    source = replace(source, remarks=said)
+    durations = [peaks.duration for peaks in point.peaks if peaks.duration is not None]
+    source_remarks = tuple(peaks for peaks in source.remarks if peaks != STORED_REMARK)
+    source = replace(source, remarks=source_remarks)
     point = replace(point, noted={**point.noted, "pulse_durations_s": durations or None})
     return [_point(source, point, drops, *remarks)]
 
 
 def _rate_remarks(source: _Source, stored: Stored, where: str) -> list[Notice]:
-    """Where database and traces do not say the same rate; who sampled wrote the traces."""
+    """Return remarks on the rate if database and traces differ; the traces are right."""
     facts, rate = source.facts, stored.rate
-    said, samples = finite(facts.said_rate[0]), stored.drops[0].load.size
-    if source.rate is not None or said is None:
+    database_rate, samples = finite(facts.recorded_rate[0]), stored.drops[0].load.size
+    if source.rate is not None or database_rate is None:
         return []
     if rate is None and facts.samples not in (None, samples):
         rate_of_database: dict[str, Value] = {
             "file": _short(where),
             "samples": samples,
             "database_samples": facts.samples,
-            "rate_hz": said,
+            "rate_hz": database_rate,
         }
         return [Notice("rate-of-database", rate_of_database)]
     if rate is None:
         return []
-    if abs(rate - said) <= RATE_TOLERANCE * rate:
+    if abs(rate - database_rate) <= RELATIVE_RATE_TOLERANCE * rate:
         return []
     file, _, database = _short(facts.where).rpartition(", ")
-    # Without the member of the archive, which is another for every point: one remark for all.
+    # Without the member of the archive, which differs between points: one remark for all.
     values: dict[str, Value] = {
         "file": file,
         "rate_hz": rate,
         "samples": samples,
         "database": database,
-        "database_rate_hz": said,
+        "database_rate_hz": database_rate,
     }
     if facts.samples is None:
         return [Notice("rate-of-traces", values)]
@@ -343,39 +352,39 @@ def _rate_remarks(source: _Source, stored: Stored, where: str) -> list[Notice]:
 
 
 def peak_deviations(drops: Sequence[Drop], stored: Sequence[StoredPeaks]) -> Mapping[str, float]:
-    """Return how far load and centre deflection are from the stored peaks, where that is much.
+    """Return large deviations of load and centre deflection from the stored peaks.
 
-    Of the deflection the maximum of the trace that is nearest to the stored value counts, as the
-    maker's software takes a maximum within the pulse.
+    The deflection is the maximum of the trace that is nearest to the stored value, as the maker's
+    software uses a maximum within the pulse.
 
     Parameters
     ----------
     drops : sequence of Drop
     stored : sequence of StoredPeaks
-        In the same order.
+        Peaks in the same order.
 
     Returns
     -------
     mapping of str to float
-        The larger relative difference by the number of the drop, above `PEAK_TOLERANCE`. Of copies
-        of one drop the first is compared, and its difference is that of all.
+        The larger relative difference by number of the drop, if above `RELATIVE_PEAK_TOLERANCE`.
+        Copies of one drop all have the difference of the first.
     """
     if len(drops) != len(stored):
         return {}
-    found = {}
+    deviations_by_drop = {}
     copies = len(drops) > 1 and all(drop.has_samples_of(drops[0]) for drop in drops[1:])
     for drop, peaks in zip(drops, stored, strict=True):
         compared = stored[0] if copies else peaks
         deviations = [abs(trace_peaks(drop).load / compared.load - 1)] if compared.load else []
         if len(compared.deflections) == len(drop.channels):
             for channel, deflection in zip(drop.channels, compared.deflections, strict=True):
-                if deflection > 0 and abs(channel.offset) < CENTRE:
+                if deflection > 0 and abs(channel.offset) < CENTRE_TOLERANCE_M:
                     _, nearest = _maxima(displacement_of(channel, drop.time), deflection)
                     deviations.append(abs(nearest / deflection - 1))
         largest = max(deviations, default=0.0)
-        if largest > PEAK_TOLERANCE:
-            found[str(drop.number)] = round(largest, 6)
-    return found
+        if largest > RELATIVE_PEAK_TOLERANCE:
+            deviations_by_drop[str(drop.number)] = round(largest, 6)
+    return deviations_by_drop
 
 
 def compare_peaks(
@@ -383,23 +392,23 @@ def compare_peaks(
 ) -> list[Notice]:
     """Return the differences between the peaks that the maker's software stored and the traces.
 
-    Its deflection is a maximum within the pulse, not always the largest value of a trace that
-    drifts: a maximum of the trace that is the same is agreement.
+    Its deflection is a maximum within the pulse, not always the largest value of a drifting trace:
+    any equal maximum of the trace is agreement.
 
     Parameters
     ----------
     drops : sequence of Drop
     stored : sequence of StoredPeaks
-        In the same order.
+        Peaks in the same order.
     where : str
-        Where they are stored.
+        File and member with the stored peaks.
     traces : "stored_traces" or "raw_channels"
 
     Returns
     -------
     list of Notice
-        For the number of drops, for drops that are one, for the load, for the deflections;
-        none where all is the same.
+        Remarks on the number of drops, on copies of one drop, on load and deflections; empty if all
+        agree.
     """
     if not stored:
         return []
@@ -407,92 +416,97 @@ def compare_peaks(
     if len(drops) != len(stored):
         counts = {"stored_drops": len(stored), "drops": len(drops)}
         return [Notice("stored-drops-differ", about | counts)]
-    found = []
+    remarks = []
     if len(drops) > 1 and all(drop.has_samples_of(drops[0]) for drop in drops[1:]):
-        found.append(Notice("traces-identical", about | {"drops": len(drops)}))
+        remarks.append(Notice("traces-identical", about | {"drops": len(drops)}))
         drops, stored = drops[:1], stored[:1]
-    loads, moved, rising = [], [], False
-    for drop, one in zip(drops, stored, strict=True):
+    loads, deflection_deviations, rising = [], [], False
+    for drop, recorded in zip(drops, stored, strict=True):
         peaks = trace_peaks(drop)
-        if one.load:
-            loads.append(peaks.load / one.load - 1)
-        if len(one.deflections) != len(drop.channels):
+        if recorded.load:
+            loads.append(peaks.load / recorded.load - 1)
+        if len(recorded.deflections) != len(drop.channels):
             continue
-        for channel, theirs in zip(drop.channels, one.deflections, strict=True):
-            if theirs > 0:
-                largest, nearest = _maxima(displacement_of(channel, drop.time), theirs)
-                same = abs(nearest / theirs - 1) <= PEAK_TOLERANCE
-                moved.append((nearest if same else largest) / theirs - 1)
-                rising = rising or (same and largest > (1 + PEAK_TOLERANCE) * nearest)
-    for code, parts in (("stored-load-differs", loads), ("stored-deflection-differs", moved)):
-        if parts and max(map(abs, parts)) > PEAK_TOLERANCE:
-            ends = (min(parts), max(parts))
-            alike = f"{100 * ends[0]:+.1f}" == f"{100 * ends[1]:+.1f}"
-            found.append(Notice(code, about | {"deviation": ends[0] if alike else ends}))
+        for channel, recorded_deflection in zip(drop.channels, recorded.deflections, strict=True):
+            if recorded_deflection > 0:
+                largest, nearest = _maxima(displacement_of(channel, drop.time), recorded_deflection)
+                agrees = abs(nearest / recorded_deflection - 1) <= RELATIVE_PEAK_TOLERANCE
+                deflection_deviations.append(
+                    (nearest if agrees else largest) / recorded_deflection - 1
+                )
+                rising = rising or (agrees and largest > (1 + RELATIVE_PEAK_TOLERANCE) * nearest)
+    for code, deviations in (
+        ("stored-load-differs", loads),
+        ("stored-deflection-differs", deflection_deviations),
+    ):
+        if deviations and max(map(abs, deviations)) > RELATIVE_PEAK_TOLERANCE:
+            ends = (min(deviations), max(deviations))
+            is_same_value = f"{100 * ends[0]:+.1f}" == f"{100 * ends[1]:+.1f}"
+            remarks.append(Notice(code, about | {"deviation": ends[0] if is_same_value else ends}))
             rising = False
     if rising:
-        found.append(Notice("stored-deflection-earlier", about))
-    return found
+        remarks.append(Notice("stored-deflection-earlier", about))
+    return remarks
 
 
 def compare_raw_peaks(
     drops: Sequence[Drop], stored: Sequence[StoredPeaks], where: str
 ) -> list[Notice]:
-    """As :func:`compare_peaks`, of raw channels: the maker's software smooths them first."""
+    """Compare raw channels as :func:`compare_peaks` does; the maker's software smooths them."""
     as_recorded = compare_peaks(drops, stored, where, "raw_channels")
-    if not _DEVIATIONS & {remark.code for remark in as_recorded}:
+    if not _DEVIATION_CODES & {remark.code for remark in as_recorded}:
         return as_recorded
     smoothed = [smoothed_as_stored(drop) for drop in drops]
     remarks = compare_peaks(smoothed, stored, where, "raw_channels")
-    if _DEVIATIONS & {remark.code for remark in remarks}:
+    if _DEVIATION_CODES & {remark.code for remark in remarks}:
         return as_recorded
     values: dict[str, Value] = {
         "file": where,
         "cutoff_hz": SMOOTHING_HZ,
-        "poles": SMOOTHING_POLES,
-        "tolerance": PEAK_TOLERANCE,
+        "poles": N_SMOOTHING_POLES,
+        "tolerance": RELATIVE_PEAK_TOLERANCE,
     }
     return [*remarks, Notice("stored-peaks-smoothed", values)]
 
 
 def smoothed_as_stored(drop: Drop) -> Drop:
-    """A drop as the maker's software has it before it takes peaks.
+    """Return a drop as the maker's software processes it before it determines peaks.
 
-    The offset at rest goes, then load and sensor through one causal Butterworth filter; a velocity
-    is then integrated. Found from files with raw channels and stored peaks.
+    The offset at rest is removed, load and sensor pass one causal Butterworth filter, a velocity is
+    integrated. Derived from files with raw channels and stored peaks.
     """
     from scipy.signal import butter, lfilter
 
-    numerator, denominator = butter(SMOOTHING_POLES, 2 * SMOOTHING_HZ / drop.sampling_rate)
+    numerator, denominator = butter(N_SMOOTHING_POLES, 2 * SMOOTHING_HZ / drop.sampling_rate)
 
     def smooth(values: Values) -> Values:
-        rested = remove_offset(drop.time, values)
-        return np.asarray(lfilter(numerator, denominator, rested), np.float64)
+        without_offset = remove_offset(drop.time, values)
+        return np.asarray(lfilter(numerator, denominator, without_offset), np.float64)
 
-    def moved(channel: Channel) -> Channel:
+    def displacement(channel: Channel) -> Channel:
         values = smooth(channel.values)
         if channel.quantity == "velocity":
-            # Its offset is gone: what the filter leaves of it is not taken off again.
+            # The offset is removed before the filter and not again after it.
             steps = np.diff(drop.time) * (values[1:] + values[:-1]) / 2
             values = np.concatenate([[0.0], np.cumsum(steps)])
         return Channel(channel.offset, "displacement", values)
 
-    channels = tuple(moved(channel) for channel in drop.channels)
+    channels = tuple(displacement(channel) for channel in drop.channels)
     return Drop(drop.number, drop.time, smooth(drop.load), channels)
 
 
-def _maxima(values: Values, wanted: float) -> tuple[float, float]:
-    """The largest value of a trace, and of it and of its maxima the one nearest to `wanted`, m."""
+def _maxima(values: Values, target: float) -> tuple[float, float]:
+    """Return the largest value of a trace, and the maximum of it nearest to `target`, m."""
     inside = values[1:-1]
     peaks = inside[(inside > values[:-2]) & (inside >= values[2:])]
     largest = float(values.max())
-    # From the rest before the trigger, or from the first sample, which is 0 in these traces.
-    found = [largest, float((values - values[0]).max()), *peaks, *(peaks - values[0])]
-    return largest, float(min(found, key=lambda value: abs(value - wanted)))
+    # Relative to zero, or to the first sample, which is 0 in stored traces.
+    candidates = [largest, float((values - values[0]).max()), *peaks, *(peaks - values[0])]
+    return largest, float(min(candidates, key=lambda value: abs(value - target)))
 
 
 def _with_deviations(point: PointFacts, deviations: Mapping[str, float]) -> PointFacts:
-    """Return the point with the deviations of its peaks among what is kept of its import."""
+    """Return the point with the deviations of its peaks among its other data."""
     if not deviations:
         return point
     return replace(point, noted={**point.noted, PEAK_DEVIATIONS: dict(deviations)})
@@ -500,13 +514,16 @@ def _with_deviations(point: PointFacts, deviations: Mapping[str, float]) -> Poin
 
 def _point(source: _Source, point: PointFacts, drops: list[Drop], *remarks: Notice) -> TracePoint:
     suffix = source.file.rpartition(".")[2].lower()
-    known = {**source.facts.known, **{k: v for k, v in point.known.items() if v is not None}}
-    known["point"] = point.name
-    what = "peaks" if drops[0].only_peaks is not None else f"{source.channels} channels"
-    known["source"] = f"Rincent project (.{suffix}), {what}"
+    declared = {
+        **source.facts.declared,
+        **{k: v for k, v in point.declared.items() if v is not None},
+    }
+    declared["point"] = point.name
+    content = "peaks" if drops[0].only_peaks is not None else f"{source.channels} channels"
+    declared["source"] = f"Rincent project (.{suffix}), {content}"
     return point_of(
         source.file,
-        known,
+        declared,
         drops,
         source.request,
         noted=point.noted,

@@ -1,4 +1,4 @@
-"""What the databases of Rincent's programs say of a project, whichever of them wrote it."""
+"""Facts of a project in the databases of Rincent's programs, the same for all of them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -6,7 +6,7 @@ from typing import Any
 
 from inversion.notices import Notice
 from pfwd.files.foreign.common import (
-    distinct,
+    distinct_names,
     finite,
     moment_of,
     position_of,
@@ -14,92 +14,92 @@ from pfwd.files.foreign.common import (
     within,
 )
 
-RATES = (1.0, 1e7)
-"""Hz; what a sampling rate may be."""
+SAMPLING_RATES_HZ = (1.0, 1e7)
+"""Range of sampling rates."""
 
-PRE_TRIGGERS = (0.0, 60.0)
-"""s; what a pre-trigger may be."""
+PRE_TRIGGERS_S = (0.0, 60.0)
+"""Range of pre-triggers."""
 
-MOST_SEATING = 1000
-"""Seating drops of a point; whoever writes more means something else."""
+MAX_SEATING_DROPS = 1000
+"""Seating drops of a point; a larger number has another meaning."""
 
-MASK = (1 << 64) - 1
-"""Identities are signed 64-bit numbers in one place and unsigned hexadecimal ones in another."""
+IDENTITY_MASK = (1 << 64) - 1
+"""Mask for identities: signed 64-bit numbers in some files, unsigned hexadecimal in others."""
 
 
 @dataclass(frozen=True, slots=True)
 class StoredPeaks:
-    """Peaks of a drop as the database has them."""
+    """Peaks of a drop in the database."""
 
     load: float | None
-    """N."""
+    """Peak load, N."""
     deflections: tuple[float, ...]
-    """m, one a sensor in the order of the database; empty where one is no number."""
+    """Deflections, m, in the order of the sensors in the database; empty if one is no number."""
     duration: float | None = None
-    """Of the load pulse, s."""
+    """Duration of the load pulse, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class PointFacts:
-    """A test point without its traces."""
+    """Test point without its traces."""
 
     identity: str
-    """As it is written in the database."""
+    """Identity as written in the database."""
     name: str
-    known: Mapping[str, Any] = field(default_factory=dict)
-    """Header keys."""
+    declared: Mapping[str, Any] = field(default_factory=dict)
+    """Values of header keys."""
     noted: Mapping[str, Any] = field(default_factory=dict)
-    """What else is kept."""
+    """Other data to store."""
     peaks: tuple[StoredPeaks, ...] = ()
-    """Of its drops, in their order."""
+    """Peaks of its drops, in their order."""
     labels: tuple[float, ...] | None = None
-    """Positions of the sensors as the names of the deflections say, m; None: they say none."""
+    """Offsets of the sensors from the names of the deflections, m; None: not in the names."""
 
     @property
     def numbers(self) -> set[int]:
         """The identity as a number, hexadecimal or decimal: databases have either."""
-        found = set()
+        numbers = set()
         for base in (16, 10):
             try:
-                found.add(int(self.identity, base) & MASK)
+                numbers.add(int(self.identity, base) & IDENTITY_MASK)
             except ValueError:
                 continue
-        return found
+        return numbers
 
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """A project without its traces."""
+    """Project without its traces."""
 
     where: str
     """File and member, for messages."""
-    said_rate: tuple[object, str]
-    """Samples per second, Hz, as it is written, and its name there."""
-    said_pre_trigger: tuple[object, str]
-    """s before the trigger, as it is written, and its name there."""
-    known: Mapping[str, Any]
-    """Header keys of all points; None: not said."""
+    recorded_rate: tuple[object, str]
+    """Sampling rate, Hz, as written in the database, and its name there."""
+    recorded_pre_trigger: tuple[object, str]
+    """Time before the trigger, s, as written in the database, and its name there."""
+    declared: Mapping[str, Any]
+    """Values of header keys of all points; None: not stated."""
     points: tuple[PointFacts, ...]
     offsets: tuple[float, ...] | None = None
-    """Positions of the sensors, m, negative on the other side; None: one in the centre."""
+    """Offsets of the sensors, m, negative on the other side; None: one in the centre."""
     samples: int | None = None
-    """Samples of a trace, as the database has it."""
+    """Samples of a trace according to the database."""
     remarks: tuple[Notice, ...] = ()
-    """What had to be made up for when the database was read."""
+    """Remarks on repairs of the database."""
 
     @property
     def rate(self) -> float:
-        """Samples per second, Hz; raises TraceError when the database says none.
+        """Sampling rate, Hz; raises TraceError if the database has none.
 
-        Asked for only where traces do not say their own: peaks need none.
+        Required only for traces without a rate of their own; peaks need none.
         """
         hint = "give sampling_rate_hz in a file with --header"
-        return within(*self.said_rate, *RATES, self.where, hint)
+        return within(*self.recorded_rate, *SAMPLING_RATES_HZ, self.where, hint)
 
     @property
     def pre_trigger(self) -> float:
-        """s before the trigger; raises as `rate`."""
-        return within(*self.said_pre_trigger, *PRE_TRIGGERS, self.where)
+        """Time before the trigger, s; raises TraceError if the database has none."""
+        return within(*self.recorded_pre_trigger, *PRE_TRIGGERS_S, self.where)
 
 
 def project_facts(
@@ -117,7 +117,7 @@ def project_facts(
     samples: object = None,
     remarks: Sequence[Notice] = (),
 ) -> Facts:
-    """What a database says of a project, checked.
+    """Return the checked facts of a project.
 
     Parameters
     ----------
@@ -125,32 +125,34 @@ def project_facts(
         File and member, for messages.
     points : sequence of PointFacts
     rate, pre_trigger : (value, name), Hz and s
-        As they are written, with the name that they have there.
-    diameter : of the plate, m
-    poisson_ratio, seating : as they are written
+        Values as written in the database, with their names there.
+    diameter : diameter of the plate, m
+    poisson_ratio, seating, samples : values as written in the database
     device, site : str
-    offsets : of the sensors, m
-    samples : as it is written
+    offsets : offsets of the sensors, m
     remarks : sequence of Notice
     """
     width, drops = finite(diameter), finite(seating)
-    known = {
+    declared = {
         # 0.3 in single precision is 0.30000001192092896
         "plate_radius_m": round(width / 2, 6) if width else None,
-        # A rig has no plate; the program calls it Raideur, and writes 0.
+        # A rig, which the program calls Raideur, has no plate: diameter 0.
         "test": "stiffness" if width == 0 else None,
         "poisson_ratio": finite(poisson_ratio),
-        "seating_drops": int(drops) if drops is not None and 0 <= drops < MOST_SEATING else None,
+        "seating_drops": int(drops)
+        if drops is not None and 0 <= drops < MAX_SEATING_DROPS
+        else None,
         "device": short_text(device),
         "site": site,
     }
     count = finite(samples)
+    names = distinct_names([point.name for point in points])
     return Facts(
         where,
         rate,
         pre_trigger,
-        known,
-        _with_distinct_names(points),
+        declared,
+        tuple(replace(point, name=name) for point, name in zip(points, names, strict=True)),
         offsets,
         None if count is None else int(count),
         tuple(remarks),
@@ -161,39 +163,33 @@ def point_facts(
     identity: str,
     name: str,
     date: object,
-    place: tuple[object, object],
-    known: Mapping[str, Any],
+    position: tuple[object, object],
+    declared: Mapping[str, Any],
     noted: Mapping[str, Any],
     peaks: Sequence[StoredPeaks] = (),
     labels: tuple[float, ...] | None = None,
 ) -> PointFacts:
-    """What a database says of a point.
+    """Return the facts of a point.
 
     Parameters
     ----------
     identity, name : str
-    date : as it is written
-    place : latitude and longitude, as they are written
-    known, noted : what else it says
-    peaks, labels : of its drops
+    date : date as written in the database
+    position : latitude and longitude as written in the database
+    declared, noted : values of header keys, other data to store
+    peaks, labels : peaks of its drops, offsets in their names
     """
     moment = moment_of(date)
     return PointFacts(
         identity,
         name,
-        {**known, "time_utc": moment.get("time_utc"), **position_of(*place)},
+        {**declared, "time_utc": moment.get("time_utc"), **position_of(*position)},
         {"time_local": moment.get("time_local"), **noted},
         tuple(peaks),
         labels,
     )
 
 
-def _with_distinct_names(points: Sequence[PointFacts]) -> tuple[PointFacts, ...]:
-    """The points, none with the name of another."""
-    names = distinct([point.name for point in points])
-    return tuple(replace(point, name=name) for point, name in zip(points, names, strict=True))
-
-
-def named(*parts: object) -> str:
-    """A name from the parts that there are."""
+def join_name(*parts: object) -> str:
+    """Return the parts that are not empty as one name."""
     return " ".join(str(part) for part in parts if part not in (None, "")) or "point"

@@ -1,4 +1,4 @@
-"""``database.json`` of Rincent's programs: of the acquisition, and of the viewer."""
+"""Reader of ``database.json`` of Rincent's programs, acquisition and viewer."""
 
 import json
 import re
@@ -12,7 +12,7 @@ from pfwd.files.foreign.rincent_facts import (
     Facts,
     PointFacts,
     StoredPeaks,
-    named,
+    join_name,
     point_facts,
     project_facts,
 )
@@ -21,17 +21,17 @@ from pfwd_device.recording.payload import json_excess
 
 Table = Mapping[str, Any]
 
-_POSITION = re.compile(r"D(-?\d{1,5})")
-"""Name of a deflection: the position of its sensor in mm."""
+_DEFLECTION_NAME = re.compile(r"D(-?\d{1,5})")
+"""Label of a deflection: the offset of its sensor in mm."""
 
-LOADS, DEFLECTION = ("Load", "Fmax"), "Umax"
-DURATIONS = ("PulseTime", "Time pulse")
-"""Names of peak load (N), of the deflection of a machine with one sensor (m), and of the duration
-of the pulse (s). They differ between machines and between versions of their programs."""
+LOAD_NAMES, DEFLECTION_LABEL = ("Load", "Fmax"), "Umax"
+DURATION_NAMES = ("PulseTime", "Time pulse")
+"""Labels of the peak load, N, of the deflection of a machine with one sensor, m, and of the
+duration of the pulse, s. They differ between machines and between versions of their programs."""
 
 
 def read_json(data: bytes, where: str) -> Facts:
-    """What a ``database.json`` says.
+    """Return the facts of a ``database.json``.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def read_json(data: bytes, where: str) -> Facts:
     TraceError
         If it is no such database, or says neither sampling rate nor pre-trigger.
     """
-    if (problem := json_excess(data)) is not None:  # the largest one seen has under 1 MB
+    if (problem := json_excess(data)) is not None:  # the largest known one has under 1 MB
         raise TraceError(f"{where}: {problem}")
     remarks: tuple[Notice, ...] = ()
     try:
@@ -60,12 +60,12 @@ def read_json(data: bytes, where: str) -> Facts:
     if isinstance(database, dict) and "project" in database:
         return _viewer(_table(database, "project"), where, remarks)
     if isinstance(database, dict) and "base" in database and "distinct" in database:
-        # Of viewers before 2023, which had no level of the project.
+        # Viewers before 2023 had no level of the project.
         return _viewer(database, where, remarks)
     if isinstance(database, dict) and "ParamsAcqu" in database:
         return _acquisition(database, where, remarks)
-    came = ", ".join(map(str, database)) if isinstance(database, dict) else "no object"
-    raise TraceError(refusal(where, "a database with ParamsAcqu, project or base", quote(came)))
+    actual = ", ".join(map(str, database)) if isinstance(database, dict) else "no object"
+    raise TraceError(refusal(where, "a database with ParamsAcqu, project or base", quote(actual)))
 
 
 def _acquisition(database: Table, where: str, remarks: tuple[Notice, ...]) -> Facts:
@@ -79,8 +79,8 @@ def _acquisition(database: Table, where: str, remarks: tuple[Notice, ...]) -> Fa
     points = []
     for entry in _tables(database.get("PVs")):
         report = _table(entry, "PV", "PVs") or entry
-        for one in _tables(entry.get("Points")):
-            points.append(_acquired_point(one, report))
+        for point in _tables(entry.get("Points")):
+            points.append(_acquired_point(point, report))
     return project_facts(
         where,
         points,
@@ -89,7 +89,7 @@ def _acquisition(database: Table, where: str, remarks: tuple[Notice, ...]) -> Fa
         diameter=_diameter(bearing.get("DPlate"), calibrated.get("Dplate")),
         poisson_ratio=bearing.get("CPoisson"),
         seating=_table(database, "ParamsPoint").get("NbTraining"),
-        device=named(machine, short_text(hardware.get("Serial"))),
+        device=join_name(machine, short_text(hardware.get("Serial"))),
         site=short_text(project.get("Site")) or short_text(project.get("Name")),
         offsets=_offsets(calibrated.get("Channels"), "Type", "Position", "LoadCell"),
         samples=acquired.get("NbSamples"),
@@ -102,7 +102,7 @@ def _acquired_point(entry: Table, report: Table) -> PointFacts:
     name = short_text(report.get("Name")) or short_text(report.get("Nom"))
     return point_facts(
         str(point.get("ID", "")),
-        named(name, short_text(point.get("Number"))),
+        join_name(name, short_text(point.get("Number"))),
         point.get("Date"),
         (point.get("Latitude"), point.get("Longitude")),
         {
@@ -115,14 +115,14 @@ def _acquired_point(entry: Table, report: Table) -> PointFacts:
 
 
 def _acquired_peaks(drop: Table) -> StoredPeaks:
-    said = drop.get("Deflections")
-    listed = said if isinstance(said, list) else [drop.get(DEFLECTION)]
-    found = [finite(one) for one in listed]
-    whole = tuple(one for one in found if one is not None)
+    deflections = drop.get("Deflections")
+    values = deflections if isinstance(deflections, list) else [drop.get(DEFLECTION_LABEL)]
+    numbers = [finite(value) for value in values]
+    finite_numbers = tuple(value for value in numbers if value is not None)
     return StoredPeaks(
-        _first_number(drop, LOADS),
-        whole if len(whole) == len(found) else (),
-        _first_number(drop, DURATIONS),
+        _first_number(drop, LOAD_NAMES),
+        finite_numbers if len(finite_numbers) == len(numbers) else (),
+        _first_number(drop, DURATION_NAMES),
     )
 
 
@@ -137,8 +137,8 @@ def _viewer(project: Table, where: str, remarks: tuple[Notice, ...]) -> Facts:
     for report in reports:
         inner = _table(report, "base")
         for zone in _tables(inner.get("zones")):
-            for one in _tables(_table(zone, "base").get("points")):
-                points.append(_viewed_point(_table(one, "base"), inner))
+            for point in _tables(_table(zone, "base").get("points")):
+                points.append(_viewed_point(_table(point, "base"), inner))
     return project_facts(
         where,
         points,
@@ -147,7 +147,7 @@ def _viewer(project: Table, where: str, remarks: tuple[Notice, ...]) -> Facts:
         diameter=_diameter(bearing.get("dPlate"), calibrated.get("dPlate")),
         poisson_ratio=bearing.get("cPoisson"),
         seating=_training(reports),
-        device=named(machine, short_text(hardware.get("Serial number"))),
+        device=join_name(machine, short_text(hardware.get("Serial number"))),
         site=short_text(about.get("Site")) or short_text(base.get("name")),
         offsets=_offsets(calibrated.get("channels"), "type", "position", "LoadCell"),
         samples=acquired.get("nbSamples"),
@@ -156,16 +156,18 @@ def _viewer(project: Table, where: str, remarks: tuple[Notice, ...]) -> Facts:
 
 
 def _viewed_point(point: Table, report: Table) -> PointFacts:
-    place, about = _table(point, "coordinates"), _labelled(point.get("information"))
+    position, about = _table(point, "coordinates"), _labelled(point.get("information"))
     operator = _labelled(report.get("information")).get("Operator")
-    drops = [_labelled(_table(one, "base").get("data")) for one in _tables(point.get("drops"))]
-    names = list(dict.fromkeys(key for drop in drops for key in drop if _POSITION.fullmatch(key)))
+    drops = [_labelled(_table(drop, "base").get("data")) for drop in _tables(point.get("drops"))]
+    names = list(
+        dict.fromkeys(key for drop in drops for key in drop if _DEFLECTION_NAME.fullmatch(key))
+    )
     labels = tuple(float(name[1:]) / 1000 for name in names) or None
     return point_facts(
         str(point.get("id", "")),
-        named(short_text(report.get("name")), short_text(point.get("number"))),
+        join_name(short_text(report.get("name")), short_text(point.get("number"))),
         point.get("date"),
-        (place.get("lat"), place.get("lng")),
+        (position.get("lat"), position.get("lng")),
         {"operator": short_text(operator)},
         _noted(_labelled(point.get("data")), about.get("Comment")),
         [_viewed_peaks(drop, names) for drop in drops],
@@ -174,12 +176,12 @@ def _viewed_point(point: Table, report: Table) -> PointFacts:
 
 
 def _viewed_peaks(drop: Table, names: list[str]) -> StoredPeaks:
-    found = [finite(drop.get(name)) for name in names or [DEFLECTION]]
-    whole = tuple(one for one in found if one is not None)
+    numbers = [finite(drop.get(name)) for name in names or [DEFLECTION_LABEL]]
+    finite_numbers = tuple(number for number in numbers if number is not None)
     return StoredPeaks(
-        _first_number(drop, LOADS),
-        whole if len(whole) == len(found) else (),
-        _first_number(drop, DURATIONS),
+        _first_number(drop, LOAD_NAMES),
+        finite_numbers if len(finite_numbers) == len(numbers) else (),
+        _first_number(drop, DURATION_NAMES),
     )
 
 
@@ -188,13 +190,13 @@ def _first_number(drop: Table, names: tuple[str, ...]) -> float | None:
 
 
 def _diameter(first: object, second: object) -> float | None:
-    """Of the plate, m: the first that is said. 0 is a test without a plate."""
-    found = finite(first)
-    return finite(second) if found is None else found
+    """Return the first stated diameter of the plate, m; 0 is a test without a plate."""
+    diameter = finite(first)
+    return finite(second) if diameter is None else diameter
 
 
 def _noted(data: Table, comment: object) -> dict[str, Any]:
-    """What else is kept of a point, under the names that both programs have for it."""
+    """Return other data of a point, under the names that both programs use."""
     return {
         "air_temperature_c": finite(data.get("Tair")),
         "surface_temperature_c": finite(data.get("Tsurf")),
@@ -206,56 +208,56 @@ def _noted(data: Table, comment: object) -> dict[str, Any]:
 
 
 def _training(reports: list[Table]) -> int | None:
-    """How many of a point's drops the viewer calls training; None when it does not say."""
-    for indexes in _found("indexes", reports):
-        kinds = [_table(one, "distinct").get("type") for one in _tables(indexes.get("list"))]
+    """Return the number of a point's drops that the viewer calls training; None: not stated."""
+    for indexes in _objects_under("indexes", reports):
+        kinds = [_table(drop, "distinct").get("type") for drop in _tables(indexes.get("list"))]
         if "Training" in kinds or "Averaging" in kinds:
             return kinds.count("Training")
     return None
 
 
-def _found(key: str, value: object, depth: int = 12) -> Iterator[Table]:
-    """Every object with this key, wherever it stands; where that is differs between versions."""
+def _objects_under(key: str, value: object, depth: int = 12) -> Iterator[Table]:
+    """Yield the objects under a key at any level, as the level differs between versions."""
     if depth == 0:
         return
     if isinstance(value, dict):
         if isinstance(value.get(key), dict):
             yield value[key]
-        value = [one for name, one in value.items() if name != "zones"]
+        value = [child for name, child in value.items() if name != "zones"]
     if isinstance(value, list):
-        for one in value:
-            yield from _found(key, one, depth - 1)
+        for child in value:
+            yield from _objects_under(key, child, depth - 1)
 
 
 def _offsets(channels: object, kind: str, position: str, load: str) -> tuple[float, ...] | None:
-    """Positions of all channels that are no load cell, m; None when the database has none."""
-    found = []
+    """Return the offsets of all channels but load cells, m; None: not in the database."""
+    offsets = []
     for channel in _tables(channels):
         if channel.get(kind) == load:
             continue
-        place = finite(channel.get(position))
-        if place is None:
+        position_m = finite(channel.get(position))
+        if position_m is None:
             return None
-        found.append(round(place, 6))  # 0.3 in single precision is 0.30000001192092896
-    return tuple(found) or None
+        offsets.append(round(position_m, 6))  # 0.3 in single precision is 0.30000001192092896
+    return tuple(offsets) or None
 
 
 def _table(parent: Table, *keys: str) -> Table:
-    """The first of these that is there: versions of one program name them differently."""
-    found = (parent.get(key) for key in keys)
-    return next((value for value in found if isinstance(value, dict)), {})
+    """Return the first table under one of these keys, which differ between versions."""
+    candidates = (parent.get(key) for key in keys)
+    return next((value for value in candidates if isinstance(value, dict)), {})
 
 
 def _tables(value: object) -> list[Table]:
-    return [one for one in value if isinstance(one, dict)] if isinstance(value, list) else []
+    return [entry for entry in value if isinstance(entry, dict)] if isinstance(value, list) else []
 
 
 def _labelled(value: object) -> dict[str, Any]:
-    """A list of label and value as a table; the first of a label counts.
+    """Return a list of labels and values as a table; the first value of a label counts.
 
-    What a viewer makes of a number (corrected for temperature, say) comes behind it.
+    Values that the viewer derives, corrected for temperature for instance, follow the original.
     """
-    found: dict[str, Any] = {}
-    for one in _tables(value):
-        found.setdefault(str(one.get("label")), one.get("value"))
-    return found
+    values: dict[str, Any] = {}
+    for entry in _tables(value):
+        values.setdefault(str(entry.get("label")), entry.get("value"))
+    return values

@@ -1,4 +1,4 @@
-"""``rawdata/<id>`` of Rincent's programs: the load and displacements that they had processed.
+"""Parser of ``rawdata/<id>`` of Rincent's programs: processed load and displacements.
 
 Little-endian. A header of 28 bytes (int32 version, a byte with the length and the letters of
 ``ISAANSIMPLEFILE``, uint32 kind of file, int32 version), then int32 version, int64 identity of the
@@ -16,22 +16,22 @@ import numpy as np
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.common import Values, finite
 
-MAGIC = b"ISAANSIMPLEFILE"
-KIND = 0x8D937355
-MOST_CHANNELS = 64
-MOST_DROPS = 1000
+STORED_SIGNATURE = b"ISAANSIMPLEFILE"
+IMPACT_FILE_KIND = 0x8D937355
+MAX_STORED_CHANNELS = 64
+MAX_STORED_DROPS = 1000
 
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """How numbers are written."""
+    """Layout of the numbers."""
 
     order: str
-    """Of bytes, as struct and numpy have it."""
+    """Byte order in the notation of struct and numpy."""
     begin: bytes
-    """Version and letters that such a file begins with, by what is the same in all of them."""
+    """Letters at byte 4 of every file with this layout."""
     head: struct.Struct
-    """Version, letters, kind, version."""
+    """Structure of version, letters, kind and version."""
 
     @property
     def point(self) -> struct.Struct:
@@ -51,10 +51,10 @@ class _Layout:
 
 
 _LAYOUTS = (
-    _Layout("<", bytes([len(MAGIC)]) + MAGIC, struct.Struct("<i16sIi")),
-    _Layout(">", MAGIC, struct.Struct(">i15sIi")),
+    _Layout("<", bytes([len(STORED_SIGNATURE)]) + STORED_SIGNATURE, struct.Struct("<i16sIi")),
+    _Layout(">", STORED_SIGNATURE, struct.Struct(">i15sIi")),
 )
-"""Newer, older."""
+"""Layouts of newer and of older files."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -62,9 +62,9 @@ class StoredDrop:
     """Traces of one drop."""
 
     load: Values
-    """(n,), N."""
+    """Load, (n,), N."""
     displacement: Values
-    """(channels, n), m."""
+    """Displacements, (channels, n), m."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -72,47 +72,51 @@ class Stored:
     """Traces of one point."""
 
     identity: int
-    """Signed, 64 bits."""
+    """Identity of the point, signed, 64 bits."""
     rate: float | None
-    """Hz; None in older files."""
+    """Sampling rate, Hz; None in older files."""
     drops: tuple[StoredDrop, ...]
 
 
 def parse_stored(data: bytes, where: str) -> Stored:
-    """The traces in a member ``rawdata/<id>``.
+    """Return the traces of a member ``rawdata/<id>``.
 
     Raises
     ------
     TraceError
-        If it is another file, cut off, or of a size that its header does not announce.
+        If the format is another one, or the size differs from that in the header.
     """
-    layout = next((one for one in _LAYOUTS if data[4:].startswith(one.begin)), None)
+    layout = next(
+        (candidate for candidate in _LAYOUTS if data[4:].startswith(candidate.begin)), None
+    )
     if layout is None or len(data) < layout.head.size:
-        came = f"{len(data)} bytes that begin with {quote(data[:16])}"
-        raise TraceError(refusal(where, f"traces that begin with {MAGIC.decode()}", came))
-    if layout.head.unpack_from(data)[2] != KIND:
+        actual = f"{len(data)} bytes that begin with {quote(data[:16])}"
+        raise TraceError(
+            refusal(where, f"traces that begin with {STORED_SIGNATURE.decode()}", actual)
+        )
+    if layout.head.unpack_from(data)[2] != IMPACT_FILE_KIND:
         raise TraceError(refusal(where, "a file of impacts", "another kind of file"))
     start = layout.head.size + layout.point.size
     if len(data) < start:
         raise TraceError(_cut_off(where, start, len(data)))
     _, identity, samples, drops, channels = layout.point.unpack_from(data, layout.head.size)
-    if not (samples > 1 and 0 < drops <= MOST_DROPS and 0 < channels <= MOST_CHANNELS):
-        came = f"{drops} drops of {samples} samples, {channels} channels"
-        raise TraceError(refusal(where, "drops with samples and channels", came))
-    whole = drops * (layout.count.size + layout.shape.size + 4 * samples * (1 + channels))
+    if not (samples > 1 and 0 < drops <= MAX_STORED_DROPS and 0 < channels <= MAX_STORED_CHANNELS):
+        actual = f"{drops} drops of {samples} samples, {channels} channels"
+        raise TraceError(refusal(where, "drops with samples and channels", actual))
+    content_size = drops * (layout.count.size + layout.shape.size + 4 * samples * (1 + channels))
     rate = None
-    if len(data) == start + layout.rate.size + whole:
+    if len(data) == start + layout.rate.size + content_size:
         rate = finite(layout.rate.unpack_from(data, start)[0])
         start += layout.rate.size
-    elif len(data) != start + whole:
-        raise TraceError(_cut_off(where, start + whole, len(data)))
-    found = []
+    elif len(data) != start + content_size:
+        raise TraceError(_cut_off(where, start + content_size, len(data)))
+    traces = []
     for number in range(1, drops + 1):
-        with np.errstate(invalid="ignore"):  # NaN of any kind: refused with its place, later
+        with np.errstate(invalid="ignore"):  # NaN is refused later, with its place
             place = f"{where}, drop {number}"
             drop, start = _drop(data, layout, start, samples, channels, place)
-        found.append(drop)
-    return Stored(identity, rate if rate and rate > 0 else None, tuple(found))
+        traces.append(drop)
+    return Stored(identity, rate if rate and rate > 0 else None, tuple(traces))
 
 
 def _drop(
@@ -131,11 +135,11 @@ def _drop(
     start += layout.shape.size
     values = np.frombuffer(data, number, channels * samples, start)
     table = values.astype(np.float64).reshape(shape)
-    # Written as one row a channel, or as one row a sample.
+    # One row for each channel, or one row for each sample.
     by_channel = table if shape == (channels, samples) else table.T
     return StoredDrop(load, by_channel), start + 4 * channels * samples
 
 
-def _cut_off(where: str, expected: int, came: int) -> str:
-    hint = "the file was cut off: copy it again" if came < expected else ""
-    return refusal(where, f"{expected} bytes", str(came), hint)
+def _cut_off(where: str, expected: int, actual: int) -> str:
+    hint = "the file was cut off: copy it again" if actual < expected else ""
+    return refusal(where, f"{expected} bytes", str(actual), hint)

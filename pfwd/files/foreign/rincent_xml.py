@@ -1,7 +1,7 @@
-"""``database.xml`` of Rincent's Minidyn: tables as repeated elements, raw channels in base64.
+"""Reader of ``database.xml`` of Rincent's Minidyn: tables as elements, raw channels in base64.
 
-Read by expat as a stream. A document type is refused, and with it every entity of its own: none of
-these files has one, and entities can read other files or fill the memory.
+expat parses it as a stream. A document type, and with it all entities, is refused: none of these
+files has one, and entities can read other files or fill the memory.
 """
 
 import base64
@@ -25,32 +25,32 @@ from pfwd.files.foreign.common import (
 from pfwd.files.foreign.rincent_facts import (
     Facts,
     PointFacts,
-    named,
+    join_name,
     point_facts,
     project_facts,
 )
 from pfwd_device.drop import Quantity
 
 ROOT = "MDDataSet"
-DEEPEST = 32
-"""Elements within each other; the format has four."""
+MAX_XML_DEPTH = 32
+"""Levels of elements; the format has four."""
 
-MOST_CELLS = 500_000
-"""Rows, columns and attributes of the whole set; a drop has some twenty."""
+MAX_XML_CELLS = 500_000
+"""Rows, columns and attributes of the data set; a drop has about twenty."""
 
-LONGEST_NAME = 256
-"""Characters of a name in the set; those of the format have up to twenty."""
+MAX_XML_NAME_CHARACTERS = 256
+"""Characters of a name; those of the format have up to twenty."""
 
-QUANTITIES: Mapping[int, Quantity | None] = {1: None, 2: "velocity", 3: "displacement"}
-"""Of ``IdTypeCapteur``; an acceleration is no quantity that a trace file has."""
+QUANTITY_BY_SENSOR_TYPE: Mapping[int, Quantity | None] = {1: None, 2: "velocity", 3: "displacement"}
+"""Quantities by ``IdTypeCapteur``; trace files have no accelerations, hence None."""
 
-_BARE = re.compile(
+_UNESCAPED_SIGN = re.compile(
     rb"&(?!(?:amp|lt|gt|quot|apos|#[0-9]{1,7}|#x[0-9A-Fa-f]{1,6});)|<(?![A-Za-z_/!?:]|[\x80-\xff])"
 )
-"""A sign of XML that can only be text: the maker's writer does not escape what a user typed."""
+"""Sign of XML that can only be text: the maker's writer does not escape typed texts."""
 
-MOST_BARE = 10_000
-"""Signs that are not escaped; people type them, a few to a point. Each takes five bytes for one."""
+MAX_UNESCAPED_SIGNS = 10_000
+"""Signs without escape; users type a few for each point. Each grows from one byte to five."""
 
 _ENCODING = re.compile(rb"<\?xml[^>]{0,200}encoding")
 
@@ -67,23 +67,23 @@ class RawDrop:
     point: str
     """Identity of its point."""
     number: int
-    """Within the point, from 1."""
+    """Number within the point, from 1."""
     load: Values
-    """(n,), N, with the offset of the load cell."""
+    """Load, (n,), N, with the offset of the load cell."""
     quantity: Quantity | None
-    """What the sensor measured; None: acceleration."""
+    """Quantity of the sensor; None: acceleration."""
     sensor: Values
-    """(n,), m/s or m, with its offset."""
+    """Values of the sensor, (n,), m/s or m, with its offset."""
 
 
-def mended(data: bytes, where: str) -> tuple[bytes, list[Notice]]:
-    """A data set as XML where its writer did not keep to it, and what was done.
+def repair_xml(data: bytes, where: str) -> tuple[bytes, list[Notice]]:
+    """Repair the XML of a data set where its writer did not follow the standard.
 
     Returns
     -------
     data : bytes
     remarks : list of Notice
-        With file, member and line.
+        Repairs, with file, member and line.
     """
     remarks = []
     if not _ENCODING.match(data) and not data.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -93,41 +93,44 @@ def mended(data: bytes, where: str) -> tuple[bytes, list[Notice]]:
             line = data.count(b"\n", 0, err.start) + 1
             remarks.append(Notice("text-not-utf-8", {"file": where, "line": line}))
             data = data.decode("cp1252", errors="replace").encode()
-    bare = [found.start() for found in itertools.islice(_BARE.finditer(data), MOST_BARE + 1)]
-    if 0 < len(bare) <= MOST_BARE:  # else it is refused as what it is: no XML
-        line = data.count(b"\n", 0, bare[0]) + 1
-        values: dict[str, Value] = {"file": where, "line": line, "sign": chr(data[bare[0]])}
-        if len(bare) == 1:
+    positions = [
+        match.start()
+        for match in itertools.islice(_UNESCAPED_SIGN.finditer(data), MAX_UNESCAPED_SIGNS + 1)
+    ]
+    if 0 < len(positions) <= MAX_UNESCAPED_SIGNS:  # else it is refused as no XML
+        line = data.count(b"\n", 0, positions[0]) + 1
+        values: dict[str, Value] = {"file": where, "line": line, "sign": chr(data[positions[0]])}
+        if len(positions) == 1:
             remarks.append(Notice("sign-not-escaped", values))
         else:
-            values["more_places"] = len(bare) - 1
+            values["more_places"] = len(positions) - 1
             remarks.append(Notice("signs-not-escaped", values))
-        data = _BARE.sub(_escaped, data)
+        data = _UNESCAPED_SIGN.sub(_escaped, data)
     return data, remarks
 
 
-def _escaped(found: re.Match[bytes]) -> bytes:
-    return b"&amp;" if found[0] == b"&" else b"&lt;"
+def _escaped(match: re.Match[bytes]) -> bytes:
+    return b"&amp;" if match[0] == b"&" else b"&lt;"
 
 
 def read_tables(data: bytes, where: str) -> Tables:
-    """The tables of a data set: by name a list of rows, each by column; ``Force/Data`` is nested.
+    """Return the tables of a data set by name, as rows by column; ``Force/Data`` is nested.
 
     Raises
     ------
     TraceError
         If it is no XML, has a document type, or another root.
     """
-    cells = sum(1 for _ in itertools.islice(_ATTRIBUTE.finditer(data), MOST_CELLS + 1))
-    if cells > MOST_CELLS:
-        raise TraceError(refusal(where, f"at most {MOST_CELLS} attributes", "more"))
+    cells = sum(1 for _ in itertools.islice(_ATTRIBUTE.finditer(data), MAX_XML_CELLS + 1))
+    if cells > MAX_XML_CELLS:
+        raise TraceError(refusal(where, f"at most {MAX_XML_CELLS} attributes", "more"))
     reader = _TableReader(where)
     try:
         reader.parser.Parse(data, True)
     except expat.ExpatError as err:
-        came = f"{expat.ErrorString(err.code)} in line {err.lineno}"
+        actual = f"{expat.ErrorString(err.code)} in line {err.lineno}"
         hint = "the file was cut off or damaged: copy it again"
-        raise TraceError(refusal(where, "whole XML", came, hint)) from err
+        raise TraceError(refusal(where, "whole XML", actual, hint)) from err
     except (UnicodeError, ValueError, LookupError) as err:
         if isinstance(err, TraceError):
             raise
@@ -136,7 +139,7 @@ def read_tables(data: bytes, where: str) -> Tables:
 
 
 class _TableReader:
-    """Collects rows and columns; what stands deeper gets a path."""
+    """Handler of expat for rows and columns; deeper elements have a path as column."""
 
     def __init__(self, where: str) -> None:
         self.tables: dict[str, list[dict[str, str]]] = {}
@@ -157,14 +160,18 @@ class _TableReader:
 
     def _start(self, name: str, _attributes: object) -> None:
         name = name.rpartition("}")[2]
-        if len(name) > LONGEST_NAME:
-            raise TraceError(refusal(self._where, f"names of at most {LONGEST_NAME}", quote(name)))
+        if len(name) > MAX_XML_NAME_CHARACTERS:
+            raise TraceError(
+                refusal(self._where, f"names of at most {MAX_XML_NAME_CHARACTERS}", quote(name))
+            )
         self._cells += 1
-        if self._cells > MOST_CELLS:
-            raise TraceError(refusal(self._where, f"at most {MOST_CELLS} rows and columns", "more"))
+        if self._cells > MAX_XML_CELLS:
+            raise TraceError(
+                refusal(self._where, f"at most {MAX_XML_CELLS} rows and columns", "more")
+            )
         if not self._path and name != ROOT:
             raise TraceError(refusal(self._where, f"a data set {ROOT}", quote(name)))
-        if len(self._path) >= DEEPEST:
+        if len(self._path) >= MAX_XML_DEPTH:
             raise TraceError(refusal(self._where, "tables of rows", "elements without end"))
         if len(self._path) == 1:
             self.tables.setdefault(name, []).append({})
@@ -184,7 +191,7 @@ class _TableReader:
 
 
 def facts_of(tables: Tables, where: str) -> Facts:
-    """What the data set says of its points.
+    """Return the facts of a data set.
 
     Raises
     ------
@@ -210,42 +217,44 @@ def facts_of(tables: Tables, where: str) -> Facts:
         diameter=bearing.get("DPlaque"),
         poisson_ratio=bearing.get("CPoisson"),
         seating=counted.get("NbMiseEnPlace"),
-        device=named("Minidyn", short_text(serial)),
+        device=join_name("Minidyn", short_text(serial)),
         samples=acquired.get("NbSamples"),
     )
 
 
 def raw_drops(tables: Tables, where: str) -> list[RawDrop]:
-    """The raw channels of every drop, in the order of the data set.
+    """Return the raw channels of every drop, in the order of the data set.
 
     Raises
     ------
     TraceError
         If a channel is cut off or damaged.
     """
-    found = []
+    raw = []
     for row in tables.get("Frappes", []):
         if "Force/Data" not in row or "Capteur/Data" not in row:
             continue
         number = finite(row.get("Numero"))
         point = row.get("IdPoint", "")
         if number is None or not 0 <= number < 1e6 or number != int(number):
-            came = quote(row.get("Numero"))
-            raise TraceError(refusal(f"{where}, Frappes", "Numero, a whole number from 0", came))
-        at = f"{where}, point {quote(point)[1:-1]}, drop {int(number) + 1}"
+            actual = quote(row.get("Numero"))
+            raise TraceError(refusal(f"{where}, Frappes", "Numero, a whole number from 0", actual))
+        place = f"{where}, point {quote(point)[1:-1]}, drop {int(number) + 1}"
         kind = finite(row.get("IdTypeCapteur"))
-        if kind not in QUANTITIES:
+        if kind not in QUANTITY_BY_SENSOR_TYPE:
             expected = "IdTypeCapteur 1, 2 or 3"
-            raise TraceError(refusal(at, expected, quote(row.get("IdTypeCapteur"))))
-        load = _numbers(row, "Force", at)
-        sensor = _numbers(row, "Capteur", at)
-        found.append(RawDrop(point, int(number) + 1, load, QUANTITIES[int(kind or 0)], sensor))
-    return found
+            raise TraceError(refusal(place, expected, quote(row.get("IdTypeCapteur"))))
+        load = _numbers(row, "Force", place)
+        sensor = _numbers(row, "Capteur", place)
+        raw.append(
+            RawDrop(point, int(number) + 1, load, QUANTITY_BY_SENSOR_TYPE[int(kind or 0)], sensor)
+        )
+    return raw
 
 
 def _numbers(row: Row, name: str, where: str) -> Values:
     try:
-        # Line ends within are usual, other letters are damage.
+        # Line ends within are normal, other characters are damage.
         text = "".join(row[f"{name}/Data"].split())
         data = base64.b64decode(text, validate=True)
     except (binascii.Error, ValueError) as err:
@@ -260,7 +269,7 @@ def _numbers(row: Row, name: str, where: str) -> Values:
 def _point(row: Row, report: Row, place: Row) -> PointFacts:
     return point_facts(
         row.get("ID", ""),
-        named(short_text(report.get("Nom")), short_text(row.get("Numero"))),
+        join_name(short_text(report.get("Nom")), short_text(row.get("Numero"))),
         row.get("Date"),
         (place.get("Latitude"), place.get("Longitude")),
         {
@@ -272,7 +281,7 @@ def _point(row: Row, report: Row, place: Row) -> PointFacts:
 
 
 def _only(tables: Tables, name: str, keys: tuple[str, ...], where: str) -> Row:
-    """The row of a table of settings that is in use; several are fine if they say the same."""
+    """Return the row in use of a table of settings; several must have the same values."""
     rows = _used(tables, name)
     different = {tuple(row.get(key) for key in keys) for row in rows}
     if len(different) > 1:
@@ -283,7 +292,9 @@ def _only(tables: Tables, name: str, keys: tuple[str, ...], where: str) -> Row:
 
 
 def _used(tables: Tables, name: str) -> list[dict[str, str]]:
-    """The rows that other tables refer to by ``Id`` and the name; all when none does."""
+    """Return the rows to which other tables refer by ``Id`` and the name; all if none does."""
     rows = tables.get(name, [])
-    wanted = {row[f"Id{name}"] for other in tables.values() for row in other if f"Id{name}" in row}
-    return [row for row in rows if row.get("ID") in wanted] or rows
+    identities = {
+        row[f"Id{name}"] for table in tables.values() for row in table if f"Id{name}" in row
+    }
+    return [row for row in rows if row.get("ID") in identities] or rows

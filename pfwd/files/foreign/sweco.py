@@ -1,10 +1,10 @@
-"""Sweco's ``.fwd`` (ROAD SYSTEM): peaks of an FWD as text, fields between tabs.
+"""Reader of Sweco's ``.fwd`` (ROAD SYSTEM): peaks of an FWD as text, fields between tabs.
 
 ``$1`` begins the head (``Load plate radius [mm]``, ``Radial offset [cm]``, date), ``$2`` a point
 (``Chainage [m]``, position in degrees, minutes and seconds), ``$3`` its drops: a line with the
 names of the columns (``Drop``, ``D(1)`` ..., ``kPa``, ``kN``, ``Air``, ``Sur.``, ``Man.``, ``Pulse
-time``) and one a drop, deflections in um. Learned from files that a viewer writes; time histories
-that may follow a drop are not read.
+time``) and one for each drop, deflections in um. Learned from files that a viewer writes; time
+histories that may follow a drop are not read.
 """
 
 import os
@@ -35,9 +35,9 @@ from pfwd.files.traces import TracePoint
 _FIELD = re.compile(r"([^.:\[\]]+(?:\[[^\]]*\])?)[.:]*\t(.*)")
 _DEGREES = re.compile(r"(\d{1,3})\D{1,2}(\d{1,2})'(\d{1,2}(?:\.\d{1,9})?)\"?\s*([NSEW])")
 _COLUMN = re.compile(r"D\((\d{1,3})\)")
-_DATE = re.compile(r"(\d{1,2})/(\d{1,2})/(\d{4})")
-_TIME = re.compile(r"Time:\s*(\d{1,2}):(\d{2})")
-_TEMPERATURES = {
+_SWECO_DATE = re.compile(r"(\d{1,2})/(\d{1,2})/(\d{4})")
+_SWECO_TIME = re.compile(r"Time:\s*(\d{1,2}):(\d{2})")
+_SWECO_TEMPERATURE_KEYS = {
     "Air": "air_temperature_c",
     "Sur.": "surface_temperature_c",
     "Man.": "manual_temperature_c",
@@ -45,7 +45,7 @@ _TEMPERATURES = {
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
-    """The test points of a file.
+    """Read the test points of a file.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
     Raises
     ------
     TraceError
-        If it is another file, or a line is no drop.
+        If the format is another one, or a line is no drop.
     """
     common: dict[str, Any] = {"source": "Sweco .fwd"}
     stations: list[Station] = []
@@ -71,8 +71,8 @@ def read(file: str, request: Request) -> list[TracePoint]:
             stations.append(Station("?"))
             names = []
         elif text.startswith("Position of Drop") and stations:
-            stations[-1].known.update(_position(text))
-        elif text.startswith("Sequence:") and stations and (match := _TIME.search(text)):
+            stations[-1].declared.update(_position(text))
+        elif text.startswith("Sequence:") and stations and (match := _SWECO_TIME.search(text)):
             moment = local_moment(*reversed(date), int(match[1]), int(match[2])) if date else None
             stations[-1].noted["time_local"] = moment
         elif cells[0] == "Drop" and len(cells) > 2:
@@ -84,16 +84,16 @@ def read(file: str, request: Request) -> list[TracePoint]:
         elif match := _FIELD.match(line):
             key, value = match[1].strip(), match[2].strip()
             if key == "Load plate radius [mm]":
-                said = number_of(value, "the radius of the plate, mm", where) / 1e3
-                common["plate_radius_m"] = plate_radius(request, said)
+                radius = number_of(value, "the radius of the plate, mm", where) / 1e3
+                common["plate_radius_m"] = plate_radius(request, radius)
             elif key == "Radial offset [cm]":
                 offsets = [
-                    number_of(one, "an offset, cm", where) / 100 for one in value.split("\t")
+                    number_of(cell, "an offset, cm", where) / 100 for cell in value.split("\t")
                 ]
             elif key == "Filename":
                 common["site"] = short_text(value)
-            elif key.startswith("Date") and (found := _DATE.search(value)):
-                date = [int(part) for part in found.groups()]
+            elif key.startswith("Date") and (match := _SWECO_DATE.search(value)):
+                date = [int(part) for part in match.groups()]
             elif key == "Chainage [m]" and stations:
                 stations[-1] = replace(stations[-1], name=f"chainage {value}")
                 stations[-1].noted["chainage_m"] = finite(value)
@@ -112,25 +112,27 @@ def read(file: str, request: Request) -> list[TracePoint]:
 def _drop(
     station: Station, cells: list[str], names: list[str], sensors: int, line: int, where: str
 ) -> None:
-    moved = [index for index, name in enumerate(names) if _COLUMN.fullmatch(name)]
-    if len(moved) != sensors or "kN" not in names or len(cells) < len(names):
+    deflection_columns = [index for index, name in enumerate(names) if _COLUMN.fullmatch(name)]
+    if len(deflection_columns) != sensors or "kN" not in names or len(cells) < len(names):
         expected = f"a drop with {sensors} deflections and kN"
         raise TraceError(refusal(where, expected, quote("\t".join(cells)[:80])))
     load = 1e3 * number_of(cells[names.index("kN")], "the load, kN", where)
-    values = tuple(1e-6 * number_of(cells[index], "a deflection, um", where) for index in moved)
+    values = tuple(
+        1e-6 * number_of(cells[index], "a deflection, um", where) for index in deflection_columns
+    )
     station.drops.append((load, values, line))
-    for name, key in _TEMPERATURES.items():
+    for name, key in _SWECO_TEMPERATURE_KEYS.items():
         if name in names:
             station.noted.setdefault(key, temperature_of(cells[names.index(name)]))
-    # The last column, behind one that has no name.
+    # In the last column, after one without a name.
     duration = finite(cells[-1])
     if duration is not None and "Pulse time" in names:
         station.noted.setdefault("pulse_durations_s", []).append(duration / 1e3)
 
 
 def _position(text: str) -> dict[str, float]:
-    found = {}
+    degrees_by_axis = {}
     for degrees, minutes, seconds, side in _DEGREES.findall(text):
         value = int(degrees) + int(minutes) / 60 + float(seconds) / 3600
-        found[side in "NS"] = -value if side in "SW" else value
-    return position_of(found.get(True), found.get(False))
+        degrees_by_axis[side in "NS"] = -value if side in "SW" else value
+    return position_of(degrees_by_axis.get(True), degrees_by_axis.get(False))

@@ -1,39 +1,39 @@
-"""Units of other programs' files as factors to SI."""
+"""Units in other programs' files, as factors to SI."""
 
 from collections.abc import Mapping
 
-POUND_FORCE = 4.4482216152605
-"""N; exact by the international definitions of pound and standard gravity."""
+POUND_FORCE_N = 4.4482216152605
+"""Exact by the international definitions of pound and standard gravity."""
 
-INCH = 0.0254
-"""m; exact."""
+INCH_M = 0.0254
+"""Exact."""
 
-TIME: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
-FORCE: Mapping[str, float] = {
+TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+FORCE_UNITS: Mapping[str, float] = {
     "N": 1.0,
     "daN": 10.0,
     "kN": 1e3,
     "MN": 1e6,
     "kgf": 9.80665,
-    "lbf": POUND_FORCE,
-    "kip": 1e3 * POUND_FORCE,
+    "lbf": POUND_FORCE_N,
+    "kip": 1e3 * POUND_FORCE_N,
 }
-DISPLACEMENT: Mapping[str, float] = {
+DISPLACEMENT_UNITS: Mapping[str, float] = {
     "m": 1.0,
     "mm": 1e-3,
     "um": 1e-6,
-    "in": INCH,
-    "mil": 1e-3 * INCH,
+    "in": INCH_M,
+    "mil": 1e-3 * INCH_M,
 }
-VELOCITY: Mapping[str, float] = {
+VELOCITY_UNITS: Mapping[str, float] = {
     "m/s": 1.0,
     "cm/s": 1e-2,
     "mm/s": 1e-3,
     "um/s": 1e-6,
-    "in/s": INCH,
+    "in/s": INCH_M,
 }
 
 
 def celsius(fahrenheit: float) -> float:
-    """Degrees Celsius of degrees Fahrenheit."""
+    """Convert degrees Fahrenheit to degrees Celsius."""
     return (fahrenheit - 32.0) / 1.8

@@ -9,7 +9,7 @@ import pytest
 from pfwd.errors import TraceError, quote
 from pfwd.files import survey_file, traces
 from pfwd.files.foreign import archive, rincent_xml
-from pfwd.files.foreign.common import distinct
+from pfwd.files.foreign.common import distinct_names
 from pfwd.files.header import parse_header
 from pfwd.files.traces import read_traces
 from pfwd_device.errors import RecordingError
@@ -40,10 +40,10 @@ def test_limits_are_beyond_what_is_real() -> None:
     assert traces.MAX_FILE_NUMBERS >= 3 * 10 * 50_000 * 10
     assert traces.MAX_FILE_NUMBERS * 8 * 2 < 400e6
     assert traces.MAX_FILE_DROPS >= 100 * 10
-    assert archive.LARGEST_TOTAL > 1000 * 100_000
-    assert archive.LARGEST_TOTAL >= 2 * archive.LARGEST_MEMBER
-    assert archive.LARGEST_DIRECTORY > 10 * 1000 * 100
-    assert rincent_xml.MOST_CELLS > 1000 * 10 * 20
+    assert archive.MAX_ARCHIVE_BYTES > 1000 * 100_000
+    assert archive.MAX_ARCHIVE_BYTES >= 2 * archive.MAX_MEMBER_BYTES
+    assert archive.MAX_DIRECTORY_BYTES > 10 * 1000 * 100
+    assert rincent_xml.MAX_XML_CELLS > 1000 * 10 * 20
 
 
 def table(rows: int, line: str = "0,0,0") -> list[str]:
@@ -103,19 +103,19 @@ def test_members_of_an_archive_end(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
         for name in ("a", "b"):
             file.writestr(name, bytes(1000))
-    monkeypatch.setattr(archive, "LARGEST_TOTAL", 1500)
+    monkeypatch.setattr(archive, "MAX_ARCHIVE_BYTES", 1500)
     with archive.Archive(str(path)) as opened:
         assert len(opened.read("a")) == 1000
         with pytest.raises(TraceError, match="got more"):
             opened.read("b")
-    monkeypatch.setattr(archive, "LARGEST_DIRECTORY", 90)
+    monkeypatch.setattr(archive, "MAX_DIRECTORY_BYTES", 90)
     with pytest.raises(TraceError, match="a usual number of members"):
         archive.Archive(str(path))
 
 
 def test_names_stay_distinct_however_many_came_before() -> None:
     names = [f"a ({n})" for n in range(2, 300)] + ["a"] * 300
-    found = distinct(names)
+    found = distinct_names(names)
     assert len(set(found)) == len(names)
     assert found[:298] == names[:298]
     assert found[298:301] == ["a", "a (300)", "a (301)"]

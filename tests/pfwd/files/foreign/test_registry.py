@@ -43,15 +43,15 @@ def offer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Offer]:
         install(folder, {f"{module}.py": source}, points)
         monkeypatch.syspath_prepend(folder)
         pfwd_plugins.forget()
-        registry._others.cache_clear()
+        registry._plugin_formats.cache_clear()
 
     yield put
     pfwd_plugins.forget()
-    registry._others.cache_clear()
+    registry._plugin_formats.cache_clear()
 
 
 def test_every_reader_is_there() -> None:
-    for form in (*registry.OWN, registry.TEXT):
+    for form in (*registry.FOREIGN_FORMATS, registry.DELIMITED_TEXT):
         assert callable(form.reader())
 
 
@@ -62,7 +62,7 @@ def test_a_file_of_ours_is_never_read_by_another_package(offer: Offer, tmp_path:
     assert registry.find_format(str(traces)) is None
     jils = tmp_path / "a.thy"
     jils.write_bytes(thy([(1, 1, pulse())]))
-    assert registry.find_format(str(jils)) is registry.OWN[1]
+    assert registry.find_format(str(jils)) is registry.FOREIGN_FORMATS[1]
 
 
 @pytest.mark.parametrize("name", ["a.toy", "b.TOY"])

@@ -295,7 +295,7 @@ def test_a_good_project_differs_from_the_wrong_ones(
 
 
 def test_a_bomb_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(archive_module, "LARGEST_MEMBER", 1_000_000)
+    monkeypatch.setattr(archive_module, "MAX_MEMBER_BYTES", 1_000_000)
     path = tmp_path / "bomb.prjz"
     path.write_bytes(zipped({"database.json": b" " * 50_000_000}))
     assert path.stat().st_size < 100_000
@@ -304,7 +304,7 @@ def test_a_bomb_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_many_small_bombs_are_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(archive_module, "LARGEST_TOTAL", len(GOOD) + 4_000)
+    monkeypatch.setattr(archive_module, "MAX_ARCHIVE_BYTES", len(GOOD) + 4_000)
     path = tmp_path / "a.prjz"
     both = {"1": HEX["F0000000000000AB"], "2": HEX["F0000000000000AB"]}
     path.write_bytes(prjz(both, acquired(both)))
@@ -313,7 +313,7 @@ def test_many_small_bombs_are_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def test_names_without_end_are_not_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(archive_module, "LARGEST_DIRECTORY", 100)
+    monkeypatch.setattr(archive_module, "MAX_DIRECTORY_BYTES", 100)
     path = tmp_path / "a.prjz"
     path.write_bytes(prjz(HEX, acquired(HEX)))
     with pytest.raises(TraceError, match="a usual number of members"):
