@@ -213,7 +213,10 @@ def _text_of(value: Value, form: str) -> str:
     displayed = value if scale is None else scale(value)
     if number_form.endswith("p"):
         return f"{float(format(displayed, number_form[:-1] + 'g')):g}"
-    return format(displayed, number_form)
+    text = format(displayed, number_form)
+    if text.startswith("-") and not text.strip("-0.%"):  # rounded to nothing: no sign of its own
+        return format(0.0, number_form)
+    return text
 
 
 def _scale(form: str) -> tuple[str, Callable[[float], float] | None]:
@@ -285,9 +288,14 @@ def _parse(sentence: str) -> Notice | None:
         if match is not None:
             texts = match.groupdict()
             notice = Notice(code, {name: read(texts[name]) for name, read in readers.items()})
-            if not current or str(notice) == sentence:
+            if not current or _unsigned_zeros(notice) == _unsigned_zeros(sentence):
                 return notice
     return None
+
+
+def _unsigned_zeros(sentence: str) -> str:
+    """Return a sentence without the signs of its zeros: earlier versions wrote -0.0."""
+    return re.sub(r"(?<![\w.])[+-](0(?:\.0+)?)(?![\w.])", r"\1", sentence)
 
 
 @cache

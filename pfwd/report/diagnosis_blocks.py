@@ -45,7 +45,7 @@ def diagnosis_blocks(point: PointView, texts: Texts) -> list[Block]:
             f"{texts['diagnosis']}: {texts['point']} {point.shown_name}",
         )
         blocks.append(picture)
-    effects = [_effect(effect) for effect in found.effects or ()]
+    effects = [_effect(effect, texts) for effect in found.effects or ()]
     if effects:
         blocks += [Heading(texts["effects"], 3), Listing(tuple(effects))]
     warnings = found.warnings or ()
@@ -60,7 +60,7 @@ def _states(found: DiagnosisResult, texts: Texts) -> list[Block]:
         (
             texts[when],
             _modulus(state, texts),
-            str(state.model),
+            texts.word(str(state.model)),
             shown.percent(state.contact_residual_rms_over_peak),
             shown.percent(state.residual_rms_over_peak),
         )
@@ -77,7 +77,8 @@ def _states(found: DiagnosisResult, texts: Texts) -> list[Block]:
         texts["residual"],
     )
     blocks: list[Block] = [Table(columns, tuple(rows), (1, 3, 4))]
-    basis = f"rigid-rough {found.plate_radius_m or 0.0:g} m, ν {found.poisson_ratio or 0.0:g}"
+    plate = texts.word("rigid-rough")
+    basis = f"{plate} {found.plate_radius_m or 0.0:g} m, ν {found.poisson_ratio or 0.0:g}"
     blocks.append(Paragraph(f"{texts['basis']}: {basis}", "note"))
     if verdict_of_use := _use(found, texts):
         blocks.append(Paragraph(verdict_of_use))
@@ -111,9 +112,9 @@ def _modulus(state: FittedState, texts: Texts) -> str:
     return shown.with_interval(state.modulus_pa / 1e6, interval, "MPa", texts)
 
 
-def _effect(effect: EffectResult) -> str:
+def _effect(effect: EffectResult, texts: Texts) -> str:
     scale, unit = read_in(effect.unit or "")
     value = shown.with_deviation(effect.value, effect.sd, scale, unit).strip()
-    text = f"{str(effect.name).replace('_', ' ')}: {value}"
-    others = ", ".join(name.replace("_", " ") for name in effect.alternatives or ())
-    return text + (f" (or: {others})" if others else "")
+    text = f"{texts.word(str(effect.name))}: {value}"
+    alternatives = ", ".join(map(texts.word, effect.alternatives or ()))
+    return f"{text} ({texts['effect_or']} {alternatives})" if alternatives else text

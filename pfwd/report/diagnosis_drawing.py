@@ -14,7 +14,7 @@ Step = tuple[str, float, str]
 def ladder_of(found: DiagnosisResult, texts: Texts) -> list[Step]:
     """What is left before, without each effect from the one that matters most, and after."""
     without = [
-        (texts.say("without", effect=str(effect.name).replace("_", " ")), left, "without")
+        (texts.say("without", effect=texts.word(str(effect.name))), left, "without")
         for effect in found.effects or ()
         if _is_part(left := effect.residual_without_over_peak)
     ]

@@ -1,7 +1,7 @@
 """The part of a report on one point: its facts, traces, results and diagnosis."""
 
 import math
-from collections.abc import Collection, Hashable, Mapping
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -30,6 +30,7 @@ from pfwd.report.point_facts import (
     diagnosis_of,
     effective_result,
     first_result,
+    group_point_messages,
     modulus_text,
     time_with_zone,
     used_drops,
@@ -147,7 +148,7 @@ def _rows(point: PointView, report: Report, texts: Texts) -> list[tuple[str, str
     rows += [
         (
             texts["modulus"],
-            f"{modulus_text(point, texts)}; {shown.basis_of(first_result(point))}",
+            f"{modulus_text(point, texts)}; {shown.basis_of(first_result(point), texts)}",
         ),
         (
             texts["effective"],
@@ -172,6 +173,12 @@ def _used(point: PointView, texts: Texts) -> str:
     used = ", ".join(map(str, point.progress.used)) or shown.NOTHING
     excluded = _excluded(point, texts)
     return f"{used}; {texts['excluded'].lower()}: {excluded}" if excluded else used
+
+
+def _drops(numbers: Collection[str], order: Sequence[str], texts: Texts) -> str:
+    """Return the numbers of drops as ranges, after the word for them."""
+    ranges = as_ranges(numbers, order).replace(" to ", " – ")
+    return f"{texts['drop' if len(numbers) == 1 else 'drops']} {ranges}"
 
 
 def _excluded(point: PointView, texts: Texts) -> str:
@@ -204,14 +211,19 @@ def _pictures(point: PointView, texts: Texts) -> list[Block]:
 def _remarks(point: PointView, texts: Texts, common: Collection[Hashable]) -> list[Block]:
     """Warnings that not all points share, and notes of drops."""
     blocks: list[Block] = []
-    found = [
-        texts.grouped(group)
-        for group in group_messages((point.shown_name, text) for text in all_warnings(point))
-        if group.key not in common
+    order = [str(drop.number) for drop in point.drops]
+    messages = group_point_messages((point.shown_name, text) for text in all_warnings(point))
+    warnings = [
+        texts.grouped(item.group)
+        if not numbers
+        else f"{_drops(numbers, order, texts)}: {texts.grouped(item.group)}"
+        for item in messages
+        if item.group.key not in common
+        for numbers in [item.drops.get(point.shown_name, ())]
     ]
     drop_notes = [f"{texts['drop']} {d.number}: {note}" for d in point.drops for note in d.notes]
-    if found:
-        blocks.append(Paragraph("; ".join(found), "small warning"))
+    if warnings:
+        blocks.append(Paragraph("; ".join(warnings), "small warning"))
     if drop_notes:
         blocks += [Heading(texts["notes"], 3), Listing(tuple(drop_notes))]
     return blocks
@@ -242,9 +254,17 @@ def _stress(point: PointView, texts: Texts) -> str:
 def _position(position: Mapping[str, Any] | None, texts: Texts) -> str:
     if position is None:
         return ""
-    said = texts.message(str(position["source"]))
-    parts = [f"{position['latitude']:.6f}, {position['longitude']:.6f}", said]
-    for key, name in (("fix", ""), ("hdop", "HDOP"), ("satellites", "sat."), ("age_s", "age s")):
+    parts = [
+        f"{position['latitude']:.6f}, {position['longitude']:.6f}",
+        texts.word(str(position["source"])),
+    ]
+    if position.get("fix") is not None:
+        parts.append(texts.word(str(position["fix"])))
+    for key, name in (
+        ("hdop", "HDOP"),
+        ("satellites", texts["satellites"]),
+        ("age_s", texts["age_of_fix"]),
+    ):
         value = position.get(key)
         if value is not None:
             parts.append(f"{name} {value:.3g}" if isinstance(value, int | float) else str(value))
@@ -289,17 +309,14 @@ def _results(point: PointView, texts: Texts) -> list[Block]:
         if found is not None and found.modulus_pa is not None:
             where = texts["stored" if found.stored else "fitted"]
             text = (
-                f"{shown.basis_of(found, with_depth=False)}; "
-                f"{found.method}, {texts['load']}: {found.load}; "
+                f"{shown.basis_of(found, texts, with_depth=False)}; "
+                f"{found.method}, {texts['load']}: {texts.word(str(found.load))}; "
                 f"{texts['seed']} {found.seed}; {where}; "
                 f"{texts['peak_method']}: k = {found.peak_factor or math.nan:.4g}"
             )
             basis.setdefault(text, []).append(str(drop.number))
     order = [str(drop.number) for drop in point.drops]
-    lines = [
-        f"{texts['drop']} {as_ranges(numbers, order).replace(' to ', ' – ')}: {text}"
-        for text, numbers in basis.items()
-    ]
+    lines = [f"{_drops(numbers, order, texts)}: {text}" for text, numbers in basis.items()]
     return [
         table,
         *(Paragraph(line, "note") for line in lines),

@@ -1,12 +1,15 @@
 """What several parts of a report say of a point."""
 
 import datetime
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
+from inversion.notices import OTHER, Notice
 from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.files.header import IMPORTED
 from pfwd.judging import DropView, PointView
-from pfwd.message_groups import as_ranges
+from pfwd.message_groups import MessageGroup, as_ranges, group_messages
 from pfwd.procedures import Verdict
 from pfwd.report import shown
 from pfwd.report.texts import Texts
@@ -113,6 +116,50 @@ def all_warnings(point: PointView) -> list[str]:
     for drop in point.drops:
         found += [*drop.marks, *drop.warnings]
     return list(dict.fromkeys(found))
+
+
+@dataclass(frozen=True, slots=True)
+class PointMessages:
+    """Messages of one meaning, with the points and drops that they are about."""
+
+    group: MessageGroup[str]
+    """The message without the numbers of drops before it; its places are keys of points."""
+    drops: Mapping[str, tuple[str, ...]]
+    """Numbers of the drops by the key of the point, where the message names any."""
+
+
+_DROPS = re.compile(r"drops? (\d+(?:, \d+)*): ")
+"""What a message on some drops of a point begins with."""
+
+
+def group_point_messages(messages: Iterable[tuple[str, str]]) -> list[PointMessages]:
+    """Group messages by their meaning, whatever drops they begin with.
+
+    Parameters
+    ----------
+    messages : iterable of (key of the point, message)
+
+    Examples
+    --------
+    >>> (found,) = group_point_messages([("A", "drops 1, 2: too low"), ("B", "drop 3: too low")])
+    >>> found.group.text, found.group.places, dict(found.drops)
+    ('too low', ('A', 'B'), {'A': ('1', '2'), 'B': ('3',)})
+    """
+    by_rest: list[tuple[str, str]] = []
+    numbers: list[tuple[str, str, tuple[str, ...]]] = []
+    for place, message in messages:
+        coded = isinstance(message, Notice) and message.code != OTHER
+        match = None if coded else _DROPS.match(message)
+        rest = message if match is None else message[match.end() :]
+        by_rest.append((place, rest))
+        if match is not None:
+            numbers.append((place, rest, tuple(match[1].split(", "))))
+    drops: dict[Hashable, dict[str, tuple[str, ...]]] = {}
+    for place, rest, listed in numbers:
+        (group,) = group_messages([(place, rest)])
+        of_key = drops.setdefault(group.key, {})
+        of_key[place] = tuple(dict.fromkeys((*of_key.get(place, ()), *listed)))
+    return [PointMessages(group, drops.get(group.key, {})) for group in group_messages(by_rest)]
 
 
 MAX_LISTED_RANGES = 6

@@ -17,16 +17,6 @@ _NUMBER_UNITS = {
     **{key: (check.scale, check.unit) for key, check in CHECKS.items()},
 }
 
-_NAMES = {
-    "seating": "seating drops",
-    "measured": "measured drops",
-    "factor": "plate factor",
-    "nominal_pressure_pa": "nominal pressure",
-    "nominal_load_n": "nominal load",
-    "poisson_ratio": "Poisson's ratio",
-    "plate_radius_m": "plate radius",
-}
-
 
 def procedure_blocks(procedure: Procedure, texts: Texts) -> list[Block]:
     """The procedure with all its numbers."""
@@ -35,15 +25,14 @@ def procedure_blocks(procedure: Procedure, texts: Texts) -> list[Block]:
         Pairs(((texts["procedure"], procedure.name), (texts["source"], procedure.source))),
     ]
     if procedure.about:
-        blocks.append(Paragraph(texts.title(procedure.about), "note"))
+        blocks.append(Paragraph(texts.source(texts.title(procedure.about)), "note"))
     rows = []
     for key, number in procedure.numbers().items():
-        words = CHECKS[key].words if key in CHECKS else _NAMES.get(key, key)
         rows.append(
             (
-                texts.message(words),
+                texts.number_name(key),
                 with_decimals(_number(procedure, key, number), texts),
-                number.source,
+                texts.source(number.source),
                 _state(procedure, number, texts),
             )
         )

@@ -117,13 +117,13 @@ def modulus_of(result: DropResult | None, texts: Texts, unit: str = "MPa") -> st
     return with_interval(result.modulus_pa / 1e6, ends, unit, texts, marked=marked)
 
 
-def basis_of(result: DropResult | None, *, with_depth: bool = True) -> str:
-    """What a modulus rests on: model, plate and Poisson's ratio."""
+def basis_of(result: DropResult | None, texts: Texts, *, with_depth: bool = True) -> str:
+    """Return the model, the plate and Poisson's ratio that a modulus depends on."""
     if result is None or result.model is None:
         return NOTHING
-    model = result.model
+    model = texts.word(result.model)
     if result.layers and len(result.layers) > 1:
-        model = f"lowest of {len(result.layers)} media, {model}"
+        model = f"{texts.say('lowest_of', count=len(result.layers))}, {model}"
     if with_depth and result.bedrock_depth_m is not None:
         depth, ends = result.bedrock_depth_m, result.bedrock_depth_interval_m
         if result.bedrock_depth_sd_m is None or ends is None:
@@ -131,10 +131,8 @@ def basis_of(result: DropResult | None, *, with_depth: bool = True) -> str:
         else:
             _, low, high = with_ends(depth, ends)
             model += f" {low} – {high} m"
-    return (
-        f"{model}, {result.plate} {_plain(result.plate_radius_m)} m, "
-        f"ν {_plain(result.poisson_ratio)}"
-    )
+    plate = f"{texts.word(str(result.plate))} {_plain(result.plate_radius_m)} m"
+    return f"{model}, {plate}, ν {_plain(result.poisson_ratio)}"
 
 
 def value_of(value: PointValue | None, texts: Texts) -> str:

@@ -3,7 +3,6 @@
 from collections.abc import Hashable
 from functools import partial
 
-from pfwd.message_groups import group_messages
 from pfwd.report.blocks import (
     Block,
     Heading,
@@ -15,7 +14,12 @@ from pfwd.report.blocks import (
 from pfwd.report.content import Report
 from pfwd.report.drawing import draw_map, draw_profile, place
 from pfwd.report.fonts import Letters
-from pfwd.report.point_facts import all_warnings, points_text
+from pfwd.report.point_facts import (
+    PointMessages,
+    all_warnings,
+    group_point_messages,
+    points_text,
+)
 from pfwd.report.texts import Texts
 
 _MINUTES = len("2026-01-31T14:05")
@@ -77,23 +81,37 @@ def warning_blocks(report: Report, texts: Texts) -> list[Block]:
 
 
 def _grouped(report: Report, texts: Texts) -> list[str]:
-    places = [(str(number), point) for number, point in enumerate(report.points)]
-    said = [(number, text) for number, point in places for text in all_warnings(point)]
-    names = {number: point.shown_name for number, point in places}
-    order = [number for number, _ in places]
+    """Return each warning once, with the points and the number of drops that it holds for."""
+    order = [str(number) for number in range(len(report.points))]
+    names = {number: p.shown_name for number, p in zip(order, report.points, strict=True)}
+    groups = _messages_by_point(report)
     lines = []
-    for group in sorted(group_messages(said), key=lambda group: -len(group.places)):
-        lines.append(f"{texts.grouped(group)} ({points_text(group.places, order, names, texts)})")
+    for item in sorted(groups, key=lambda item: -len(item.group.places)):
+        places = [points_text(item.group.places, order, names, texts)]
+        if item.drops:
+            count = sum(map(len, item.drops.values()))
+            places.append(texts.say("one_drop_of" if count == 1 else "drops_of", count=count))
+        lines.append(f"{texts.grouped(item.group)} ({'; '.join(places)})")
     return lines
 
 
 def common_warnings(report: Report) -> set[Hashable]:
-    """Keys of the messages of what holds for every point, which its own page need not say again."""
+    """Return keys of the messages that hold for every point; a point's page does not repeat them.
+
+    A message on some drops of each point is not among them.
+    """
     if len(report.points) < 2:
         return set()
-    said = [
+    return {
+        item.group.key
+        for item in _messages_by_point(report)
+        if len(item.group.places) == len(report.points) and not item.drops
+    }
+
+
+def _messages_by_point(report: Report) -> list[PointMessages]:
+    return group_point_messages(
         (str(number), text)
         for number, point in enumerate(report.points)
         for text in all_warnings(point)
-    ]
-    return {g.key for g in group_messages(said) if len(g.places) == len(report.points)}
+    )

@@ -11,6 +11,7 @@ from typing import Any
 from inversion.notices import OTHER, fill_template
 from pfwd.errors import OptionError, quote, refusal
 from pfwd.message_groups import GAP, MessageGroup, fill, split_numbers
+from pfwd.procedures.profile import CHECKS
 from pfwd_device.text import clean
 
 LARGEST_FILE = 1_000_000
@@ -22,6 +23,30 @@ _CODE = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
 
 _LINE = re.compile(r"(\.\w+, )line( \{\})")
 """Of a file, behind its name."""
+
+
+_DROPS = re.compile(r"(drops?) \{\}(?:, \{\})*")
+"""Numbers of drops."""
+
+_STARTS = ("moved to point",)
+"""Messages that a name follows without a sign between them."""
+
+_NUMBERS_FOLLOW = (
+    "not verified, hence not enforced",
+    "used in the formula without being verified",
+)
+"""Messages that the keys of numbers of a procedure follow."""
+
+NAMES_OF_NUMBERS = {
+    "seating": "seating drops",
+    "measured": "measured drops",
+    "factor": "plate factor",
+    "nominal_pressure_pa": "nominal pressure",
+    "nominal_load_n": "nominal load",
+    "poisson_ratio": "Poisson's ratio",
+    "plate_radius_m": "plate radius",
+}
+"""English names of the numbers of a procedure that are no checks, by key."""
 
 
 class Texts:
@@ -42,6 +67,10 @@ class Texts:
         self._messages: dict[str, str] = catalogue.get("messages", {})
         self._warnings: dict[str, str] = catalogue.get("warnings", {})
         self._words: dict[str, str] = catalogue.get("words", {})
+        self._sources: dict[str, str] = catalogue.get("sources", {})
+        self._starts = [start for start in _STARTS if start in self._messages]
+        self.untranslated: set[str] = set()
+        """Messages that stayed English, as names of files and of people do."""
 
     @property
     def decimal(self) -> str:
@@ -57,13 +86,33 @@ class Texts:
         return tuple(_messages())
 
     def message(self, text: str) -> str:
-        """A message of the program in this language; in English where its catalogue lacks it."""
-        return self.grouped_message(*split_numbers(text)) if self._messages else text
+        """Return a message of the program in this language; in English where it is not known."""
+        return self.grouped_message(*split_numbers(text))
 
     def title(self, text: str) -> str:
         """As :meth:`message`, of what has numbers in its name: they stay as they are."""
         pattern, numbers = split_numbers(text)
         return fill(self._messages.get(pattern, pattern), numbers)
+
+    def source(self, text: str) -> str:
+        """Return the source of a number of a procedure; a document keeps its name."""
+        return self._sources.get(text, text)
+
+    def word(self, name: str) -> str:
+        """Return a name of the program, as of an effect, in this language, without underscores."""
+        return self._words.get(name.replace(" ", "_")) or name.replace("_", " ")
+
+    def number_name(self, key: str) -> str:
+        """Return the name of a number of a procedure by its key."""
+        check = CHECKS.get(key)
+        return self.title(NAMES_OF_NUMBERS.get(key, key) if check is None else check.words)
+
+    def _list_of_words(self, text: str) -> str | None:
+        """Return a list of names of the program in this language; None: it is something else."""
+        names = [name.replace(" ", "_") for name in text.split(", ")]
+        if not all(name in self._words for name in names):
+            return None
+        return ", ".join(self._words[name] for name in names)
 
     def grouped(self, group: MessageGroup[Any]) -> str:
         """Return a message about several things in this language."""
@@ -80,27 +129,54 @@ class Texts:
         return fill_template(template, texts)
 
     def grouped_message(self, pattern: str, numbers: Sequence[str]) -> str:
-        """As :meth:`message`, of a pattern with gaps and of the numbers that fill them."""
-        found = GAP if pattern == GAP else self._messages.get(pattern)
-        if found is not None:
-            to = f" {self['range_to']} "
-            said = [number.replace(".", self.decimal).replace(" to ", to) for number in numbers]
-            return fill(found, said)
-        word = pattern.replace(GAP, "").strip(" ,")
-        if word in ("drop", "drops"):  # and their numbers
-            return fill(pattern.replace(word, self[word]), numbers)
-        for part in ("; ", ": ", ", "):
-            # What a file or a procedure is called stands before what is said of it; of several
-            # things one after the other each is said by itself.
-            for at in re.finditer(re.escape(part), pattern):
-                head, rest = pattern[: at.start()], pattern[at.end() :]
-                if rest not in self._messages and head not in self._messages:
+        """As :meth:`message`, of a pattern with gaps and of the numbers that fill them.
+
+        A message of several clauses is translated clause by clause. What a file or a procedure is
+        called may stand before a clause.
+        """
+        translation = GAP if pattern == GAP else self._messages.get(pattern)
+        if translation is not None:
+            to, joint = f" {self['range_to']} ", f" {self['and']} "
+            localised = [
+                number.replace(".", self.decimal).replace(" to ", to).replace(" and ", joint)
+                for number in numbers
+            ]
+            return fill(translation, localised)
+        words = self._list_of_words(pattern)
+        if words is not None:
+            return words
+        drop = _DROPS.fullmatch(pattern)
+        if drop is not None:
+            return fill(pattern.replace(drop[1], self[drop[1]]), numbers)
+        for start in _NUMBERS_FOLLOW:
+            if pattern.startswith(f"{start}: "):
+                names = map(self.number_name, pattern[len(start) + 2 :].split(", "))
+                return f"{self._messages.get(start, start)}: {'; '.join(names)}"
+        for separator in ("; ", ": ", ", "):
+            for match in re.finditer(re.escape(separator), pattern):
+                head, rest = pattern[: match.start()], pattern[match.end() :]
+                if not self._is_known(head) and not self._is_known(rest):
                     continue
                 gaps = head.count(GAP)
-                said = [self.grouped_message(head, numbers[:gaps])]
-                said.append(self.grouped_message(rest, numbers[gaps:]))
-                return part.join(said)
-        return fill(_LINE.sub(rf"\1{self['line']}\2", pattern), numbers)
+                clauses = (
+                    self.grouped_message(head, numbers[:gaps]),
+                    self.grouped_message(rest, numbers[gaps:]),
+                )
+                return separator.join(clauses)
+        for start in self._starts:
+            if pattern.startswith(f"{start} "):
+                return f"{self._messages[start]} {fill(pattern[len(start) + 1 :], numbers)}"
+        text = fill(_LINE.sub(rf"\1{self['line']}\2", pattern), numbers)
+        if self._messages:
+            self.untranslated.add(text)
+        return text
+
+    def _is_known(self, clause: str) -> bool:
+        return (
+            clause in self._messages
+            or _DROPS.fullmatch(clause) is not None
+            or self._list_of_words(clause) is not None
+        )
 
     def say(self, key: str, **values: object) -> str:
         """A text with its words in braces filled in."""

@@ -48,6 +48,15 @@ def test_numbers_are_in_the_unit_of_the_sentence() -> None:
     assert warning == "modulus of layer 1 not known: 4 to 160 MPa fit as well"
 
 
+def test_a_number_rounded_to_nothing_has_no_sign_of_its_own() -> None:
+    values = {"file": "a", "traces": "raw_channels", "deviation": (-0.0004, 0.691)}
+    notice = Notice("stored-deflection-differs", values)
+    assert "is +0.0 to +69.1 % off" in notice
+    earlier = str(notice).replace("+0.0", "-0.0")
+    assert from_sentence(earlier).code == "stored-deflection-differs"
+    assert from_sentence(earlier) == notice
+
+
 def test_json_has_the_codes_in_the_order_of_the_sentences() -> None:
     result = InversionResult(warnings=(Notice("not-converged"), DEPTH))
     written = json.loads(json.dumps(result.to_json()))

@@ -64,6 +64,7 @@ def test_what_stands_before_a_message_stays() -> None:
         "drops 1, 2: peak deflection more than 2 mm (not verified, not enforced)"
     ) == ("Stöße 1, 2: größte Setzung über 2 mm (nicht belegt, nicht angewandt)")
     assert DE.message("nobody said that: 4.5") == "nobody said that: 4.5"
+    assert DE.message("moved to point A, drop 3") == "verschoben zum Messpunkt A, Stoß 3"
 
 
 def test_procedures_are_whole_in_every_language() -> None:
@@ -166,3 +167,22 @@ def test_warnings_are_whole_in_every_language(said: str) -> None:
     for texts in (DE, ZH):
         assert not english.search(said_by(texts, said)), said_by(texts, said)
     assert said_by(EN, said) == str(from_sentence(said))
+
+
+def test_drops_of_a_message_are_counted_and_not_listed(survey: Path) -> None:
+    limit = "pulse duration less than 15.5 ms (not verified, not enforced)"
+    numbers = ", ".join(map(str, range(1, 92)))
+    report = gather(survey)
+    first, second = report.points
+    points = (
+        replace(first, warnings=(f"drops {numbers}: {limit}",)),
+        replace(second, warnings=(f"drop 3: {limit}",)),
+    )
+    for texts, expected in (
+        (EN, f"{limit} (all 2 points; 92 drops)"),
+        (DE, "Stoßdauer unter 15,5 ms (nicht belegt, nicht angewandt) (alle 2 Punkte; 92 Stöße)"),
+    ):
+        blocks = compose(replace(report, points=points), texts, Letters())
+        listed = [item for block in blocks for item in getattr(block, "items", ())]
+        assert expected in listed
+        assert not any(numbers in item for item in listed)
