@@ -41,6 +41,7 @@ COMMANDS = {
         "schema": "print the JSON Schema of a file, for an editor",
         "simulate": "run a simulated instrument to connect to",
         "conform": "test whether an instrument follows the protocol",
+        "completion": "print a script for completion by the Tab key",
         "bench": "run the project's benchmarks, from a checkout",
         "help": "show this list, or the help of a command",
     },
@@ -113,14 +114,14 @@ class _Parser(argparse.ArgumentParser):
         """Return the arguments; the error of an unknown option suggests the nearest one."""
         parsed, unknown = self.parse_known_args(args, namespace)
         if unknown:
-            owner = self.commands.get(getattr(parsed, "command", None) or "", self)
+            owner = self.commands.get(getattr(parsed, "command", None) or "") or self
             hints = [_suggestion(word.split("=")[0], owner.options) for word in unknown]
             hint = next(filter(None, hints), "")
             owner.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
         return parsed
 
     @property
-    def commands(self) -> "dict[str, _Parser]":
+    def commands(self) -> "dict[str, CommandParser]":
         """Parsers of the commands by name."""
         for action in self._actions:
             if isinstance(action, argparse._SubParsersAction):

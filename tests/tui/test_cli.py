@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,7 +19,7 @@ import pytest
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DropResult, FileOutcome
 from tui.cli import main
-from tui.commands import bench
+from tui.commands import bench, completion
 from tui.commands.invert import options_from
 from tui.parser import CommandParser, build_parser, command_module
 
@@ -408,6 +409,34 @@ def test_help_shows_twelve_commands_in_four_groups(capsys: pytest.CaptureFixture
     with pytest.raises(SystemExit):
         main(["--help"])
     assert capsys.readouterr().out == text
+
+
+@pytest.mark.posix
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [("pfwd inv", "invert"), ("pfwd invert --me", "--method"), ("pfwd open Ring", "Ring road")],
+)
+def test_bash_completes_commands_options_and_files(
+    words: str, expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["completion", "bash"]) == 0
+    (tmp_path / "script").write_text(capsys.readouterr().out)
+    (tmp_path / "Ring road").mkdir()
+    commands = f"""
+        source ./script; COMP_WORDS=({words}); COMP_CWORD=$(( ${{#COMP_WORDS[@]}} - 1 ))
+        _shtab_pfwd; printf '%s\\n' "${{COMPREPLY[@]}}"
+    """
+    done = subprocess.run(
+        ["bash", "-c", commands], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines() == [expected]
+
+
+def test_every_shell_has_a_completion_script(capsys: pytest.CaptureFixture[str]) -> None:
+    for shell in completion.SHELLS:
+        assert main(["completion", shell]) == 0
+        assert "least-squares" in capsys.readouterr().out
 
 
 def test_help_of_a_command_ends_with_the_expert_options(

@@ -52,11 +52,7 @@ def run(args: argparse.Namespace) -> int:
     from pfwd.analysis.calibrating import calibrate_files, write_calibration
 
     found = calibrate_files(
-        args.files,
-        args.stiffness,
-        point=args.point,
-        gain_of=args.gain_of,
-        header=args.header,
+        args.files, args.stiffness, point=args.point, gain_of=args.gain_of, header=args.header
     )
     said = found.to_json()
     if args.json:

@@ -76,9 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--elastic", action="store_true", help="base model without viscosity of the soil"
     )
     expert.add_argument(
-        "--load",
-        choices=("measured", "half-sine"),
-        help="load in the model (default: measured)",
+        "--load", choices=("measured", "half-sine"), help="load in the model (default: measured)"
     )
     add_archive(expert)
     add_stored(expert)
@@ -105,11 +103,7 @@ def run(args: argparse.Namespace) -> int:
     )
     if args.archive is not None or args.scheduler is not None or any_folder(args.files):
         return _over_archive(args, options)
-    from pfwd.analysis.diagnosis.device_file import (
-        device_of,
-        read_device,
-        write_device_file,
-    )
+    from pfwd.analysis.diagnosis.device_file import device_of, read_device, write_device_file
     from pfwd.analysis.diagnosis.diagnose import diagnose_files
 
     device, spread = read_device(args.device) if args.device else (None, None)

@@ -72,9 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--elastic", action="store_true", help="model of the soil without viscosity"
     )
     expert.add_argument(
-        "--load",
-        choices=["measured", "half-sine"],
-        help="load in the model (default: measured)",
+        "--load", choices=["measured", "half-sine"], help="load in the model (default: measured)"
     )
     expert.add_argument(
         "--plate",

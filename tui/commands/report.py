@@ -39,9 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--template",
-        metavar="T",
-        help="T.xlsx: a workbook whose named cells, or cells with {{ name }}, are filled; "
-        "T.typ: a layout of the PDF for Typst",
+        metavar="FILE",
+        help="FILE.xlsx: a workbook whose named cells, or cells with {{ name }}, are filled; "
+        "FILE.typ: a layout of the PDF for Typst",
     )
     parser.add_argument(
         "--language",

@@ -38,9 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="speed as a multiple of real time, 0: as fast as possible (default: 1)",
     )
     parser.add_argument(
-        "--truth",
-        metavar="FILE",
-        help="at the end write what was simulated, as JSON",
+        "--truth", metavar="FILE", help="at the end write what was simulated, as JSON"
     )
     add_seed(parser)
     parser.add_argument("--json", action="store_true", help='print the address as {"url": ...}')
