@@ -14,7 +14,7 @@ from pfwd_device.acquisition.probing import PROBE_TIMEOUT_S, probe_all
 from pfwd_device.acquisition.probing import Probe as Probe
 from pfwd_device.conformance import Result as Result
 from pfwd_device.conformance import conform as _conform
-from pfwd_device.conformance.requirements import DROP_WAIT, TITLES
+from pfwd_device.conformance.requirements import DROP_TIMEOUT_S, TITLES
 from pfwd_device.transport.opening import BAUD_RATE, open_transport
 from pfwd_device.transport.ports import Adapter as Adapter
 from pfwd_device.transport.ports import Port as Port
@@ -86,7 +86,7 @@ def conform(
     url: str,
     *,
     baud_rate: int = BAUD_RATE,
-    drop_wait: float = DROP_WAIT,
+    drop_wait: float = DROP_TIMEOUT_S,
     announce: Callable[[str], None] = lambda text: None,
     only: Collection[str] = (),
 ) -> Iterator[Result]:

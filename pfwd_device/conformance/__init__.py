@@ -1,4 +1,4 @@
-"""Whether an instrument keeps the protocol: every numbered requirement of docs/protocol.md."""
+"""Conformance test of an instrument: every numbered requirement of docs/protocol.md."""
 
 from pfwd_device.conformance.requirements import Result, conform
 

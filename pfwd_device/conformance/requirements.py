@@ -1,21 +1,21 @@
-"""The requirements of docs/protocol.md by their numbers, and what tries each."""
+"""The requirements of docs/protocol.md by their numbers, and the test of each."""
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
-from pfwd_device.conformance import basics, calibrating, keeping, streaming
-from pfwd_device.conformance.talk import Failed, NotOffered, Talk
+from pfwd_device.conformance import basics, calibrating, stored_drops, streaming
+from pfwd_device.conformance.instrument_link import Failed, InstrumentLink, NotSupported
 from pfwd_device.errors import DeviceError, DeviceRefused
 from pfwd_device.identity import Identity
 from pfwd_device.transport.base import Transport
 from pfwd_device.wire.messages import Hello, Status, Stop
 
-DROP_WAIT = 15.0
-"""s to wait for a drop."""
-MOST_DAMAGED = 0.02
-"""Of the frames: a link damages some, an instrument with a wrong CRC all of them."""
+DROP_TIMEOUT_S = 15.0
+"""Longest wait for a drop, s."""
+MAX_DAMAGED_FRACTION = 0.02
+"""Largest fraction of damaged frames: a link damages some, a wrong CRC in the instrument all."""
 
 TITLES = {
     "P-1": "every frame has a right COBS, length and CRC",
@@ -64,48 +64,48 @@ TITLES = {
     "found or waits",
     "P-42": "a calibration that was stored outlasts a reset, and is never there by half",
 }
-BY_HAND = {"P-38", "P-39", "P-42"}
-"""Nobody can switch an instrument off over its link."""
+MANUAL_TESTS = {"P-38", "P-39", "P-42"}
+"""Requirements that need the power of the instrument to be switched, which no command can do."""
 
-FEWEST_FRAMES = 8
-"""From which something can be said of their counter."""
+MIN_FRAMES = 8
+"""Smallest number of frames for a test of their counter."""
 NEED_A_DROP = {"P-28", "P-29", "P-30", "P-32", "P-33"}
 
-Check = Callable[[Talk], str]
+Check = Callable[[InstrumentLink], str]
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What became of one requirement."""
+    """Result of the test of one requirement."""
 
     requirement: str
-    """Its number."""
+    """Number of the requirement."""
     title: str
     result: Literal["passed", "failed", "not-offered"]
     detail: str
-    """What came."""
+    """Details of the behaviour."""
 
 
 def conform(
     open_port: Callable[[], Transport],
     *,
-    drop_wait: float = DROP_WAIT,
+    drop_wait: float = DROP_TIMEOUT_S,
     announce: Callable[[str], None] = lambda text: None,
     only: Collection[str] = (),
 ) -> Iterator[Result]:
-    """Try an instrument, requirement by requirement.
+    """Test an instrument, requirement by requirement.
 
     Parameters
     ----------
     open_port : callable
-        Opens the link, as often as it is called.
+        Function that opens the port on each call.
     drop_wait : float, s
-        How long to wait for a drop.
+        Longest wait for a drop.
     announce : callable
-        Told what the operator should do.
+        Function that receives requests to the operator.
     only : collection of str
-        Numbers of those to try; empty: all. Hello (P-3) is tried always, and a drop has to be
-        offered (P-27) before anything can be tried with it.
+        Numbers of the requirements to test; empty: all. Hello (P-3) is always tested. The tests of
+        a stored drop include its Offer (P-27).
 
     Yields
     ------
@@ -114,30 +114,30 @@ def conform(
     Raises
     ------
     PortError
-        If the link cannot be opened, the first time.
+        If the port cannot be opened at the beginning.
     DeviceRefused
-        If drops wait in the instrument: they would be acknowledged without being recorded.
+        If drops wait in the instrument: the test would acknowledge them without a record.
     """
-    talk = Talk(open_port)
+    link = InstrumentLink(open_port)
     try:
-        first = _try("P-3", basics.greeting, talk)
+        first = _try("P-3", basics.greeting, link)
         yield first
         if first.result == "failed":
             yield from _all_failed(first)
             return
-        _refuse_waiting(talk)
-        wanted = set(only) | ({"P-27"} if NEED_A_DROP & set(only) else set())
+        _refuse_waiting(link)
+        selected = set(only) | ({"P-27"} if NEED_A_DROP & set(only) else set())
         for number, check in _checks(drop_wait, announce):
-            if not wanted or number in wanted:
-                yield _try(number, check, talk)
-        for number in sorted(BY_HAND & wanted if wanted else BY_HAND):
-            yield Result(number, TITLES[number], "not-offered", "needs hands; try it yourself")
+            if not selected or number in selected:
+                yield _try(number, check, link)
+        for number in sorted(MANUAL_TESTS & selected if selected else MANUAL_TESTS):
+            yield Result(number, TITLES[number], "not-offered", "needs a test by hand")
     finally:
-        talk.close()
+        link.close()
 
 
 def _checks(wait: float, announce: Callable[[str], None]) -> list[tuple[str, Check]]:
-    drop = keeping.BufferedDropCheck(wait, announce)
+    drop = stored_drops.BufferedDropCheck(wait, announce)
     return [
         ("P-4", basics.versions),
         ("P-5", basics.same_identity),
@@ -159,58 +159,58 @@ def _checks(wait: float, announce: Callable[[str], None]) -> list[tuple[str, Che
         ("P-21", basics.shunt_by_itself),
         ("P-22", basics.any_order),
         ("P-23", basics.new_link),
-        ("P-24", keeping.waiting),
-        ("P-25", keeping.arms),
-        ("P-26", keeping.run_goes_on),
+        ("P-24", stored_drops.waiting),
+        ("P-25", stored_drops.arms),
+        ("P-26", stored_drops.run_goes_on),
         ("P-27", drop.offered),
         ("P-28", drop.cut),
-        ("P-29", drop.whole),
-        ("P-30", drop.again),
-        ("P-31", drop.nothing_there),
-        ("P-32", drop.kept),
+        ("P-29", drop.complete),
+        ("P-30", drop.repeated),
+        ("P-31", drop.unknown_drop),
+        ("P-32", drop.stays_stored),
         ("P-33", drop.acknowledged),
-        ("P-34", streaming.sent_again),
-        ("P-35", streaming.gone),
+        ("P-34", streaming.resends),
+        ("P-35", streaming.reports_missing),
         ("P-36", streaming.ring_length),
-        ("P-37", keeping.spoken_to_in_version_1),
+        ("P-37", stored_drops.host_of_version_1),
         ("P-40", calibrating.stores),
         ("P-41", calibrating.not_while_busy),
-        ("P-1", frames_whole),
+        ("P-1", frames_valid),
         ("P-2", frames_counted),
     ]
 
 
-def frames_whole(talk: Talk) -> str:
-    """P-1."""
-    counters = talk.counters
+def frames_valid(link: InstrumentLink) -> str:
+    """Test requirement P-1."""
+    counters = link.counters
     frames = counters.frames_good + counters.frames_damaged
-    if counters.frames_damaged > max(3, MOST_DAMAGED * frames):
+    if counters.frames_damaged > max(3, MAX_DAMAGED_FRACTION * frames):
         raise Failed(f"expected whole frames, got {counters.frames_damaged} damaged of {frames}")
     return f"{counters.frames_damaged} damaged of {frames}"
 
 
-def frames_counted(talk: Talk) -> str:
-    """P-2."""
-    if len(talk.heard) < FEWEST_FRAMES:
-        talk.listen(0.5 * FEWEST_FRAMES)
+def frames_counted(link: InstrumentLink) -> str:
+    """Test requirement P-2."""
+    if len(link.received) < MIN_FRAMES:
+        link.receive(0.5 * MIN_FRAMES)
     steps = [
         (later.counter - earlier.counter) % 65536
-        for earlier, later in pairwise(talk.heard)
-        if later.visit == earlier.visit
+        for earlier, later in pairwise(link.received)
+        if later.connection == earlier.connection
     ]
-    wrong = sum(step != 1 for step in steps)
-    # Damaged frames leave their numbers out; the number of another instrument's reset is one more.
-    if wrong > talk.counters.frames_damaged + MOST_DAMAGED * len(steps):
-        raise Failed(f"expected one more for each frame, got {wrong} other steps of {len(steps)}")
+    n_wrong = sum(step != 1 for step in steps)
+    # Each damaged frame makes a gap in the numbers, and so does a reset of the instrument.
+    if n_wrong > link.counters.frames_damaged + MAX_DAMAGED_FRACTION * len(steps):
+        raise Failed(f"expected one more for each frame, got {n_wrong} other steps of {len(steps)}")
     return f"{len(steps) + 1} frames"
 
 
-def _refuse_waiting(talk: Talk) -> None:
+def _refuse_waiting(link: InstrumentLink) -> None:
     try:
-        talk.answer(Hello(), Identity)
-        status = talk.answer(Stop(), Status)
+        link.request(Hello(), Identity)
+        status = link.request(Stop(), Status)
     except Failed:
-        return  # what is wrong with it is told by its number
+        return  # the test of this requirement reports it
     if status.drops_waiting:
         raise DeviceRefused(
             f"expected an instrument in which no drop waits, got one with {status.drops_waiting}; "
@@ -218,25 +218,25 @@ def _refuse_waiting(talk: Talk) -> None:
         )
 
 
-def _try(number: str, check: Check, talk: Talk) -> Result:
+def _try(number: str, check: Check, link: InstrumentLink) -> Result:
     title = TITLES[number]
     try:
-        return Result(number, title, "passed", check(talk))
-    except NotOffered as err:
+        return Result(number, title, "passed", check(link))
+    except NotSupported as err:
         return Result(number, title, "not-offered", str(err))
     except Failed as err:
         return Result(number, title, "failed", str(err))
     except DeviceError as err:
         detail = f"the link was lost: {err}"
         try:
-            talk.open()
-        except DeviceError as other:
-            detail = f"the link was lost: {other}"
+            link.open()
+        except DeviceError as second_error:
+            detail = f"the link was lost: {second_error}"
         return Result(number, title, "failed", detail)
 
 
 def _all_failed(first: Result) -> Iterator[Result]:
     for number, title in TITLES.items():
-        if number != first.requirement and number not in BY_HAND:
+        if number != first.requirement and number not in MANUAL_TESTS:
             detail = f"not tried: {first.requirement} failed"
             yield Result(number, title, "failed", detail)

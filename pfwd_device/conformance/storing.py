@@ -1,8 +1,8 @@
-"""Gives an instrument its calibration, to keep: what its Identity says from then on."""
+"""Storage of a calibration in an instrument, whose Identity contains it from then on."""
 
 from collections.abc import Callable, Sequence
 
-from pfwd_device.conformance.talk import Failed, Talk
+from pfwd_device.conformance.instrument_link import Failed, InstrumentLink
 from pfwd_device.errors import DeviceRefused
 from pfwd_device.identity import Identity
 from pfwd_device.transport.base import Transport
@@ -10,83 +10,85 @@ from pfwd_device.wire.fields import day
 from pfwd_device.wire.messages import Calibrate, Hello, Refusal, RefusalCode
 
 _HINTS: dict[int, str] = {
-    RefusalCode.UNKNOWN: "it has no memory that lasts, or an older firmware",
-    RefusalCode.BUSY: "end what measures; `pfwd log` records the drops that wait",
+    RefusalCode.UNKNOWN: "it has no permanent memory, or an older firmware",
+    RefusalCode.BUSY: "end the measurement; `pfwd log` records the drops that wait",
 }
 
 
 def calibration_of(identity: Identity, channel: int) -> Calibrate:
-    """What an identity says of a channel, as it can be stored.
+    """Return the calibration of a channel as the command that stores it.
 
     Parameters
     ----------
     identity : Identity
     channel : int
-        From 0.
+        Index of the channel, from 0.
     """
-    said = identity.channels[channel]
+    source = identity.channels[channel]
     return Calibrate(
         channel,
-        said.sensitivity,
-        said.zero,
-        said.natural_frequency,
-        said.damping,
-        said.shunt,
-        day(said.calibrated),
-        day(said.due),
+        source.sensitivity,
+        source.zero,
+        source.natural_frequency,
+        source.damping,
+        source.shunt,
+        day(source.calibrated),
+        day(source.due),
     )
 
 
 def store_calibration(
     open_port: Callable[[], Transport], calibrations: Sequence[Calibrate]
 ) -> Identity:
-    """Have an instrument keep a calibration, channel by channel.
+    """Store calibrations in an instrument, channel by channel.
 
     Parameters
     ----------
     open_port : callable
-        Opens the link.
+        Function that opens the port.
     calibrations : sequence of Calibrate
-        `calibration_of` gives those that it has, to be changed.
+        New calibrations; `calibration_of` returns the present ones.
 
     Returns
     -------
     Identity
-        What the instrument says of itself afterwards.
+        Identity of the instrument afterwards.
 
     Raises
     ------
     PortError
-        If the link cannot be opened.
+        If the port cannot be opened.
     DeviceRefused
-        If the instrument does not answer, or keeps one of them not; those before it are kept.
+        If the instrument does not respond or refuses one of them; those before it are stored.
     """
-    talk = Talk(open_port)
+    link = InstrumentLink(open_port)
     try:
-        identity = talk.answer(Hello(), Identity)
+        identity = link.request(Hello(), Identity)
         for calibration in calibrations:
-            identity = _store(talk, calibration)
+            identity = _store(link, calibration)
     except Failed as err:
         raise DeviceRefused(f"calibration: {err}; try again, or `pfwd conform`") from err
     finally:
-        talk.close()
+        link.close()
     return identity
 
 
-def answer(talk: Talk, calibration: Calibrate) -> Identity | Refusal:
-    """What a calibration is answered by; `Failed` when it is not, not even the second time."""
+def send_calibration(link: InstrumentLink, calibration: Calibrate) -> Identity | Refusal:
+    """Send a calibration and return the response; raise `Failed` if two attempts have none."""
     for _ in range(2):
-        talk.say(calibration)
-        said = talk.until(object, which=lambda said: isinstance(said, Identity | Refusal))
-        if isinstance(said, Identity | Refusal):
-            return said
-    raise Failed(f"expected Identity or Refusal of Calibrate, got {talk.lately()}")
+        link.send(calibration)
+        response = link.wait_for(object, accept=lambda each: isinstance(each, Identity | Refusal))
+        if isinstance(response, Identity | Refusal):
+            return response
+    raise Failed(f"expected Identity or Refusal of Calibrate, got {link.latest_kinds()}")
 
 
-def _store(talk: Talk, calibration: Calibrate) -> Identity:
-    said = answer(talk, calibration)
-    if isinstance(said, Identity):
-        return said
-    hint = _HINTS.get(said.code, "see `pfwd conform`")
-    text = f"expected the instrument to keep it, got a refusal (code {said.code}): {said.text}"
-    raise DeviceRefused(f"calibration of channel {calibration.channel}: {text}; {hint}")
+def _store(link: InstrumentLink, calibration: Calibrate) -> Identity:
+    response = send_calibration(link, calibration)
+    if isinstance(response, Identity):
+        return response
+    hint = _HINTS.get(response.code, "see `pfwd conform`")
+    raise DeviceRefused(
+        f"calibration of channel {calibration.channel}: expected the instrument to store it, got a "
+        f"refusal (code {response.code}): {response.text}; {hint}"
+    )

@@ -1,17 +1,17 @@
-"""Samples: streams, indices, clocks, and samples that are sent again."""
+"""Tests of samples: streams, indices, clocks, and requests for samples."""
 
 import time
 from itertools import pairwise
 
 import numpy as np
 
-from pfwd_device.conformance.talk import (
-    ANSWER_TIME,
-    ON_THE_WAY,
+from pfwd_device.conformance.instrument_link import (
+    LINK_DELAY_S,
+    MAX_RESPONSE_TIME_S,
     Failed,
-    Heard,
-    NotOffered,
-    Talk,
+    InstrumentLink,
+    NotSupported,
+    Received,
     blocks,
     require,
 )
@@ -26,44 +26,44 @@ from pfwd_device.wire.messages import (
     Stop,
 )
 
-LONGEST_FRAME = 0.005
-"""s of samples in a frame: the load of a drop lasts longer."""
-LONGEST_PAUSE = 0.1
-"""s between two frames of samples."""
-CLOCKS_DIFFER = 0.01
-"""Any two oscillators differ by less."""
-IN_FLIGHT = 0.05
-"""s of samples that an instrument takes while it reads a request."""
-LONGEST_RING = 10.0
-"""s; a longer ring is not waited for."""
+MAX_FRAME_S = 0.005
+"""Longest time of the samples in a frame, s: less than the load of a drop lasts."""
+MAX_PAUSE_S = 0.1
+"""Longest time between two frames of samples, s."""
+MAX_CLOCK_DIFFERENCE = 0.01
+"""Largest relative difference of two clocks: any two oscillators differ by less."""
+REQUEST_DELAY_S = 0.05
+"""Time for which an instrument continues to sample while it reads a request, s."""
+MAX_TESTED_RING_S = 10.0
+"""Longest ring that is tested, s."""
 
 
-def _streaming(talk: Talk) -> Identity:
-    identity = talk.answer(Hello(), Identity)
+def _streaming(link: InstrumentLink) -> Identity:
+    identity = link.request(Hello(), Identity)
     if not identity.streams:
-        raise NotOffered("it keeps drops and streams no samples")
+        raise NotSupported("it stores drops and sends no samples")
     return identity
 
 
-def starts(talk: Talk) -> str:
-    """P-8."""
-    _streaming(talk)
-    talk.answer(Stop(), Status)
+def starts(link: InstrumentLink) -> str:
+    """Test requirement P-8."""
+    _streaming(link)
+    link.request(Stop(), Status)
     began = time.monotonic()
-    talk.answer(Start(), SampleBlock)
+    link.request(Start(), SampleBlock)
     return f"within {time.monotonic() - began:.2f} s"
 
 
-def new_streams(talk: Talk) -> str:
-    """P-9."""
-    _streaming(talk)
-    # What an earlier stream still had on its way would be taken for a new one.
-    talk.answer(Stop(), Status, lambda status: not status.sampling)
+def new_streams(link: InstrumentLink) -> str:
+    """Test requirement P-9."""
+    _streaming(link)
+    # Late blocks of an earlier stream would be taken for a new one.
+    link.request(Stop(), Status, lambda status: not status.sampling)
     numbers: list[int] = []
     for _ in range(3):
-        known = set(numbers)
-        talk.say(Start())
-        block = talk.until(SampleBlock, which=lambda block, known=known: block.stream not in known)  # type: ignore[misc]
+        used = set(numbers)
+        link.send(Start())
+        block = link.wait_for(SampleBlock, accept=lambda block, used=used: block.stream not in used)  # type: ignore[misc]
         if block is None:
             raise Failed("expected another stream number after Start, got the same")
         require(
@@ -74,30 +74,30 @@ def new_streams(talk: Talk) -> str:
     return "three numbers"
 
 
-def _stream(talk: Talk, seconds: float) -> tuple[Identity, list[Heard], int]:
-    """A new stream listened to for a while; what was heard, and how many overruns meanwhile."""
-    identity = _streaming(talk)
-    talk.answer(Stop(), Status)
-    before = talk.answer(Stop(), Status).overruns
-    first = talk.answer(Start(), SampleBlock)
-    since = len(talk.heard) - 1
-    talk.listen(seconds)
-    # What came in order of the counter; the rest of the last frame may be on its way.
-    heard = [
+def _stream(link: InstrumentLink, seconds: float) -> tuple[Identity, list[Received], int]:
+    """Receive a new stream; return the identity, the messages and the number of overruns."""
+    identity = _streaming(link)
+    link.request(Stop(), Status)
+    before = link.request(Stop(), Status).overruns
+    first = link.request(Start(), SampleBlock)
+    since = len(link.received) - 1
+    link.receive(seconds)
+    # Blocks of an earlier stream may still arrive.
+    received = [
         each
-        for each in talk.heard[since:]
+        for each in link.received[since:]
         if not isinstance(each.message, SampleBlock) or each.message.stream == first.stream
     ]
-    after = talk.answer(Stop(), Status, lambda status: not status.sampling).overruns
-    return identity, heard, after - before
+    after = link.request(Stop(), Status, lambda status: not status.sampling).overruns
+    return identity, received, after - before
 
 
-def indices(talk: Talk) -> str:
-    """P-10."""
-    _, heard, overruns = _stream(talk, 2.0)
-    left_out = 0
+def indices(link: InstrumentLink) -> str:
+    """Test requirement P-10."""
+    _, received, overruns = _stream(link, 2.0)
+    skipped = 0
     lost_frames = 0
-    samples = [each for each in heard if isinstance(each.message, SampleBlock)]
+    samples = [each for each in received if isinstance(each.message, SampleBlock)]
     for earlier, later in pairwise(samples):
         assert isinstance(earlier.message, SampleBlock)
         assert isinstance(later.message, SampleBlock)
@@ -105,27 +105,27 @@ def indices(talk: Talk) -> str:
         first = later.message.first_sample
         require(first >= expected, f"expected index {expected} or later, got {first} again")
         if first > expected:
-            between = [each for each in heard if earlier.at <= each.at <= later.at]
+            between = [each for each in received if earlier.at <= each.at <= later.at]
             counters = [each.counter for each in between]
-            whole = all((b - a) % 65536 == 1 for a, b in pairwise(counters))
-            if whole:
-                left_out += first - expected
+            is_complete = all((b - a) % 65536 == 1 for a, b in pairwise(counters))
+            if is_complete:
+                skipped += first - expected
             else:
-                lost_frames += 1  # on the way: not the instrument's
+                lost_frames += 1  # the link lost it, not the instrument
     require(
-        left_out <= overruns,
-        f"expected every sample left out to be an overrun, got {left_out} and {overruns}",
+        skipped <= overruns,
+        f"expected every skipped sample to be an overrun, got {skipped} and {overruns}",
     )
-    return f"{len(samples)} frames, {left_out} samples left out, {lost_frames} gaps of the link"
+    return f"{len(samples)} frames, {skipped} samples skipped, {lost_frames} gaps of the link"
 
 
-def frames(talk: Talk) -> str:
-    """P-11."""
-    identity, heard, _ = _stream(talk, 2.0)
-    samples = [each for each in heard if isinstance(each.message, SampleBlock)]
+def frames(link: InstrumentLink) -> str:
+    """Test requirement P-11."""
+    identity, received, _ = _stream(link, 2.0)
+    samples = [each for each in received if isinstance(each.message, SampleBlock)]
     longest = max(len(block.counts) for block in blocks(samples))
-    most = LONGEST_FRAME * identity.sampling_rate
-    require(longest <= most + 1, f"expected up to {most:g} samples in a frame, got {longest}")
+    limit = MAX_FRAME_S * identity.sampling_rate
+    require(longest <= limit + 1, f"expected up to {limit:g} samples in a frame, got {longest}")
     channels = {block.counts.shape[1] for block in blocks(samples)}
     require(
         channels == {len(identity.channels)},
@@ -133,34 +133,34 @@ def frames(talk: Talk) -> str:
     )
     pause = max((b.at - a.at for a, b in pairwise(samples)), default=0.0)
     require(
-        pause <= LONGEST_PAUSE + ON_THE_WAY,
-        f"expected samples every {LONGEST_PAUSE:g} s, got a pause of {pause:.2f} s",
+        pause <= MAX_PAUSE_S + LINK_DELAY_S,
+        f"expected samples every {MAX_PAUSE_S:g} s, got a pause of {pause:.2f} s",
     )
     return f"up to {longest} samples a frame"
 
 
-def rate(talk: Talk) -> str:
-    """P-12."""
-    identity, heard, _ = _stream(talk, 4.0)
-    samples = [each for each in heard if isinstance(each.message, SampleBlock)]
-    taken = blocks(samples)
-    index = np.array([block.first_sample + len(block.counts) for block in taken], float)
+def rate(link: InstrumentLink) -> str:
+    """Test requirement P-12."""
+    identity, received, _ = _stream(link, 4.0)
+    samples = [each for each in received if isinstance(each.message, SampleBlock)]
+    sample_blocks = blocks(samples)
+    index = np.array([block.first_sample + len(block.counts) for block in sample_blocks], float)
     host = np.array([each.at for each in samples])
     require(len(samples) > 20, f"expected samples for 4 s, got {len(samples)} frames")
-    # The fastest arrivals of the first and of the last quarter: what came late says nothing of the
-    # converter, and what came in the middle is too near to either.
+    # Compare the fastest arrivals of the first and of the last quarter: a late arrival does not
+    # show the rate of the converter, and one in the middle gives too short a time.
     lag = host - index / identity.sampling_rate
     quarter = len(lag) // 4
     first, last = int(np.argmin(lag[:quarter])), int(np.argmin(lag[-quarter:])) - quarter
-    apart = float(host[last] - host[first])
-    require(apart > 0.5, f"expected samples for 4 s, got {apart:.2g} s between first and last ones")
+    duration = float(host[last] - host[first])
+    require(duration > 0.5, f"expected samples for 4 s, got {duration:.2g} s of them")
     by_host = float((index[last] - index[first]) / (host[last] - host[first]))
     differs = by_host / identity.sampling_rate - 1
     require(
-        abs(differs) < CLOCKS_DIFFER,
+        abs(differs) < MAX_CLOCK_DIFFERENCE,
         f"expected {identity.sampling_rate:g} Hz, got {by_host:.5g} Hz by the host's clock",
     )
-    timed = [block for block in taken if block.clock_us is not None]
+    timed = [block for block in sample_blocks if block.clock_us is not None]
     if len(timed) < 10:
         return f"{by_host:.5g} Hz by the host's clock; frames carry no clock"
     begin = np.array([block.first_sample for block in timed], float)
@@ -169,7 +169,7 @@ def rate(talk: Talk) -> str:
     jitter = float(np.abs(clock - slope * begin - offset).max())
     by_clock = 1 / float(slope)
     require(
-        abs(by_clock / identity.sampling_rate - 1) < CLOCKS_DIFFER,
+        abs(by_clock / identity.sampling_rate - 1) < MAX_CLOCK_DIFFERENCE,
         f"expected {identity.sampling_rate:g} Hz, got {by_clock:.5g} Hz by the device clock",
     )
     require(jitter < 0.02, f"expected clocks on a line, got {jitter * 1e3:.0f} ms off it")
@@ -177,138 +177,138 @@ def rate(talk: Talk) -> str:
     return f"{by_clock:.5g} Hz, jitter {jitter * 1e3:.1f} ms, clocks {drift:+.0f} ppm apart"
 
 
-def clock(talk: Talk) -> str:
-    """P-13."""
-    talk.answer(Hello(), Identity)
-    said = [
+def clock(link: InstrumentLink) -> str:
+    """Test requirement P-13."""
+    link.request(Hello(), Identity)
+    statuses = [
         (each.at, each.message.clock_us / 1e6)
-        for each in talk.listen(3.0)
+        for each in link.receive(3.0)
         if isinstance(each.message, Status)
     ]
-    require(len(said) >= 4, f"expected a Status every 0.5 s, got {len(said)} within 3 s")
-    steps = [(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(said)]
+    require(len(statuses) >= 4, f"expected a Status every 0.5 s, got {len(statuses)} within 3 s")
+    steps = [(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(statuses)]
     require(all(device >= 0 for _, device in steps), "expected a clock that goes on, got one back")
     host, device = (sum(step[k] for step in steps) for k in (0, 1))
     require(
-        abs(device - host) < CLOCKS_DIFFER * host + ON_THE_WAY / 2,
+        abs(device - host) < MAX_CLOCK_DIFFERENCE * host + LINK_DELAY_S / 2,
         f"expected the clock to go on by {host:.2f} s, got {device:.2f} s",
     )
     return f"{device:.2f} s in {host:.2f} s"
 
 
-def stops(talk: Talk) -> str:
-    """P-14."""
-    _streaming(talk)
-    talk.answer(Start(), SampleBlock)
-    talk.answer(Stop(), Status, lambda status: not status.sampling)
-    later = blocks(talk.listen(0.5))
+def stops(link: InstrumentLink) -> str:
+    """Test requirement P-14."""
+    _streaming(link)
+    link.request(Start(), SampleBlock)
+    link.request(Stop(), Status, lambda status: not status.sampling)
+    later = blocks(link.receive(0.5))
     require(not later, f"expected no samples after that Status, got {len(later)} frames")
     return "stops"
 
 
-def undisturbed(talk: Talk) -> str:
-    """P-16."""
-    _streaming(talk)
-    first = talk.answer(Start(), SampleBlock)
-    talk.listen(0.3)
-    talk.answer(Hello(), Identity)
-    after = blocks(talk.listen(0.5))
-    talk.say(Stop())
+def undisturbed(link: InstrumentLink) -> str:
+    """Test requirement P-16."""
+    _streaming(link)
+    first = link.request(Start(), SampleBlock)
+    link.receive(0.3)
+    link.request(Hello(), Identity)
+    after = blocks(link.receive(0.5))
+    link.send(Stop())
     require(bool(after), "expected the stream to go on after Hello, got no samples")
     numbers = {block.stream for block in after}
     require(numbers == {first.stream}, "expected the same stream after Hello, got another")
-    return "goes on"
+    return "continues"
 
 
-def _ring(talk: Talk) -> Identity:
-    identity = _streaming(talk)
+def _ring(link: InstrumentLink) -> Identity:
+    identity = _streaming(link)
     if identity.protocol_version < 2 or identity.ring_samples == 0:
-        raise NotOffered("it has no ring")
+        raise NotSupported("it has no ring")
     return identity
 
 
-def _collected(found: list[SampleBlock], stream: int) -> dict[int, bytes]:
+def _samples_by_index(sample_blocks: list[SampleBlock], stream: int) -> dict[int, bytes]:
     table: dict[int, bytes] = {}
-    for block in found:
+    for block in sample_blocks:
         if block.stream == stream:
             for at, row in enumerate(block.counts):
                 table.setdefault(block.first_sample + at, row.tobytes())
     return table
 
 
-def sent_again(talk: Talk) -> str:
-    """P-34."""
-    identity = _ring(talk)
-    first = talk.answer(Start(), SampleBlock)
-    seen = _collected(blocks(talk.listen(0.6)), first.stream)
-    count = min(len(seen) // 2, identity.ring_samples // 4, 1000)
-    wanted = sorted(seen)[-2 * count : -count]
+def resends(link: InstrumentLink) -> str:
+    """Test requirement P-34."""
+    identity = _ring(link)
+    first = link.request(Start(), SampleBlock)
+    first_copy = _samples_by_index(blocks(link.receive(0.6)), first.stream)
+    count = min(len(first_copy) // 2, identity.ring_samples // 4, 1000)
+    requested = sorted(first_copy)[-2 * count : -count]
     require(count > 10, "expected samples to ask for again, got too few")
-    since = len(talk.heard)
-    talk.say(Resend(first.stream, wanted[0], wanted[-1] - wanted[0] + 1))
-    talk.listen(ANSWER_TIME)
-    again = {
+    since = len(link.received)
+    link.send(Resend(first.stream, requested[0], requested[-1] - requested[0] + 1))
+    link.receive(MAX_RESPONSE_TIME_S)
+    second_copy = {
         block.first_sample + at: row.tobytes()
-        for block in blocks(talk.heard[since:])
+        for block in blocks(link.received[since:])
         if block.stream == first.stream
         for at, row in enumerate(block.counts)
-        if wanted[0] <= block.first_sample + at <= wanted[-1]
+        if requested[0] <= block.first_sample + at <= requested[-1]
     }
-    talk.answer(Stop(), Status)
-    missing = [index for index in wanted if index not in again]
-    require(not missing, f"expected {len(wanted)} samples again, {len(missing)} did not come")
-    wrong = [index for index in wanted if again[index] != seen[index]]
+    link.request(Stop(), Status)
+    missing = [index for index in requested if index not in second_copy]
+    require(not missing, f"expected {len(requested)} samples again, {len(missing)} did not come")
+    wrong = [index for index in requested if second_copy[index] != first_copy[index]]
     require(not wrong, f"expected the same samples again, {len(wrong)} were others")
-    return f"{len(wanted)} samples"
+    return f"{len(requested)} samples"
 
 
-def gone(talk: Talk) -> str:
-    """P-35."""
-    _ring(talk)
-    first = talk.answer(Start(), SampleBlock)
+def reports_missing(link: InstrumentLink) -> str:
+    """Test requirement P-35."""
+    _ring(link)
+    first = link.request(Start(), SampleBlock)
     for stream, index in ((first.stream, 1 << 40), (first.stream ^ 1, 0)):
-        wanted = Resend(stream, index, 10)
-        said = talk.answer(
-            wanted,
+        requested = Resend(stream, index, 10)
+        statuses = link.request(
+            requested,
             SamplesGone,
-            lambda gone, wanted=wanted: gone.stream == wanted.stream,  # type: ignore[misc]
+            lambda reports_missing, requested=requested: reports_missing.stream == requested.stream,  # type: ignore[misc]
         )
         require(
-            (said.first_sample, said.count) == (index, 10),
-            f"expected Gone of 10 from {index}, got {said.count} from {said.first_sample}",
+            (statuses.first_sample, statuses.count) == (index, 10),
+            f"expected Gone of 10 from {index}, got {statuses.count} from {statuses.first_sample}",
         )
-    talk.answer(Stop(), Status)
-    return "said"
+    link.request(Stop(), Status)
+    return "reported"
 
 
-def ring_length(talk: Talk) -> str:
-    """P-36."""
-    identity = _ring(talk)
+def ring_length(link: InstrumentLink) -> str:
+    """Test requirement P-36."""
+    identity = _ring(link)
     seconds = identity.ring_samples / identity.sampling_rate
-    if seconds > LONGEST_RING:
-        raise NotOffered(f"a ring of {seconds:.0f} s is not waited for")
-    first = talk.answer(Start(), SampleBlock)
-    talk.listen(seconds + 0.3)
+    if seconds > MAX_TESTED_RING_S:
+        raise NotSupported(f"a ring of {seconds:.0f} s is too long for this test")
+    first = link.request(Start(), SampleBlock)
+    link.receive(seconds + 0.3)
     newest = max(
         block.first_sample + len(block.counts)
-        for block in blocks(talk.heard)
+        for block in blocks(link.received)
         if block.stream == first.stream
     )
-    # All of it is asked for; how far back it reaches is told by what came beside it.
-    first_wanted = max(0, newest - identity.ring_samples)
-    since = len(talk.heard)
-    talk.say(Resend(first.stream, first_wanted, newest - first_wanted))
-    talk.listen(ANSWER_TIME)
-    talk.answer(Stop(), Status)
+    # Request all of it; the newest sample received meanwhile shows how far back it reaches.
+    oldest = max(0, newest - identity.ring_samples)
+    since = len(link.received)
+    link.send(Resend(first.stream, oldest, newest - oldest))
+    link.receive(MAX_RESPONSE_TIME_S)
+    link.request(Stop(), Status)
     reach = 0
-    for block in blocks(talk.heard[since:]):
+    for block in blocks(link.received[since:]):
         if block.stream == first.stream:
             newest = max(newest, block.first_sample)
             reach = max(reach, newest - block.first_sample)
-    expected = 0.8 * identity.ring_samples - IN_FLIGHT * identity.sampling_rate
+    expected = 0.8 * identity.ring_samples - REQUEST_DELAY_S * identity.sampling_rate
     require(
         reach >= expected,
         f"expected samples from {seconds:.2f} s ago, got some from "
         f"{reach / identity.sampling_rate:.2f} s ago",
     )
-    return f"{seconds:.2f} s, {reach / identity.sampling_rate:.2f} s of them seen"
+    return f"{seconds:.2f} s, {reach / identity.sampling_rate:.2f} s of them received"

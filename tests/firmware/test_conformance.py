@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from pfwd_device.conformance import Result, conform, streaming
-from pfwd_device.conformance.requirements import BY_HAND, TITLES
-from pfwd_device.conformance.talk import Failed, Heard, Talk
+from pfwd_device.conformance.instrument_link import Failed, InstrumentLink, Received
+from pfwd_device.conformance.requirements import MANUAL_TESTS, TITLES
 from pfwd_device.transport.opening import open_transport
 from pfwd_device.wire.messages import SampleBlock
 from simulators.firmware import BoardOptions, HostBoard, Played, play_scenario
@@ -69,7 +69,7 @@ def test_every_requirement_is_tried_or_left_to_hands() -> None:
     from pfwd_device.conformance.requirements import _checks
 
     numbers = [number for number, _ in _checks(1.0, print)]
-    assert sorted([*numbers, "P-3", *BY_HAND]) == sorted(TITLES)
+    assert sorted([*numbers, "P-3", *MANUAL_TESTS]) == sorted(TITLES)
 
 
 @needs_compiler
@@ -103,26 +103,28 @@ def test_the_rate_is_told_from_both_ends_of_a_stream(
     # The host hears the middle at once, the rest after a while.
     late = np.where(abs(due - 2.0) < 0.2, 0.0, 0.004)
     counts = np.zeros((at_once, len(identity.channels)), np.int32)
-    heard = [
-        Heard(float(at), SampleBlock(1, int(first), None, counts), 0, number % 65536)
+    received = [
+        Received(float(at), SampleBlock(1, int(first), None, counts), 0, number % 65536)
         for number, (at, first) in enumerate(zip(due + late, taken, strict=True))
     ]
-    monkeypatch.setattr(streaming, "_stream", lambda *_: (identity, heard, 0))
-    talk = cast("Talk", None)
+    monkeypatch.setattr(streaming, "_stream", lambda *_: (identity, received, 0))
+    link = cast(InstrumentLink, None)
     if runs_fast:
         with pytest.raises(Failed, match=r"expected 10000 Hz, got 10200 Hz by the host's clock"):
-            streaming.rate(talk)
+            streaming.rate(link)
     else:
-        assert streaming.rate(talk).startswith("10000 Hz by the host's clock")
+        assert streaming.rate(link).startswith("10000 Hz by the host's clock")
 
 
 @needs_compiler
 @pytest.mark.slow
 def test_the_core_passes(played: Played) -> None:
     found = tried(played)
-    assert {number: each.result for number, each in found.items() if number not in BY_HAND} == {
-        number: "passed" for number in TITLES if number not in BY_HAND
-    }, [each for each in found.values() if each.result == "failed"]
+    assert {
+        number: each.result for number, each in found.items() if number not in MANUAL_TESTS
+    } == {number: "passed" for number in TITLES if number not in MANUAL_TESTS}, [
+        each for each in found.values() if each.result == "failed"
+    ]
 
 
 @needs_compiler

@@ -12,7 +12,7 @@ import pytest
 from pfwd.session.setup_file import parse_setup
 from pfwd_device.acquisition.decoder import Decoder
 from pfwd_device.acquisition.detection import RawDrop
-from pfwd_device.acquisition.detector import Detector, Found
+from pfwd_device.acquisition.detector import DetectedItem, Detector
 from pfwd_device.acquisition.items import Connected, Gap, Samples
 from simulators.firmware import Played, play_scenario, zig_command
 
@@ -90,7 +90,7 @@ def test_drops_that_it_prints_are_found_as_they_were(tmp_path: Path, played: Pla
     parts = [said[at : at + 500] for at in range(0, len(said), 500)]
     items = [item for part in parts for item in decoder.feed(part, 0.0, now)]
     assert decoder.counters.link.frames_damaged == 0
-    detector, found = None, list[Found]()
+    detector, found = None, list[DetectedItem]()
     for item in items:
         if isinstance(item, Connected):
             detector = Detector(setup.identity_with(item.identity), setup.device.detection)

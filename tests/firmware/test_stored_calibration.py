@@ -58,7 +58,7 @@ def test_an_instrument_without_lasting_memory_says_so(played: Played) -> None:
     with HostBoard(played, BoardOptions()) as board:
         port = partial(open_transport, board.url)
         calibration = calibration_of(store_calibration(port, []), 0)
-        with pytest.raises(DeviceRefused, match=r"keeps no calibration; it has no memory"):
+        with pytest.raises(DeviceRefused, match=r"keeps no calibration; it has no perm"):
             store_calibration(port, [calibration])
         done = pfwd("conform", board.url, "--only", "P-40")
         assert done.returncode == 0
@@ -71,7 +71,7 @@ def test_the_simulator_refuses_nonsense_in_one_line() -> None:
         calibration = calibration_of(store_calibration(port, []), 0)
         with pytest.raises(DeviceRefused) as refused:
             store_calibration(port, [replace(calibration, sensitivity=0.0)])
-        assert "calibration of channel 0: expected the instrument to keep it" in str(refused.value)
+        assert "calibration of channel 0: expected the instrument to store it" in str(refused.value)
         assert "sensitivity" in str(refused.value)
         stored = store_calibration(port, [replace(calibration, zero=0.25)])
     assert stored.channels[0].zero == 0.25
