@@ -21,14 +21,19 @@ def _version(name: str, version: int) -> dict[str, Key]:
     return {name: Key(Integer(version, version), meaning="Version of the format.")}
 
 
-_HEADER_KEYS = {**_version(header.FORMAT_KEY, header.FORMAT_VERSION), **header.KEYS}
+_VERSIONED_HEADER_KEYS = {
+    **_version(header.TRACES_FORMAT_KEY, header.TRACES_FORMAT_VERSION),
+    **header.HEADER_KEYS,
+}
 _PROCEDURE_VERSION = _version(reading.FORMAT_KEY, reading.FORMAT_VERSION)
 
 _DESCRIPTIONS = {
     "setup": _Description("Setup file of a measurement", SETUP_KEYS),
-    "header": _Description("Header of a trace file, or a file of --header", _HEADER_KEYS, True),
+    "header": _Description(
+        "Header of a trace file, or a file of --header", _VERSIONED_HEADER_KEYS, True
+    ),
     "column-map": _Description(
-        "Column map of a delimited text", {**header.KEYS, **column_map.KEYS}, True
+        "Column map of a delimited text", {**header.HEADER_KEYS, **column_map.COLUMN_MAP_KEYS}, True
     ),
     "procedure": _Description("Measuring procedure", {**_PROCEDURE_VERSION, **reading.KEYS}),
     "job": _Description("Job of a survey: details of an event job", JOB_KEYS, True),
@@ -50,7 +55,9 @@ def json_schema(name: str) -> dict[str, Any]:
     """
     title, keys, more_keys = _DESCRIPTIONS[name]
     # The radius may stand in another file or on the command line.
-    keys = {key: item.optional() if key == header.RADIUS else item for key, item in keys.items()}
+    keys = {
+        key: item.optional() if key == header.RADIUS_KEY else item for key, item in keys.items()
+    }
     return {
         "$schema": JSON_SCHEMA,
         "title": title,

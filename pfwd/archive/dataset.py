@@ -36,7 +36,7 @@ TABLE_NAMES = ("results", "diagnoses", "failures", "sources")
 _ARCHIVE_MARK = {"format": "pfwd-archive", "version": 1}
 _PART_NAME = re.compile(r"part-(\d{6,})\.parquet", re.ASCII)
 
-MAX_TABLE_ROWS = 100_000
+MAX_PARQUET_ROWS = 100_000
 """Rows of a table in a part; a part is written at 10,000."""
 
 MAX_TABLE_BYTES = 64 * 2**20
@@ -367,10 +367,10 @@ def _unpacked(file: Any, schema: Any) -> Any:
     import pyarrow
 
     metadata = file.metadata
-    n_groups = min(metadata.num_row_groups, MAX_TABLE_ROWS)
+    n_groups = min(metadata.num_row_groups, MAX_PARQUET_ROWS)
     declared_bytes = sum(metadata.row_group(n).total_byte_size for n in range(n_groups))
     n_rows = max(metadata.num_rows, metadata.num_row_groups)
-    if n_rows > MAX_TABLE_ROWS or declared_bytes > MAX_TABLE_BYTES:
+    if n_rows > MAX_PARQUET_ROWS or declared_bytes > MAX_TABLE_BYTES:
         raise ValueError(f"{metadata.num_rows} rows of {declared_bytes} bytes")
     n_columns = len(file.schema_arrow)
     earlier = n_columns in EARLIER_COLUMN_COUNTS and n_columns < len(schema)

@@ -197,9 +197,11 @@ def parse_position(text: str) -> dict[str, float]:
     ------
     OptionError
     """
+    from pfwd.files.header import is_position
+
     try:
         latitude, longitude = map(float, text.split(","))
-        sound = abs(latitude) <= 90 and abs(longitude) <= 180
+        sound = is_position(latitude, longitude)
     except ValueError:
         sound = False
     if not sound:
@@ -215,12 +217,14 @@ def parse_declaration_option(text: str) -> dict[str, Any]:
     ------
     OptionError
     """
-    from pfwd.files.header import KEYS, check_value  # a list of points needs none of it
+    from pfwd.files.header import HEADER_KEYS, check_value  # a list of points needs none of it
 
     key, sign, value = text.partition("=")
     key = key.strip()
-    if not sign or key not in KEYS:
-        raise OptionError(refusal("--set", f"KEY=VALUE with a key among {', '.join(KEYS)}", text))
+    if not sign or key not in HEADER_KEYS:
+        raise OptionError(
+            refusal("--set", f"KEY=VALUE with a key among {', '.join(HEADER_KEYS)}", text)
+        )
     try:
         parsed: Any = math.inf if value.strip() == "inf" else json.loads(value)
     except (ValueError, RecursionError):

@@ -1,4 +1,4 @@
-"""What is declared about a test point: the keys of a trace file's header."""
+"""Declarations of a test point: the keys of a trace file's header."""
 
 import dataclasses
 import datetime
@@ -29,34 +29,34 @@ from pfwd_device.text import clean
 if TYPE_CHECKING:
     from pfwd_device import Drop
 
-FORMAT_KEY = "pfwd-traces"
-FORMAT_VERSION = 1
+TRACES_FORMAT_KEY = "pfwd-traces"
+TRACES_FORMAT_VERSION = 1
 
-RADIUS = "plate_radius_m"
-RESPONSE = "geophone_natural_frequency_hz"
+RADIUS_KEY = "plate_radius_m"
+RESPONSE_KEY = "geophone_natural_frequency_hz"
 
 PEAK_DEVIATIONS = "peak_deviations"
-"""Key of what an import keeps: by the number of a drop the relative difference of its peaks from
-those that its file stores."""
+"""Key under `IMPORTED`: relative differences between the peaks of a drop and those in its file, by
+number of the drop."""
 
 IMPORTED = "imported"
-"""Key with what the file of another program said besides the keys of this format; its ``remarks``
-are shown as warnings."""
+"""Key with other data from the file of another program; its ``remarks`` are shown as warnings."""
 
-LONGEST_REMARK = 300
-"""Characters of such a remark."""
+MAX_REMARK_CHARACTERS = 300
+"""Characters of a remark under `IMPORTED`."""
 
 MIN_PLATE_RADIUS_M = 0.01
-"""A smaller plate is a mistake of units: the smallest of a light device has 0.05 m."""
+"""Smaller plates are mistakes of units: the smallest one of a light device has 0.05 m."""
 
 MIN_BEDROCK_DEPTH_M, MAX_BEDROCK_DEPTH_M = 0.01, 10_000.0
 """The first is too shallow for any plate to notice; below the second the ground is a half-space."""
 
-LARGEST_PLATE_RADIUS = 1.0
-"""m; load plates end at 0.4 m, so a larger value was most likely written in another unit."""
+MAX_PLATE_RADIUS_M = 1.0
+"""Largest plausible plate radius: real ones are up to 0.4 m, a larger value is in another unit."""
 
-LIGHTEST_PLATE = 15.0
-"""kg/m2; a sheet of steel 2 mm thick. Load plates are of steel or aluminium, 15 mm and more."""
+MIN_PLATE_MASS_KG_M2 = 15.0
+"""Smallest plausible mass of a plate by its area: a sheet of steel 2 mm thick. Load plates are of
+steel or aluminium, 15 mm and more."""
 
 _KEY = re.compile(r"""[ \t]*(?:([\w-]+)|"([^"\\]*)"|'([^']*)')[ \t]*[.=]""")
 """A key at the beginning of a line."""
@@ -80,7 +80,7 @@ class PointSetup:
         metadata=describe(
             Number("m", minimum=MIN_PLATE_RADIUS_M),
             "Radius of the load plate; 0 in a stiffness test, which needs none.",
-            key=RADIUS,
+            key=RADIUS_KEY,
         )
     )
     plate_mass: float | None = declared(
@@ -120,7 +120,7 @@ class PointSetup:
         Number("Hz", minimum=0),
         "Natural frequency of the response that the velocity columns still carry; 0: the "
         "record is corrected.",
-        key=RESPONSE,
+        key=RESPONSE_KEY,
         hint="0 where the record is corrected",
     )
     geophone_damping: float | None = declared(
@@ -200,40 +200,40 @@ class PointSetup:
         key="temperature_c",
     )
     extra: Mapping[str, Any] = field(default_factory=dict, hash=False)
-    """Keys that the format does not know, as TOML read them."""
+    """Keys outside the format, with their TOML values."""
 
     def __post_init__(self) -> None:
-        for key, description in KEYS.items():
+        for key, description in HEADER_KEYS.items():
             value = getattr(self, description.attribute)
-            if key == RADIUS and value == 0 and self.is_stiffness_test:
+            if key == RADIUS_KEY and value == 0 and self.is_stiffness_test:
                 continue
             if value is not None:
                 check_value(key, value, "header")
         corrected = self.geophone_natural_frequency == 0 and self.geophone_damping is None
-        alone = (self.geophone_natural_frequency is None) != (self.geophone_damping is None)
-        if alone and not corrected:
-            lonely, missing = RESPONSE, "geophone_damping"
+        incomplete = (self.geophone_natural_frequency is None) != (self.geophone_damping is None)
+        if incomplete and not corrected:
+            present, missing = RESPONSE_KEY, "geophone_damping"
             if self.geophone_natural_frequency is None:
-                lonely, missing = missing, lonely
+                present, missing = missing, present
             raise TraceError(
                 refusal(
                     "header",
                     "geophone_natural_frequency_hz and geophone_damping together",
-                    f"{lonely} alone",
-                    f"declare {missing} too, or {RESPONSE} = 0 if the record is corrected",
+                    f"{present} alone",
+                    f"declare {missing} too, or {RESPONSE_KEY} = 0 if the record is corrected",
                 )
             )
-        clashing = sorted(set(self.extra) & (set(KEYS) | {FORMAT_KEY}))
+        clashing = sorted(set(self.extra) & (set(HEADER_KEYS) | {TRACES_FORMAT_KEY}))
         if clashing:
             raise TraceError(refusal("header", "keys unknown to the format in extra", clashing[0]))
 
     @property
     def is_stiffness_test(self) -> bool:
-        """Whether it was a rig of springs that was hit, and no ground."""
+        """True if the test object was a rig of springs and no ground."""
         return self.test == "stiffness" or self.rig_stiffness is not None
 
 
-KEYS: Mapping[str, Key] = keys_of(PointSetup)
+HEADER_KEYS: Mapping[str, Key] = keys_of(PointSetup)
 """Keys of a header."""
 
 
@@ -243,9 +243,9 @@ def check_value(key: str, value: object, where: str) -> None:
     Parameters
     ----------
     key : str
-        One of ``KEYS``.
+        One of ``HEADER_KEYS``.
     value : object
-        Value as TOML read it.
+        TOML value.
     where : str
         File and line, or option, for the message.
 
@@ -253,14 +253,14 @@ def check_value(key: str, value: object, where: str) -> None:
     ------
     TraceError
     """
-    KEYS[key].check(value, f"{where}, {key}", TraceError)
+    HEADER_KEYS[key].check(value, f"{where}, {key}", TraceError)
 
 
 class Declaration(NamedTuple):
-    """A value and where it was found."""
+    """Declared value and its place."""
 
     value: Any
-    """As TOML read it."""
+    """TOML value."""
     where: str
     """File and line, for messages."""
 
@@ -269,7 +269,7 @@ Declarations = dict[str, Declaration]
 
 
 def parse_declaration(text: str, where: str) -> tuple[str, Declaration] | None:
-    """Key and value of one header line without its ``#``; None when it is blank or a comment.
+    """Return key and value of a header line without its ``#``; None: it is blank or a comment.
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ def parse_declaration(text: str, where: str) -> tuple[str, Declaration] | None:
     expected = "one TOML key = value"
     try:
         table = parse_toml(text)
-    except ValueError as err:  # also numbers without end
+    except ValueError as err:  # also for numbers of any length
         hint = 'text goes in quotation marks, as in site = "km 12"; a decimal sign is a point'
         raise TraceError(refusal(where, expected, quote(text.strip()), hint)) from err
     if not table:
@@ -301,7 +301,7 @@ def parse_declaration(text: str, where: str) -> tuple[str, Declaration] | None:
 
 
 def read_header_file(path: str | os.PathLike[str]) -> Declarations:
-    """The declarations of a TOML file, which stand in for the header of a trace file.
+    """Read the declarations of a TOML file, used like the header of a trace file.
 
     Parameters
     ----------
@@ -328,13 +328,13 @@ def read_header_file(path: str | os.PathLike[str]) -> Declarations:
 
 
 def parse_header(text: str, file: str) -> Declarations:
-    """The declarations of a TOML text.
+    """Return the declarations of a TOML text.
 
     Parameters
     ----------
     text : str
     file : str
-        Where it is from, for messages.
+        File name for messages.
 
     Returns
     -------
@@ -347,12 +347,12 @@ def parse_header(text: str, file: str) -> Declarations:
     """
     try:
         table = parse_toml(text)
-    except ValueError as err:  # also numbers without end
+    except ValueError as err:  # also for numbers of any length
         raise TraceError(refusal(file, "TOML", str(err))) from err
     lines: dict[str, int] = {}
     for number, line in enumerate(text.split("\n"), start=1):
-        if (found := _KEY.match(line)) is not None:
-            lines.setdefault(found[1] or found[2] or found[3], number)
+        if (match := _KEY.match(line)) is not None:
+            lines.setdefault(match[1] or match[2] or match[3], number)
     return {
         key: Declaration(value, f"{file}, line {lines[key]}" if key in lines else file)
         for key, value in table.items()
@@ -360,20 +360,20 @@ def parse_header(text: str, file: str) -> Declarations:
 
 
 def check_version(declarations: Mapping[str, Declaration]) -> None:
-    """Refuse a format version that this program does not know; none at all is accepted.
+    """Refuse an unsupported format version; a missing one is accepted.
 
     Raises
     ------
     TraceError
     """
-    if FORMAT_KEY not in declarations:
+    if TRACES_FORMAT_KEY not in declarations:
         return
-    value, where = declarations[FORMAT_KEY]
-    if type(value) is not int or value != FORMAT_VERSION:
+    value, where = declarations[TRACES_FORMAT_KEY]
+    if type(value) is not int or value != TRACES_FORMAT_VERSION:
         raise TraceError(
             refusal(
                 where,
-                f"{FORMAT_KEY} = {FORMAT_VERSION}",
+                f"{TRACES_FORMAT_KEY} = {TRACES_FORMAT_VERSION}",
                 quote(value),
                 "a file of a newer version needs a newer program",
             )
@@ -381,13 +381,13 @@ def check_version(declarations: Mapping[str, Declaration]) -> None:
 
 
 def setup_from(declarations: Mapping[str, Declaration], where: str) -> PointSetup:
-    """The setup that declarations amount to.
+    """Return the setup of declarations.
 
     Parameters
     ----------
     declarations : mapping of str to Declaration
     where : str
-        File, and the line before which the header had to be complete.
+        File, and the line before which the header has to be complete.
 
     Returns
     -------
@@ -399,60 +399,60 @@ def setup_from(declarations: Mapping[str, Declaration], where: str) -> PointSetu
         If the plate radius is missing, a value is outside its range, or half a pair is declared.
     """
     check_version(declarations)
-    known: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     extra: dict[str, Any] = {}
     for key, declaration in declarations.items():
-        if key == FORMAT_KEY:
+        if key == TRACES_FORMAT_KEY:
             continue
-        if key not in KEYS:
+        if key not in HEADER_KEYS:
             extra[key] = declaration.value
             continue
         value = declaration.value
-        if isinstance(value, datetime.date | datetime.time) and KEYS[key].value is _FREE:
+        if isinstance(value, datetime.date | datetime.time) and HEADER_KEYS[key].value is _FREE:
             value = value.isoformat()
         check_value(key, value, declaration.where)
-        known[KEYS[key].attribute] = value
-    if known.get("test") == "stiffness" or "rig_stiffness" in known:
-        known.setdefault("plate_radius", 0.0)
-    if "plate_radius" not in known:
+        values[HEADER_KEYS[key].attribute] = value
+    if values.get("test") == "stiffness" or "rig_stiffness" in values:
+        values.setdefault("plate_radius", 0.0)
+    if "plate_radius" not in values:
         hint = (
-            f"declare it there, or write {RADIUS} = 0.15 (in m) into a TOML file and give it with "
-            "--header; invert and diagnose take --plate-radius 0.15 as well"
+            f"declare it there, or write {RADIUS_KEY} = 0.15 (in m) into a TOML file and give it "
+            "with --header; invert and diagnose take --plate-radius 0.15 as well"
         )
         if extra:
             hint += f" (keys found that the format does not know: {quote(', '.join(extra))})"
         raise TraceError(refusal(where, "a header key plate_radius_m", "none", hint))
     try:
-        return PointSetup(**known, extra=extra)
+        return PointSetup(**values, extra=extra)
     except TraceError as err:
         raise TraceError(f"{where}: {err}") from err
 
 
 def declared_values(setup: PointSetup) -> dict[str, Any]:
-    """The header keys that declare a setup, with their values; what is a default is left out."""
+    """Return the header keys of a setup with their values, without those that are defaults."""
     defaults = {item.name: item.default for item in dataclasses.fields(PointSetup)}
-    said = {key: getattr(setup, rule.attribute) for key, rule in KEYS.items()}
-    known = {key: v for key, v in said.items() if v != defaults[KEYS[key].attribute]}
+    values = {key: getattr(setup, rule.attribute) for key, rule in HEADER_KEYS.items()}
+    stated = {key: v for key, v in values.items() if v != defaults[HEADER_KEYS[key].attribute]}
     if setup.is_stiffness_test and setup.plate_radius == 0:
-        del known[RADIUS]
-    return {**known, **setup.extra}
+        del stated[RADIUS_KEY]
+    return {**stated, **setup.extra}
 
 
 def declared_lines(setup: PointSetup) -> Iterator[str]:
-    """The header lines, without ``#``, that declare a setup; the format version comes first."""
-    yield toml_line(FORMAT_KEY, FORMAT_VERSION)
+    """Yield the header lines of a setup, without ``#``; the format version comes first."""
+    yield toml_line(TRACES_FORMAT_KEY, TRACES_FORMAT_VERSION)
     for key, value in declared_values(setup).items():
         yield toml_line(key, value)
 
 
 def setup_warnings(setup: PointSetup, drops: "Sequence[Drop]" = ()) -> tuple[Notice, ...]:
-    """What a user should know about a setup before its results are believed.
+    """Return the warnings about a setup that concern the trust in its results.
 
     Parameters
     ----------
     setup : PointSetup
     drops : sequence of Drop
-        Of the point; a velocity among their channels has to be declared.
+        Drops of the point; channels with velocities need a declared geophone.
     """
     warnings = []
     if setup.is_stiffness_test:
@@ -460,8 +460,8 @@ def setup_warnings(setup: PointSetup, drops: "Sequence[Drop]" = ()) -> tuple[Not
     elif setup.plate_mass is None:
         warnings.append(Notice("plate-mass-not-declared"))
     elif (
-        setup.plate_radius <= LARGEST_PLATE_RADIUS
-        and setup.plate_mass < LIGHTEST_PLATE * math.pi * setup.plate_radius**2
+        setup.plate_radius <= MAX_PLATE_RADIUS_M
+        and setup.plate_mass < MIN_PLATE_MASS_KG_M2 * math.pi * setup.plate_radius**2
     ):
         values = {"plate_mass_kg": setup.plate_mass, "plate_radius_m": setup.plate_radius}
         warnings.append(Notice("plate-mass-too-small", values))
@@ -469,14 +469,26 @@ def setup_warnings(setup: PointSetup, drops: "Sequence[Drop]" = ()) -> tuple[Not
         channel.quantity == "velocity" for drop in drops for channel in drop.channels
     ):
         warnings.append(Notice("geophone-not-declared"))
-    if setup.plate_radius > LARGEST_PLATE_RADIUS:
+    if setup.plate_radius > MAX_PLATE_RADIUS_M:
         warnings.append(Notice("plate-radius-suspect", {"plate_radius_m": setup.plate_radius}))
     warnings += [
         Notice("header-key-unknown", {"key": quote(key)}) for key in setup.extra if key != IMPORTED
     ]
-    noted = setup.extra.get(IMPORTED)
-    remarks = noted.get("remarks") if isinstance(noted, Mapping) else None
-    if isinstance(remarks, list):
-        texts = [clean(text, limit=LONGEST_REMARK) for text in remarks if isinstance(text, str)]
-        warnings += map(from_sentence, texts)
+    warnings += [
+        from_sentence(clean(text, limit=MAX_REMARK_CHARACTERS)) for text in remarks_of(setup.extra)
+    ]
     return tuple(warnings)
+
+
+def remarks_of(values: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the remarks on how another program's file was read, from values of header keys."""
+    details = values.get(IMPORTED)
+    remarks = details.get("remarks") if isinstance(details, Mapping) else None
+    if not isinstance(remarks, list | tuple):
+        return ()
+    return tuple(text for text in remarks if isinstance(text, str))
+
+
+def is_position(latitude: float, longitude: float) -> bool:
+    """Return whether two numbers are a latitude and a longitude, degrees."""
+    return abs(latitude) <= 90 and abs(longitude) <= 180

@@ -18,7 +18,7 @@ from typing import Any, Literal
 from pfwd.errors import SurveyError, quote, refusal
 from pfwd.files.folders import is_survey, spare_folder
 from pfwd.files.foreign.common import Channels
-from pfwd.files.header import IMPORTED, declared_values
+from pfwd.files.header import declared_values, remarks_of
 from pfwd.files.output_path import refuse_inside_survey
 from pfwd.files.reading import read_points
 from pfwd.files.survey_file import is_survey_file, read_survey_file
@@ -359,10 +359,3 @@ def kind_of(drop: Drop, declared: Mapping[str, Any]) -> Kind:
 def on_rig(declared: Mapping[str, Any]) -> bool:
     """Return whether a drop fell on a rig of springs; see `PointSetup.is_stiffness_test`."""
     return declared.get("test") == "stiffness" or declared.get("stiffness_n_per_m") is not None
-
-
-def remarks_of(declared: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the remarks on how another program's file was read."""
-    details = declared.get(IMPORTED)
-    remarks = details.get("remarks") if isinstance(details, Mapping) else None
-    return tuple(map(str, remarks)) if isinstance(remarks, list | tuple) else ()

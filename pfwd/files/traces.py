@@ -25,8 +25,8 @@ from inversion.notices import Notice
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.disk import replaced_at_once
 from pfwd.files.header import (
-    FORMAT_KEY,
-    FORMAT_VERSION,
+    TRACES_FORMAT_KEY,
+    TRACES_FORMAT_VERSION,
     Declaration,
     Declarations,
     PointSetup,
@@ -59,7 +59,7 @@ RELATIVE_STEP_TOLERANCE = 0.01
 MAX_DROP_NUMBER = 1_000_000
 """Largest drop number; larger values belong to another column."""
 
-MAX_LINE_CHARACTERS = 65_536
+MAX_TEXT_LINE_CHARACTERS = 65_536
 """Longest line; a file with a longer one is no text."""
 
 _BLOCK_LINES = 4096
@@ -77,7 +77,7 @@ _COLUMN_NAMES = (
     "velocity_m_s@R or displacement_m@R with R in metres"
 )
 
-_FORMAT_LINE = re.compile(rf"#\s*{FORMAT_KEY}\s*=")
+_FORMAT_LINE = re.compile(rf"#\s*{TRACES_FORMAT_KEY}\s*=")
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +176,7 @@ def is_trace_file(path: str | os.PathLike[str]) -> bool:
     try:
         _check_file(os.fspath(path))
         with _open(os.fspath(path), errors="replace") as stream:
-            return _FORMAT_LINE.match(stream.readline(MAX_LINE_CHARACTERS)) is not None
+            return _FORMAT_LINE.match(stream.readline(MAX_TEXT_LINE_CHARACTERS)) is not None
     except (OSError, TraceError):
         return False
 
@@ -283,7 +283,7 @@ def _read_top(stream: TextIO, file: str, *, foreign: bool) -> _Top:
                     "for a file of another program give its keys with --header FILE.toml, or what "
                     "its columns hold with pfwd import --map FILE.toml, which pfwd map writes"
                 )
-                expected = f"# {FORMAT_KEY} = {FORMAT_VERSION}"
+                expected = f"# {TRACES_FORMAT_KEY} = {TRACES_FORMAT_VERSION}"
                 raise TraceError(refusal(where, expected, quote(text.rstrip()), hint))
         if text.startswith("#"):
             if native:
@@ -295,8 +295,8 @@ def _read_top(stream: TextIO, file: str, *, foreign: bool) -> _Top:
 
 def _numbered(stream: TextIO, file: str) -> Iterator[tuple[int, str]]:
     for line in itertools.count(1):
-        text = stream.readline(MAX_LINE_CHARACTERS)
-        if "\0" in text or len(text) == MAX_LINE_CHARACTERS:
+        text = stream.readline(MAX_TEXT_LINE_CHARACTERS)
+        if "\0" in text or len(text) == MAX_TEXT_LINE_CHARACTERS:
             raise TraceError(_not_text(_at(file, line), "binary data"))
         if not text:
             return
@@ -352,10 +352,10 @@ def refuse_long(file: str, width: int) -> None:
     """
     ends = 0
     with open(file, "rb") as stream:
-        while block := stream.read(MAX_LINE_CHARACTERS):
+        while block := stream.read(MAX_TEXT_LINE_CHARACTERS):
             lines = max(block.count(b"\n"), block.count(b"\r"))
-            if not lines and len(block) == MAX_LINE_CHARACTERS:
-                actual = f"none in {MAX_LINE_CHARACTERS} bytes"
+            if not lines and len(block) == MAX_TEXT_LINE_CHARACTERS:
+                actual = f"none in {MAX_TEXT_LINE_CHARACTERS} bytes"
                 raise TraceError(refusal(_at(file, ends + 1), "the end of a line", actual))
             ends += lines
             if ends * width > MAX_FILE_NUMBERS:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from pfwd.files.header import is_position
 from pfwd.judging.drops import DropView
 from pfwd_device.recording.survey_content import SurveyPoint
 
@@ -111,7 +112,7 @@ def place_in(position: Any) -> tuple[float, float] | None:
         place = float(position["latitude"]), float(position["longitude"])
     except (KeyError, TypeError, ValueError):
         return None
-    return place if abs(place[0]) <= 90 and abs(place[1]) <= 180 else None
+    return place if is_position(*place) else None
 
 
 def _zone(offset: str) -> datetime.tzinfo | None:
@@ -122,7 +123,7 @@ def _place(position: Any) -> Place | None:
     if not isinstance(position, Mapping):
         return None
     latitude, longitude = number(position.get("latitude")), number(position.get("longitude"))
-    if latitude is None or longitude is None or abs(latitude) > 90 or abs(longitude) > 180:
+    if latitude is None or longitude is None or not is_position(latitude, longitude):
         return None
     return Place(latitude, longitude, number(position.get("altitude_m")))
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pfwd.errors import OptionError, quote, refusal
+from pfwd.files.header import is_position
 from pfwd.judging.job import MAX_STATIONS, Station, target_si, target_unit
 from pfwd.judging.places import number as finite_number
 from pfwd.procedures import Procedure
@@ -334,7 +335,7 @@ def _gpx(text: str, file: str) -> list[Station]:
             latitude, longitude = float(item.get("lat", "")), float(item.get("lon", ""))
         except ValueError as err:
             raise OptionError(refusal(where, "lat and lon, numbers", "others")) from err
-        if not (abs(latitude) <= 90 and abs(longitude) <= 180):
+        if not is_position(latitude, longitude):
             raise OptionError(refusal(where, "lat and lon in degrees", f"{latitude}, {longitude}"))
         stations.append(Station(name, chainage_of(name), latitude, longitude))
     return stations

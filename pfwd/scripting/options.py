@@ -21,7 +21,7 @@ from pfwd.analysis.options import (
     Thickness,
 )
 from pfwd.errors import OptionError, quote, refusal
-from pfwd.files.header import KEYS
+from pfwd.files.header import HEADER_KEYS
 
 _CHOICES = {
     "model": get_args(Model),
@@ -120,7 +120,7 @@ def _check(name: str, value: object) -> None:
             expected = "a list of numbers in m, from the top, or 'unknown'"
             raise OptionError(refusal(name, expected, quote(value)))
     if name in _DECLARED:
-        KEYS[_DECLARED[name]].check(_as_number(value), name, OptionError)
+        HEADER_KEYS[_DECLARED[name]].check(_as_number(value), name, OptionError)
 
 
 def _as_number(value: Any) -> Any:
@@ -145,8 +145,8 @@ def reading(
     """
     if isinstance(header, Mapping):
         for key, value in header.items():
-            if key in KEYS:
-                KEYS[key].check(_as_number(value), f"header key {key}", OptionError)
+            if key in HEADER_KEYS:
+                HEADER_KEYS[key].check(_as_number(value), f"header key {key}", OptionError)
         return None, {**{str(k): _as_number(v) for k, v in header.items()}, **options.overrides()}
     if header is not None and not (
         isinstance(header, str | os.PathLike) and os.path.isfile(header)

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 from pynmea2 import ParseError, parse
 
+from pfwd.files.header import is_position
 from pfwd_device.errors import DeviceError
 from pfwd_device.transport.base import Transport
 from pfwd_device.transport.opening import open_transport
@@ -126,7 +127,7 @@ class NmeaParser:
             self.without_fix += 1
             return None
         latitude, longitude = float(sentence.latitude), float(sentence.longitude)
-        if not (abs(latitude) <= 90 and abs(longitude) <= 180):
+        if not is_position(latitude, longitude):
             raise ValueError("outside of the globe")
         stamp = sentence.timestamp
         return Fix(

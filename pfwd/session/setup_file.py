@@ -14,8 +14,8 @@ from typing import Any
 
 from pfwd.errors import OptionError, TraceError, quote, refusal
 from pfwd.files.header import (
-    FORMAT_KEY,
-    KEYS,
+    HEADER_KEYS,
+    TRACES_FORMAT_KEY,
     Declaration,
     PointSetup,
     check_value,
@@ -48,7 +48,7 @@ PROCEDURE_KEYS = {
     ),
 }
 SETUP_KEYS = {
-    **KEYS,
+    **HEADER_KEYS,
     PROCEDURE_KEY: Key(
         AnyOf((Text(min_length=1), Table(PROCEDURE_KEYS)), "a name or a table [procedure]"),
         meaning="Measuring procedure.",
@@ -272,9 +272,9 @@ def parse_setup(text: str, file: str, procedure_text: str = "") -> MeasuringSetu
     tables = {key: declaration.value for key, declaration in declarations.items() if key in TABLES}
     declared = {}
     for key, (value, where) in declarations.items():
-        if key in TABLES or key == FORMAT_KEY:
+        if key in TABLES or key == TRACES_FORMAT_KEY:
             continue
-        if key not in KEYS:
+        if key not in HEADER_KEYS:
             raise TraceError(unknown_key(key, SETUP_KEYS, where))
         if isinstance(value, datetime.date | datetime.datetime | datetime.time):
             value = value.isoformat()

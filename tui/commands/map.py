@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from pfwd.errors import OptionError, refusal
-from pfwd.files.foreign.column_map import UNITS
+from pfwd.files.foreign.column_map import COLUMN_UNITS
 from pfwd.files.foreign.map_draft import DraftColumn, MapDraft, draft_map, map_text
 from pfwd.files.output_path import require_writable
 from tui.output import clean, say
@@ -94,7 +94,7 @@ def _asked_of(column: DraftColumn) -> DraftColumn:
         offset = _number(f"{name}: distance from the centre of the plate in m", column.offset)
         found = replace(found, quantity=quantity, offset=offset)  # type: ignore[arg-type]
     if role in ("time", "load", "sensor"):
-        units = tuple(UNITS[found.quantity if role == "sensor" else role])
+        units = tuple(COLUMN_UNITS[found.quantity if role == "sensor" else role])
         known = found.unit if found.unit in units else None
         found = replace(found, unit=_choice(f"{name}: unit, {', '.join(units)}", units, known))
     return found

@@ -1,4 +1,4 @@
-"""A TOML file that says what the columns of another program's text hold."""
+"""Column maps: TOML files that describe the columns of another program's text."""
 
 import codecs
 import os
@@ -25,9 +25,9 @@ from pfwd_device.schema import (
 )
 
 DELIMITERS = {",": ",", ";": ";", "\t": "\t", "tab": "\t", "|": "|", "blank": None}
-"""What separates columns; None: any run of blanks."""
+"""Signs between columns by their names; None: runs of blanks."""
 
-UNITS: Mapping[str, Mapping[str, float]] = {
+COLUMN_UNITS: Mapping[str, Mapping[str, float]] = {
     "time": TIME_UNITS,
     "load": FORCE_UNITS,
     "velocity": VELOCITY_UNITS,
@@ -51,17 +51,17 @@ class Encoding(Text):
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Where numbers stand and what they are multiplied by."""
+    """Column of numbers and their factor."""
 
     column: str | int
     """Name, or position from 1."""
     factor: float
-    """To SI, downward positive."""
+    """Factor to SI, downward positive."""
 
 
 @dataclass(frozen=True, slots=True)
 class SensorColumn:
-    """A column with the record of a sensor."""
+    """Column with the trace of a sensor."""
 
     where: Column
     quantity: Quantity
@@ -74,17 +74,17 @@ class TextLayout:
     """Layout of a text with columns."""
 
     file: str
-    """Of the map or of the text, for messages."""
+    """Path of the map or of the text, for messages."""
     delimiter: str | None
-    """None: runs of blanks."""
+    """Sign between columns; None: runs of blanks."""
     decimal: str
     encoding: str
     skip_lines: int
     """Lines before the names, or before the numbers where there are no names."""
     names: bool
-    """Whether a line with names comes before the numbers."""
+    """True if a line with names precedes the numbers."""
     units_line: bool
-    """Whether a line to skip follows the names."""
+    """True if a line to skip follows the names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ class ColumnMap(TextLayout):
 
     time: Column | None
     rate: float | None
-    """Hz; in place of a column with the time."""
+    """Sampling rate, Hz, in place of a column with the time."""
     trigger: float
     """Time of the trigger by the file's clock, s; it becomes 0."""
     load: Column
@@ -101,11 +101,11 @@ class ColumnMap(TextLayout):
     drop: str | int | None
     """Column with the number of the drop; None: the file is drop 1."""
     declarations: Declarations
-    """Header keys that stand in the map."""
+    """Header keys of the map."""
 
 
 def read_map(path: str | os.PathLike[str]) -> ColumnMap:
-    """The column map in a TOML file.
+    """Read the column map in a TOML file.
 
     Raises
     ------
@@ -128,17 +128,21 @@ def read_map(path: str | os.PathLike[str]) -> ColumnMap:
     return parse_map(table, file)
 
 
-_PLACE = AnyOf((Text(min_length=1), Integer(1)), "a name, or a position from 1")
-_EXAMPLE = "an example is examples/column-map.toml"
+_COLUMN_POSITION = AnyOf((Text(min_length=1), Integer(1)), "a name, or a position from 1")
+_MAP_EXAMPLE = "an example is examples/column-map.toml"
 
 
 def _column_keys(quantity: str) -> dict[str, Key]:
     """Return the keys of a column, with the units of its quantity."""
     return {
-        "column": Key(_PLACE, meaning="Name of the column, or its position.", hint=_EXAMPLE),
-        "unit": Key(Choice(UNITS[quantity]), meaning="Unit of the numbers.", hint=_EXAMPLE),
+        "column": Key(
+            _COLUMN_POSITION, meaning="Name of the column, or its position.", hint=_MAP_EXAMPLE
+        ),
+        "unit": Key(
+            Choice(COLUMN_UNITS[quantity]), meaning="Unit of the numbers.", hint=_MAP_EXAMPLE
+        ),
         "factor": Key(
-            Number(nonzero=True), meaning="SI units in one unit of the numbers.", hint=_EXAMPLE
+            Number(nonzero=True), meaning="SI units in one unit of the numbers.", hint=_MAP_EXAMPLE
         ),
     }
 
@@ -151,26 +155,26 @@ _SENSOR_KEYS = _signed(
     {
         **_column_keys("displacement"),
         "unit": Key(
-            Choice((*UNITS["displacement"], *UNITS["velocity"])),
+            Choice((*COLUMN_UNITS["displacement"], *COLUMN_UNITS["velocity"])),
             meaning="Unit of the numbers.",
-            hint=_EXAMPLE,
+            hint=_MAP_EXAMPLE,
         ),
         "quantity": Key(
             Choice(("velocity", "displacement")),
             meaning="Recorded quantity.",
-            hint=_EXAMPLE,
+            hint=_MAP_EXAMPLE,
             required=True,
         ),
         "offset_m": Key(
             Number("m"),
             "offset",
             "Distance from the plate centre; negative on the other side of the plate.",
-            _EXAMPLE,
+            _MAP_EXAMPLE,
             required=True,
         ),
     }
 )
-KEYS = {
+COLUMN_MAP_KEYS = {
     "text": Key(
         Table(
             {
@@ -197,21 +201,21 @@ KEYS = {
             }
         ),
         meaning="Time of the samples.",
-        hint=_EXAMPLE,
+        hint=_MAP_EXAMPLE,
         required=True,
     ),
     "load": Key(
-        Table(_signed(_column_keys("load"))), meaning="Load.", hint=_EXAMPLE, required=True
+        Table(_signed(_column_keys("load"))), meaning="Load.", hint=_MAP_EXAMPLE, required=True
     ),
     "sensor": Key(
         Array(Table(_SENSOR_KEYS), min_items=1),
         "sensors",
         "Sensors, one table each.",
-        _EXAMPLE,
+        _MAP_EXAMPLE,
         required=True,
     ),
     "drop": Key(
-        Table({"column": Key(_PLACE, meaning="Column with the number of the drop.")}),
+        Table({"column": Key(_COLUMN_POSITION, meaning="Column with the number of the drop.")}),
         meaning="Number of the drop; without it the file is one drop.",
     ),
 }
@@ -226,8 +230,8 @@ def parse_map(table: Mapping[str, Any], file: str) -> ColumnMap:
     TraceError
         If a key is missing or unknown, or a value is not accepted.
     """
-    own = {key: value for key, value in table.items() if key in KEYS}
-    values = TableReader(TraceError, file).read(own, KEYS)
+    entries = {key: value for key, value in table.items() if key in COLUMN_MAP_KEYS}
+    values = TableReader(TraceError, file).read(entries, COLUMN_MAP_KEYS)
     text, time, drop = (values.get(key, {}) for key in ("text", "time", "drop"))
     column_map = ColumnMap(
         file=file,
@@ -251,7 +255,9 @@ def parse_map(table: Mapping[str, Any], file: str) -> ColumnMap:
         ),
         drop=drop.get("column"),
         declarations={
-            key: Declaration(value, file) for key, value in table.items() if key not in KEYS
+            key: Declaration(value, file)
+            for key, value in table.items()
+            if key not in COLUMN_MAP_KEYS
         },
     )
     _refuse_contradictions(column_map)
@@ -260,14 +266,16 @@ def parse_map(table: Mapping[str, Any], file: str) -> ColumnMap:
 
 def _column(values: Mapping[str, Any], quantity: str, where: str) -> Column:
     if "column" not in values:
-        raise TraceError(refusal(f"{where}.column", _PLACE.expected, "none", _EXAMPLE))
-    units = UNITS[quantity]
+        raise TraceError(
+            refusal(f"{where}.column", _COLUMN_POSITION.expected, "none", _MAP_EXAMPLE)
+        )
+    units = COLUMN_UNITS[quantity]
     if ("unit" in values) == ("factor" in values):
         got = "both" if "unit" in values else "neither"
         expected = f"either unit ({', '.join(units)}) or factor to SI"
-        raise TraceError(refusal(where, expected, got, _EXAMPLE))
+        raise TraceError(refusal(where, expected, got, _MAP_EXAMPLE))
     if "unit" in values:
-        Key(Choice(units), hint=_EXAMPLE).check(values["unit"], f"{where}.unit", TraceError)
+        Key(Choice(units), hint=_MAP_EXAMPLE).check(values["unit"], f"{where}.unit", TraceError)
     factor = units[values["unit"]] if "unit" in values else values["factor"]
     return Column(values["column"], -factor if values.get("positive") == "up" else factor)
 
@@ -276,7 +284,7 @@ def _refuse_contradictions(column_map: ColumnMap) -> None:
     def require(holds: bool, key: str, expected: str, got: object) -> None:
         if not holds:
             place = f"{column_map.file}, {key}"
-            raise TraceError(refusal(place, expected, quote(got), _EXAMPLE))
+            raise TraceError(refusal(place, expected, quote(got), _MAP_EXAMPLE))
 
     has_time, has_rate = column_map.time is not None, column_map.rate is not None
     got = "both" if has_time else "neither"

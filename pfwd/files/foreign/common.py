@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from inversion.notices import Notice
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.header import (
+    HEADER_KEYS,
     IMPORTED,
-    KEYS,
-    LONGEST_REMARK,
+    MAX_REMARK_CHARACTERS,
     Declaration,
     Declarations,
+    is_position,
     setup_from,
     setup_warnings,
 )
@@ -228,7 +229,9 @@ def point_of(
     where = f"{file}, point {values['point']}" if values.get("point") else file
     details = {key: value for key, value in (noted or {}).items() if value not in (None, "")}
     if remarks:
-        details["remarks"] = [clean(text, limit=LONGEST_REMARK) for text in dict.fromkeys(remarks)]
+        details["remarks"] = [
+            clean(text, limit=MAX_REMARK_CHARACTERS) for text in dict.fromkeys(remarks)
+        ]
     stated: dict[str, Any] = {key: value for key, value in values.items() if value is not None}
     if details:
         stated[IMPORTED] = details
@@ -277,15 +280,17 @@ def position_of(latitude: object, longitude: object) -> dict[str, float]:
     north, east = finite(latitude), finite(longitude)
     if north is None or east is None or (north, east) == (0.0, 0.0):
         return {}
-    if abs(north) > 90 or abs(east) > 180:
-        return {}
-    return {"latitude": north, "longitude": east}
+    return {"latitude": north, "longitude": east} if is_position(north, east) else {}
 
 
 def temperature_of(value: object) -> float | None:
     """Return a temperature in degrees Celsius; None if it is none, or out of range for ground."""
     number = finite(value)
-    return number if number is not None and KEYS["temperature_c"].value.accepts(number) else None
+    return (
+        number
+        if number is not None and HEADER_KEYS["temperature_c"].value.accepts(number)
+        else None
+    )
 
 
 def moment_of(text: object) -> dict[str, str]:

@@ -14,13 +14,13 @@ from pfwd.files.foreign.common import Request, Values, even_time, make_drop, poi
 from pfwd.files.traces import (
     MAX_DROP_NUMBER,
     MAX_FILE_DROPS,
-    MAX_LINE_CHARACTERS,
+    MAX_TEXT_LINE_CHARACTERS,
     TracePoint,
     refuse_long,
 )
 from pfwd_device import Drop
 
-MAX_COLUMNS = 1024
+MAX_TEXT_COLUMNS = 1024
 """Columns of a line that are read."""
 
 Line = tuple[int, list[str]]
@@ -92,8 +92,8 @@ def _numbers(stream: TextIO, file: str, columns: ColumnMap) -> tuple[Values, Seq
 
 def _cells(stream: TextIO, file: str, columns: ColumnMap) -> Iterator[Line]:
     for number in itertools.count(1):
-        text = stream.readline(MAX_LINE_CHARACTERS)
-        if len(text) == MAX_LINE_CHARACTERS or "\0" in text:
+        text = stream.readline(MAX_TEXT_LINE_CHARACTERS)
+        if len(text) == MAX_TEXT_LINE_CHARACTERS or "\0" in text:
             actual = "binary data, or another encoding"
             raise TraceError(refusal(f"{file}, line {number}", "a line of text", actual))
         if not text:
@@ -105,7 +105,7 @@ def _cells(stream: TextIO, file: str, columns: ColumnMap) -> Iterator[Line]:
                 cells = next(csv.reader([text.rstrip("\n")], delimiter=columns.delimiter), [])
             except csv.Error as err:
                 raise TraceError(refusal(f"{file}, line {number}", "cells", str(err))) from err
-        yield number, cells[:MAX_COLUMNS]
+        yield number, cells[:MAX_TEXT_COLUMNS]
 
 
 def _place(column: Column, names: list[str], file: str) -> int:

@@ -40,7 +40,7 @@ from pfwd.files.foreign.peaks_text import (
     require_plate_radius,
 )
 from pfwd.files.foreign.units import celsius
-from pfwd.files.header import RADIUS
+from pfwd.files.header import RADIUS_KEY
 from pfwd.files.traces import TracePoint
 
 MISSING_FIELD = "N0"
@@ -198,7 +198,7 @@ class _Reader:
             expected = "lines 5020 and 5301 before the first drop"
             raise TraceError(refusal(where, expected, quote(",".join(cells[:3]))))
         station = self._stations[-1]
-        radius = station.declared.setdefault(RADIUS, self._radius)
+        radius = station.declared.setdefault(RADIUS_KEY, self._radius)
         if radius != self._radius:
             expected = f"one plate at a station, of radius {1e3 * radius:g} mm"
             raise TraceError(refusal(where, expected, f"{1e3 * self._radius:g} mm"))

@@ -37,7 +37,7 @@ from pfwd.files.foreign.peaks_text import (
     points_of_stations,
 )
 from pfwd.files.foreign.units import DISPLACEMENT_UNITS, FORCE_UNITS, celsius
-from pfwd.files.header import LONGEST_REMARK
+from pfwd.files.header import MAX_REMARK_CHARACTERS
 from pfwd.files.traces import TracePoint
 
 MIN_DROP_CELLS = 7
@@ -157,7 +157,7 @@ def _add_facts(station: PeaksStation, line: str) -> None:
         time = _DAT_TIME.search(line)
         station.noted["completed_local"] = time[1] if time else None
     elif line.startswith("Note:"):
-        station.noted["note"] = short_text(line.removeprefix("Note:"), LONGEST_REMARK)
+        station.noted["note"] = short_text(line.removeprefix("Note:"), MAX_REMARK_CHARACTERS)
 
 
 def _celsius(fahrenheit: float) -> float | None:
@@ -275,8 +275,8 @@ def head_facts(headings: Mapping[str, str], source: str) -> tuple[dict[str, Any]
     noted = {
         # The file has no time zone, and the order of day and month is uncertain.
         "date_time": short_text(headings.get("Date-Time")),
-        "sensors": short_text(headings.get("Sensors"), LONGEST_REMARK),
-        "weight_spring": short_text(headings.get("Weight/spring"), LONGEST_REMARK),
-        "comment": short_text(headings.get("Comments"), LONGEST_REMARK),
+        "sensors": short_text(headings.get("Sensors"), MAX_REMARK_CHARACTERS),
+        "weight_spring": short_text(headings.get("Weight/spring"), MAX_REMARK_CHARACTERS),
+        "comment": short_text(headings.get("Comments"), MAX_REMARK_CHARACTERS),
     }
     return common, noted

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from pfwd.errors import TraceError, refusal
-from pfwd.files.foreign.column_map import UNITS, TextLayout
+from pfwd.files.foreign.column_map import COLUMN_UNITS, TextLayout
 from pfwd.files.toml import toml_line
 from pfwd_device.drop import Quantity
 
@@ -229,7 +229,9 @@ def _column(position: int, name: str, unit: str, before: Sequence[DraftColumn]) 
             "velocity": "sensor",
             "displacement": "sensor",
         }
-        by_unit = [roles_by_kind[kind] for kind in UNITS if _unit_of(unit_text, kind) is not None]
+        by_unit = [
+            roles_by_kind[kind] for kind in COLUMN_UNITS if _unit_of(unit_text, kind) is not None
+        ]
         free: list[Role] = [r for r in ("time", "load") if r in by_unit and r not in assigned]
         role = free[0] if free else "sensor" if "sensor" in by_unit else "none"
     if role not in ("time", "load", "sensor"):
@@ -248,7 +250,7 @@ def _column(position: int, name: str, unit: str, before: Sequence[DraftColumn]) 
 def _unit_of(text: str, kind: str | None) -> str | None:
     """Return the unit in a text, of one kind or of any."""
     spelling = _UNIT_SPELLINGS.get(text, _UNIT_SPELLINGS.get(text.lower(), text))
-    tables = UNITS.values() if kind is None else (UNITS[kind],)
+    tables = COLUMN_UNITS.values() if kind is None else (COLUMN_UNITS[kind],)
     return spelling if any(spelling in table for table in tables) else None
 
 
@@ -294,7 +296,7 @@ def _column_lines(column: DraftColumn) -> list[str]:
         lines.append(toml_line("quantity", column.quantity))
     kind = column.quantity if column.role == "sensor" else column.role
     if column.unit is None:
-        lines.append(f"# unit = ?   # one of {', '.join(UNITS[kind])}")
+        lines.append(f"# unit = ?   # one of {', '.join(COLUMN_UNITS[kind])}")
     else:
         lines.append(toml_line("unit", column.unit))
     if column.role == "sensor":

@@ -18,8 +18,8 @@ from pfwd.files.foreign.common import (
     peaks_drop,
     point_of,
 )
-from pfwd.files.header import RADIUS
-from pfwd.files.traces import MAX_FILE_DROPS, MAX_LINE_CHARACTERS, TracePoint
+from pfwd.files.header import RADIUS_KEY
+from pfwd.files.traces import MAX_FILE_DROPS, MAX_TEXT_LINE_CHARACTERS, TracePoint
 from pfwd_device import Drop
 
 MAX_TEXT_BYTES = 32_000_000
@@ -67,7 +67,7 @@ def lines_of(file: str) -> Iterator[tuple[int, str]]:
     # DOS ended a text with this sign.
     text = text.rstrip("\x1a\0\r\n")
     for number, line in enumerate(text.split("\n"), start=1):
-        if len(line) > MAX_LINE_CHARACTERS:
+        if len(line) > MAX_TEXT_LINE_CHARACTERS:
             raise TraceError(refusal(f"{file}, line {number}", "a line of text", "one without end"))
         yield number, line.rstrip("\r")
 
@@ -87,7 +87,7 @@ def number_of(text: str, expected: str, where: str) -> float:
 
 def plate_radius(request: Request, recorded: float | None) -> float | None:
     """Return the plate radius, m: the declared one, else that of the file."""
-    declared = request.declarations.get(RADIUS)
+    declared = request.declarations.get(RADIUS_KEY)
     value = None if declared is None else finite(declared.value)
     return recorded if value is None else value
 
@@ -101,7 +101,7 @@ def require_plate_radius(radius: float | None, where: str) -> float:
     """
     if radius is None or not PLATE_RADII_M[0] <= radius <= PLATE_RADII_M[1]:
         actual = "none" if radius is None else f"{1e3 * radius:g} mm"
-        hint = f"declare {RADIUS} with --header"
+        hint = f"declare {RADIUS_KEY} with --header"
         raise TraceError(refusal(where, "a plate radius of 20 to 1000 mm", actual, hint))
     return radius
 

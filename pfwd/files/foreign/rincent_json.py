@@ -16,7 +16,7 @@ from pfwd.files.foreign.rincent_facts import (
     point_facts,
     project_facts,
 )
-from pfwd.files.header import LONGEST_REMARK
+from pfwd.files.header import MAX_REMARK_CHARACTERS
 from pfwd_device.recording.payload import json_excess
 
 Table = Mapping[str, Any]
@@ -203,7 +203,7 @@ def _noted(data: Table, comment: object) -> dict[str, Any]:
         "manual_temperature_c": finite(data.get("Tman")),
         "chainage_m": finite(data.get("Chainage")),
         "position_dop": finite(data.get("DOP")),
-        "comment": short_text(comment, LONGEST_REMARK),
+        "comment": short_text(comment, MAX_REMARK_CHARACTERS),
     }
 
 

@@ -500,7 +500,10 @@ def _a_text_that_stands_for_many(path: Path, count: int, length: int) -> None:
 def test_a_part_that_unpacks_to_gigabytes_is_refused(
     drops: Path, tmp_path: Path, options: AnalysisOptions, count: int, length: int
 ) -> None:
-    assert (dataset.MAX_TABLE_ROWS, dataset.MAX_TABLE_BYTES) == (10 * running.PART_ROWS, 64 * 2**20)
+    assert (dataset.MAX_PARQUET_ROWS, dataset.MAX_TABLE_BYTES) == (
+        10 * running.PART_ROWS,
+        64 * 2**20,
+    )
     out = tmp_path / "out"
     run = invert_archive([str(drops)], out, options, QuickWorkers(options)).run
     part = out / "sources" / f"run={run}" / "part-000001.parquet"

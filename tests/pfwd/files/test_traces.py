@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pfwd.errors import TraceError
-from pfwd.files.header import KEYS, PointSetup
+from pfwd.files.header import HEADER_KEYS, PointSetup
 from pfwd.files.traces import TracePoint, read_traces, write_traces
 from pfwd_device import Channel, Drop
 from tests.pfwd.files.trace_lines import HEADER, NAMES, Write, rows
@@ -190,11 +190,11 @@ PAIR = {"geophone_natural_frequency", "geophone_damping"}
 
 @st.composite
 def setups(draw: st.DrawFn) -> PointSetup:
-    names = {rule.attribute for rule in KEYS.values()}
+    names = {rule.attribute for rule in HEADER_KEYS.values()}
     chosen = draw(st.sets(st.sampled_from(sorted(names)))) | {"plate_radius"}
     chosen = chosen | PAIR if chosen & PAIR else chosen
     bare = st.text(string.ascii_letters + string.digits + "-_ .\"'é", min_size=1, max_size=10)
-    unknown = bare.filter(lambda key: key not in KEYS and key != "pfwd-traces")
+    unknown = bare.filter(lambda key: key not in HEADER_KEYS and key != "pfwd-traces")
     inner = st.one_of(free_values, st.booleans(), st.dates())
     extra = st.dictionaries(unknown, st.one_of(inner, st.lists(inner, max_size=3)), max_size=3)
     values = {name: draw(VALUES.get(name, free_values)) for name in sorted(chosen)}

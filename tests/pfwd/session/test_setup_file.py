@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pfwd.errors import SurveyError
-from pfwd.files.header import KEYS
+from pfwd.files.header import HEADER_KEYS
 from pfwd.session.setup_file import (
     LARGEST_FILE,
     MeasuringSetup,
@@ -291,7 +291,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
 
 
 _KEYS = st.sampled_from(
-    [*KEYS, *LINK_KEYS, *INSTRUMENT_KEYS, *CHANNEL_KEYS, *DETECTION_KEYS, "x", '"\\u001b"']
+    [*HEADER_KEYS, *LINK_KEYS, *INSTRUMENT_KEYS, *CHANNEL_KEYS, *DETECTION_KEYS, "x", '"\\u001b"']
 )
 _VALUES = st.one_of(
     st.integers(-(10**30), 10**30).map(str),
@@ -322,7 +322,7 @@ def test_whatever_stands_in_it_only_known_errors_come_out(text: str) -> None:
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.dictionaries(st.sampled_from([*KEYS]), st.floats() | st.text() | st.integers()))
+@given(st.dictionaries(st.sampled_from([*HEADER_KEYS]), st.floats() | st.text() | st.integers()))
 def test_declared_values_are_checked_again_where_they_are_used(declared: dict[str, Any]) -> None:
     try:
         setup_of(declared, "drop 1")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pfwd.errors import OptionError, TraceError
-from pfwd.files.header import KEYS, check_value
+from pfwd.files.header import HEADER_KEYS, check_value
 from pfwd.judging import JobRequest
 from pfwd.judging.job import target_fault
 from pfwd.judging.stations import read_stations
@@ -146,11 +146,11 @@ def value_of(
             raise ValueError("expected up to 200 letters on one line")
         return text
     value = _number(field, text, units, quantity_of(field, procedure))
-    if field.name in KEYS:
+    if field.name in HEADER_KEYS:
         try:
             check_value(field.name, value, field.title)
         except TraceError as err:
-            rule = KEYS[field.name]
+            rule = HEADER_KEYS[field.name]
             shown = units.unit(field.quantity) if field.quantity else ""
             raise ValueError(
                 f"expected {rule.value.expected.split(', in')[0]} {shown}".strip()
