@@ -5,6 +5,7 @@ import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import partial
+from statistics import fmean
 from typing import Any
 
 from pfwd.errors import OptionError, refusal
@@ -78,16 +79,11 @@ def certificate_blocks(
         Heading of the page.
     logo : path of a picture, optional
     """
-    kept = [point for point in report.points if not point.discarded]
-    blocks: list[Block] = []
-    if logo is not None:
-        draw = partial(draw_logo, image=read_logo(logo))
-        blocks.append(Picture(draw, _LOGO_HEIGHT, "", company or texts["company"]))
-    blocks.append(Heading(report.title, level=1))
+    blocks: list[Block] = [*logo_blocks(company, logo, texts), Heading(report.title, level=1)]
     said = report.procedure.title if report.chosen else texts["report"]
     head = f"{texts['certificate']}: {texts.title(said)}" if report.chosen else texts["report"]
     blocks.append(Paragraph(f"{company} · {head}" if company else head, "note"))
-    blocks.append(Pairs(tuple(row for row in _rows(report, kept, texts) if row[1])))
+    blocks.append(Pairs(tuple(row for row in certificate_rows(report, texts) if row[1])))
     if len(report.points) <= MAX_ROWS:
         blocks += [points_table(report, texts), *unsupported_note(report, texts)]
     blocks += verdict_reasons(report, texts)
@@ -98,6 +94,16 @@ def certificate_blocks(
         partial(draw_signatures, labels=labels), _SIGNATURES_HEIGHT, "", texts["signatures"]
     )
     return [*blocks, Together((signatures,))]
+
+
+def logo_blocks(
+    company: str | None, logo: str | os.PathLike[str] | None, texts: Texts
+) -> list[Block]:
+    """Return the picture of the logo; none without a logo."""
+    if logo is None:
+        return []
+    draw = partial(draw_logo, image=read_logo(logo))
+    return [Picture(draw, _LOGO_HEIGHT, "", company or texts["company"])]
 
 
 def curve_blocks(report: Report, texts: Texts, letters: Letters) -> list[Block]:
@@ -129,7 +135,9 @@ def read_logo(path: str | os.PathLike[str]) -> Any:
         raise OptionError(refusal(f"--logo {path}", "a picture (.png, .jpg)", came)) from err
 
 
-def _rows(report: Report, kept: Sequence[PointView], texts: Texts) -> tuple[tuple[str, str], ...]:
+def certificate_rows(report: Report, texts: Texts) -> tuple[tuple[str, str], ...]:
+    """Return the facts of the head of the page with their labels; what is unknown is empty."""
+    kept = [point for point in report.points if not point.discarded]
     counts = Counter(verdict_of(point) for point in kept)
     radii = sorted({f"{p.setup.plate_radius * 2e3:g} mm" for p in kept if p.setup.plate_radius})
     verdicts = texts.say("verdicts", **{kind: counts[kind] for kind in Verdict})
@@ -291,15 +299,15 @@ def points_table(report: Report, texts: Texts) -> Table:
     for point, (time, own_zone) in zip(report.points, times, strict=True):
         progress = point.progress
         facts = [drop.facts for drop in used_drops(point)]
-        depths = [s * 1e3 for fact in facts if (s := fact.peak_deflection) is not None]
+        depths = [s for fact in facts if (s := fact.peak_deflection) is not None]
         kind = verdict_of(point)
         cells: list[str | Mark] = [
             point.shown_name,
             time[:_MINUTES] if zone else f"{time[:_MINUTES]} {own_zone}".strip(),
-            " / ".join(f"{value:.3f}" for value in depths[:MOST_DEPTHS])
+            " / ".join(map(depth_text, depths[:MOST_DEPTHS]))
             + (" …" if len(depths) > MOST_DEPTHS else ""),
         ]
-        cells += [f"{sum(depths) / len(depths):.3f}" if depths else shown.NOTHING] if mean else []
+        cells += [depth_text(fmean(depths) if depths else None)] if mean else []
         if speeds:
             cells += [
                 _mean([v * 1e3 for fact in facts if (v := fact.peak_velocity) is not None]),
@@ -315,6 +323,11 @@ def points_table(report: Report, texts: Texts) -> Table:
         ]
         rows.append(tuple(cells))
     return Table(tuple(columns), tuple(rows), right)
+
+
+def depth_text(depth: float | None) -> str:
+    """Return a deflection, m, in mm; a dash for none."""
+    return shown.NOTHING if depth is None else f"{depth * 1e3:.3f}"
 
 
 def verdict_reasons(report: Report, texts: Texts) -> list[Block]:

@@ -30,7 +30,7 @@ from pfwd.report.certificate_blocks import (
 from pfwd.report.content import Report
 from pfwd.report.device_blocks import device_blocks
 from pfwd.report.fonts import Letters
-from pfwd.report.localising import localised
+from pfwd.report.localising import localised, names_of
 from pfwd.report.lot_blocks import lot_blocks
 from pfwd.report.peaks_blocks import basin_of_drop
 from pfwd.report.point_blocks import photo_blocks, point_blocks
@@ -88,10 +88,11 @@ def compose(
         Together((*point_blocks(p, report, texts, common), *photo_blocks(p, report.survey, texts)))
         for p in report.points
     ]
-    found = localised(blocks, texts, keep)
+    names = names_of(report)
+    found = localised(blocks, texts, keep, names)
     found += procedure_blocks(report.procedure, texts) if report.chosen else []
     found += device_blocks(report, texts)
-    return [*found, *localised(pages, texts, keep), *_recompute(report, texts)]
+    return [*found, *localised(pages, texts, keep, names), *_recompute(report, texts)]
 
 
 _AS_THEY_ARE = ("survey", "made", "software", "judged_by", "position", "period", "photos")

@@ -29,6 +29,7 @@ from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.analysis.screening.bad_sensors import leave_out_bad_sensors
 from pfwd.analysis.screening.drops import Screening, screen_point
 from pfwd.errors import OptionError, SurveyError, refusal
+from pfwd.files.editing import choose_point
 from pfwd.files.folders import refuse_no_survey
 from pfwd.files.header import PointSetup, declared_values, setup_warnings
 from pfwd.files.traces import TracePoint
@@ -99,11 +100,21 @@ class ReportOptions:
     """Path of a workbook to be filled."""
     jobs: int = 1
     """Processes that may work on it."""
+    point: str | None = None
+    """Name or title of the only point to report; None: all points."""
+    slip: bool = False
+    """Write one page to sign for the point."""
+    signed: str | None = None
+    """Name typed as signature of the slip; None: a line to sign on."""
 
     def __post_init__(self) -> None:
         self.analysis  # noqa: B018 - refuses layers that cannot be
         if self.jobs < 1:
             raise OptionError(refusal("--jobs", "a whole number from 1", str(self.jobs)))
+        if self.slip and self.point is None:
+            raise OptionError(refusal("--slip", "--point P", "none"))
+        if self.signed is not None and not self.slip:
+            raise OptionError(refusal("--signed", "--slip", "none"))
         if self.target is not None and not 0 < self.target < float("inf"):
             raise OptionError(refusal("--target", "a number > 0", f"{self.target:g}"))
 
@@ -156,6 +167,8 @@ def gather(
     if not survey.drops:
         hint = f"damage: {'; '.join(survey.damage)}" if survey.damage else ""
         raise SurveyError(refusal(str(folder), "a survey with drops", "none", hint))
+    if options.point is not None:
+        choose_point(survey, options.point)  # refused before the work
     job = _job(survey, options)
     own = None if options.procedure is None else _own_procedure(survey)
     own = None if own == job.procedure_in_force.name else own
@@ -273,7 +286,9 @@ def _of(progress: PointProgress) -> str:
 
 def _gathered(found: "_Gatherer", jobs: int) -> Iterator[list[PointView]]:
     """The points of a survey in their order, on so many processes."""
-    points = found.survey.points
+    points: Sequence[SurveyPoint] = found.survey.points
+    if found.options.point is not None:
+        points = [choose_point(found.survey, found.options.point)]
     if jobs < 2 or len(points) < 2:
         yield from map(found.points, points)
         return
@@ -361,6 +376,9 @@ def _command(folder: str, options: ReportOptions) -> str:
         value = getattr(options, name)
         if value is not None and (name, value) != ("language", "en"):
             words += [f"--{name}", str(value)]
+    words += [] if options.point is None else ["--point", options.point]
+    words += ["--slip"] if options.slip else []
+    words += [] if options.signed is None else ["--signed", options.signed]
     if options.target is not None:
         words += ["--target", target_text(options.target).split()[0]]
     for name, said in _layer_settings(options).items():

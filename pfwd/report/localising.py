@@ -1,8 +1,9 @@
 """Numbers and messages in the language of a report."""
 
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
+from functools import partial
 
 from pfwd.report.blocks import (
     Block,
@@ -14,14 +15,26 @@ from pfwd.report.blocks import (
     Table,
     Together,
 )
+from pfwd.report.content import Report
 from pfwd.report.texts import Texts
 
 _DECIMAL = re.compile(r"(?<![\w.:/])(\d+)\.(\d+)(?![\w]|[.:]\d)")
 """A number with decimals; no version, date, part of a name or of a path."""
 
 
-def localised(blocks: Iterable[Block], texts: Texts, keep: Collection[str] = ()) -> list[Block]:
-    """Blocks with the decimal sign of the language.
+def names_of(report: Report) -> list[str]:
+    """Return the names in a report whose dots are no decimal signs."""
+    names = {name for point in report.points for name in (point.name, point.shown_name)}
+    return sorted({*names, report.title, report.survey}, key=len, reverse=True)
+
+
+def localised(
+    blocks: Iterable[Block],
+    texts: Texts,
+    keep: Collection[str] = (),
+    names: Iterable[str] = (),
+) -> list[Block]:
+    """Return blocks with the decimal sign of the language.
 
     Parameters
     ----------
@@ -29,37 +42,43 @@ def localised(blocks: Iterable[Block], texts: Texts, keep: Collection[str] = ())
     texts : Texts
     keep : collection of str
         Labels of pairs whose values stay (names, paths, commands), and paragraphs that stay.
+    names : iterable of str
+        Names that stay wherever they stand, the longer ones first.
     """
     if texts.decimal == ".":
         return list(blocks)
-    return [_block(block, texts, keep) for block in blocks]
+    dotted = [re.escape(name) for name in names if _DECIMAL.search(name)]
+    pattern = re.compile("|".join([*dotted, _DECIMAL.pattern])) if dotted else _DECIMAL
+
+    def replace_sign(match: re.Match[str]) -> str:
+        whole, part = match.groups()
+        return match[0] if whole is None else f"{whole}{texts.decimal}{part}"
+
+    return [_block(block, partial(pattern.sub, replace_sign), keep) for block in blocks]
 
 
 def with_decimals(text: str, texts: Texts) -> str:
-    """A text with the decimal sign of the language."""
+    """Return a text with the decimal sign of the language."""
     if texts.decimal == ".":
         return text
     return _DECIMAL.sub(rf"\1{texts.decimal}\2", text)
 
 
-def _block(block: Block, texts: Texts, keep: Collection[str]) -> Block:
-    def said(text: str) -> str:
-        return with_decimals(text, texts)
-
+def _block(block: Block, localise: Callable[[str], str], keep: Collection[str]) -> Block:
     def cell(value: str | Mark) -> str | Mark:
-        return said(value) if isinstance(value, str) else value
+        return localise(value) if isinstance(value, str) else value
 
     match block:
         case Paragraph(text):
-            return block if text in keep else replace(block, text=said(text))
+            return block if text in keep else replace(block, text=localise(text))
         case Pairs(rows):
-            return Pairs(tuple((k, v if k in keep else said(v)) for k, v in rows))
+            return Pairs(tuple((k, v if k in keep else localise(v)) for k, v in rows))
         case Table(columns, rows, right):
             return Table(columns, tuple(tuple(map(cell, row)) for row in rows), right)
         case Listing(items):
-            return replace(block, items=tuple(map(said, items)))
+            return replace(block, items=tuple(map(localise, items)))
         case Picture(caption=caption):
-            return replace(block, caption=said(caption))
+            return replace(block, caption=localise(caption))
         case Together(inner):
-            return Together(tuple(_block(part, texts, keep) for part in inner))
+            return Together(tuple(_block(part, localise, keep) for part in inner))
     return block

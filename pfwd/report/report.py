@@ -16,6 +16,7 @@ from pfwd.report.content import Report
 from pfwd.report.fonts import Letters, require_letters
 from pfwd.report.gathering import Progress, ReportOptions, gather
 from pfwd.report.pictures_as_svg import SecondDrawer
+from pfwd.report.slip_blocks import slip_blocks
 from pfwd.report.texts import Texts, load_texts
 
 __all__ = ["ReportOptions", "write_report"]
@@ -74,6 +75,8 @@ def write_report(
     if ending == WORKBOOK and options.template is None:
         hint = "pfwd export --format xlsx makes a workbook without one"
         raise OptionError(refusal(f"--output {target}", "--template T.xlsx", "none", hint))
+    if ending == WORKBOOK and options.slip:
+        raise OptionError(refusal("--slip", "--output with .html or .pdf", str(target)))
     texts = load_texts(options.language)
     require_writable(target, "--output")
     if ending != WORKBOOK:
@@ -114,7 +117,10 @@ def _rendered(
 ) -> bytes:
     with _garbage_seldom():
         letters = Letters()
-        blocks = compose(report, texts, letters, options.company, options.logo)
+        if options.slip:
+            blocks = slip_blocks(report, texts, letters, options)
+        else:
+            blocks = compose(report, texts, letters, options.company, options.logo)
         title = next(block.text for block in blocks if isinstance(block, Heading))
         if ending == PDF:
             from pfwd.report.typst_file import render_pdf

@@ -38,6 +38,12 @@ def test_measured_by_a_procedure_and_reported(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert done.stdout == "point 1: no verdict, there is no target\n"
     assert (tmp_path / "r.pdf").read_bytes().startswith(b"%PDF")
+    done = pfwd(
+        *("report", survey, "-o", tmp_path / "slip.pdf", "--point", "1", "--slip"),
+        *("--signed", "Jo"),
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "slip.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_wrong_usage_has_status_2(tmp_path: Path) -> None:

@@ -67,6 +67,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--diagnose", action="store_true", help="diagnose points without a stored diagnosis (slow)"
     )
+    parser.add_argument("--point", metavar="P", help="report only this point")
+    parser.add_argument(
+        "--slip",
+        action="store_true",
+        help="one page for the --point, to sign, with a QR code of point, time and checksum",
+    )
+    parser.add_argument("--signed", metavar="NAME", help="typed signature of the --slip")
     add_jobs(parser)
     add_json(parser, "point")
     expert = add_expert_group(parser)
@@ -132,6 +139,9 @@ def _run(args: argparse.Namespace, second: SecondDrawer | None) -> int:
         logo=args.logo or settings.logo,
         template=args.template,
         jobs=args.jobs,
+        point=args.point,
+        slip=args.slip,
+        signed=args.signed,
     )
     begun = time.monotonic()
     with telling() as tell:

@@ -89,6 +89,8 @@ def test_versions_dates_and_names_keep_their_points() -> None:
     assert two == Pairs((("a", "0,5"), ("b", "0.5")))
     assert three == Table(("x",), (("-1,25",),))
     assert localised(blocks, EN) == blocks
+    (named,) = localised([Paragraph("station 168.700 has 0.5 mm")], DE, names=["station 168.700"])
+    assert named == Paragraph("station 168.700 has 0,5 mm")
 
 
 def test_warnings_of_all_points_stand_once(survey: Path) -> None:

@@ -1,0 +1,182 @@
+"""The slip of a point: one page with its verdict, a signature and a QR code of its data."""
+
+import hashlib
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from pfwd.judging import PointView
+from pfwd.report import shown
+from pfwd.report.blocks import Block, Heading, Mark, Pairs, Paragraph, Picture, Table
+from pfwd.report.certificate_blocks import (
+    certificate_rows,
+    curve_blocks,
+    depth_text,
+    logo_blocks,
+    unsupported_note,
+)
+from pfwd.report.content import Report
+from pfwd.report.fonts import Letters
+from pfwd.report.gathering import ReportOptions
+from pfwd.report.localising import localised, names_of
+from pfwd.report.point_facts import modulus_text, time_of, verdict_of
+from pfwd.report.texts import Texts
+
+_CODE_HEIGHT = 38.0
+"""mm, of the QR code and of what stands beside it."""
+
+
+def slip_blocks(
+    report: Report, texts: Texts, letters: Letters, options: ReportOptions
+) -> list[Block]:
+    """Return the blocks of the page.
+
+    Parameters
+    ----------
+    report : Report
+        Of one point, which has several parts if its plate was changed.
+    texts : Texts
+    letters : Letters
+    options : ReportOptions
+        Company, logo and signature.
+    """
+    point = report.points[0]
+    heading = Heading(f"{texts['slip']}: {texts['point']} {point.shown_name}", level=1)
+    facts = [row for row in certificate_rows(report, texts) if row[1]]
+    facts = [row for row in facts if row[0] not in (texts["points"], texts["verdict"])]
+    verdict = Table(
+        (texts["verdict"], shown.name_of(report.procedure.quantity, texts), texts["target"]),
+        (
+            (
+                Mark(verdict_of(point), texts[_word_of(point)]),
+                _value(point, report, texts),
+                shown.target_of(point.progress.target, report.procedure.quantity),
+            ),
+        ),
+    )
+    blocks: list[Block] = [
+        *logo_blocks(options.company, options.logo, texts),
+        heading,
+        Paragraph(options.company or report.title, "note"),
+        Pairs(tuple(facts)),
+        verdict,
+        Paragraph(texts.message(point.progress.verdict_reason)),
+        *unsupported_note(report, texts),
+        _drops(report.points, texts),
+        *curve_blocks(report, texts, letters),
+    ]
+    checksum = checksum_of(report)
+    payload = payload_of(report, checksum)
+    draw = partial(
+        draw_code_and_signature,
+        payload=payload,
+        signed=None if options.signed is None else letters.drawable(options.signed),
+        labels=(texts["sign_place"], texts["sign_operator"]),
+    )
+    alternative = f"{texts['qr_code']}: {payload}"
+    if options.signed is not None:
+        alternative += f"; {texts['sign_operator']}: {options.signed}"
+    keep = {texts[name] for name in ("judged_by", "period", "checksum")}
+    return [
+        *localised(blocks, texts, keep, names_of(report)),
+        Picture(draw, _CODE_HEIGHT, texts["qr_code_note"], alternative),
+        Pairs(
+            ((texts["checksum"], checksum or shown.NOTHING), (texts["survey"], report.survey_id))
+        ),
+    ]
+
+
+def _word_of(point: PointView) -> str:
+    return "discarded" if point.discarded else verdict_of(point)
+
+
+def _value(point: PointView, report: Report, texts: Texts) -> str:
+    value = shown.value_of(point.progress.value, texts)
+    return modulus_text(point, texts) if value == shown.NOTHING else value
+
+
+def _drops(parts: Sequence[PointView], texts: Texts) -> Table:
+    rows = []
+    for point in parts:
+        kinds = dict(point.progress.kinds)
+        for drop, facts in zip(point.drops, point.facts, strict=True):
+            used = drop.number in point.progress.used
+            rows.append(
+                (
+                    str(drop.number),
+                    texts[str(kinds.get(drop.number, facts.kind))],
+                    texts["yes" if used else "no"],
+                    shown.scaled(facts.peak_load, 1e-3, ""),
+                    depth_text(facts.peak_deflection),
+                    shown.scaled(facts.peak_velocity, 1e3, ""),
+                    shown.scaled(facts.pulse_duration, 1e3, ""),
+                )
+            )
+    columns = (
+        texts["drop"],
+        texts["kind"],
+        texts["used"],
+        "F, kN",
+        "s, mm",
+        "v, mm/s",
+        f"{texts['pulse']}, ms",
+    )
+    return Table(columns, tuple(rows), (0, 3, 4, 5, 6))
+
+
+def checksum_of(report: Report) -> str:
+    """Return the SHA-256 of the list of the point's drop files with theirs; empty: no file.
+
+    It is that of ``sha256sum drop-*.h5 | sha256sum`` on the files of the point.
+    """
+    lines = [
+        f"{report.checksums[drop.record]}  drop-{drop.record:06d}.h5\n"
+        for point in report.points
+        for drop in point.drops
+        if drop.record is not None and drop.record in report.checksums
+    ]
+    return hashlib.sha256("".join(lines).encode()).hexdigest() if lines else ""
+
+
+def payload_of(report: Report, checksum: str) -> str:
+    """Return the text of the QR code: point, time and checksum, a line each."""
+    point = report.points[0]
+    return f"point: {point.shown_name}\ntime: {time_of(point)}\nsha256: {checksum}"
+
+
+def draw_code_and_signature(
+    figure: Any, payload: str, signed: str | None, labels: Sequence[str]
+) -> None:
+    """Draw the QR code at the left, and lines to sign on at the right.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    payload : str
+    signed : str or None
+        Name on the last line, as its typed signature; None: the line is empty.
+    labels : sequence of str
+        What stands below the lines.
+    """
+    import segno
+
+    width, height = figure.get_size_inches()
+    code = figure.add_axes((0.0, 0.0, float(height / width), 1.0))
+    rows = [bytes(row) for row in segno.make(payload, error="m").matrix]
+    for down, row in enumerate(rows):
+        dark = [(column, 1) for column, module in enumerate(row) if module]
+        code.broken_barh(dark, (down, 1), color="black", linewidth=0, antialiased=False)
+    quiet = 4  # modules of the quiet zone that ISO/IEC 18004 asks for
+    code.set_xlim(-quiet, len(rows) + quiet)
+    code.set_ylim(len(rows) + quiet, -quiet)
+    code.set_axis_off()
+    start = float(height / width) + 0.06
+    lines = figure.add_axes((start, 0.0, 1.0 - start, 1.0))
+    lines.set_axis_off()
+    lines.set_xlim(0, 1)
+    lines.set_ylim(0, 1)
+    for place, label in zip((0.66, 0.2), labels, strict=True):
+        lines.plot([0.0, 0.9], [place, place], color="0.2", linewidth=0.8)
+        lines.text(0.0, place - 0.1, label, fontsize=7.5, color="0.35", parse_math=False)
+    if signed is not None:
+        lines.text(0.01, 0.24, signed, fontsize=13, style="italic", parse_math=False)
