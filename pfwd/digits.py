@@ -75,9 +75,9 @@ def at_place(value: float, place: int) -> str:
 def with_ends(value: float, ends: tuple[float, float]) -> tuple[str, str, str]:
     """A value and the ends of its interval, each with the digits that the interval supports.
 
-    The nearer end decides for the value, of which one digit is told at least. The farther one is
-    told more coarsely (a modulus of 29 that may be 561 may as well be 560), both with two digits at
-    least.
+    The nearer end decides for the value. The farther one is rounded more coarsely: a modulus of 29
+    that may be 561 may as well be 560. All three have two digits at least; with one, 88 beside 92
+    would read 90 beside 90.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def with_ends(value: float, ends: tuple[float, float]) -> tuple[str, str, str]:
     >>> with_ends(35.123, (34.2, 35.9))
     ('35.1', '34.2', '35.9')
     >>> with_ends(47.9, (13.7, 686.0))
-    ('50', '14', '690')
+    ('48', '14', '690')
     """
     far = [abs(value - end) for end in ends]
     # A value at the end of its own interval, where a search was bounded, has one distance only.
@@ -111,23 +111,42 @@ def with_ends(value: float, ends: tuple[float, float]) -> tuple[str, str, str]:
         at_place(end, min(max(place, _top(distance) - 1), _top(end) - 1)) if end else "0"
         for end, distance in zip(ends, far, strict=True)
     )
-    return at_place(value, min(place, _top(value))), low, high
+    return at_place(value, min(place, _top(value) - 1)), low, high
 
 
-def with_width(value: float, ends: tuple[float, float]) -> tuple[str, str, str]:
-    """A value and the ends of its interval, all to the place that its width supports.
+def modulus_text(modulus: float | None, interval: tuple[float, float] | None) -> str:
+    """Return a modulus with its 95 % interval, as command line, pictures and scripts show it.
 
-    Two digits of the value are told at least: what stands beside another one of them would look
-    farther away, or nearer, than it is.
+    Parameters
+    ----------
+    modulus : float, Pa, or None
+        None: the data leave it open.
+    interval : pair of float, Pa, or None
+
+    Returns
+    -------
+    str
+        Empty without a modulus and an interval.
 
     Examples
     --------
-    >>> with_width(45.2, (43.4, 47.1)), with_width(84.1, (67.7, 110.1))
-    (('45', '43', '47'), ('84', '68', '110'))
+    >>> modulus_text(45.2e6, (43.4e6, 47.1e6)), modulus_text(45.2e6, None)
+    ('45.2 MPa (43.4 to 47.1)', '45.2 MPa')
+    >>> modulus_text(None, (11.2e6, 561.1e6))
+    'left open (11 to 560 MPa)'
     """
-    low, high = ends
-    place = min(_place(high - low), _top(value) - 1)
-    return at_place(value, place), at_place(low, place), at_place(high, place)
+    ends = None
+    if interval is not None and all(map(math.isfinite, interval)):
+        ends = interval[0] / 1e6, interval[1] / 1e6
+    if modulus is None or not math.isfinite(modulus):
+        if ends is None:
+            return ""
+        low, high = (rounded(end, end) for end in ends)
+        return f"left open ({low} to {high} MPa)"
+    if ends is None:
+        return f"{significant(modulus / 1e6)} MPa"
+    value, low, high = with_ends(modulus / 1e6, ends)
+    return f"{value} MPa ({low} to {high})"
 
 
 def significant(value: float, digits: int = FEW_DIGITS) -> str:

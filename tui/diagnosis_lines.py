@@ -18,7 +18,7 @@ from pfwd.analysis.results import (
     FittedState,
     HeldOut,
 )
-from pfwd.digits import at_place, read_in, rounded, with_ends, with_width
+from pfwd.digits import modulus_text, read_in, rounded
 from pfwd.export.json_text import json_text
 from pfwd.message_groups import as_ranges, group_messages
 from tui.output import clean, spelled
@@ -134,12 +134,12 @@ def use_sentence(
         if modulus == "unknown" or modulus is None:
             return f"Do not use: {result.use_reason}; {result.remedy}."
         return (
-            f"Use the fit without effects: {_in_force(modulus)} MPa. Do not use the modulus after: "
+            f"Use the fit without effects: "
+            f"{modulus_text(modulus.value, modulus.interval)}. Do not use the modulus after: "
             f"{result.use_reason}; {result.remedy}."
         )
-    value, *ends = _digits(after.modulus_pa, after.modulus_interval_pa)
     word = "Design value" if result.use == "design" else "Use with care:"
-    text = f"{word} {value} MPa ({' to '.join(ends)})"
+    text = f"{word} {modulus_text(after.modulus_pa, after.modulus_interval_pa)}"
     if _is_finite(after.stress_pa):
         text += f", secant modulus at {after.stress_pa / 1e3:.0f} kPa"
         at_100_kpa = after.modulus_100kpa_pa
@@ -290,11 +290,8 @@ def _is_shared(effect: EffectResult) -> bool:
 
 
 def _in_force(modulus: "PointModulus") -> str:
-    """Return a modulus with its interval, MPa."""
-    if modulus.interval is None:
-        return f"{modulus.value / 1e6:.3g}"
-    value, *ends = _digits(modulus.value, modulus.interval)
-    return f"{value} ({' to '.join(ends)})"
+    """Return a modulus with its interval, in the unit of the column."""
+    return modulus_text(modulus.value, modulus.interval).replace(" MPa", "")
 
 
 def _summary(results: Sequence[DiagnosisResult], moduli: "Sequence[PointModulus | None]") -> str:
@@ -437,36 +434,15 @@ def _held_out(held: HeldOut | None) -> list[str]:
 
 
 def _modulus(state: FittedState) -> str:
-    """Return the modulus with its interval, MPa, with the digits it supports; empty: no ground."""
-    modulus, interval = state.modulus_pa, state.modulus_interval_pa
+    """Return the modulus with its interval; empty: no ground."""
+    interval = state.modulus_interval_pa
     if interval is not None and state.is_undetermined:
         low, high = interval
         if not 0.0 < high < _MAX_PRINTED_RATIO * low:
             return "E left open"
-        text = " to ".join(rounded(end / 1e6, end / 1e6) for end in interval)
-        return f"E left open ({text} MPa)"
-    if not _is_finite(modulus):
-        return ""
-    if interval is None or not all(map(math.isfinite, interval)):
-        return f"E {modulus / 1e6:.3g} MPa"
-    value, *ends = _digits(modulus, interval)
-    return f"E {value} MPa ({' to '.join(ends)})"
-
-
-def _digits(modulus: float, interval: tuple[float, float]) -> tuple[str, str, str]:
-    """Return a modulus and the ends of its interval, MPa, with the digits that it supports.
-
-    The modulus has two digits at least: with one, 88 beside 92 would read 90 beside 90.
-    """
-    value_mpa, low, high = (value / 1e6 for value in (modulus, *interval))
-    if high <= _MAX_RATIO_FOR_WIDTH * low:
-        return with_width(value_mpa, (low, high))
-    value, shown_low, shown_high = with_ends(value_mpa, (low, high))
-    two_digits = (
-        at_place(value_mpa, math.floor(math.log10(value_mpa)) - 1) if value_mpa > 0 else value
-    )
-    value = min(value, two_digits, key=lambda text: abs(float(text) - value_mpa))
-    return value, shown_low, shown_high
+        return f"E {modulus_text(None, interval)}"
+    text = modulus_text(state.modulus_pa, interval) if _is_finite(state.modulus_pa) else ""
+    return f"E {text}" if text else ""
 
 
 def _state(state: FittedState) -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pfwd.analysis.results import DropResult, FileOutcome
-from pfwd.digits import with_ends
+from pfwd.digits import modulus_text
 from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import require_writable
 from pfwd.matplotlib_start import start_matplotlib
@@ -146,15 +146,12 @@ def _draw(axes: Any, result: DropResult) -> None:
 
 
 def _title(result: DropResult) -> str:
-    ends = result.modulus_interval_pa or (math.nan, math.nan)
-    known_mpa = 1e-6 * (result.modulus_pa or math.nan)
-    modulus, lowest, highest = with_ends(known_mpa, (1e-6 * ends[0], 1e-6 * ends[1]))
     depth = result.bedrock_depth_m
     base = "half-space" if depth is None else f"bedrock {depth:.3g} m"
     point = "" if result.point is None else f", point {result.point}"
     return (
         f"{Path(result.file or '').name}{point}, drop {result.drop}\n"
-        f"E {modulus} MPa, 95 % {lowest} to {highest}; {base}; "
+        f"E {modulus_text(result.modulus_pa, result.modulus_interval_pa)}; {base}; "
         f"η {1e-3 * (result.viscosity_pa_s or 0.0):.3g} kPa s\n"
         f"{result.plate} plate {result.plate_radius_m:g} m, ν {result.poisson_ratio:g}; residual "
         f"{100 * (result.window_residual_rms_over_peak or 0.0):.2g} % of peak up to the dotted line"

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from inversion import notices
 from inversion.notices import Notice
+from pfwd.digits import modulus_text
 from pfwd.errors import OptionError, SurveyError, refusal
 from pfwd.export.json_text import without_nan
 from pfwd.scripting.display import (
@@ -19,7 +20,6 @@ from pfwd.scripting.display import (
     count,
     data_frame,
     html_table,
-    megapascal,
     text_of,
 )
 from pfwd.scripting.inverting import Header, drop_of_arrays, is_array
@@ -384,8 +384,7 @@ def _modulus(state: Mapping[str, Any]) -> str:
     modulus, interval = state["modulus_pa"], state["modulus_interval_pa"]
     if modulus is None or interval is None or None in interval:
         return "none"
-    low, high = interval
-    return f"{megapascal(modulus)} MPa, 95 % {megapascal(low)} to {megapascal(high)} MPa"
+    return modulus_text(modulus, interval)
 
 
 def _value(effect: Mapping[str, Any]) -> str:

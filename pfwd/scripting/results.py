@@ -11,6 +11,7 @@ import numpy as np
 
 from inversion.notices import Notice
 from pfwd.analysis.results import DropResult
+from pfwd.digits import modulus_text
 from pfwd.errors import SurveyError, refusal
 from pfwd.export.json_text import without_nan
 from pfwd.scripting.display import (
@@ -277,13 +278,10 @@ def _place(result: Result) -> str:
 def _with_interval(result: Result) -> str:
     if result.modulus is None:
         return "none"
-    modulus = f"{megapascal(result.modulus)} MPa"
-    if result.modulus_interval is not None:
-        low, high = result.modulus_interval
-        return f"{modulus}, 95 % {megapascal(low)} to {megapascal(high)} MPa"
-    if result.modulus_sd_pa is not None:
-        return f"{modulus}, sd {megapascal(result.modulus_sd_pa)} MPa"
-    return modulus
+    text = modulus_text(result.modulus, result.modulus_interval)
+    if result.modulus_interval is None and result.modulus_sd_pa is not None:
+        return f"{text}, sd {megapascal(result.modulus_sd_pa)} MPa"
+    return text
 
 
 def _model(result: Result) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from inversion.diagnosis.findings import FittedState
 from inversion.records import known
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
-from pfwd.digits import rounded, significant, with_ends
+from pfwd.digits import modulus_text, significant
 from pfwd.errors import SurveyError, refusal
 from pfwd.files.output_path import require_writable
 from pfwd.matplotlib_start import start_matplotlib
@@ -137,11 +137,5 @@ def _name(diagnosed: Diagnosed) -> str:
 
 def _modulus(state: FittedState) -> str:
     """Return the modulus with its interval, or why there is none."""
-    if state.modulus_interval_pa is None:
-        return "no modulus"
-    low, high = state.modulus_interval_pa
-    if state.modulus_pa is None:
-        lower, upper = (rounded(end / 1e6, end / 1e6) for end in (low, high))
-        return f"E left open ({lower} to {upper}) MPa"
-    value, lower, upper = with_ends(state.modulus_pa / 1e6, (low / 1e6, high / 1e6))
-    return f"E {value} ({lower} to {upper}) MPa"
+    text = modulus_text(state.modulus_pa, state.modulus_interval_pa)
+    return f"E {text}" if text else "no modulus"
