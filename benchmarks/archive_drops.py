@@ -17,7 +17,7 @@ import numpy as np
 from simulators.drop import Hammer, SimulatedDrop
 from simulators.effects.march import strike
 from simulators.effects.recording import Converter, write_signals
-from simulators.effects.response import DURATION, ground_response
+from simulators.effects.response import RESPONSE_DURATION_S, ground_response
 from simulators.effects.signals import signals_of
 from simulators.mesh import Ground
 
@@ -112,7 +112,7 @@ def _variants(
         pulse = float(generator.uniform(0.010, 0.020))
         weight = float(generator.uniform(8.0, 14.0))
         hammer = Hammer(weight, weight * (math.pi / pulse) ** 2, 1.0)
-        whole = round(DURATION * response.time_step / 5e-5 / response.time_step)
+        whole = round(RESPONSE_DURATION_S * response.time_step / 5e-5 / response.time_step)
         samples = min(math.ceil((2.5 * pulse + 0.025) / response.time_step), whole)
         drop = strike(response, mass, hammer, samples)
         peak = float(generator.uniform(60e3, 180e3)) * math.pi * _RADIUS**2

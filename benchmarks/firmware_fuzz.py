@@ -7,7 +7,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from simulators.firmware import STRICT, FirmwareError, core_sources, firmware_folder
+from simulators.firmware import COMPILER_FLAGS, FirmwareError, core_sources, firmware_folder
 
 _FRAMED, _LETTERS = 1, "BTLPRWEDNT"
 """A first byte below 128 is a message that gets its frame; others stand for these steps."""
@@ -37,7 +37,7 @@ def fuzz(seconds: int, folder: Path | None = None) -> tuple[bool, int, str]:
         for number, seed in enumerate(seeds()):
             (corpus / f"seed-{number}").write_bytes(seed)
         flags = ["-g", "-O1", "-DPFWD_LIBFUZZER", "-fsanitize=fuzzer,address,undefined"]
-        command = [clang, *STRICT, *flags, "-fno-sanitize-recover=all", str(source)]
+        command = [clang, *COMPILER_FLAGS, *flags, "-fno-sanitize-recover=all", str(source)]
         command += [*map(str, core_sources()), "-o", str(program)]
         built = subprocess.run(command, capture_output=True, text=True, check=False)
         if built.returncode:

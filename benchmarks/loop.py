@@ -24,7 +24,7 @@ import numpy as np
 from platformdirs import user_cache_path
 
 from benchmarks.output import Proportion, Reporter
-from simulators.campaign import DRAWN, Case, make_campaign, read_truth
+from simulators.campaign import DRAWN_LEVEL, Case, make_campaign, read_truth
 from simulators.effects.catalogue import CLEAN, EFFECTS
 
 DiagnosisRecord = Mapping[str, Any]
@@ -246,7 +246,7 @@ def summarise(report: Reporter, judged: Sequence[Judged]) -> None:
     report.title("by group, the same")
     for name, part in grouped(judged).items():
         report.record(group_of_points=name, **_proportions(part))
-    if any(point.case.level > DRAWN for point in judged):
+    if any(point.case.level > DRAWN_LEVEL for point in judged):
         _by_strength(report, judged)
     report.title("totals on Kelvin-Voigt soil (shares of drops)")
     report.record(**totals(judged))
@@ -444,7 +444,7 @@ def _strengths(report: Reporter, options: argparse.Namespace, folder: Path) -> N
                 chosen = [point for point in part if point.case.level == level]
                 right = (
                     _share(chosen, lambda point: point.right)
-                    if EFFECTS[key].known
+                    if EFFECTS[key].is_in_vocabulary
                     else _share(chosen, lambda point: point.verdict == "unexplained")
                 )
                 report.record(

@@ -1,6 +1,7 @@
-"""A link between host and instrument that is cut, slow, or damages bytes: a port before another.
+"""Link between host and instrument that can be cut, is slow, or damages bytes.
 
-For tests and benchmarks; what it does to the bytes is drawn from a seed.
+It is a TCP port in front of the instrument's port, for tests and benchmarks. Its faults are drawn
+from a seed.
 """
 
 from __future__ import annotations
@@ -17,22 +18,22 @@ from urllib.parse import urlsplit
 from simulators.instrument.faults import BadCable
 from simulators.instrument.scenario import LinkSettings
 
-_CHUNK = 4096
-_TURN = 0.002
-"""s between two looks at what there is to do."""
-_TOKENS = 0.01
-"""s of the rate that may go at once: a port's own queue."""
+_CHUNK_BYTES = 4096
+_POLL_INTERVAL_S = 0.002
+"""Longest wait for bytes in the loop, s."""
+_BURST_S = 0.01
+"""Length of a burst at full speed, s of the rate, like the queue of a port."""
 
 
 class BadLink:
-    """Passes bytes on in both directions, not always as they came.
+    """Relay of bytes in both directions with faults.
 
     Parameters
     ----------
     target : callable
-        The URL of the instrument now, socket://HOST:PORT; asked for every connection.
+        Returns the current URL of the instrument, socket://HOST:PORT; called for each connection.
     rate : float
-        Bytes a second in each direction; 0: as they come.
+        Bytes per second in each direction; 0: unlimited.
     bit_error_rate : float
         Bytes with a flipped bit, fraction, in both directions.
     seed : int
@@ -52,20 +53,20 @@ class BadLink:
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._listener.settimeout(0.05)
         self.url = f"socket://127.0.0.1:{self._listener.getsockname()[1]}"
-        """What the host opens."""
+        """URL for the host."""
         self._cut = threading.Event()
         self.cuts = 0
-        """How often the link was cut."""
+        """Number of times that the link was cut."""
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def cut(self) -> None:
-        """Pull the cable now; it is in again at once for whoever opens it anew."""
+        """Close the connection; the host can open it again at once."""
         self._cut.set()
 
     def close(self) -> None:
-        """End it."""
+        """Stop the relay."""
         self._stop.set()
         self._thread.join()
         self._listener.close()
@@ -91,57 +92,59 @@ class BadLink:
                 return
             with host, contextlib.suppress(OSError):
                 parts = urlsplit(self._target())
-                with socket.create_connection((parts.hostname or "", parts.port or 0), 2) as other:
-                    self._carry(host, other)
+                with socket.create_connection(
+                    (parts.hostname or "", parts.port or 0), 2
+                ) as instrument:
+                    self._carry(host, instrument)
 
     def _carry(self, host: socket.socket, instrument: socket.socket) -> None:
         for end in (host, instrument):
             end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._cut.clear()
-        ways = (
-            _Way(instrument, host, self._cables[0], self._rate),
-            _Way(host, instrument, self._cables[1], self._rate),
+        directions = (
+            _Direction(instrument, host, self._cables[0], self._rate),
+            _Direction(host, instrument, self._cables[1], self._rate),
         )
         while not self._stop.is_set():
             if self._cut.is_set():
                 self.cuts += 1
                 return
-            wanting = [way.source for way in ways if way.has_room]
-            ready, _, _ = select.select(wanting, [], [], _TURN)
+            sources = [direction.source for direction in directions if direction.has_room]
+            ready, _, _ = select.select(sources, [], [], _POLL_INTERVAL_S)
             now = time.monotonic()
-            for way in ways:
-                if way.source in ready and not way.take():
+            for direction in directions:
+                if direction.source in ready and not direction.take():
                     return
-                way.give(now)
+                direction.give(now)
 
 
-class _Way:
-    """One direction."""
+class _Direction:
+    """One direction of the relay."""
 
     def __init__(
         self, source: socket.socket, sink: socket.socket, cable: BadCable, rate: float
     ) -> None:
         self.source, self._sink, self._cable, self._rate = source, sink, cable, rate
-        self._held = bytearray()
-        self._tokens, self._at = 0.0, time.monotonic()
+        self._pending = bytearray()
+        self._tokens, self._last_time = 0.0, time.monotonic()
 
     @property
     def has_room(self) -> bool:
-        return len(self._held) < _CHUNK
+        return len(self._pending) < _CHUNK_BYTES
 
     def take(self) -> bool:
-        data = self.source.recv(_CHUNK)
-        self._held += self._cable.wear(data)
+        data = self.source.recv(_CHUNK_BYTES)
+        self._pending += self._cable.flip_bits(data)
         return bool(data)
 
     def give(self, now: float) -> None:
-        count = len(self._held)
+        count = len(self._pending)
         if self._rate:
-            self._tokens += (now - self._at) * self._rate
-            self._tokens = min(self._tokens, max(1.0, _TOKENS * self._rate))
+            self._tokens += (now - self._last_time) * self._rate
+            self._tokens = min(self._tokens, max(1.0, _BURST_S * self._rate))
             count = min(count, int(self._tokens))
-        self._at = now
+        self._last_time = now
         if count:
-            self._sink.sendall(self._held[:count])
-            del self._held[:count]
+            self._sink.sendall(self._pending[:count])
+            del self._pending[:count]
             self._tokens -= count

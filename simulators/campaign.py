@@ -2,14 +2,14 @@
 
 >>> cases = make_campaign(Path("campaign"), seed=1, cache=Path("cache"))  # doctest: +SKIP
 
-writes ``campaign/traces/0001.csv`` and so on, in random order, and what is true of them to
-``campaign/truth/truth.json``, which nothing that inverts or diagnoses may read. `only` restricts
-the campaign to some effects (keys of `simulators.effects.catalogue.EFFECTS`) and ``clean``:
+writes ``campaign/traces/0001.csv`` and so on, in random order, and their true values to
+``campaign/truth/truth.json``, which inversion and diagnosis must not read. `only` restricts the
+campaign to some effects (keys of `simulators.effects.catalogue.EFFECTS`) and ``clean``:
 
 >>> make_campaign(Path("few"), seed=1, per_case=2, only=("clean", "sensor_lag"))  # doctest: +SKIP
 
-The ground is finite elements; one run per site and contact, kept in `cache`, serves every drop on
-it (see `simulators.effects.response`). Equal seeds give equal files.
+The ground is computed by finite elements; one run per site and contact, stored in `cache`, serves
+every drop on it (see `simulators.effects.response`). Equal seeds give equal files.
 """
 
 from __future__ import annotations
@@ -28,17 +28,18 @@ from simulators.effects.recording import Converter, write_signals
 from simulators.effects.scene import Laboratory, Scene, SimulatedPoint
 from simulators.mesh import ConstantQ, Ground, Growth, require
 
-CLEAN_SHARE = 0.2
-DRAWN = -1  # level of a strength that was drawn
-_LEVELS = 10_000  # more than there are, so that drawn strengths have streams of their own
-REFERENCE = 2 * math.pi * 30.0  # rad/s, of constant-Q soil: about the pulses' frequency
-GROWTH_LIMIT = 5.0  # m, below which the modulus grows no further
-SURVEY_POINTS = 5
+CLEAN_FRACTION = 0.2
+DRAWN_LEVEL = -1  # level of a strength that is drawn at random
+# Larger than any level, so that drawn strengths have random streams of their own.
+_DRAWN_STREAM_OFFSET = 10_000
+REFERENCE_RAD_S = 2 * math.pi * 30.0  # of constant-Q soil; about the frequency of the pulses
+GROWTH_LIMIT_M = 5.0  # depth below which the modulus is constant
+N_SURVEY_POINTS = 5
 
 
 @dataclass(frozen=True)
 class Site:
-    """Ground and plate for which finite elements are run; offsets in plate radii."""
+    """Ground and plate of a finite-element run; offsets in plate radii."""
 
     radius: float
     depth: float
@@ -47,7 +48,7 @@ class Site:
     poisson_ratio: float = 0.35
     offsets: tuple[float, ...] = (0.0, 2.0, 4.0)
     quality: float = math.inf
-    """Q of constant-Q soil, whose modulus is that at `REFERENCE`; infinite: Kelvin-Voigt."""
+    """Q of constant-Q soil, whose modulus is that at `REFERENCE_RAD_S`; infinite: Kelvin-Voigt."""
     growth: float = 0.0
     """Plate radius over z0 of `Growth`; 0: none, otherwise the modulus is that of the surface."""
     exponent: float = 1.0
@@ -55,22 +56,22 @@ class Site:
 
     @property
     def ground(self) -> Ground:
-        """Before scaling; density 1900 kg/m3."""
+        """Ground before it is rescaled; density 1900 kg/m3."""
         uniform = Ground.uniform(
             self.modulus, self.viscosity, 1900.0, self.poisson_ratio, self.depth
         )
         if self.growth > 0:
-            growth = Growth(self.radius / self.growth, self.exponent, GROWTH_LIMIT)
+            growth = Growth(self.radius / self.growth, self.exponent, GROWTH_LIMIT_M)
             return replace(uniform, growth=growth)
         if self.quality < math.inf:
-            return replace(uniform, damping_law=ConstantQ(self.quality, REFERENCE))
+            return replace(uniform, damping_law=ConstantQ(self.quality, REFERENCE_RAD_S))
         return uniform
 
 
-_WIDE = (0.0, 3.0, 6.0)
+_WIDE_OFFSETS = (0.0, 3.0, 6.0)
 SITES = (
     Site(0.10, 0.5, 35e6, 25e3),
-    Site(0.10, 1.2, 60e6, 40e3, 0.4, _WIDE),
+    Site(0.10, 1.2, 60e6, 40e3, 0.4, _WIDE_OFFSETS),
     Site(0.10, math.inf, 25e6, 20e3),
     Site(0.15, 0.5, 40e6, 54e3),
     Site(0.15, 0.7, 90e6, 60e3),
@@ -98,12 +99,12 @@ SITES = (
     Site(0.15, math.inf, 15e6, 15e3, growth=1.0, exponent=0.5),
     Site(0.10, math.inf, 12e6, 10e3, growth=1.0),
 )
-# Which soil a point of the campaign has; clean points are Kelvin-Voigt soil.
-SOIL_SHARES = {"kelvin-voigt": 0.7, "constant-q": 0.15, "growth": 0.15}
-# Where each strength needs finite elements of its own.
+# Probability of each soil at a point of the campaign; clean points have Kelvin-Voigt soil.
+SOIL_PROBABILITIES = {"kelvin-voigt": 0.7, "constant-q": 0.15, "growth": 0.15}
+# Sites of effects whose strengths each need a finite-element run.
 LAYER_SITES = (SITES[9], SITES[12])
 HEIGHT_SITES, HEIGHTS = (SITES[3],), (0.6, 0.8)
-# Slip under the plate matters the more the less the ground keeps its volume: one site per ratio.
+# Slip under the plate depends on Poisson's ratio, so there is one site per ratio.
 CONTACT_SITES = (
     Site(0.15, 1.0, 40e6, 54e3, 0.2),
     Site(0.15, 1.0, 40e6, 54e3, 0.35),
@@ -119,9 +120,9 @@ class Case:
     effect: str
     """Name in the vocabulary of effects, `clean`, or that of an unmodelled effect."""
     key: str
-    """The same with its variant."""
+    """Name of the effect with its variant."""
     known: bool
-    """Whether the vocabulary has it."""
+    """True if the effect is in the vocabulary."""
     scope: str
     level: int
     """Strength: 0 the weakest; -1 for clean and for strengths that were drawn."""
@@ -129,10 +130,11 @@ class Case:
     parameters: dict[str, float | list[float]]
     """True values, SI units in the names."""
     misread: str
-    """What a naive reader would make of it."""
+    """Usual misinterpretation of the record."""
     modulus_pa: float | None
-    """What a perfect reader reports. Where the modulus grows with depth: of the uniform ground that
-    is as stiff at rest. Constant-Q soil: the absolute modulus at 1/(2 T0) of the load."""
+    """Modulus that a perfect diagnosis reports. For a modulus that grows with depth: that of the
+    uniform ground with the same static stiffness. Constant-Q soil: the absolute modulus at
+    1/(2 T0) of the load."""
     viscosity_pa_s: float
     density_kg_m3: float
     bedrock_depth_m: float | None
@@ -150,16 +152,16 @@ class Case:
     device: str | None
     """Key shared by the files of a survey."""
     group: str = "known"
-    """Of `SimulatedEffect`."""
+    """Group of the effect, see `SimulatedEffect.group`."""
     soil: str = "kelvin-voigt"
-    """Of `Ground`."""
+    """Soil, see `Ground.soil`."""
     soil_parameters: dict[str, float | list[float]] = field(default_factory=dict)
-    """Of growth and damping law, SI units in the names."""
+    """Parameters of growth and damping law, SI units in the names."""
 
 
 @dataclass(frozen=True)
 class _Plan:
-    """One file to be made."""
+    """Plan of one trace file."""
 
     effect: SimulatedEffect
     level: int
@@ -181,28 +183,28 @@ def make_campaign(
     curve: int | None = None,
     drawn: bool = False,
 ) -> list[Case]:
-    """Write the trace files and, apart from them, the truth.
+    """Write the trace files and, in another folder, the true values.
 
     Parameters
     ----------
-    folder : gets `traces` and `truth`
-    seed : of everything that is drawn
-    per_case : drops per effect and strength, at least
-    cache : folder for finite-element answers, shared by all campaigns
-    only : keys of `EFFECTS`, and `clean`; none: all
-    levels : strengths 0 to 2; none: all
-    noise : root mean square over peak, fixed instead of drawn
-    curve : that many strengths between the weakest and the strongest instead of three, and no
-        surveys, where the effect allows it; see `SimulatedEffect.curve`
-    drawn : draw the strength of every point instead of going through three, and make no surveys
+    folder : folder of `traces` and `truth`
+    seed : seed of all random numbers
+    per_case : smallest number of drops per effect and strength
+    cache : folder for finite-element responses, shared by all campaigns
+    only : keys of `EFFECTS`, and `clean`; None: all
+    levels : strengths 0 to 2; None: all
+    noise : fixed root mean square over peak; None: drawn
+    curve : number of strengths between the weakest and the strongest, without surveys, where the
+        effect allows it (see `SimulatedEffect.curve`); None: three
+    drawn : True: draw the strength of every point, without surveys
 
     Raises
     ------
     GroundError
-        If an effect is not known, or `folder` holds traces of something else.
+        If a key is unknown, or `folder` contains other traces.
     """
-    wanted = set(EFFECTS if only is None else only)
-    require(wanted <= set(EFFECTS), "only", f"some of {', '.join(EFFECTS)}", wanted)
+    keys = set(EFFECTS if only is None else only)
+    require(keys <= set(EFFECTS), "only", f"some of {', '.join(EFFECTS)}", keys)
     laboratory = Laboratory(cache)
     traces, truth = folder / "traces", folder / "truth"
     traces.mkdir(parents=True, exist_ok=True)
@@ -212,7 +214,7 @@ def make_campaign(
     strange = sorted(path.name for path in traces.iterdir())
     require(not strange, "folder", "no traces but those of a former campaign", strange[:3])
     truth.mkdir(parents=True, exist_ok=True)
-    plans = list(_plans(seed, wanted, per_case, levels, curve, drawn))
+    plans = list(_plans(seed, keys, per_case, levels, curve, drawn))
     order = np.random.default_rng([seed, 1]).permutation(len(plans))
     cases = [
         _make(plans[index], traces / f"{number:04d}.csv", laboratory, noise)
@@ -224,48 +226,50 @@ def make_campaign(
 
 
 def read_truth(folder: Path) -> list[Case]:
-    """The truth of a campaign written by `make_campaign`."""
+    """Return the true values of a campaign written by `make_campaign`."""
     text = (folder / "truth" / "truth.json").read_text(encoding="utf-8")
     return [Case(**case) for case in json.loads(text)["cases"]]
 
 
 def _plans(
     seed: int,
-    wanted: set[str],
+    keys: set[str],
     per_case: int,
     levels: Sequence[int] | None,
     curve: int | None,
     drawn: bool,
 ) -> Iterable[_Plan]:
     files = 0
-    for key in sorted(wanted - {CLEAN}):
+    for key in sorted(keys - {CLEAN}):
         effect, code = EFFECTS[key], _number(key)
         strengths = effect.strengths if curve is None else effect.curve(curve)
         if drawn:
-            levels = (DRAWN,)
+            levels = (DRAWN_LEVEL,)
         for level in range(len(strengths)) if levels is None else levels:
             drops, count = 0, 0
             while drops < per_case:
-                stream = (seed, code, level % _LEVELS, count)
+                stream = (seed, code, level % _DRAWN_STREAM_OFFSET, count)
                 drops += _drop_count(effect, np.random.default_rng([*stream, 7]))
                 count += 1
                 strength = strengths[level]
                 if drawn:
                     strength = effect.drawn(np.random.default_rng([*stream, 11]))
                 yield _Plan(effect, level, strength, stream)
-            surveyed = effect.scope == "device" and effect.known and curve is None
+            surveyed = effect.scope == "device" and effect.is_in_vocabulary and curve is None
             if surveyed and level > 0 and per_case >= 4:
                 device_stream = (seed, code, level, 10_000)
                 name = f"unit-{np.random.default_rng(device_stream).integers(16**6):06x}"
-                for point in range(SURVEY_POINTS):
-                    own = (*device_stream, point)
-                    yield _Plan(effect, level, strength, own, name, device_stream)
-                count += SURVEY_POINTS
+                for point in range(N_SURVEY_POINTS):
+                    point_stream = (*device_stream, point)
+                    yield _Plan(effect, level, strength, point_stream, name, device_stream)
+                count += N_SURVEY_POINTS
             files += count
-    if CLEAN in wanted:
-        clean = max(math.ceil(files * CLEAN_SHARE / (1 - CLEAN_SHARE)), math.ceil(per_case / 2))
+    if CLEAN in keys:
+        clean = max(
+            math.ceil(files * CLEAN_FRACTION / (1 - CLEAN_FRACTION)), math.ceil(per_case / 2)
+        )
         for count in range(clean):
-            yield _Plan(EFFECTS[CLEAN], DRAWN, 0.0, (seed, _number(CLEAN), 0, count))
+            yield _Plan(EFFECTS[CLEAN], DRAWN_LEVEL, 0.0, (seed, _number(CLEAN), 0, count))
 
 
 def _number(key: str) -> int:
@@ -273,7 +277,7 @@ def _number(key: str) -> int:
 
 
 def _drop_count(effect: SimulatedEffect, generator: np.random.Generator) -> int:
-    return max(effect.least_drops, int(generator.choice([1, 1, 2, 3])))
+    return max(effect.min_drops, int(generator.choice([1, 1, 2, 3])))
 
 
 def _site(plan: _Plan, generator: np.random.Generator) -> Site:
@@ -295,29 +299,31 @@ def _site(plan: _Plan, generator: np.random.Generator) -> Site:
 
 
 def _draw_site(sites: Sequence[Site], generator: np.random.Generator) -> Site:
-    """Draw the soil by `SOIL_SHARES`, of those that there are, then one of its sites."""
+    """Draw a soil by `SOIL_PROBABILITIES` among those of the sites, then one of its sites."""
     soils = [site.ground.soil for site in sites]
-    chances = np.array([SOIL_SHARES[soil] / soils.count(soil) for soil in soils])
+    chances = np.array([SOIL_PROBABILITIES[soil] / soils.count(soil) for soil in soils])
     return sites[int(generator.choice(len(sites), p=chances / np.sum(chances)))]
 
 
 def _scene(plan: _Plan, laboratory: Laboratory) -> tuple[Scene, Site]:
     generator = np.random.default_rng(plan.stream)
     count = _drop_count(plan.effect, np.random.default_rng([*plan.stream, 7]))
-    # what belongs to a device is drawn from its stream, alike for all of its points
+    # properties of a device are drawn from its own stream, so that all of its points share them
     device = np.random.default_rng(plan.device_stream if plan.device else (*plan.stream, 3))
     site = _site(plan, generator)
     if plan.device is not None:
-        alike = [s for s in SITES if s.offsets != _WIDE]  # one device, one layout
-        radius = float(device.choice(sorted({s.radius for s in alike})))
-        fitting = [s for s in alike if s.radius == radius]
-        site = _draw_site(fitting, generator)
+        same_layout = [
+            s for s in SITES if s.offsets != _WIDE_OFFSETS
+        ]  # a device has one layout of sensors
+        radius = float(device.choice(sorted({s.radius for s in same_layout})))
+        candidates = [s for s in same_layout if s.radius == radius]
+        site = _draw_site(candidates, generator)
     sensors = int(device.choice([1, 1, 2, 3]))
     size = site.radius / 0.15
     plate_mass, hammer_mass = device.uniform([9.0, 7.0], [18.0, 14.0]) * size
     pulse = float(np.exp(device.uniform(math.log(0.008), math.log(0.024))))
     lower = generator.uniform(0.55, 0.95, count - 1)
-    if plan.effect.variant:  # a finite-element run for each
+    if plan.effect.variant:  # each height needs a finite-element run
         lower = generator.choice(HEIGHTS, count - 1, replace=False)
     heights = [*sorted(lower), 1.0]
     scene = Scene(
@@ -330,7 +336,7 @@ def _scene(plan: _Plan, laboratory: Laboratory) -> tuple[Scene, Site]:
         hammer_pulse=pulse,
         pressure=float(generator.uniform(50e3, 200e3)),
         heights=tuple(float(height) for height in heights),
-        sensors=max(sensors, plan.effect.least_sensors),
+        sensors=max(sensors, plan.effect.min_sensors),
         generator=generator,
         device=device,
         pre_trigger=float(device.choice([0.01, 0.015, 0.02])),
@@ -354,7 +360,7 @@ def _make(plan: _Plan, path: Path, laboratory: Laboratory, noise: float | None) 
         file=path.name,
         effect=effect.name,
         key=effect.key,
-        known=effect.known,
+        known=effect.is_in_vocabulary,
         scope=effect.scope,
         level=plan.level,
         strength=plan.strength,
@@ -387,7 +393,7 @@ def _header(
     plan: _Plan,
     generator: np.random.Generator,
 ) -> dict[str, str | float | int]:
-    """What an operator declares: the truth, but for what the effect is about."""
+    """Return the header: the truth, except for the quantity that the effect conceals."""
     header: dict[str, str | float | int] = {
         "pfwd-traces": 1,
         "plate_radius_m": scene.radius,
@@ -395,7 +401,7 @@ def _header(
         "poisson_ratio": site.poisson_ratio,
     }
     declared = depth if outcome.declared_depth is None else outcome.declared_depth
-    # a half-space need not be declared: undeclared, it is what the base model takes
+    # a half-space need not be declared, as the base model assumes it
     if math.isfinite(declared) or generator.random() < 0.5:
         header["bedrock_depth_m"] = declared
     if plan.device is not None:

@@ -1,4 +1,4 @@
-"""Drops at one imagined test point, for showing the program with nothing attached."""
+"""Drops at an imaginary test point, for a demonstration without an instrument."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from simulators.drop import DropSimulator, Hammer, SimulatedDrop
 from simulators.mesh import Ground, Plate
 from simulators.traces import Recording, write_traces
 
-PLATE = Plate(radius=0.15, mass=10.6)
+DEMO_PLATE = Plate(radius=0.15, mass=10.6)
 # Hammer and spring of the published finite-element study; the peak is about 10 kN.
 HAMMER = Hammer(mass=10.0, stiffness=5.6e5, velocity=4.2)
 OFFSETS = (0.0, 0.3, 0.6)
 POISSON_RATIO = 0.35
-DURATION = 0.06
-TIME_STEP = 2e-4
-NOISE = 0.003  # of the peak of each channel kind
+RECORD_DURATION_S = 0.06
+RECORD_STEP_S = 2e-4
+NOISE_OVER_PEAK = 0.003  # for load and sensors
 
 
 def demo_ground(seed: int) -> Ground:
-    """The ground under the demonstration: soil near 45 MPa on rock near 1.2 m."""
+    """Return the ground of the demonstration: soil near 45 MPa on rock near 1.2 m."""
     generator = np.random.default_rng([seed, 0])
     return Ground.uniform(
         modulus=45e6 * float(np.exp(0.12 * generator.standard_normal())),
@@ -33,12 +33,17 @@ def demo_ground(seed: int) -> Ground:
 
 
 def demo_simulations(count: int, seed: int) -> list[SimulatedDrop]:
-    """Ideal records of `count` drops whose height scatters by some per cent.
+    """Return ideal records of `count` drops whose heights scatter by some per cent.
 
-    The system is linear and the spring only pushes, so every drop is one computed drop scaled.
+    The system is linear, so every drop is a scaled copy of one computed drop.
     """
     simulator = DropSimulator(
-        demo_ground(seed), PLATE, OFFSETS, DURATION, TIME_STEP, HAMMER.pulse_duration
+        demo_ground(seed),
+        DEMO_PLATE,
+        OFFSETS,
+        RECORD_DURATION_S,
+        RECORD_STEP_S,
+        HAMMER.pulse_duration,
     )
     drop = simulator.run(HAMMER)
     scatter = 0.015 * np.random.default_rng([seed, 1]).standard_normal(count)
@@ -46,19 +51,21 @@ def demo_simulations(count: int, seed: int) -> list[SimulatedDrop]:
 
 
 def demo_drops(count: int, seed: int, folder: Path) -> Path:
-    """Trace file of `count` drops at one point, noise included; equal seeds give equal files.
+    """Write a trace file of `count` drops with noise at one point and return its path.
+
+    Equal seeds give equal files.
 
     Parameters
     ----------
     count : number of drops, >= 1
-    folder : is made if it does not exist; the file is named after the seed
+    folder : created if it does not exist; the file is named after the seed
     """
     drops = demo_simulations(count, seed)
     recording = Recording(
-        load_noise=NOISE * float(np.max(drops[0].load)),
-        sensor_noise=NOISE * float(np.max(np.abs(drops[0].ground_velocity))),
+        load_noise=NOISE_OVER_PEAK * float(np.max(drops[0].load)),
+        sensor_noise=NOISE_OVER_PEAK * float(np.max(np.abs(drops[0].ground_velocity))),
     )
     folder.mkdir(parents=True, exist_ok=True)
     declared = {"device": "demo", "point": f"demo-{seed}", "source": "simulated drops"}
     path = folder / f"demo-{seed}.csv"
-    return write_traces(path, drops, PLATE, POISSON_RATIO, recording, seed, declared)
+    return write_traces(path, drops, DEMO_PLATE, POISSON_RATIO, recording, seed, declared)

@@ -1,9 +1,9 @@
-r"""One drop on a plate: the hammer and the ground, stepped through time together.
+r"""Simulation of one drop on a plate: hammer and ground are stepped through time together.
 
 Trapezoidal rule: Newmark (1959), J. Eng. Mech. Div. ASCE 85(EM3), 67-94, with beta = 1/4 and
 gamma = 1/2; unconditionally stable, second order, no numerical damping. The matrix
 :math:`K + (2/h) C + (4/h^2) M` is factorised once. Because the ground is linear, the force F
-between hammer and plate enters the new state as :math:`u = u_{free} + F q`, with q the answer of
+between hammer and plate enters the new state as :math:`u = u_{free} + F q`, with q the response of
 one step to a unit force; the contact condition
 :math:`F = \max(0, k (x_{hammer} - u_{plate}))` is then one scalar equation, solved exactly.
 """
@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simulators.finite_elements import PLATE, FiniteElementModel, factorise
+from simulators.finite_elements import PLATE_INDEX, FiniteElementModel, factorise
 from simulators.mesh import Array, ConstantQ, Ground, Plate, Resolution, design_grid, require
 
 STANDARD_GRAVITY = 9.80665  # m/s2
@@ -25,14 +25,14 @@ STANDARD_GRAVITY = 9.80665  # m/s2
 
 @dataclass(frozen=True)
 class Hammer:
-    """A mass that falls on a spring above the plate. The spring only pushes."""
+    """Mass that falls on a spring above the plate. The spring transmits no tension."""
 
     mass: float
     """kg, > 0."""
     stiffness: float
-    """Of the spring, N/m, > 0."""
+    """Stiffness of the spring, N/m, > 0."""
     velocity: float
-    """At the first touch, m/s, downward positive."""
+    """Velocity at the first touch, m/s, downward positive."""
     gravity: float = 0.0
     """Acceleration of the hammer after the first touch, m/s2; 0 or `STANDARD_GRAVITY`."""
 
@@ -49,7 +49,7 @@ class Hammer:
 
 @dataclass(frozen=True)
 class PrescribedLoad:
-    """A force history above the plate, linear between its samples and zero outside."""
+    """Force history above the plate, linear between its samples and zero outside."""
 
     time: Array
     """(n,) increasing, s; 0 is the start of the drop."""
@@ -74,7 +74,7 @@ class PrescribedLoad:
 
 @dataclass(frozen=True)
 class SimulatedDrop:
-    """What ideal instruments would record, and what they cannot."""
+    """Signals of ideal instruments, and quantities that no instrument measures."""
 
     time: Array
     """(n,) s, from the first touch."""
@@ -89,12 +89,12 @@ class SimulatedDrop:
     offsets: Array
     """(n_offsets,) m from the plate centre."""
     ground_displacement: Array
-    """(n_offsets, n) m; up to the plate radius that of the plate."""
+    """(n_offsets, n) m; up to the plate radius the displacement of the plate."""
     ground_velocity: Array
     """(n_offsets, n) m/s."""
 
     def scaled(self, factor: float) -> SimulatedDrop:
-        """The same drop from another height: without gravity everything is in proportion."""
+        """Return the drop from another height; without gravity all signals are proportional."""
         return SimulatedDrop(
             time=self.time,
             load=factor * self.load,
@@ -108,7 +108,7 @@ class SimulatedDrop:
 
 
 class Instant(NamedTuple):
-    """One instant of the whole system."""
+    """State of hammer, plate and ground at one time."""
 
     displacement: Array
     velocity: Array
@@ -117,15 +117,15 @@ class Instant(NamedTuple):
 
 
 class DropSimulator:
-    """A plate on the ground, ready for any number of drops (grid and factorisation are kept).
+    """Plate on the ground, whose grid and factorisation serve any number of drops.
 
     Parameters
     ----------
     offsets : distances of the observed points from the plate centre, m
     duration, time_step : of the record, s
-        Steps inside are an integer fraction of `time_step`.
-    pulse_duration : T0 of the loads to come, s
-        Sets the shortest wavelength and the step; too short a value only costs time.
+        The internal steps are an integer fraction of `time_step`.
+    pulse_duration : T0 of the loads, s
+        Sets the shortest wavelength and the step; a value that is too short only costs time.
     """
 
     def __init__(
@@ -152,10 +152,10 @@ class DropSimulator:
         spring = self._memory.stiffness if self._memory else 1.0
         elastic = spring * model.stiffness
         self._solve = factorise(elastic + rate * model.damping + rate**2 * model.inertia)
-        self._unit_answer = self._solve(model.plate_force())
+        self._unit_response = self._solve(model.plate_force())
 
     def run(self, source: Hammer | PrescribedLoad) -> SimulatedDrop:
-        """One drop; see `simulate_drop`."""
+        """Return one drop; see `simulate_drop`."""
         load, contact, displacement, velocity = np.zeros((4, self.samples))
         ground = np.zeros((2, self.offsets.size, self.samples))
         for count, state in enumerate(self.march(source)):
@@ -163,9 +163,9 @@ class DropSimulator:
             if between:
                 continue
             load[sample] = state.load
-            contact[sample] = state.load - self.model.plate.mass * state.acceleration[PLATE]
-            displacement[sample] = state.displacement[PLATE]
-            velocity[sample] = state.velocity[PLATE]
+            contact[sample] = state.load - self.model.plate.mass * state.acceleration[PLATE_INDEX]
+            displacement[sample] = state.displacement[PLATE_INDEX]
+            velocity[sample] = state.velocity[PLATE_INDEX]
             ground[0, :, sample] = self.model.observation @ state.displacement
             ground[1, :, sample] = self.model.observation @ state.velocity
         return SimulatedDrop(
@@ -180,7 +180,7 @@ class DropSimulator:
         )
 
     def march(self, source: Hammer | PrescribedLoad) -> Iterator[Instant]:
-        """States at every step inside, the one at rest first."""
+        """Yield the state at every internal step, beginning at rest."""
         model, rate = self.model, 2 / self.step
         force = _HammerForce(source, rate) if isinstance(source, Hammer) else source
         u, v, a = np.zeros((3, model.size))
@@ -189,15 +189,15 @@ class DropSimulator:
         yield Instant(u, v, a, 0.0)
         for count in range(1, (self.samples - 1) * self.substeps + 1):
             damped, inert = rate * u + v, rate**2 * u + 2 * rate * v + a
-            known = model.damping @ damped + model.inertia @ inert
+            right_side = model.damping @ damped + model.inertia @ inert
             if memory is not None:
-                known += model.stiffness @ memory.released(u, v, extensions)
-            free = self._solve(known)
+                right_side += model.stiffness @ memory.history_displacement(u, v, extensions)
+            free = self._solve(right_side)
             if isinstance(force, _HammerForce):
-                load = force.advance(free[PLATE], self._unit_answer[PLATE])
+                load = force.advance(free[PLATE_INDEX], self._unit_response[PLATE_INDEX])
             else:
                 load = force.at(count * self.step)
-            new = free + load * self._unit_answer
+            new = free + load * self._unit_response
             if memory is not None:
                 extensions = memory.advanced(extensions, new - u)
             a = rate**2 * (new - u) - 2 * rate * v - a
@@ -219,34 +219,34 @@ class _Memory:
         self.spring, rates, self.shares, self.dashpot = law.elements
         self.rate = 2 / step
         half = step * rates / 2
-        self.kept, self.gained = (1 - half) / (1 + half), 1 / (1 + half)
-        self.stiffness = float(self.spring + self.shares @ self.gained + self.rate * self.dashpot)
+        self.decay, self.gain = (1 - half) / (1 + half), 1 / (1 + half)
+        self.stiffness = float(self.spring + self.shares @ self.gain + self.rate * self.dashpot)
 
-    def released(self, u: Array, v: Array, extensions: Array) -> Array:
-        """Return the displacement whose elastic force stands on the right of the next step."""
-        past = (self.shares * self.kept) @ extensions
-        return float(self.shares @ self.gained) * u - past + self.dashpot * (self.rate * u + v)
+    def history_displacement(self, u: Array, v: Array, extensions: Array) -> Array:
+        """Return the displacement whose elastic force is on the right side of the next step."""
+        past = (self.shares * self.decay) @ extensions
+        return float(self.shares @ self.gain) * u - past + self.dashpot * (self.rate * u + v)
 
-    def advanced(self, extensions: Array, moved: Array) -> Array:
-        """Return the extensions after the nodes have moved by `moved`."""
-        return self.kept[:, None] * extensions + np.multiply.outer(self.gained, moved)
+    def advanced(self, extensions: Array, change: Array) -> Array:
+        """Return the extensions after a change of the displacements."""
+        return self.decay[:, None] * extensions + np.multiply.outer(self.gain, change)
 
 
 class _HammerForce:
-    """Motion of the hammer, and the force that makes it fit the plate at the end of each step."""
+    """Motion of the hammer, and the force that satisfies the contact condition at each step."""
 
     def __init__(self, hammer: Hammer, rate: float) -> None:
         self.hammer, self.rate = hammer, rate
         self.x, self.v, self.a = 0.0, hammer.velocity, hammer.gravity
 
-    def advance(self, free_plate: float, plate_answer: float) -> float:
-        """Force at the end of the step, N, from :math:`u_{free}` and q of the plate."""
+    def advance(self, free_plate: float, plate_response: float) -> float:
+        """Return the force at the end of the step, N, from :math:`u_{free}` and q of the plate."""
         hammer, rate = self.hammer, self.rate
-        answer = 1 / (hammer.mass * rate**2)
+        hammer_response = 1 / (hammer.mass * rate**2)
         free = self.x + 2 * self.v / rate + (self.a + hammer.gravity) / rate**2
         squeeze = hammer.stiffness * (free - free_plate)
-        force = max(0.0, squeeze / (1 + hammer.stiffness * (answer + plate_answer)))
-        new = free - force * answer
+        force = max(0.0, squeeze / (1 + hammer.stiffness * (hammer_response + plate_response)))
+        new = free - force * hammer_response
         self.a = hammer.gravity - force / hammer.mass
         self.x, self.v = new, rate * (new - self.x) - self.v
         return force
@@ -261,7 +261,7 @@ def simulate_drop(
     time_step: float = 2.5e-4,
     resolution: Resolution = Resolution(),  # noqa: B008  (frozen)
 ) -> SimulatedDrop:
-    """Motion of plate and ground under one drop, by axisymmetric finite elements.
+    """Return the motion of plate and ground under one drop, by axisymmetric finite elements.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The instrument's core on an emulated Cortex-M3: cross-compiled by zig, run by QEMU."""
+"""Core of the instrument on an emulated Cortex-M3: cross-compiled by zig, run by QEMU."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ import numpy as np
 from pfwd_device.identity import Identity
 from pfwd_device.wire.fields import day
 from simulators.firmware import (
-    LONGEST_START,
-    LONGEST_STOP,
-    STRICT,
+    BOARD_START_TIMEOUT_S,
+    BOARD_STOP_TIMEOUT_S,
+    COMPILER_FLAGS,
     FirmwareError,
     Played,
     core_sources,
@@ -32,24 +32,24 @@ TARGET = ("-target", "thumb-freestanding-eabi", "-mcpu=cortex_m3")
 MACHINE = "mps2-an385"
 _QUIET = ("-display", "none", "-monitor", "none")
 EMULATOR = "qemu-system-arm"
-DROP_SAMPLES = 1200
-"""Of the longest drop that it keeps: 0.12 s at 10 kHz, three of them in half of 48 kB."""
+EMULATED_DROP_SAMPLES = 1200
+"""Samples of the longest drop in its memory: 0.12 s at 10 kHz, three drops in half of 48 kB."""
 
 
 def emulator() -> str | None:
-    """The command of QEMU; None: it is not installed."""
+    """Return the command of QEMU; None: it is not installed."""
     return shutil.which(EMULATOR)
 
 
 def cross_compile(
     sources: Sequence[Path], image: Path, linked: Path | None, *flags: str, target: Sequence[str]
 ) -> None:
-    """Compile for bare metal; without a linker script to one object that is linked no further.
+    """Compile for bare metal, without a linker script to a single object.
 
     Raises
     ------
     FirmwareError
-        If zig is missing or refuses.
+        If zig is missing or reports an error.
     """
     compiler = zig_command("cc")
     if compiler is None:
@@ -57,7 +57,7 @@ def cross_compile(
             "firmware: expected zig, which compiles for other processors, got none; "
             "`pip install ziglang` brings it (400 MB)"
         )
-    common = [*STRICT, "-Os", "-ffreestanding", "-fno-sanitize=all", "-ffunction-sections"]
+    common = [*COMPILER_FLAGS, "-Os", "-ffreestanding", "-fno-sanitize=all", "-ffunction-sections"]
     common += ["-fdata-sections", "-fno-builtin"]
     script = ["-T", str(linked), "-Wl,--gc-sections"] if linked is not None else ["-r"]
     run_compiler(
@@ -75,7 +75,7 @@ def cross_compile(
 
 
 def build_emulated(played: Played, image: Path, *flags: str) -> None:
-    """The image of the emulated board with these samples in it.
+    """Build the image of the emulated board, which contains the samples.
 
     Parameters
     ----------
@@ -110,8 +110,8 @@ extern const pfwd_identity table_identity;
 """
 
 
-def table_text(played: Played, drop_samples: int = DROP_SAMPLES) -> str:
-    """Samples and identity as C."""
+def table_text(played: Played, drop_samples: int = EMULATED_DROP_SAMPLES) -> str:
+    """Return samples and identity as C source."""
     identity, counts = played.identity, played.counts
     shunts = [
         (number, channel.sensitivity * channel.shunt / identity.volts_per_count)
@@ -137,8 +137,8 @@ const pfwd_identity table_identity = {{
     .firmware = {_text(identity.firmware)},
     .adc_bits = {identity.adc_bits},
     .adc_range = {identity.adc_range!r},
-    .plate_radius = {_said(identity.plate_radius)},
-    .plate_mass = {_said(identity.plate_mass)},
+    .plate_radius = {_c_value(identity.plate_radius)},
+    .plate_mass = {_c_value(identity.plate_mass)},
     .centre_seat = {int(identity.centre_sensor == "ground")},
     .channels = {len(identity.channels)},
     .channel = channels,
@@ -156,8 +156,9 @@ def _channels(identity: Identity) -> str:
     roles = ("unused", "load", "geophone", "displacement")
     lines = [
         f"    {{{_text(each.name)}, {roles.index(each.role.value)}, {each.offset!r}, "
-        f"{each.sensitivity!r}, {each.zero!r}, {_said(each.natural_frequency)}, "
-        f"{_said(each.damping)}, {_said(each.shunt)}, {day(each.calibrated)}u, {day(each.due)}u}},"
+        f"{each.sensitivity!r}, {each.zero!r}, {_c_value(each.natural_frequency)}, "
+        f"{_c_value(each.damping)}, {_c_value(each.shunt)}, "
+        f"{day(each.calibrated)}u, {day(each.due)}u}},"
         for each in identity.channels
     ]
     return "\n".join(lines) + "\n"
@@ -168,12 +169,12 @@ def _text(value: str) -> str:
     return '"' + safe.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def _said(value: float | None) -> str:
+def _c_value(value: float | None) -> str:
     return "PFWD_NOT_SAID" if value is None else repr(value)
 
 
 def section_sizes(image: Path) -> dict[str, int]:
-    """Bytes of the sections of a 32-bit ELF file that take room in the processor's memory."""
+    """Return the bytes of each section of a 32-bit ELF file in the processor's memory."""
     data = image.read_bytes()
     if data[:6] != b"\x7fELF\x01\x01":
         raise FirmwareError(f"{image}: expected a 32-bit ELF file, got something else")
@@ -183,7 +184,7 @@ def section_sizes(image: Path) -> dict[str, int]:
     start = headers[names][4]
     sizes: dict[str, int] = {}
     for name, _, flags, _, _, length in headers:
-        if flags & 2:  # it takes room
+        if flags & 2:  # the section is in memory
             end = data.index(b"\0", start + name)
             text = data[start + name : end].decode()
             sizes[text] = sizes.get(text, 0) + length
@@ -191,7 +192,7 @@ def section_sizes(image: Path) -> dict[str, int]:
 
 
 class EmulatedBoard:
-    """The emulated board, running; open its `url`.
+    """Running emulated board; hosts open its `url`.
 
     Parameters
     ----------
@@ -221,24 +222,24 @@ class EmulatedBoard:
 
     def _place(self) -> str:
         assert self._process.stdout is not None
-        timer = threading.Timer(LONGEST_START, self._process.kill)
+        timer = threading.Timer(BOARD_START_TIMEOUT_S, self._process.kill)
         timer.start()
-        said = []
+        lines = []
         try:
             for line in self._process.stdout:
-                said.append(line.strip())
+                lines.append(line.strip())
                 if "redirected to" in line:
                     return line.split("redirected to ")[1].split()[0]
         finally:
             timer.cancel()
         self.close()
-        raise FirmwareError(f"{EMULATOR}: expected a serial port, got {' '.join(said) or 'none'}")
+        raise FirmwareError(f"{EMULATOR}: expected a serial port, got {' '.join(lines) or 'none'}")
 
     def close(self) -> None:
-        """End it."""
+        """Stop the board."""
         self._process.terminate()
         try:
-            self._process.wait(LONGEST_STOP)
+            self._process.wait(BOARD_STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()

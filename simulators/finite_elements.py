@@ -8,9 +8,9 @@ Weak form, with :math:`\varepsilon` the axisymmetric strain (hoop strain :math:`
 
 and likewise for viscosity (E replaced by eta, at the same Poisson's ratio: a Kelvin-Voigt solid,
 :math:`\sigma = C(E \varepsilon + \eta \dot\varepsilon)`) and for inertia. Nine-node quadrilaterals;
-the volumetric part is integrated with 2 x 2 points, which keeps the element from locking up to
-nu = 0.495 (selective reduced integration: Hughes, The Finite Element Method, 1987, chapter 4).
-The plate is one degree of freedom shared by all nodes under it.
+the volumetric part is integrated with 2 x 2 points, which prevents locking up to nu = 0.495
+(selective reduced integration: Hughes, The Finite Element Method, 1987, chapter 4). The plate is
+one degree of freedom shared by all nodes under it.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from simulators.mesh import Array, Grid, Ground, Plate, graded_line
 
 # Integration orders that select 3 x 3 and 2 x 2 Gauss points.
 FULL_ORDER, REDUCED_ORDER = 5, 3
-# Symmetric matrices without pivoting: less than half the fill-in of the default ordering.
+# Ordering for symmetric matrices without pivoting: less than half the default's fill-in.
 ORDERING = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
-PLATE = 0  # index of the plate among the free degrees of freedom
+PLATE_INDEX = 0  # index of the plate among the free degrees of freedom
 
 
 def _shear_form(u: Any, v: Any, w: Any) -> Any:
@@ -65,11 +65,11 @@ class FiniteElementModel:
     Attributes
     ----------
     stiffness, damping, inertia : (n, n) sparse, N/m, N s/m, kg
-        Degree of freedom `PLATE` is the plate, whose mass is in `inertia`. A damping law of the
-        ground multiplies `stiffness` and is not in it.
+        Degree of freedom `PLATE_INDEX` is the plate, whose mass is in `inertia`. A damping law of
+        the ground multiplies `stiffness` and is not in it.
     observation : (n_offsets, n) sparse
-        Takes a state to the vertical displacement at the offsets.
-    size : n
+        Maps a state to the vertical displacement at the offsets.
+    size : int, n
     """
 
     def __init__(
@@ -99,47 +99,47 @@ class FiniteElementModel:
             for viscous in (False, True)
         )
         self.inertia = assemble(_inertia_form, full, False)
-        self.inertia[PLATE, PLATE] += plate.mass
+        self.inertia[PLATE_INDEX, PLATE_INDEX] += plate.mass
         self.observation = _observation(full, free, plate, offsets)
 
     def static_stiffness(self) -> float:
-        """Force over displacement of the plate at rest, N/m; of constant-Q soil with |E*(w0)|."""
-        return 1.0 / float(factorise(self.stiffness)(self.plate_force())[PLATE])
+        """Return the static force over displacement, N/m; for constant-Q soil with |E*(w0)|."""
+        return 1.0 / float(factorise(self.stiffness)(self.plate_force())[PLATE_INDEX])
 
     def compliance(self, laplace: complex) -> complex:
-        """Displacement of the plate per contact force at a Laplace variable (1/s), m/N.
+        """Return displacement of the plate over contact force at a Laplace variable (1/s), m/N.
 
-        The mass of the plate is not part of it.
+        The mass of the plate is excluded.
         """
         weightless = self.inertia.copy()
-        weightless[PLATE, PLATE] -= self.plate.mass
+        weightless[PLATE_INDEX, PLATE_INDEX] -= self.plate.mass
         law = self.damping_law.factor(laplace) if self.damping_law else 1.0
         matrix = law * self.stiffness + laplace * self.damping + laplace**2 * weightless
         force = self.plate_force().astype(complex)
-        return complex(factorise(matrix.astype(complex))(force)[PLATE])
+        return complex(factorise(matrix.astype(complex))(force)[PLATE_INDEX])
 
     def plate_force(self) -> Array:
-        """(n,) state of a unit force on the plate."""
+        """Return the force vector (n,) of a unit force on the plate."""
         force = np.zeros(self.size)
-        force[PLATE] = 1.0
+        force[PLATE_INDEX] = 1.0
         return force
 
     def energy(self, displacement: Array, velocity: Array) -> float:
-        """Elastic and kinetic energy of ground and plate, J."""
+        """Return the elastic and kinetic energy of ground and plate, J."""
         elastic = displacement @ (self.stiffness @ displacement)
         return float(elastic + velocity @ (self.inertia @ velocity)) / 2
 
 
 def factorise(matrix: Any) -> Any:
-    """Solver (right-hand side to solution) of a symmetric sparse matrix."""
+    """Return the solver (right-hand side to solution) of a symmetric sparse matrix."""
     return splu(matrix.tocsc(), options={"SymmetricMode": True}, **ORDERING).solve
 
 
 def effective_modulus(ground: Ground, plate: Plate) -> float:
-    """Return the modulus of uniform ground on which the plate is as stiff at rest, Pa.
+    """Return the modulus of uniform ground with the same static stiffness, Pa.
 
-    Poisson's ratio is that of the first layer. Both grounds are solved on one grid, whose end at
-    400 radii then hardly matters.
+    Poisson's ratio is that of the first layer. Both grounds are solved on one grid, so that the
+    effect of its end at 400 radii cancels.
     """
     end = min(ground.bedrock_depth, 400 * plate.radius)
 
@@ -162,7 +162,7 @@ def effective_modulus(ground: Ground, plate: Plate) -> float:
 def _material(
     position: Any, ground: Ground, grid: Grid, absorption: float, viscous: bool
 ) -> dict[str, Array]:
-    """Lame's constants (of E or, if `viscous`, of eta) and density at `position` (2, ...)."""
+    """Return Lame's constants (of E or, if `viscous`, of eta) and density at positions (2, ...)."""
     index = ground.layer_at(position[1])
 
     def value(name: str) -> Array:
@@ -186,7 +186,7 @@ def _material(
 
 
 def _free_degrees(basis: Any, ground: Ground, plate: Plate) -> Any:
-    """(all, free) sparse map from free degrees of freedom to all of the element basis.
+    """Return the sparse map (all, free) from free degrees of freedom to those of the basis.
 
     On the axis and under a rough plate u = 0, on the base and the far boundaries u = w = 0, and
     every w under the plate is the one of the plate.
@@ -202,20 +202,20 @@ def _free_degrees(basis: Any, ground: Ground, plate: Plate) -> Any:
     if plate.contact == "rough":
         fixed |= ~vertical & under
     target = np.full(basis.N, -1)
-    target[under & vertical] = PLATE
+    target[under & vertical] = PLATE_INDEX
     free = ~fixed & (target < 0)
-    target[free] = PLATE + 1 + np.arange(np.count_nonzero(free))
+    target[free] = PLATE_INDEX + 1 + np.arange(np.count_nonzero(free))
     rows = np.flatnonzero(target >= 0)
     shape = (basis.N, 1 + np.count_nonzero(free))
     return sparse.csr_matrix((np.ones(rows.size), (rows, target[rows])), shape=shape)
 
 
 def _observation(basis: Any, free: Any, plate: Plate, offsets: Sequence[float]) -> Any:
-    """(n_offsets, free) sparse: vertical surface displacement, by the element's own quadratics."""
+    """Return the sparse map (n_offsets, free) to vertical surface displacements at the offsets."""
     rows = []
     for offset in offsets:
         if offset <= plate.radius:
-            rows.append(sparse.csr_matrix(([1.0], ([0], [PLATE])), shape=(1, free.shape[1])))
+            rows.append(sparse.csr_matrix(([1.0], ([0], [PLATE_INDEX])), shape=(1, free.shape[1])))
             continue
         components = basis.probes(np.array([[offset], [0.0]])).tocsr()  # u, then w
         rows.append(components[1:2] @ free)

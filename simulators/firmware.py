@@ -1,7 +1,7 @@
-"""The instrument's core in C, compiled and run as a process that plays samples.
+"""Core of the instrument in C, compiled and run as a process that plays samples.
 
-The sources stand in the folder ``firmware`` of a checkout and travel in the wheel. Any C compiler
-will do; where there is none, `pip install pfwd[firmware]` brings one.
+The sources are in the folder ``firmware`` of a checkout, and in the wheel. Any C compiler is
+suitable; `pip install pfwd[firmware]` installs one.
 """
 
 from __future__ import annotations
@@ -32,46 +32,45 @@ from pfwd_device.identity import LONGEST_NAME, ChannelIdentity, Identity, Role
 from pfwd_device.wire.fields import day
 from simulators.instrument.scenario import Scenario, load_scenario
 from simulators.instrument.timeline import Bench, Timeline
-from simulators.instrument.truth import drop_truth
 from simulators.instrument.units import UnitDrops, with_drawn_soil
 from simulators.mesh import SimulationError
 
-STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-Wconversion")
-"""What the core is compiled with everywhere."""
-LONGEST_BUILD = 300.0
-"""s; zig compiles its own C library the first time."""
-LONGEST_START = 20.0
-"""s until a board that does not say where it is is given up."""
-LONGEST_STOP = 5.0
-"""s."""
-DROP_SAMPLES = 4000
-"""Of the longest drop that the host board keeps."""
-MOST_DROPS = 60
-"""Drops that are played when nobody says how many: five minutes."""
-PLAYED_RANGE = 5.0
-"""V; of the converter that plays recorded drops."""
-_BEGIN = 20
-"""Samples of a record that tell what a channel shows at rest, and its noise."""
-PLAYED_REST = 2.0
-"""s between two of them: longer than bounces are looked for."""
+COMPILER_FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-Wconversion")
+"""Flags of the compiler on every platform."""
+BUILD_TIMEOUT_S = 300.0
+"""Longest compilation, s; zig compiles its C library the first time."""
+BOARD_START_TIMEOUT_S = 20.0
+"""Time within which a board must report its URL, s."""
+BOARD_STOP_TIMEOUT_S = 5.0
+"""Time within which a board must end, s."""
+HOST_DROP_SAMPLES = 4000
+"""Samples of the longest drop in the memory of the host board."""
+DEFAULT_DROPS = 60
+"""Number of drops if none is requested: five minutes."""
+PLAYED_RANGE_V = 5.0
+"""Range of the converter for recorded drops, V."""
+_N_REST_SAMPLES = 20
+"""Number of first samples of a record that give the reading at rest and the noise."""
+PLAYED_REST_S = 2.0
+"""Pause between recorded drops, s, longer than the search for bounces."""
 _HEAD = struct.Struct("<8sII")
 _MAGIC = b"PFWDPLAY"
 
 
 class FirmwareError(SimulationError):
-    """The core cannot be compiled or does not run."""
+    """Failure to compile or run the core."""
 
 
 def firmware_folder() -> Path:
-    """Where the sources are.
+    """Return the folder of the sources.
 
     Raises
     ------
     FirmwareError
-        If this installation has none.
+        If this installation has no sources.
     """
-    here = Path(__file__).resolve().parent
-    for folder in (here.parent / "firmware", here / "firmware_sources"):
+    package_folder = Path(__file__).resolve().parent
+    for folder in (package_folder.parent / "firmware", package_folder / "firmware_sources"):
         if (folder / "core" / "pfwd.h").is_file():
             return folder
     raise FirmwareError(
@@ -81,44 +80,44 @@ def firmware_folder() -> Path:
 
 
 def find_compiler() -> list[str] | None:
-    """The command of a C compiler: that of the variable CC, the platform's, or zig; None: none."""
-    said = os.environ.get("CC")
-    if said and shutil.which(shlex.split(said)[0]):
-        return shlex.split(said)
+    """Return the command of a C compiler: of the variable CC, the platform, or zig, or None."""
+    variable = os.environ.get("CC")
+    if variable and shutil.which(shlex.split(variable)[0]):
+        return shlex.split(variable)
     for name in ("cc", "gcc", "clang"):
-        found = shutil.which(name)
-        if found:
-            return [found]
+        path = shutil.which(name)
+        if path:
+            return [path]
     return zig_command("cc")
 
 
 def zig_command(*arguments: str) -> list[str] | None:
-    """A command of zig, None where it is not installed."""
+    """Return a command of zig; None: it is not installed."""
     if importlib.util.find_spec("ziglang") is not None:
         return python_command("-m", "ziglang", *arguments)
-    found = shutil.which("zig")
-    return [found, *arguments] if found else None
+    path = shutil.which("zig")
+    return [path, *arguments] if path else None
 
 
 def core_sources() -> list[Path]:
-    """The C files of the core."""
+    """Return the C files of the core."""
     return sorted((firmware_folder() / "core").glob("*.c"))
 
 
 def build_host(*flags: str, main: str = "host/board.c") -> Path:
-    """The host board, compiled; kept for the next time.
+    """Compile the host board, or return the cached program.
 
     Parameters
     ----------
     *flags : str
-        Further ones for the compiler, as ``-DPFWD_FAULT=3``.
+        Additional flags of the compiler, such as ``-DPFWD_FAULT=3``.
     main : str
-        Below the folder of the sources.
+        Main source, relative to the folder of the sources.
 
     Raises
     ------
     FirmwareError
-        If there is no compiler, or it refuses.
+        If there is no compiler, or it reports an error.
     """
     compiler = find_compiler()
     if compiler is None:
@@ -128,7 +127,7 @@ def build_host(*flags: str, main: str = "host/board.c") -> Path:
         )
     folder = firmware_folder()
     sources = [folder / main, *core_sources()]
-    digest = hashlib.sha256(repr((compiler, STRICT, flags, main)).encode())
+    digest = hashlib.sha256(repr((compiler, COMPILER_FLAGS, flags, main)).encode())
     for path in (*sources, *sorted(folder.glob("*/*.h"))):
         digest.update(path.read_bytes())
     suffix = ".exe" if sys.platform == "win32" else ""
@@ -139,23 +138,23 @@ def build_host(*flags: str, main: str = "host/board.c") -> Path:
     with tempfile.TemporaryDirectory(dir=cache.parent) as work:
         built = Path(work) / f"built{suffix}"
         libraries = ["-lws2_32"] if sys.platform == "win32" else []
-        command = [*compiler, *STRICT, "-O2", *flags, *map(str, sources)]
+        command = [*compiler, *COMPILER_FLAGS, "-O2", *flags, *map(str, sources)]
         run_compiler([*command, "-o", str(built), *libraries])
         os.replace(built, cache)
     return cache
 
 
 def run_compiler(command: Sequence[str]) -> None:
-    """Run it; `FirmwareError` with its first complaint when it refuses."""
+    """Run a compiler; raise `FirmwareError` with its first error."""
     try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, timeout=LONGEST_BUILD, check=False
+        completed = subprocess.run(
+            command, capture_output=True, text=True, timeout=BUILD_TIMEOUT_S, check=False
         )
     except (OSError, subprocess.TimeoutExpired) as err:
         raise FirmwareError(f"firmware: {command[0]}: expected it to compile, got {err}") from err
-    if done.returncode:
-        said = [line for line in done.stderr.splitlines() if "error" in line] or ["nothing"]
-        raise FirmwareError(f"firmware: {command[0]}: expected it to compile, got {said[0]}")
+    if completed.returncode:
+        errors = [line for line in completed.stderr.splitlines() if "error" in line] or ["nothing"]
+        raise FirmwareError(f"firmware: {command[0]}: expected it to compile, got {errors[0]}")
 
 
 def _cache() -> Path:
@@ -166,15 +165,15 @@ def _cache() -> Path:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Played:
-    """What a board plays, and what it says of itself."""
+    """Samples that a board plays, and its identity."""
 
     identity: Identity
     counts: NDArray[np.int32]
     """(n, channels)."""
     truth: tuple[dict[str, Any], ...] = ()
-    """Of each drop, with `touch_sample`."""
+    """True values of each drop, with `touch_sample`."""
     rates: tuple[float, ...] = ()
-    """Hz, what it can be configured to; empty: as it is."""
+    """Sampling rates that the host may choose, Hz; empty: only the present one."""
 
 
 def play_scenario(
@@ -183,7 +182,7 @@ def play_scenario(
     drops: int = 6,
     seed: int = 0,
 ) -> Played:
-    """The finite-element drops of a scenario as one long row of samples.
+    """Return the finite-element drops of a scenario as one long record.
 
     Parameters
     ----------
@@ -197,9 +196,9 @@ def play_scenario(
     bench = Bench(scenario, UnitDrops(scenario, (*settings.seating[:drops], 1.0)), seed)
     timeline = Timeline(bench, rate, 1, drops)
     end = timeline.end_index()
-    assert end is not None  # it has a last drop
+    assert end is not None  # because there is a last drop
     truth = tuple(
-        {**drop_truth(bench, number), "touch_sample": timeline.touch_index(number)}
+        {**bench.truth(number), "touch_sample": timeline.touch_index(number)}
         for number in range(1, drops + 1)
     )
     identity = scenario.device.identity(rate)
@@ -213,18 +212,18 @@ def play_records(
     plate_radius: float | None = None,
     name: str = "played",
 ) -> Played:
-    """Recorded drops as one long row of samples, with the plate at rest in between.
+    """Return recorded drops as one long record with the plate at rest in between.
 
     Parameters
     ----------
     records : sequence of (n, 1 + sensors) ndarray
-        Load, N, and what each sensor measured, m/s or m.
+        Load, N, and signal of each sensor, m/s or m.
     sampling_rate : float, Hz
     sensors : sequence of (role, offset)
         `geophone` or `displacement`, and the distance from the plate centre, m.
     plate_radius : float or None, m
     name : str
-        Stands in for a serial number.
+        Replaces the serial number.
 
     Returns
     -------
@@ -232,8 +231,8 @@ def play_records(
         24 bits; each channel uses half of the converter's range.
     """
     peaks = np.max([np.nanmax(np.abs(record), axis=0) for record in records], axis=0)
-    volts = PLAYED_RANGE / 2 / np.where(peaks > 0, peaks, 1.0)
-    begins = [np.nan_to_num(record[:_BEGIN]) for record in records]
+    volts = PLAYED_RANGE_V / 2 / np.where(peaks > 0, peaks, 1.0)
+    begins = [np.nan_to_num(record[:_N_REST_SAMPLES]) for record in records]
     zeros = np.median(np.concatenate(begins), axis=0) * volts
     noise = np.median([np.diff(begin, axis=0).std(axis=0) for begin in begins], axis=0)
     roles = [("load", 0.0), *sensors]
@@ -247,23 +246,25 @@ def play_records(
         )
         for number, (role, offset) in enumerate(roles)
     ]
-    quiet = round(PLAYED_REST * sampling_rate)
+    quiet = round(PLAYED_REST_S * sampling_rate)
     generator = np.random.default_rng(0)
     parts = []
     last = begins[0][0]
     for record in [*records, records[0][:1]]:
-        whole = np.nan_to_num(record)
-        rest = np.linspace(last, whole[0], quiet)
-        parts += [rest + noise / math.sqrt(2) * generator.standard_normal(rest.shape), whole]
-        last = np.median(whole[:_BEGIN], axis=0)  # at rest: how a record ends says nothing of it
-    counts = np.rint(np.concatenate(parts) * volts * (1 << 23) / PLAYED_RANGE)
+        samples = np.nan_to_num(record)
+        rest = np.linspace(last, samples[0], quiet)
+        parts += [rest + noise / math.sqrt(2) * generator.standard_normal(rest.shape), samples]
+        last = np.median(
+            samples[:_N_REST_SAMPLES], axis=0
+        )  # at rest: how a record ends says nothing of it
+    counts = np.rint(np.concatenate(parts) * volts * (1 << 23) / PLAYED_RANGE_V)
     identity = Identity(
         serial_number=name[:LONGEST_NAME],
         model="PFWD core, host board",
         firmware=core_version(),
         sampling_rate=float(round(sampling_rate)),
         adc_bits=24,
-        adc_range=PLAYED_RANGE,
+        adc_range=PLAYED_RANGE_V,
         channels=tuple(channels),
         plate_radius=plate_radius,
     )
@@ -271,7 +272,7 @@ def play_records(
 
 
 def write_play(path: Path, counts: NDArray[np.int32]) -> None:
-    """A file of samples for the host board."""
+    """Write a file of samples for the host board."""
     sets, channels = counts.shape
     data = np.ascontiguousarray(counts, dtype="<i4").tobytes()
     path.write_bytes(_HEAD.pack(_MAGIC, channels, sets) + data)
@@ -282,11 +283,11 @@ def identity_text(
     rates: Sequence[float] = (),
     *,
     streams: bool = True,
-    drop_samples: int = DROP_SAMPLES,
+    drop_samples: int = HOST_DROP_SAMPLES,
 ) -> str:
-    """What the host board is told to say of itself."""
+    """Return the identity file of the host board."""
 
-    def said(value: float | None) -> str:
+    def field_text(value: float | None) -> str:
         return "-1" if value is None else repr(value)
 
     shunts = [
@@ -299,21 +300,21 @@ def identity_text(
         number, channel = shunts[0]
         volts = channel.sensitivity * (channel.shunt or 0.0)
         counts = round(volts / identity.volts_per_count)
-    others = [rate for rate in rates if rate != identity.sampling_rate]
+    alternative_rates = [rate for rate in rates if rate != identity.sampling_rate]
     lines = [
         f"serial_number={identity.serial_number}",
         f"model={identity.model}",
         f"firmware={identity.firmware}",
         f"adc_bits={identity.adc_bits}",
         f"adc_range={identity.adc_range!r}",
-        f"plate_radius={said(identity.plate_radius)}",
-        f"plate_mass={said(identity.plate_mass)}",
+        f"plate_radius={field_text(identity.plate_radius)}",
+        f"plate_mass={field_text(identity.plate_mass)}",
         f"centre_seat={int(identity.centre_sensor == 'ground')}",
         f"streams={int(streams)}",
         f"drop_samples={drop_samples}",
         f"shunt_channel={number}",
         f"shunt_counts={counts}",
-        *(f"rate={rate:g}" for rate in (identity.sampling_rate, *others)),
+        *(f"rate={rate:g}" for rate in (identity.sampling_rate, *alternative_rates)),
     ]
     roles = ("unused", "load", "geophone", "displacement")
     for each in identity.channels:
@@ -321,7 +322,7 @@ def identity_text(
             each.name,
             roles.index(each.role.value),
             *map(repr, (each.offset, each.sensitivity, each.zero)),
-            *map(said, (each.natural_frequency, each.damping, each.shunt)),
+            *map(field_text, (each.natural_frequency, each.damping, each.shunt)),
             day(each.calibrated),
             day(each.due),
         )
@@ -331,33 +332,33 @@ def identity_text(
 
 @dataclass(frozen=True, slots=True)
 class BoardOptions:
-    """How the host board runs."""
+    """Options of the host board."""
 
     listen: str = "tcp://127.0.0.1:0"
-    """Or `pty`."""
+    """`tcp://HOST:PORT` or `pty`."""
     streams: bool = True
-    drop_samples: int = DROP_SAMPLES
-    """0: it keeps no drops."""
+    drop_samples: int = HOST_DROP_SAMPLES
+    """Samples of the longest buffered drop; 0: drops are not buffered."""
     store: Path | None = None
-    """File in which drops outlast the process; None: they do not."""
+    """File in which drops outlast the process; None: they are lost with it."""
     store_size: int = 262_144
     memory: int = 262_144
-    """Bytes for samples."""
+    """Size of the memory for samples, bytes."""
     speed: float = 1.0
-    """Times real time."""
+    """Speed over real time."""
     link_rate: float = 0.0
-    """Bytes a second that the link carries; 0: as many as come."""
+    """Bytes per second of the link; 0: unlimited."""
     begin: int = 0
-    """Sample with which to begin."""
+    """Number of the first sample."""
     loop: bool = False
     log: Path | None = None
-    """File that gets a line for every drop that is kept."""
+    """File with one line for every buffered drop."""
     flags: tuple[str, ...] = ()
-    """For the compiler."""
+    """Flags of the compiler."""
 
 
 class HostBoard:
-    """The core in a process of its own.
+    """Core of the instrument in another process.
 
     Parameters
     ----------
@@ -402,7 +403,7 @@ class HostBoard:
             if value is not None:
                 command += [name, str(value)]
         try:
-            # Its standard input is its lifeline: it ends when this process does.
+            # The board ends with its standard input, and so with this process.
             self._process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
             )
@@ -410,11 +411,11 @@ class HostBoard:
             self._folder.cleanup()
             raise FirmwareError(f"firmware: {program}: {err}") from err
         self.url = self._first_line()
-        """What to open."""
+        """URL for the host."""
 
     def _first_line(self) -> str:
         assert self._process.stdout is not None
-        timer = threading.Timer(LONGEST_START, self._process.kill)
+        timer = threading.Timer(BOARD_START_TIMEOUT_S, self._process.kill)
         timer.start()
         try:
             line = self._process.stdout.readline().decode().strip()
@@ -423,32 +424,32 @@ class HostBoard:
         if not line:
             self._process.wait()
             assert self._process.stderr is not None
-            said = self._process.stderr.read().decode(errors="replace").strip()
+            message = self._process.stderr.read().decode(errors="replace").strip()
             self.close()
-            raise FirmwareError(said or "firmware: the board ended without a word")
+            raise FirmwareError(message or "firmware: the board ended without a word")
         return line
 
     def truth(self) -> list[dict[str, Any]]:
-        """What is played, one mapping per drop."""
+        """Return the true values, one mapping per drop."""
         return list(self._truth)
 
     def kill(self) -> None:
-        """As when the power goes."""
+        """End the process at once, as a loss of power does."""
         self._process.kill()
         self._process.wait()
 
     def stop(self) -> None:
-        """End it."""
+        """End the process."""
         if self._process.stdin is not None:
             with suppress(OSError):
                 self._process.stdin.close()
         try:
-            self._process.wait(LONGEST_STOP)
+            self._process.wait(BOARD_STOP_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             self.kill()
 
     def close(self) -> None:
-        """End it and leave nothing behind."""
+        """End the process and remove its files."""
         self.stop()
         for pipe in (self._process.stdout, self._process.stderr):
             if pipe is not None:
@@ -475,13 +476,13 @@ def serve_firmware(
     rate: float = 1.0,
     listen: str = "tcp://127.0.0.1:0",
 ) -> HostBoard:
-    """The compiled core that plays the drops of a scenario; open its `url`.
+    """Start the compiled core with the drops of a scenario; hosts open its `url`.
 
     Parameters
     ----------
     scenario : as for `simulators.instrument.serve`
     drops : int or None
-        None: `MOST_DROPS`.
+        None: `DEFAULT_DROPS`.
     seed : int
     rate : float
         Times real time, > 0.
@@ -490,7 +491,7 @@ def serve_firmware(
     Raises
     ------
     FirmwareError
-        If it cannot be compiled, or what is asked for cannot be played.
+        If the core cannot be compiled, or the scenario cannot be played.
 
     Examples
     --------
@@ -505,14 +506,14 @@ def serve_firmware(
             f"firmware: scenario {loaded.name}: expected one without faults in the binary "
             "protocol, which is all that the core plays; leave --firmware out for this one"
         )
-    played = play_scenario(loaded, drops=drops or MOST_DROPS, seed=seed)
+    played = play_scenario(loaded, drops=drops or DEFAULT_DROPS, seed=seed)
     named = replace(played.identity, model="PFWD core, host board", firmware=core_version())
     options = BoardOptions(listen=listen, speed=rate)
     return HostBoard(replace(played, identity=named), options)
 
 
 def core_version() -> str:
-    """Version of the core's sources: the beginning of their digest."""
+    """Return the version of the core's sources, the beginning of their digest."""
     digest = hashlib.sha256()
     for path in core_sources():
         digest.update(path.read_bytes())

@@ -1,9 +1,9 @@
-"""The ground to be simulated, and the graded grid on which it is solved.
+"""Simulated ground, and the graded grid on which it is solved.
 
 Axes: ``r`` outward from the plate centre, ``z`` downward from the surface. The grid is the product
 of a radial and a vertical line. Both are refined towards the plate edge, where the contact pressure
-is infinite, follow the shortest wavelength of interest further out, and grow without limit where
-nothing can come back in time.
+is infinite, follow the shortest wavelength of interest further out, and grow without limit where no
+wave can return within the record.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ MAXWELL_RATES, N_MAXWELL = (0.2, 1e5), 10
 
 
 class SimulationError(Exception):
-    """Base of everything the simulated physics refuses."""
+    """Base of the errors of the simulators."""
 
 
 class GroundError(SimulationError, ValueError):
-    """A quantity of the ground, plate, load or record cannot be simulated; the message names it."""
+    """Quantity of ground, plate, load or record that cannot be simulated; the message names it."""
 
 
 def require(condition: bool, name: str, expected: str, value: object) -> None:
-    """Raise `GroundError` naming the quantity, what was expected and what came."""
+    """Raise `GroundError` with the quantity, the expected and the actual value."""
     if not condition:
         raise GroundError(f"{name}: expected {expected}, got {value!r}; correct the value passed")
 
@@ -76,7 +76,7 @@ class Growth:
     r"""Modulus that grows with depth, :math:`E(z) = E_0 (1 + z/z_0)^n`, constant below a limit.
 
     Linear growth (n = 1) is the soil of Gibson (1967), Geotechnique 17, 58-67. Viscosity grows
-    alike, so that the retardation time is the same at every depth.
+    in proportion, so that the retardation time is the same at every depth.
     """
 
     depth: float
@@ -118,7 +118,7 @@ class ConstantQ:
     quality: float
     """Q, -, > 0."""
     reference: float
-    r""":math:`\omega_0`, rad/s, > 0: there :math:`|G^*|` is the stated modulus."""
+    r""":math:`\omega_0`, rad/s, > 0, at which :math:`|G^*|` is the stated modulus."""
 
     def __post_init__(self) -> None:
         require(0 < self.quality < math.inf, "quality", "> 0", self.quality)
@@ -146,7 +146,7 @@ class ConstantQ:
         return float(spring), rates, shares, float(dashpot)
 
     def factor(self, laplace: complex) -> complex:
-        """Return the modulus that is stepped through time over the reference one at `laplace`."""
+        """Return the approximated modulus over the reference modulus at `laplace`."""
         spring, rates, shares, dashpot = self.elements
         return complex(spring + np.sum(shares * laplace / (laplace + rates)) + dashpot * laplace)
 
@@ -157,16 +157,16 @@ class ConstantQ:
 
 @dataclass(frozen=True)
 class Ground:
-    """Horizontal layers from the surface down, on a rigid base or without end."""
+    """Horizontal layers from the surface down, on a rigid base or infinitely deep."""
 
     layers: tuple[Layer, ...]
-    """From the surface down."""
+    """Layers from the surface down."""
     base: Literal["rigid", "none"] = "rigid"
-    """`rigid`: u = w = 0 below the last layer. `none`: the last layer goes on for ever."""
+    """`rigid`: u = w = 0 below the last layer. `none`: the last layer is infinitely deep."""
     growth: Growth | None = None
-    """Multiplies the moduli and viscosities of the layers; none: they are constant in a layer."""
+    """Factor on moduli and viscosities of the layers; None: they are constant in each layer."""
     damping_law: ConstantQ | None = None
-    """Multiplies the elastic moduli of all layers; none: Kelvin-Voigt."""
+    """Factor on the elastic moduli of all layers; None: Kelvin-Voigt."""
 
     def __post_init__(self) -> None:
         require(len(self.layers) > 0, "layers", "at least one layer", self.layers)
@@ -184,14 +184,14 @@ class Ground:
 
     @property
     def soil(self) -> Literal["kelvin-voigt", "constant-q", "growth"]:
-        """Name of what makes the ground differ from a Kelvin-Voigt one of constant modulus."""
+        """Name of the soil; `kelvin-voigt` has a constant modulus in each layer."""
         if self.damping_law is not None:
             return "constant-q"
         return "kelvin-voigt" if self.growth is None else "growth"
 
     @property
     def soil_parameters(self) -> dict[str, float | list[float]]:
-        """Parameters of growth and damping law with SI units in their names; none: empty."""
+        """Parameters of growth and damping law with SI units in their names, or empty."""
         parameters: dict[str, float | list[float]] = {}
         modulus = self.layers[0].modulus
         if self.damping_law is not None:
@@ -212,11 +212,11 @@ class Ground:
 
     @property
     def bedrock_depth(self) -> float:
-        """Depth of the rigid base, m; infinite where there is none."""
+        """Depth of the rigid base, m; infinite without a base."""
         return sum(layer.thickness for layer in self.layers)
 
     def layer_at(self, depth: Array) -> NDArray[np.int64]:
-        """Index of the layer at each depth, same shape as `depth`."""
+        """Return the index of the layer at each depth, same shape as `depth`."""
         return np.searchsorted(self.interfaces, depth, side="right").astype(np.int64)
 
     @classmethod
@@ -228,21 +228,21 @@ class Ground:
         poisson_ratio: float = 0.35,
         bedrock_depth: float = math.inf,
     ) -> Ground:
-        """Ground of one layer; without base when `bedrock_depth` (m) is infinite."""
+        """Return ground of one layer, without base if `bedrock_depth` (m) is infinite."""
         layer = Layer(modulus, viscosity, density, poisson_ratio, bedrock_depth)
         return cls((layer,), "rigid" if math.isfinite(bedrock_depth) else "none")
 
 
 @dataclass(frozen=True)
 class Plate:
-    """A rigid circular plate lying on the surface."""
+    """Rigid circular plate on the surface."""
 
     radius: float
     """a, m, > 0."""
     mass: float = 0.0
     """Mass that moves between the load cell and the ground, kg, >= 0."""
     contact: Literal["rough", "smooth"] = "rough"
-    """`rough`: the ground does not move sideways under the plate. `smooth`: it does so freely."""
+    """`rough`: the ground sticks to the plate. `smooth`: it slips without friction."""
 
     def __post_init__(self) -> None:
         require(0 < self.radius < math.inf, "radius", "m, > 0", self.radius)
@@ -252,7 +252,7 @@ class Plate:
 
 @dataclass(frozen=True)
 class Resolution:
-    """How fine the grid and the time step are."""
+    """Resolution of the grid and of the time step."""
 
     edge_element: float = 5e-4
     """Smallest element at the plate edge over the plate radius."""
@@ -264,8 +264,9 @@ class Resolution:
     """Highest frequency of interest times pulse duration; a half-sine has 0.04 % of its energy
     above 3.5."""
     free_growth: float = 0.15
-    """Growth of the element size per distance where waves are absorbed or come too late. A faster
-    one reflects short waves before they are absorbed: undamped soil, 0.5: 3 % of the peak."""
+    """Growth of the element size per distance where waves are absorbed or return too late. Faster
+    growth reflects short waves before they are absorbed: with 0.5, 3 % of the peak on undamped
+    soil."""
     undamped_wavelengths: float = 0.75
     """Undamped ground beyond the last sensor, in shear wavelengths of the pulse (2 T0 c_s)."""
     damped_wavelengths: float = 1.5
@@ -273,18 +274,18 @@ class Resolution:
     absorption: float = 2.0
     """Viscosity added at the end of the absorbing zone, times E/omega of the pulse."""
     steps_per_pulse: float = 150.0
-    """Time steps in one pulse duration (at least)."""
+    """Smallest number of time steps in one pulse duration."""
     halvings: int = 0
-    """How often each element is halved afterwards, in both directions."""
+    """Number of times that each element is halved in both directions."""
 
     def refined(self) -> Resolution:
-        """Every element halved, and the time step."""
+        """Return the resolution with every element and the time step halved."""
         return replace(self, halvings=self.halvings + 1, steps_per_pulse=2 * self.steps_per_pulse)
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Lines of the product grid and where its absorbing zone lies."""
+    """Lines of the product grid and position of its absorbing zone."""
 
     radii: Array
     """(n_r,) increasing from 0, m."""
@@ -293,16 +294,16 @@ class Grid:
     damping_start: float
     """Distance (radius, and depth where there is no base) at which absorption begins, m."""
     damping_width: float
-    """Distance over which it rises to its full value, m."""
+    """Distance over which absorption rises to its full value, m."""
 
 
 def graded_line(breaks: Sequence[float], size: Callable[[float], float]) -> Array:
-    """Grid line through all `breaks` whose spacing is at most about `size(position)`.
+    """Return a grid line through all `breaks` with a spacing of about `size(position)` at most.
 
     Parameters
     ----------
     breaks : increasing positions that become grid points, m
-    size : wanted spacing at a position, m; its slope must be below 1
+    size : function of the spacing at a position, m; its slope must be below 1
 
     Returns
     -------
@@ -330,7 +331,7 @@ def design_grid(
     duration: float,
     resolution: Resolution,
 ) -> Grid:
-    """Grid for one drop: fine at the plate edge, following the waves, coarse where none return.
+    """Return the grid for a drop: fine at the plate edge, coarse where no waves return.
 
     Parameters
     ----------
@@ -347,7 +348,7 @@ def design_grid(
     width = resolution.damped_wavelengths * longest
     end = start + width
     slow, fast = _returning_depths(ground, pulse, duration)
-    if ground.base == "rigid":  # what stays near the plate decays within a few depths of the layer
+    if ground.base == "rigid":  # trapped waves decay within a few depths
         end = max(end, min(4 * ground.bedrock_depth, 2 * fast))
 
     wave = _wave_sizes(ground, plate, pulse_duration, resolution)
@@ -382,10 +383,10 @@ def design_grid(
 def _wave_sizes(
     ground: Ground, plate: Plate, pulse_duration: float, resolution: Resolution
 ) -> list[float]:
-    """Element size per layer that resolves the shortest shear wavelength, m.
+    """Return the element size per layer that resolves the shortest shear wavelength, m.
 
-    On soft ground the plate follows the load up to omega a / c_s near 1 only; on stiff ground that
-    filter is open, and the kinks where the load begins and ends send shorter waves.
+    On soft ground the plate follows the load only up to omega a / c_s near 1. On stiff ground it
+    does not filter, and the beginning and end of the load emit shorter waves.
     """
     top = ground.layers[0].shear_speed(math.pi / pulse_duration)
     openness = math.sqrt(top * pulse_duration / (8 * plate.radius))
@@ -397,7 +398,7 @@ def _wave_sizes(
 
 
 def _returning_depths(ground: Ground, pulse: float, duration: float) -> tuple[float, float]:
-    """Depths from which S waves (one way as P) and P waves can return within `duration`, m."""
+    """Return depths from which S waves (one way as P) and P waves return in `duration`, m."""
     shear = max(layer.shear_speed(pulse) for layer in ground.layers)
     pressure = _fastest(ground, pulse)
     return duration * shear * pressure / (shear + pressure), duration * pressure / 2
@@ -406,8 +407,8 @@ def _returning_depths(ground: Ground, pulse: float, duration: float) -> tuple[fl
 def _fastest(ground: Ground, pulse: float) -> float:
     """Return the largest speed of pressure waves at the pulse's frequency, m/s.
 
-    Constant-Q soil is taken at its reference: it is stiffer at higher frequencies, whose waves are
-    then longer than the grid requires.
+    Constant-Q soil is evaluated at its reference; it is stiffer at higher frequencies, whose waves
+    are then longer than the grid requires.
     """
     fastest = max(layer.pressure_speed(pulse) for layer in ground.layers)
     if ground.growth is None:

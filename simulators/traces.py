@@ -2,7 +2,7 @@ r"""Simulated drops as an instrument would record them, written as a trace file.
 
 The file declares what an operator would know of the instrument and never the ground that was
 simulated. Noise, quantisation, the wait before the trigger and the response of a geophone are added
-here; `simulators.drop` knows nothing of them.
+here and not in `simulators.drop`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FORMAT_VERSION = 1
 
 @dataclass(frozen=True)
 class Geophone:
-    """A second-order high-pass: mass on a spring, read as velocity."""
+    """Geophone: a second-order high-pass of the velocity."""
 
     natural_frequency: float
     """Hz, > 0."""
@@ -35,22 +35,22 @@ class Geophone:
 
 @dataclass(frozen=True)
 class Recording:
-    """What the instrument does to the true signals."""
+    """Effects of the instrument on the true signals."""
 
     quantity: Literal["velocity", "displacement"] = "velocity"
-    """What the sensor channels carry."""
+    """Quantity of the sensor channels."""
     pre_trigger: float = 0.015
     """Recorded rest before the first touch, s."""
     load_noise: float = 0.0
     """Root mean square of white noise on the load, N."""
     sensor_noise: float | tuple[float, ...] = 0.0
-    """The same on every sensor, or on each, m/s or m."""
+    """Noise of the sensors, one value for all or one each, m/s or m."""
     load_resolution: float = 0.0
     """Load per count of the converter, N; 0: not quantised."""
     sensor_resolution: float = 0.0
-    """The same of the sensors, m/s or m."""
+    """Reading of the sensors per count, m/s or m; 0: not quantised."""
     geophone: Geophone | None = None
-    """Response left in the velocities; none: the record is corrected."""
+    """Geophone whose response is in the velocities; None: the record is corrected."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class RecordedDrop:
 
 
 def geophone_output(velocity: Array, time_step: float, geophone: Geophone) -> Array:
-    r"""Velocity as a geophone tells it, for ground at rest before the first sample.
+    r"""Return the output of a geophone, for ground at rest before the first sample.
 
     .. math::
         \ddot x + 2 \zeta \omega_0 \dot x + \omega_0^2 x = v, \qquad
@@ -106,7 +106,7 @@ def geophone_output(velocity: Array, time_step: float, geophone: Geophone) -> Ar
 def record_drop(
     drop: SimulatedDrop, recording: Recording, generator: np.random.Generator
 ) -> RecordedDrop:
-    """One simulated drop through the instrument: wait, response, noise, quantisation."""
+    """Return a drop as recorded: with rest before, response, noise and quantisation."""
     time_step = float(drop.time[1] - drop.time[0])
     wait = round(recording.pre_trigger / time_step)
     signals = drop.ground_velocity
@@ -136,15 +136,15 @@ def write_traces(
     seed: int = 0,
     declared: Mapping[str, str | float | int] | None = None,
 ) -> Path:
-    """Trace file of one test point, and return its path.
+    """Write the trace file of one test point and return its path.
 
     Parameters
     ----------
     path : an existing file is replaced
     drops : one or more, with equal times and offsets
-    plate : its radius and mass are declared
-    poisson_ratio : what the operator assumes
-    seed : of the noise
+    plate : radius and mass for the header
+    poisson_ratio : assumption of the operator
+    seed : seed of the noise
     declared : further header keys, for example `bedrock_depth_m`, `device`, `site`; a value of
         infinity is written as such. The ground that was simulated is not written.
     """
@@ -186,5 +186,5 @@ def _quantised(signal: Array, resolution: float) -> Array:
 
 
 def _toml(value: str | float) -> str:
-    """One value as TOML; a JSON string is a TOML string, `inf` and `nan` are TOML floats."""
+    """Return a value as TOML; a JSON string is a TOML string, `inf` and `nan` are TOML floats."""
     return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)

@@ -236,7 +236,7 @@ from inversion import Instrument, Record, Sensor
 from inversion.diagnosis import PointRecords
 from inversion.inference.diagnose import diagnose_point
 from inversion.effects import BY_NAME
-from simulators.demo import PLATE, demo_simulations
+from simulators.demo import DEMO_PLATE, demo_simulations
 
 (drop,) = demo_simulations(1, 4)
 time = np.arange(-100, drop.time.size) * (drop.time[1] - drop.time[0])
@@ -244,7 +244,7 @@ load = np.concatenate([np.zeros(100), drop.load])
 moved = np.concatenate([np.zeros(100), drop.plate_displacement])
 moved += 0.2 * moved.max() * np.exp(-(((time - 0.034) / 2e-3) ** 2))
 moved += 1e-3 * moved.max() * np.random.default_rng(2).standard_normal(time.size)
-instrument = Instrument(plate_radius=PLATE.radius, plate_mass=PLATE.mass)
+instrument = Instrument(plate_radius=DEMO_PLATE.radius, plate_mass=DEMO_PLATE.mass)
 sensors = (Sensor(0.0, "displacement", moved),)
 record = Record(time, load, sensors, instrument, poisson_ratio=0.35, bedrock_depth=BEDROCK)
 found = diagnose_point(PointRecords("toy", (record,), (1,)))

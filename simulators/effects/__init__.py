@@ -1,7 +1,7 @@
-"""Drops with real effects that the trace's header does not declare.
+"""Drops with real effects that the header of the trace file does not declare.
 
-Finite elements give the ground (`response`), a march through time puts hammer, plate and non-linear
-contact on it (`march`, `soil`, `mechanics`), operators in time act on the channels (`channels`).
-`unmodelled` holds effects that no catalogue names. `catalogue.EFFECTS` has them all by name;
-`simulators.campaign` writes trace files of them.
+Finite elements compute the ground (`response`). Hammer, plate and nonlinear contact are stepped
+through time on it (`march`, `soil`, `mechanics`), and operators in time act on the channels
+(`channels`). `unmodelled` and `faults` have effects outside the vocabulary of the diagnosis.
+`catalogue.EFFECTS` contains all of them by name; `simulators.campaign` writes trace files of them.
 """

@@ -1,4 +1,4 @@
-"""Every effect by name: scope, strengths, and how a point with it is made."""
+"""All simulated effects by name: scope, strengths, and the function that builds a point."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ Build = Callable[[Scene, float], SimulatedPoint]
 
 @dataclass(frozen=True)
 class SimulatedEffect:
-    """One effect and how strong it comes."""
+    """One effect with its strengths."""
 
     name: str
     scope: Literal["drop", "point", "device"]
     strengths: tuple[float, ...]
-    """From below to well above what can be seen; the unit is the builder's."""
+    """Strengths from below to well above the detectable one, in the unit of the builder."""
     build: Build
     misread: str
-    """What a naive reader would make of it."""
+    """Usual misinterpretation of the record."""
     group: Literal["clean", "known", "unknown", "soil"] = "known"
-    """`known`: in the vocabulary of effects, `unknown`: not in it, `soil`: the ground is no
-    Kelvin-Voigt soil, and nothing else happened."""
+    """`known`: in the vocabulary of effects; `unknown`: not in it; `soil`: the ground is no
+    Kelvin-Voigt soil, and there is no other effect."""
     sites: Literal["any", "few", "shallow", "contact", "kelvin-voigt", "constant-q", "growth"] = (
         "any"
     )
-    """Which grounds: any; few (each strength needs finite elements of its own); with bedrock;
-    with a low or the usual Poisson's ratio, where slip under the plate shows; of one soil."""
-    least_drops: int = 1
-    least_sensors: int = 1
+    """Grounds of the effect: any; few (each strength needs a finite-element run); with bedrock;
+    with a low or typical Poisson's ratio, for which slip under the plate matters; of one soil."""
+    min_drops: int = 1
+    min_sensors: int = 1
     variant: str = ""
-    """Tells apart the ways to make one effect."""
+    """Name of one of several ways to produce an effect."""
 
     @property
-    def known(self) -> bool:
-        """Whether a diagnosis is expected to name it."""
+    def is_in_vocabulary(self) -> bool:
+        """True if a diagnosis is expected to name the effect."""
         return self.group in ("clean", "known")
 
     @property
@@ -49,13 +49,13 @@ class SimulatedEffect:
         return f"{self.name}:{self.variant}" if self.variant else self.name
 
     def curve(self, count: int) -> tuple[float, ...]:
-        """`count` strengths from the weakest to the strongest, where all grounds allow any."""
+        """Return `count` strengths from weakest to strongest if all grounds allow any strength."""
         if self.sites not in ("any", "kelvin-voigt"):
             return self.strengths
         return tuple(float(x) for x in np.geomspace(self.strengths[0], self.strengths[-1], count))
 
     def drawn(self, generator: np.random.Generator) -> float:
-        """Draw a strength: logarithmically even from weakest to strongest where any is allowed."""
+        """Draw a strength, log-uniformly from weakest to strongest if any is allowed."""
         if self.sites not in ("any", "kelvin-voigt") or self.strengths[0] == 0:
             return float(generator.choice(self.strengths))
         weakest, strongest = self.strengths[0], self.strengths[-1]
@@ -77,7 +77,7 @@ def _geophone(scene: Scene, frequency: float) -> SimulatedPoint:
 
 def _filter(scene: Scene, corner: float) -> SimulatedPoint:
     order = int(scene.device.integers(2, 7))
-    # group delay at 0 of a Butterworth filter, about 0.16 s Hz per pole; most of it taken back
+    # group delay at 0 of a Butterworth filter, about 0.16 s Hz per pole; most of it is compensated
     advance = float(scene.device.uniform(0.7, 1.0)) * 0.16 * order / corner
     channel: channels.AffectedChannels = "both" if scene.device.random() < 0.3 else "sensors"
     return undisturbed(scene).through(
@@ -164,7 +164,7 @@ def _traffic(scene: Scene, share: float) -> SimulatedPoint:
     frequency = float(scene.generator.uniform(8.0, 20.0))
     shaken = []
     for signals in clean.signals:
-        # a lorry passes for seconds, a gust of it for one period: before, in and after the pulse
+        # the vibration of a lorry lasts longer than the pulse, before, during and after it
         centre, width = scene.generator.uniform([-0.02, 0.02], [0.06, 0.2])
         shaken.append(unmodelled.passing_traffic(signals, amplitude, frequency, centre, width))
     return SimulatedPoint(shaken, clean.modulus, {"share": share, "frequency_hz": frequency})
@@ -321,7 +321,7 @@ EFFECTS: dict[str, SimulatedEffect] = {
             _f.sensor_creep,
             "a set",
             "unknown",
-            least_sensors=2,
+            min_sensors=2,
         ),
         SimulatedEffect(
             "ringing_load_cell",
@@ -357,13 +357,19 @@ EFFECTS: dict[str, SimulatedEffect] = {
             "damping_law",
             "point",
             (20.0, 10.0, 5.0),
-            _m.other_soil,
+            _m.undeclared_soil,
             "viscosity, a lag",
             "soil",
             "constant-q",
         ),
         SimulatedEffect(
-            "modulus_gradient", "point", (0.1, 0.4, 1.0), _m.other_soil, "bedrock", "soil", "growth"
+            "modulus_gradient",
+            "point",
+            (0.1, 0.4, 1.0),
+            _m.undeclared_soil,
+            "bedrock",
+            "soil",
+            "growth",
         ),
         SimulatedEffect("lost_samples", "drop", (0.01, 0.03, 0.1), _lost, "a lead", "unknown"),
     )

@@ -1,6 +1,6 @@
-"""What an instrument does to its channels: operators in time, none of them declared.
+"""Undeclared effects of an instrument on its channels, as operators in time.
 
-Filters are difference equations (`scipy.signal`), differential equations are stepped.
+Filters are difference equations (`scipy.signal`); differential equations are stepped.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from simulators.mesh import Array, require
 
 
 def sensor_lag(signals: Signals, delay: float) -> Signals:
-    """The sensors come later than the load by `delay` (s), by cubic splines between samples."""
+    """Delay the sensors against the load by `delay` (s), by cubic splines between samples."""
     return replace(
         signals,
         velocity=delayed(signals.velocity, delay / signals.time_step),
@@ -28,17 +28,17 @@ def sensor_lag(signals: Signals, delay: float) -> Signals:
 
 
 def delayed(values: Array, samples: float) -> Array:
-    """Values (..., n) moved by a number of samples, positive = later; the ends are held."""
+    """Return values (..., n) delayed by a number of samples; the ends are constant."""
     index = np.arange(values.shape[-1], dtype=float)
-    asked = np.clip(index - samples, 0, index[-1])
-    result: Array = CubicSpline(index, values, axis=-1)(asked)
+    source_index = np.clip(index - samples, 0, index[-1])
+    result: Array = CubicSpline(index, values, axis=-1)(source_index)
     return result
 
 
 def geophone_coefficients(
     frequency: float, damping: float, time_step: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    r"""Difference equation of a geophone (numerator, denominator), by the bilinear rule.
+    r"""Return the difference equation of a geophone (numerator, denominator), bilinear rule.
 
     :math:`s \to (2/h)(1 - z^{-1})/(1 + z^{-1})` in :math:`s^2/(s^2 + 2 \zeta \omega s + \omega^2)`:
     mass and spring stepped by the trapezoidal rule.
@@ -53,7 +53,7 @@ def geophone_coefficients(
 
 
 def geophone_response(signals: Signals, frequency: float, damping: float) -> Signals:
-    """Second-order high-pass of a geophone (Hz, fraction of critical) left in the velocity."""
+    """Apply the second-order high-pass of a geophone (Hz, fraction of critical) to the velocity."""
     require(frequency > 0, "frequency", "Hz, > 0", frequency)
     numerator, denominator = geophone_coefficients(frequency, damping, signals.time_step)
     return signals.with_velocity(lfilter(numerator, denominator, signals.velocity, axis=-1))
@@ -69,9 +69,9 @@ def acquisition_filter(
     advance: float,
     channel: AffectedChannels = "sensors",
 ) -> Signals:
-    """Causal Butterworth low-pass (corner in Hz), then the record moved earlier by `advance` (s).
+    """Apply a causal Butterworth low-pass (corner in Hz), then advance the record by `advance` (s).
 
-    The advance is rounded to whole samples, and the last samples are held.
+    The advance is rounded to full samples, and the last sample is repeated at the end.
     """
     sections = butter(order, corner, fs=1 / signals.time_step, output="sos")
     count = round(advance / signals.time_step)
@@ -90,27 +90,27 @@ def acquisition_filter(
 
 
 def load_channel_filter(signals: Signals, corner: float, order: int) -> Signals:
-    """The load cell's amplifier smooths, the sensors' do not: causal Butterworth (corner in Hz)."""
+    """Apply a causal Butterworth low-pass (corner in Hz) to the load only."""
     sections = butter(order, corner, fs=1 / signals.time_step, output="sos")
     return replace(signals, load=np.asarray(sosfilt(sections, signals.load)))
 
 
 def baseline_drift(signals: Signals, offset: float, drift: float) -> Signals:
-    """Offset (m/s) and drift (m/s2, from the first sample) of every velocity channel."""
+    """Add an offset (m/s) and a drift (m/s2, from the first sample) to every velocity channel."""
     return signals.with_velocity(
         signals.velocity + offset + drift * (signals.time - signals.time[0])
     )
 
 
 def mains_hum(signals: Signals, amplitude: float, frequency: float, phase: float) -> Signals:
-    """Line of the mains and its third and fifth harmonic (a quarter and a tenth of it), m/s."""
+    """Add mains hum with its third and fifth harmonic (a quarter and a tenth of it), m/s."""
     angle = 2 * math.pi * frequency * signals.time + phase
     hum = np.sin(angle) + 0.25 * np.sin(3 * angle + 1.0) + 0.1 * np.sin(5 * angle + 2.0)
     return signals.with_velocity(signals.velocity + amplitude * hum)
 
 
 def saturation(signals: Signals, level: float, channel: Literal["load", "sensors"]) -> Signals:
-    """Samples beyond a level (N or m/s) are clipped to it, in the load or in every velocity."""
+    """Clip the load or every velocity at a level (N or m/s)."""
     require(level > 0, "level", "> 0", level)
     if channel == "load":
         return replace(signals, load=np.clip(signals.load, -level, level))

@@ -1,17 +1,18 @@
-r"""Hammer, plate and finite-element ground stepped through time, non-linear contact included.
+r"""Hammer, plate and finite-element ground stepped through time, with nonlinear contact.
 
-The ground enters by its answer to hats of force (`GroundResponse`). At each step the displacement w
-of the ground under the plate is the root of one scalar equation, found by Newton's method:
+The ground enters by its response to hats of force (`GroundResponse`). At each step the displacement
+w of the ground under the plate is the root of one scalar equation, found by Newton's method:
 
 .. math::
     m (u - \hat u)/(\beta h^2) = F_{cell}(u) - F, \qquad
     F = (w - w_{past})/k_1 + D(w), \qquad u = w + p(F)
 
 with u the displacement of the plate, :math:`\hat u` Newmark's predictor (beta = 1/4, gamma = 1/2),
-:math:`w_{past}` what earlier forces do now, :math:`p` a plastic indentation and :math:`D` the
-deviation of the soil's resistance from the linear one. The contact carries no tension beyond the
-weight W that presses plate and ground together at rest: where the root has :math:`F < -W` the plate
-is in flight, :math:`F = -W`.
+
+:math:`w_{past}` the displacement by earlier forces, :math:`p` a plastic indentation and :math:`D`
+the deviation of the soil's resistance from the linear one. The contact carries no tension beyond
+the weight W that presses plate and ground together at rest: where the root has :math:`F < -W` the
+plate is in flight, :math:`F = -W`.
 """
 
 from __future__ import annotations
@@ -27,35 +28,35 @@ from simulators.drop import Hammer, SimulatedDrop
 from simulators.effects.response import GroundResponse
 from simulators.mesh import Array, require
 
-# Newmark's rule with damping of unresolved vibration; first order, used after an impact.
+# Parameters of Newmark's rule with damping of unresolved vibration: first order, after an impact.
 DISSIPATIVE = (0.3025, 0.6)
 TRAPEZOIDAL = (0.25, 0.5)
 
 
 class SoilLaw(Protocol):
-    """Resistance of the ground beside the linear one."""
+    """Deviation of the ground's resistance from the linear one."""
 
     def deviation(self, displacement: float) -> tuple[float, float]:
         """Force above the linear static resistance, N, and its slope, N/m."""
 
     def commit(self, displacement: float) -> None:
-        """The step ended at this displacement of the ground, m."""
+        """Accept the displacement of the ground, m, at the end of a step."""
 
 
 class Linear:
-    """The ground as it is."""
+    """Linear ground."""
 
     def deviation(self, displacement: float) -> tuple[float, float]:
-        """Nothing."""
+        """Return no deviation."""
         return 0.0, 0.0
 
     def commit(self, displacement: float) -> None:
-        """Nothing to remember."""
+        """Linear ground has no memory."""
 
 
 @dataclass(frozen=True)
 class Indentation:
-    """Plastic indentation of the plate: :math:`p = s (F_{max}/F_{ref})^m`, never given back."""
+    """Permanent plastic indentation of the plate, :math:`p = s (F_{max}/F_{ref})^m`."""
 
     depth: float
     """s, m."""
@@ -65,11 +66,11 @@ class Indentation:
     """m, -, >= 1."""
 
     def at(self, largest_force: float) -> float:
-        """Indentation after a largest contact force so far, m."""
+        """Return the indentation, m, for the largest contact force so far, N."""
         return float(self.depth * (max(largest_force, 0.0) / self.force) ** self.exponent)
 
     def slope(self, largest_force: float) -> float:
-        """Its derivative, m/N."""
+        """Return the derivative of the indentation, m/N."""
         share = max(largest_force, 0.0) / self.force
         return float(self.depth * self.exponent / self.force * share ** (self.exponent - 1))
 
@@ -89,7 +90,7 @@ def strike(
     weight: float = math.inf,
     pull: Pull | None = None,
 ) -> SimulatedDrop:
-    """One drop on finite-element ground.
+    """Return one drop on finite-element ground.
 
     Parameters
     ----------
@@ -98,7 +99,7 @@ def strike(
     samples : length of the record
     law : deviation of the soil from a linear one
     indentation : plastic part of the plate's displacement
-    weight : on the contact at rest, N; infinite: plate and ground never part
+    weight : static force of the contact, N; infinite: plate and ground never separate
     pull : upward force of the hammer's frame on the load cell at a time (s), N
 
     Raises
@@ -154,7 +155,7 @@ class _March:
         self.z = hammer.gravity if hammer else 0.0
 
     def advance(self, n: int, past: Array, upward: float) -> tuple[float, float, float]:
-        """Load, contact force and the linear ground's share of it at sample n, N."""
+        """Return load, contact force and the linear ground's part of it at sample n, N."""
         h, (beta, gamma) = self.h, self.rule
         guess = self.u + h * self.v + (0.5 - beta) * h**2 * self.a
         back = self.response.reversed_centre
@@ -179,7 +180,7 @@ class _March:
     def _in_contact(
         self, guess: float, inertia: float, history: float, applied: Applied
     ) -> tuple[float, float, float, float]:
-        """Plate displacement, load, contact force and its linear share; moves the ground."""
+        """Return plate displacement, load, contact force and its linear part; moves the ground."""
         w = self.w
         for _ in range(50):
             extra, extra_slope = self.law.deviation(w)
@@ -198,14 +199,14 @@ class _March:
         return u, load, force, share
 
     def _cell(self, n: int, upward: float) -> tuple[Applied, Callable[[float], None]]:
-        """Load cell force as a function of the plate's displacement, and what it does above."""
+        """Return the load as a function of the plate's displacement, and the hammer's update."""
         if not isinstance(self.source, Hammer):
-            known = float(self.source[n]) - upward
-            return (lambda u: (known, 0.0)), (lambda load: None)
+            load_value = float(self.source[n]) - upward
+            return (lambda u: (load_value, 0.0)), (lambda load: None)
         hammer, rate = self.source, 2 / self.h
-        answer = 1 / (hammer.mass * rate**2)
+        hammer_response = 1 / (hammer.mass * rate**2)
         free = self.x + 2 * self.y / rate + (self.z + hammer.gravity) / rate**2
-        spring = hammer.stiffness / (1 + hammer.stiffness * answer)
+        spring = hammer.stiffness / (1 + hammer.stiffness * hammer_response)
 
         def applied(u: float) -> tuple[float, float]:
             if free <= u:
@@ -214,7 +215,7 @@ class _March:
 
         def after(load: float) -> None:
             force = load + upward
-            new = free - force * answer
+            new = free - force * hammer_response
             self.z = hammer.gravity - force / hammer.mass
             self.x, self.y = new, rate * (new - self.x) - self.y
 
@@ -222,7 +223,7 @@ class _March:
 
 
 def _in_flight(guess: float, inertia: float, force: float, applied: Applied) -> tuple[float, float]:
-    """Displacement of a free plate, and the load on it."""
+    """Return the displacement of a plate in flight, and the load on it."""
     u = guess
     for _ in range(3):  # the load is linear on either side of the touch
         load, slope = applied(u)

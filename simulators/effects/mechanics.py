@@ -1,4 +1,4 @@
-"""Effects in ground, plate and hammer, each a point computed anew with finite-element ground."""
+"""Effects in ground, plate and hammer, each computed on finite-element ground."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from simulators.mesh import Array
 
 
 def bedrock(scene: Scene, strength: float) -> SimulatedPoint:
-    """A rigid base where the header says there is none; the strength only names the site."""
+    """Build a point on a rigid base that the header denies; the strength only selects the site."""
     depth = scene.ground.bedrock_depth
     signals = scene.signals(scene.strike_all())
     return SimulatedPoint(signals, scene.modulus, {"depth_m": depth}, declared_depth=math.inf)
 
 
-def other_soil(scene: Scene, strength: float) -> SimulatedPoint:
-    """Constant-Q soil or growth with depth; the strength, Q or a/z0, only names the site."""
+def undeclared_soil(scene: Scene, strength: float) -> SimulatedPoint:
+    """Build a point on constant-Q or growing soil; the strength, Q or a/z0, selects the site."""
     return SimulatedPoint(
         scene.signals(scene.strike_all()), scene.modulus, scene.ground.soil_parameters
     )
 
 
 def layer(scene: Scene, ratio: float) -> SimulatedPoint:
-    """A top of `ratio` times the modulus below, one plate radius thick."""
+    """Build a point with a top layer of `ratio` times the modulus, one plate radius thick."""
     below = scene.site.layers[-1]
     thickness = scene.radius
     site = layered_ground(
@@ -46,7 +46,7 @@ def layer(scene: Scene, ratio: float) -> SimulatedPoint:
 
 
 def two_layers(scene: Scene, ratio: float) -> SimulatedPoint:
-    """A top of the square of `ratio` over a middle of `ratio`, one plate radius thick each."""
+    """Build a point with two layers of `ratio` squared and `ratio`, one plate radius thick each."""
     below = scene.site.layers[-1]
     thickness = scene.radius
     above = ((ratio**2, thickness), (ratio, thickness))
@@ -60,12 +60,15 @@ def two_layers(scene: Scene, ratio: float) -> SimulatedPoint:
 
 
 def stress_within(scene: Scene, exponent: float) -> SimulatedPoint:
-    """Modulus that grows with stress in every instant; reported: the secant at the largest peak."""
+    """Build a point whose modulus grows with the instantaneous stress.
+
+    The true modulus is the secant at the largest peak.
+    """
     response = scene.response()
     linear = scene.strike_all()
     reference = max(float(np.max(drop.plate_displacement)) for drop in linear)
     weight = (scene.plate_mass + scene.hammer_mass) * STANDARD_GRAVITY
-    # the weight at rest, and some interlocking that a pressure of 5 kPa stands for
+    # the static weight, and interlocking equivalent to a pressure of 5 kPa
     rest = (weight + 5e3 * math.pi * scene.radius**2) / response.static_stiffness
 
     def law() -> PowerLaw:
@@ -79,9 +82,9 @@ def stress_within(scene: Scene, exponent: float) -> SimulatedPoint:
 
 
 def stress_between(scene: Scene, exponent: float) -> SimulatedPoint:
-    """Linear ground in each drop, with a modulus (and viscosity) that follows its peak stress.
+    """Build a point of linear ground whose modulus and viscosity follow each drop's peak stress.
 
-    Every height is a finite-element run of its own.
+    Every height needs a finite-element run.
     """
     responses = []
     for height in scene.heights:
@@ -107,7 +110,7 @@ def _pressure(scene: Scene, drops: list[SimulatedDrop]) -> float:
 
 
 def hysteretic_unloading(scene: Scene, unrecovered: float) -> SimulatedPoint:
-    """The soil gives back less than it took, on a steeper path."""
+    """Build a point whose soil unloads on a steeper path and recovers only partly."""
     stiffness = scene.response().static_stiffness
     exponent = 1 + 4 * unrecovered
     drops = scene.strike_all(law=lambda: Hysteresis(stiffness, exponent, unrecovered))
@@ -116,7 +119,7 @@ def hysteretic_unloading(scene: Scene, unrecovered: float) -> SimulatedPoint:
 
 
 def permanent_set(scene: Scene, share: float) -> SimulatedPoint:
-    """The plate settles; `share` of the peak deflection stays, half as much with each drop more."""
+    """Build a point whose plate settles by `share` of the peak deflection, halved per drop."""
     linear = scene.strike_all()
     reference = max(float(np.max(drop.plate_displacement)) for drop in linear)
 
@@ -125,19 +128,19 @@ def permanent_set(scene: Scene, share: float) -> SimulatedPoint:
         return Indentation(share * reference * 0.5**number, force)
 
     drops = scene.strike_all(indentation=indentation)
-    left = [indentation(n).at(float(np.max(drop.contact_force))) for n, drop in enumerate(drops)]
-    return SimulatedPoint(scene.signals(drops), scene.modulus, {"set_m": left})
+    sets = [indentation(n).at(float(np.max(drop.contact_force))) for n, drop in enumerate(drops)]
+    return SimulatedPoint(scene.signals(drops), scene.modulus, {"set_m": sets})
 
 
 def plate_inertia(scene: Scene, extra: float) -> SimulatedPoint:
-    """The load cell sits above `extra` times the declared mass more than was declared."""
+    """Build a point with `extra` times the declared mass in addition below the load cell."""
     mass = extra * scene.plate_mass
     drops = scene.strike_all(plate_mass=scene.plate_mass + mass)
     return SimulatedPoint(scene.signals(drops), scene.modulus, {"mass_kg": mass})
 
 
 def rough_contact(scene: Scene, share: float) -> SimulatedPoint:
-    """Contact other than bonded: smooth, or only out to `share` of the radius where below 1."""
+    """Build a point with a smooth contact, or a contact out to `share` < 1 of the radius."""
     bonded = scene.response()
     if share < 1:
         response = scene.response(radius=share * scene.radius)
@@ -154,9 +157,9 @@ def rough_contact(scene: Scene, share: float) -> SimulatedPoint:
 
 
 def rebound(scene: Scene, flight: float) -> SimulatedPoint:
-    """The hammer's frame takes the plate along on its way up; it flies about `flight` seconds."""
+    """Build a point whose plate is lifted by the hammer's frame for about `flight` seconds."""
     weight = scene.plate_mass * STANDARD_GRAVITY
-    tug = 0.003  # s, of the pull
+    tug = 0.003  # duration of the pull, s
     linear = scene.strike_all()[0]
     loaded = np.flatnonzero(linear.load > 0.02 * np.max(linear.load))
     begin = float(linear.time[loaded[-1]])
@@ -177,7 +180,7 @@ def rebound(scene: Scene, flight: float) -> SimulatedPoint:
 
 
 def spring_rig(scene: Scene, damping: float) -> SimulatedPoint:
-    """Plate and frame on springs with a fraction `damping` of critical; no ground at all."""
+    """Build a point of plate and frame on springs (`damping` of critical) instead of ground."""
     stiffness = float(scene.device.uniform(8e6, 30e6))
     moving = scene.plate_mass * float(scene.device.uniform(1.0, 2.0))
     dashpot = 2 * damping * math.sqrt(stiffness * moving)
@@ -204,7 +207,7 @@ def spring_rig(scene: Scene, damping: float) -> SimulatedPoint:
 
 
 def load_shape(scene: Scene, asymmetry: float) -> SimulatedPoint:
-    """A pulse of worn buffers: steep front, long back and a hump, no half-sine."""
+    """Build a point with the pulse of worn buffers: a steep front, a long tail and a hump."""
     response = scene.response()
     steps = scene.samples
     force = worn_pulse(
@@ -216,7 +219,7 @@ def load_shape(scene: Scene, asymmetry: float) -> SimulatedPoint:
 
 
 def worn_pulse(time: Array, duration: float, asymmetry: float) -> Array:
-    """Half-sine whose time runs unevenly, with a hump of `asymmetry`/2 late in the pulse."""
+    """Return a half-sine with distorted time and a hump of `asymmetry`/2 late in the pulse."""
     phase = np.clip(time / duration, 0.0, 1.0)
     bent = phase ** (1 / (1 + asymmetry))
     pulse = np.sin(math.pi * bent) * (1 + asymmetry / 2 * np.sin(3 * math.pi * phase) ** 2)
@@ -224,9 +227,9 @@ def worn_pulse(time: Array, duration: float, asymmetry: float) -> Array:
 
 
 def false_trigger(scene: Scene, share: float) -> SimulatedPoint:
-    """No drop: somebody steps on the plate or the hammer bounces, `share` of the wanted load.
+    """Build a point whose last drop is a step on the plate or a bounce, with `share` of the load.
 
-    Several small bumps at irregular times; the last drop of a point with more than one.
+    It consists of small bumps at irregular times.
     """
     response = scene.response()
     steps = scene.samples

@@ -20,7 +20,7 @@ class Converter:
     """Noise and sampling of one record."""
 
     quantity: str
-    """`velocity` or `displacement`: what the sensor columns carry."""
+    """`velocity` or `displacement`, the quantity of the sensor columns."""
     noise: float
     """Root mean square over the peak of each channel."""
     colour: float
@@ -28,13 +28,13 @@ class Converter:
     decimation: int
     """Steps of the simulation per stored sample."""
     bits: int
-    """Of the converter, whose range is twice the peak to either side."""
+    """Bits of the converter, whose range is plus and minus twice the peak."""
 
     @classmethod
     def drawn(
         cls, generator: np.random.Generator, device: np.random.Generator, noise: float | None
     ) -> Converter:
-        """At random: the kind by the device, the noise by the point."""
+        """Draw a converter: its kind from the device, its noise from the point."""
         quantity = "velocity" if device.random() < 0.6 else "displacement"
         decimation = int(device.choice([2, 4, 4, 6]))
         bits = int(device.choice([14, 16, 24]))
@@ -43,7 +43,7 @@ class Converter:
         return cls(quantity, drawn if noise is None else noise, colour, decimation, bits)
 
     def noise_of(self, shape: tuple[int, ...], generator: np.random.Generator) -> Array:
-        """Unit noise along the last axis, white or autoregressive of first order."""
+        """Return unit noise along the last axis, white or autoregressive of first order."""
         settling = 60
         white = generator.standard_normal((*shape[:-1], shape[-1] + settling))
         size = math.sqrt(1 - self.colour**2)
@@ -51,17 +51,17 @@ class Converter:
         return coloured[..., settling:]
 
     def stored(self, signals: Signals, generator: np.random.Generator) -> tuple[Array, Array]:
-        """Time (n,) and table (1 + n_sensors, n) of load and sensors as they are stored."""
+        """Return time (n,) and table (1 + n_sensors, n) of load and sensors as stored."""
         origin = int(np.argmin(np.abs(signals.time)))
-        kept = slice(origin % self.decimation, None, self.decimation)
+        is_stored = slice(origin % self.decimation, None, self.decimation)
         sensors = signals.velocity if self.quantity == "velocity" else signals.displacement
-        table = np.vstack([signals.load, sensors])[:, kept]
+        table = np.vstack([signals.load, sensors])[:, is_stored]
         peaks = np.max(np.abs(table), axis=1, keepdims=True)
-        # sensors are alike: those far out see less motion with nearly the same noise
+        # all sensors have similar noise, although distant ones measure less motion
         peaks[1:] = np.sqrt(peaks[1:] * peaks[1])
         table = table + self.noise * peaks * self.noise_of(table.shape, generator)
         count = 4 * np.where(peaks > 0, peaks, 1.0) / 2**self.bits
-        return signals.time[kept], np.round(table / count) * count
+        return signals.time[is_stored], np.round(table / count) * count
 
 
 def write_signals(
@@ -72,7 +72,7 @@ def write_signals(
     converter: Converter,
     generator: np.random.Generator,
 ) -> None:
-    """Write the trace file of one point; the header is written as it is given."""
+    """Write the trace file of one point with a header."""
     unit = "velocity_m_s" if converter.quantity == "velocity" else "displacement_m"
     columns = ["drop", "time_s", "load_N", *(f"{unit}@{offset:.4f}" for offset in offsets)]
     with path.open("w", encoding="utf-8", newline="\n") as file:
@@ -83,6 +83,6 @@ def write_signals(
         file.write(",".join(columns) + "\n")
         for number, drop in enumerate(signals, start=1):
             time, table = converter.stored(drop, generator)
-            whole = np.column_stack([np.full(time.size, number), time, table.T])
+            rows = np.column_stack([np.full(time.size, number), time, table.T])
             formats = ["%d", "%.9g", "%.7g", *["%.9g"] * len(offsets)]
-            np.savetxt(file, whole, delimiter=",", fmt=formats)
+            np.savetxt(file, rows, delimiter=",", fmt=formats)

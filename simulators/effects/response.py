@@ -1,15 +1,16 @@
-r"""The answer of finite-element ground to one hat-shaped force, from which any drop can be built.
+r"""Response of finite-element ground to one hat-shaped force, from which any drop can be built.
 
 Ground and step rule are linear, so the displacement under a contact force that is linear between
 samples is, without any further approximation,
 
 .. math:: w(t_n) = \sum_{j=1}^{n} F_j \, k_{n-j+1}
 
-with :math:`k` the answer to a hat of height 1 N that rises over one sample and falls over the next.
-One finite-element run of a weightless plate thus serves every hammer, plate mass and non-linearity
-at the contact, see `simulators.effects.march`. The finite elements must step once per sample: then
-the march, whose plate obeys the same rule, is the finite-element march of ground and plate together
-and as stable as that one. With steps inside, the hat starts up too softly and the march explodes.
+with :math:`k` the response to a hat of height 1 N that rises over one sample and falls over the
+next. One finite-element run of a weightless plate thus serves every hammer, plate mass and contact
+nonlinearity, see `simulators.effects.march`. The finite elements must take one step per sample: the
+march, whose plate obeys the same rule, is then equivalent to finite elements of ground and plate
+together, and as stable. With internal steps the response starts too softly and the march is
+unstable.
 """
 
 from __future__ import annotations
@@ -28,24 +29,25 @@ from simulators.drop import DropSimulator, PrescribedLoad
 from simulators.finite_elements import effective_modulus
 from simulators.mesh import Array, Ground, Layer, Plate, Resolution, require
 
-TIME_STEP = 5e-5  # s; 160 samples in the shortest pulse
-DURATION = 0.075  # s
-SHORTEST_PULSE = 0.008  # s
-# The grid follows the shortest pulse, its outer part the longest: with an absorbing zone for 8 ms
-# alone the far sensors of a half-space are 2 to 5 % off, with twice of everything 0.1 to 0.3 %.
+RESPONSE_STEP_S = 5e-5  # s; 160 samples in the shortest pulse
+RESPONSE_DURATION_S = 0.075  # s
+MIN_PULSE_S = 0.008  # s
+# The grid resolves the shortest pulse, and its outer part absorbs the longest. With an absorbing
+# zone for 8 ms the errors of distant sensors on a half-space are 2 to 5 %, with this one 0.1 to 0.3
+# %.
 RESOLUTION = Resolution(undamped_wavelengths=1.5, damped_wavelengths=3.0, absorption=4.0)
 _CACHE_VERSION = 3
 
 
 @dataclass(frozen=True)
 class GroundResponse:
-    """Answers to a hat of 1 N on the plate, at the plate centre and at the offsets."""
+    """Response to a hat of 1 N on the plate, at the plate centre and at the offsets."""
 
     ground: Ground
     plate: Plate
     """Radius and contact; its mass is 0."""
     time_step: float
-    """Between samples, s; the hat is two steps wide."""
+    """Step between samples, s; the hat is two steps wide."""
     offsets: tuple[float, ...]
     """m from the plate centre; the first is 0, the plate itself."""
     displacement: Array
@@ -53,18 +55,18 @@ class GroundResponse:
     velocity: Array
     """(n_offsets, n) m/(s N)."""
     static_stiffness: float
-    """Force over displacement of the plate at rest, N/m; of constant-Q soil at its reference."""
+    """Static force over displacement of the plate, N/m; for constant-Q soil at its reference."""
     modulus: float
-    """Of the lowest layer, Pa; of constant-Q soil at its reference; where the modulus grows with
-    depth that of the uniform ground that is as stiff at rest."""
+    """Modulus of the lowest layer, Pa; for constant-Q soil at its reference; for a modulus that
+    grows with depth that of the uniform ground with the same static stiffness."""
 
     @cached_property
     def reversed_centre(self) -> Array:
-        """(n,) hat response of the plate from the last sample back, for the march."""
+        """(n,) hat response of the plate in reversed order, for the march."""
         return np.ascontiguousarray(self.displacement[0][::-1])
 
     def motion(self, force: Array) -> tuple[Array, Array]:
-        """Displacement (m) and velocity (m/s) at the offsets under a contact force.
+        """Return displacement (m) and velocity (m/s) at the offsets under a contact force.
 
         Parameters
         ----------
@@ -84,9 +86,9 @@ class GroundResponse:
         return self.displacement, self.velocity
 
     def rescaled(self, time: float, density: float) -> GroundResponse:
-        r"""The same answer in other units: exact for another modulus, viscosity and density.
+        r"""Return the response in other units, exact for another modulus, viscosity and density.
 
-        With all lengths kept, time multiplied by `time` and density by `density`, the modulus
+        With all lengths unchanged, time multiplied by `time` and density by `density`, the modulus
         becomes :math:`E \, density / time^2` and the viscosity
         :math:`\eta \, density / time`; the time step is multiplied by `time`.
         """
@@ -117,27 +119,27 @@ def ground_response(
     offsets: tuple[float, ...],
     *,
     contact: str = "rough",
-    duration: float = DURATION,
+    duration: float = RESPONSE_DURATION_S,
     cache: Path | None = None,
 ) -> GroundResponse:
-    """Finite-element answer of a ground to a hat of force on a weightless plate.
+    """Return the finite-element response of a ground to a hat of force on a weightless plate.
 
     Parameters
     ----------
     radius : of the plate, m
     offsets : distances of the sensors from the plate centre, m; the first is 0
     contact : `rough` or `smooth`
-    duration : of the answer, s
-    cache : folder where answers are kept between runs; none: not kept
+    duration : of the response, s
+    cache : folder where responses are stored between runs; None: not stored
     """
     require(offsets[:1] == (0.0,), "offsets", "the plate centre first", offsets)
     plate = Plate(radius, 0.0, "smooth" if contact == "smooth" else "rough")
-    key = repr((_CACHE_VERSION, ground, plate, offsets, duration, TIME_STEP, SHORTEST_PULSE))
+    key = repr((_CACHE_VERSION, ground, plate, offsets, duration, RESPONSE_STEP_S, MIN_PULSE_S))
     path = cache / f"{hashlib.sha256(key.encode()).hexdigest()[:24]}.npz" if cache else None
     if path is not None and path.is_file():
-        with np.load(path) as kept:
-            moved, speed = kept["moved"], kept["speed"]
-            stiffness, modulus = float(kept["stiffness"]), float(kept["modulus"])
+        with np.load(path) as stored:
+            moved, speed = stored["moved"], stored["speed"]
+            stiffness, modulus = float(stored["stiffness"]), float(stored["modulus"])
     else:
         moved, speed, stiffness = _run(ground, plate, offsets, duration)
         modulus = ground.layers[-1].modulus
@@ -148,16 +150,16 @@ def ground_response(
             part = path.with_suffix(".part.npz")
             np.savez(part, moved=moved, speed=speed, stiffness=stiffness, modulus=modulus)
             part.replace(path)
-    return GroundResponse(ground, plate, TIME_STEP, offsets, moved, speed, stiffness, modulus)
+    return GroundResponse(ground, plate, RESPONSE_STEP_S, offsets, moved, speed, stiffness, modulus)
 
 
 def _run(
     ground: Ground, plate: Plate, offsets: tuple[float, ...], duration: float
 ) -> tuple[Array, Array, float]:
     simulator = DropSimulator(
-        ground, plate, offsets, duration, TIME_STEP, SHORTEST_PULSE, RESOLUTION
+        ground, plate, offsets, duration, RESPONSE_STEP_S, MIN_PULSE_S, RESOLUTION
     )
-    hat = PrescribedLoad(TIME_STEP * np.arange(3.0), np.array([0.0, 1.0, 0.0]))
+    hat = PrescribedLoad(RESPONSE_STEP_S * np.arange(3.0), np.array([0.0, 1.0, 0.0]))
     require(simulator.substeps == 1, "substeps", "one step per sample", simulator.substeps)
     drop = simulator.run(hat)
     stiffness = simulator.model.static_stiffness()
@@ -172,7 +174,7 @@ def layered_ground(
     density: float,
     poisson_ratio: float,
 ) -> Ground:
-    """A top layer of `ratio` times the modulus (and viscosity) of the ground below, no base."""
+    """Return ground with a top layer of `ratio` times modulus and viscosity, without a base."""
     return stacked_ground(modulus, ((ratio, thickness),), viscosity, density, poisson_ratio)
 
 
@@ -183,7 +185,7 @@ def stacked_ground(
     density: float,
     poisson_ratio: float,
 ) -> Ground:
-    """Layers of given ratios and thicknesses, from the top down, on ground without a base."""
+    """Return layers (ratio and thickness, from the top down) on ground without a base."""
     layers = [
         Layer(modulus * ratio, viscosity * ratio, density, poisson_ratio, thickness)
         for ratio, thickness in above

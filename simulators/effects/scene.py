@@ -1,4 +1,4 @@
-"""One test point before anything happens to it: ground, plate, hammer, drops, sensors."""
+"""Test point without an effect: ground, plate, hammer, drops, sensors."""
 
 from __future__ import annotations
 
@@ -11,46 +11,46 @@ import numpy as np
 
 from simulators.drop import Hammer, PrescribedLoad, SimulatedDrop
 from simulators.effects.march import Indentation, Pull, SoilLaw, strike
-from simulators.effects.response import DURATION, GroundResponse, ground_response
+from simulators.effects.response import RESPONSE_DURATION_S, GroundResponse, ground_response
 from simulators.effects.signals import Signals, signals_of
 from simulators.mesh import Ground
 
 
 class Laboratory:
-    """Finite-element answers computed once and shared by all scenes.
+    """Finite-element responses, computed once and shared by all scenes.
 
     Parameters
     ----------
-    cache : folder where answers stay between runs; none: only as long as this object lives
+    cache : folder where responses are stored between runs; None: only in this object
     """
 
     def __init__(self, cache: Path | None = None) -> None:
         self.cache = cache
-        self._kept: dict[tuple[object, ...], GroundResponse] = {}
+        self._responses: dict[tuple[object, ...], GroundResponse] = {}
 
     def response(
         self, ground: Ground, radius: float, offsets: tuple[float, ...], contact: str = "rough"
     ) -> GroundResponse:
         """See `ground_response`."""
         key = (ground, radius, offsets, contact)
-        if key not in self._kept:
-            self._kept[key] = ground_response(
+        if key not in self._responses:
+            self._responses[key] = ground_response(
                 ground, radius, offsets, contact=contact, cache=self.cache
             )
-        return self._kept[key]
+        return self._responses[key]
 
 
 @dataclass(frozen=True)
 class Scene:
-    """One test point: what is there and what will be done."""
+    """Test point with its ground, device and drops."""
 
     laboratory: Laboratory
     site: Ground
     """Ground in the units of the finite-element run; see `time_scale`."""
     radius: float
-    """Of the plate, m."""
+    """Radius of the plate, m."""
     offsets: tuple[float, ...]
-    """Of the sensors, m; the first is 0."""
+    """Distances of the sensors from the plate centre, m; the first is 0."""
     plate_mass: float
     """Declared, kg."""
     hammer_mass: float
@@ -62,11 +62,11 @@ class Scene:
     heights: tuple[float, ...]
     """Speed of the hammer in each drop over that in the largest."""
     sensors: int
-    """How many of the offsets are recorded."""
+    """Number of recorded offsets."""
     generator: np.random.Generator = field(repr=False)
-    """For what belongs to the point."""
+    """Random numbers of the point."""
     device: np.random.Generator = field(repr=False)
-    """For what belongs to the device: starts alike on every point of a survey."""
+    """Random numbers of the device, the same on every point of a survey."""
     pre_trigger: float = 0.015
     """s."""
     time_scale: float = 1.0
@@ -77,7 +77,7 @@ class Scene:
     def response(
         self, site: Ground | None = None, contact: str = "rough", radius: float | None = None
     ) -> GroundResponse:
-        """Answer of this ground, or of another in the units of the finite-element run."""
+        """Return the response of this ground, or of another in the units of the finite elements."""
         raw = self.laboratory.response(
             site or self.site, radius or self.radius, self.offsets, contact
         )
@@ -85,14 +85,14 @@ class Scene:
 
     @property
     def ground(self) -> Ground:
-        """The ground as it is."""
+        """Ground in SI units."""
         return self.response().ground
 
     @property
     def modulus(self) -> float:
-        """See `GroundResponse.modulus`; of constant-Q soil |E*| at the pulse's frequency, Pa.
+        """Modulus as `GroundResponse.modulus`; for constant-Q soil |E*| at 1/(2 T0), Pa.
 
-        That frequency is 1/(2 T0), with T0 of the half-sine of equal peak and impulse.
+        T0 is the duration of the half-sine of equal peak and impulse.
         """
         response = self.response()
         law = response.ground.damping_law
@@ -104,24 +104,24 @@ class Scene:
 
     @property
     def peak_force(self) -> float:
-        """Load cell peak that the largest drop aims at, N."""
+        """Intended peak load of the largest drop, N."""
         return self.pressure * math.pi * self.radius**2
 
     @property
     def samples(self) -> int:
-        """Length of a record in steps of the finite elements."""
+        """Length of a record in time steps of the finite elements."""
         step = self.response().time_step
-        whole = round(DURATION * self.time_scale / step)
-        wanted = math.ceil((2.5 * self.hammer_pulse + 0.025) / step)
-        return min(wanted, whole)
+        available = round(RESPONSE_DURATION_S * self.time_scale / step)
+        required = math.ceil((2.5 * self.hammer_pulse + 0.025) / step)
+        return min(required, available)
 
     def hammer(self, velocity: float, gravity: float = 0.0) -> Hammer:
-        """The falling mass on its spring."""
+        """Return the hammer with its spring."""
         stiffness = self.hammer_mass * (math.pi / self.hammer_pulse) ** 2
         return Hammer(self.hammer_mass, stiffness, velocity, gravity)
 
     def velocity(self, response: GroundResponse, plate_mass: float) -> float:
-        """Speed of the hammer that gives the wanted peak on linear ground, m/s."""
+        """Return the speed of the hammer for the intended peak on linear ground, m/s."""
         drop = strike(response, plate_mass, self.hammer(1.0), self.samples)
         return self.peak_force / float(np.max(drop.load))
 
@@ -136,14 +136,14 @@ class Scene:
         pull: Pull | None = None,
         gravity: float = 0.0,
     ) -> list[SimulatedDrop]:
-        """Every drop of the point.
+        """Return all drops of the point.
 
         Parameters
         ----------
-        responses : of the ground, one per drop
-        plate_mass : true mass where it is not the declared one, kg
-        law : makes the soil of a drop
-        indentation : of drop 0, 1, ...
+        responses : responses of the ground, one per drop
+        plate_mass : true mass if it differs from the declared one, kg
+        law : returns the soil of a drop
+        indentation : returns the indentation of drop 0, 1, ...
         weight, pull, gravity : see `strike`
         """
         responses = responses or [self.response()] * len(self.heights)
@@ -164,33 +164,33 @@ class Scene:
         ]
 
     def signals(self, drops: Sequence[SimulatedDrop]) -> list[Signals]:
-        """Channels of the drops as ideal instruments would have them."""
+        """Return the channels of ideal instruments for the drops."""
         return [signals_of(drop, self.sensors, self.pre_trigger) for drop in drops]
 
 
 @dataclass(frozen=True)
 class SimulatedPoint:
-    """What a point became under an effect."""
+    """Test point with an effect."""
 
     signals: list[Signals]
     """One per drop."""
     modulus: float | None
-    """What a perfect reader would report, Pa; none: nothing to report."""
+    """Modulus that a perfect diagnosis reports, Pa; None: it reports none."""
     parameters: Mapping[str, float | list[float]]
     """True values of the effect, SI units in the names; the first is its `value`."""
     declared_depth: float | None = None
-    """Depth that the header states although it is wrong; none: the true one."""
+    """Wrong depth in the header, m; None: the true depth."""
     declared_radius: float | None = None
-    """The same for the plate."""
+    """Wrong plate radius in the header, m; None: the true radius."""
 
     def through(
         self, operator: Callable[[Signals], Signals], **parameters: float | list[float]
     ) -> SimulatedPoint:
-        """The same point seen through an operator on the channels."""
+        """Return the point with an operator applied to its channels."""
         changed = [operator(signals) for signals in self.signals]
         return replace(self, signals=changed, parameters={**self.parameters, **parameters})
 
 
 def undisturbed(scene: Scene) -> SimulatedPoint:
-    """The point without any effect."""
+    """Return the point without an effect."""
     return SimulatedPoint(scene.signals(scene.strike_all()), scene.modulus, {})

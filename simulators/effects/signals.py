@@ -13,7 +13,7 @@ from simulators.mesh import Array
 
 @dataclass(frozen=True)
 class Signals:
-    """What stands on the instrument's wires; downward positive."""
+    """Analogue signals of the channels; downward positive."""
 
     time: Array
     """(n,) s, 0 at the first touch, negative before."""
@@ -26,7 +26,7 @@ class Signals:
 
     @property
     def time_step(self) -> float:
-        """Between samples, s."""
+        """Step between samples, s."""
         return float(self.time[1] - self.time[0])
 
     @property
@@ -36,17 +36,17 @@ class Signals:
 
     @property
     def peak_load(self) -> float:
-        """N."""
+        """Largest load, N."""
         return float(np.max(self.load))
 
     def with_velocity(self, velocity: Array) -> Signals:
-        """Another velocity; the displacement is the old one plus the integral of the change."""
+        """Return signals with another velocity; the change is integrated into the displacement."""
         change = cumulative_trapezoid(velocity - self.velocity, dx=self.time_step, initial=0)
         return replace(self, velocity=velocity, displacement=self.displacement + change)
 
 
 def signals_of(drop: SimulatedDrop, sensors: int, pre_trigger: float) -> Signals:
-    """Channels of a drop, after a rest of `pre_trigger` seconds.
+    """Return the channels of a drop, preceded by `pre_trigger` seconds without motion.
 
     Parameters
     ----------

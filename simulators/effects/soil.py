@@ -1,8 +1,8 @@
-r"""Ground that is not linear: a static resistance that departs from the finite elements' one.
+r"""Nonlinear ground: its static resistance deviates from that of the finite elements.
 
-Waves and viscosity stay those of the linear ground; what changes is the restoring force near the
-plate, :math:`K w \to K r(w)`, with K the static stiffness of the finite elements (a spring with
-:math:`K (r(w) - w)` beside the linear ground). The peak of the largest drop is a fixed point,
+Waves and viscosity are those of the linear ground. The restoring force near the plate changes,
+:math:`K w \to K r(w)`, with K the static stiffness of the finite elements (a spring with :math:`K
+(r(w) - w)` beside the linear ground). The peak of the largest drop is a fixed point,
 :math:`r(w_{ref}) = w_{ref}`: there the secant modulus is the one of the finite elements.
 """
 
@@ -20,8 +20,8 @@ class PowerLaw:
     .. math:: r(w) = w_{ref} \frac{(w + w_0)^q - w_0^q}{(w_{ref} + w_0)^q - w_0^q},
         \qquad q = \frac{1}{1 - n}
 
-    with :math:`w_0` the displacement under the weight at rest. Above :math:`-w_0/2` only; further
-    up the tangent goes on.
+    with :math:`w_0` the displacement by the static weight, for :math:`w > -w_0/2`. Below that the
+    tangent continues.
     """
 
     stiffness: float
@@ -59,7 +59,7 @@ class PowerLaw:
 
 @dataclass
 class Hysteresis:
-    r"""Linear under growing load, on another path back.
+    r"""Linear loading, and unloading on another path.
 
     .. math:: r(w) = w_{max} \left( \frac{w - f w_{max}}{(1 - f) w_{max}} \right)^m
 
@@ -83,10 +83,10 @@ class Hysteresis:
         """r (m) and its slope."""
         if displacement >= self.largest:
             return displacement, 1.0
-        left = self.unrecovered * self.largest
-        share = (displacement - left) / (self.largest - left)
+        unrecovered = self.unrecovered * self.largest
+        share = (displacement - unrecovered) / (self.largest - unrecovered)
         if share <= 0:
-            return (displacement - left) / 4, 0.25
+            return (displacement - unrecovered) / 4, 0.25
         slope = self.exponent * share ** (self.exponent - 1) / (1 - self.unrecovered)
         return self.largest * share**self.exponent, slope
 
@@ -96,5 +96,5 @@ class Hysteresis:
         return self.stiffness * (value - displacement), self.stiffness * (slope - 1)
 
     def commit(self, displacement: float) -> None:
-        """The step ended here."""
+        """Accept the displacement at the end of a step."""
         self.largest = max(self.largest, displacement)

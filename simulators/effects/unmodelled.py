@@ -1,4 +1,4 @@
-"""Effects that no catalogue names: what a diagnosis should call unexplained, each as physics."""
+"""Effects outside the vocabulary of the diagnosis, which should report them as unexplained."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from simulators.mesh import Array
 def oscillator(
     force: Array, mass: float, damping: float, stiffness: float, time_step: float
 ) -> tuple[Array, Array]:
-    r"""Displacement and velocity of :math:`m \ddot x + c \dot x + k x = F`, from rest.
+    r"""Return displacement and velocity of :math:`m \ddot x + c \dot x + k x = F`, from rest.
 
     Newmark's rule with beta = 1/4 and gamma = 1/2; F is linear between samples.
     """
     h = time_step
     x, v = np.zeros((2, force.size))
     a = force[0] / mass
-    whole = mass + h / 2 * damping + h**2 / 4 * stiffness
+    effective_mass = mass + h / 2 * damping + h**2 / 4 * stiffness
     for n in range(1, force.size):
         x_free = x[n - 1] + h * v[n - 1] + h**2 / 4 * a
         v_free = v[n - 1] + h / 2 * a
-        a = (force[n] - damping * v_free - stiffness * x_free) / whole
+        a = (force[n] - damping * v_free - stiffness * x_free) / effective_mass
         x[n], v[n] = x_free + h**2 / 4 * a, v_free + h / 2 * a
     return x, v
 
 
 def mode(force: Array, frequency: float, damping: float, time_step: float) -> tuple[Array, Array]:
-    """The same with a static answer of 1 per unit force: frequency in Hz, fraction of critical."""
+    """Return the motion of an oscillator of unit static compliance (Hz, fraction of critical)."""
     omega = 2 * math.pi * frequency
     return oscillator(force, 1 / omega**2, 2 * damping / omega, 1.0, time_step)
 
 
 def plate_flexure(signals: Signals, frequency: float, damping: float, share: float) -> Signals:
-    """The plate bends: its centre rings in the first bending mode (150 to 300 Hz).
+    """Add the first bending mode of the plate (150 to 300 Hz) to the centre sensor.
 
     `share`: static deflection of the mode under the peak load over the peak deflection.
     """
@@ -46,7 +46,7 @@ def plate_flexure(signals: Signals, frequency: float, damping: float, share: flo
 
 
 def plate_rocking(signals: Signals, frequency: float, damping: float, share: float) -> Signals:
-    """A tilted plate rocks on its edge: a slow second mode (20 to 50 Hz) off the sensor's axis."""
+    """Add the rocking of a tilted plate on its edge (20 to 50 Hz) to the centre sensor."""
     return plate_flexure(signals, frequency, damping, share)
 
 
@@ -59,7 +59,7 @@ def _centre_moves(signals: Signals, moved: Array, speed: Array, share: float) ->
 
 
 def cable_crosstalk(signals: Signals, share: float, corner: float) -> Signals:
-    """The load's wire couples into the sensors' through the cable's capacitance.
+    """Add the load to the sensors, coupled through the capacitance of the cable.
 
     First-order high-pass of the load (corner in Hz, stepped by the trapezoidal rule), with `share`
     of the velocity's peak at the load's peak.
@@ -74,16 +74,16 @@ def cable_crosstalk(signals: Signals, share: float, corner: float) -> Signals:
 
 
 def time_base_error(signals: Signals, error: float) -> Signals:
-    """The converter's clock is slow by `error`: the stated times are too short by it.
+    """Shorten the stated times by `error`, as a slow clock of the converter does.
 
-    An instrument that integrates does so with the stated times.
+    Displacements are integrated with the stated times.
     """
     slower = replace(signals, time=signals.time / (1 + error))
     return replace(slower, displacement=signals.displacement / (1 + error))
 
 
 def gain_glitch(signals: Signals, time: float, share: float) -> Signals:
-    """An amplifier changes its range in the record: the gain steps by `share` at `time` (s)."""
+    """Increase the gain of the sensors by `share` at `time` (s), as a change of range does."""
     gain = 1 + share * (signals.time >= time)
     return signals.with_velocity(signals.velocity * gain)
 
@@ -91,19 +91,19 @@ def gain_glitch(signals: Signals, time: float, share: float) -> Signals:
 def passing_traffic(
     signals: Signals, amplitude: float, frequency: float, centre: float, width: float
 ) -> Signals:
-    """Ground vibration of a passing lorry: a burst (m/s, Hz) around a time, s."""
+    """Add the ground vibration of a passing lorry: a burst (m/s, Hz) around a time, s."""
     burst = np.exp(-(((signals.time - centre) / width) ** 2))
     wave = burst * np.sin(2 * math.pi * frequency * (signals.time - centre))
     return signals.with_velocity(signals.velocity + amplitude * wave)
 
 
 def load_cell_curvature(signals: Signals, share: float) -> Signals:
-    """A load cell overloaded once: it reads too much, by `share` at the peak, with the square."""
+    """Add a quadratic error of an overloaded load cell, `share` of the load at the peak."""
     return replace(signals, load=signals.load * (1 + share * signals.load / signals.peak_load))
 
 
 def loose_sensor(signals: Signals, frequency: float, damping: float) -> Signals:
-    """Every sensor stands on something soft: its case rings on it (hertz, fraction of critical).
+    """Add the ringing of sensor cases on a soft seat (Hz, fraction of critical).
 
     :math:`\\ddot x + 2 \\zeta \\omega (\\dot x - \\dot u) + \\omega^2 (x - u) = 0` for the case on
     a plate that moves by u; the sensor shows the case's velocity.
@@ -117,8 +117,8 @@ def loose_sensor(signals: Signals, frequency: float, damping: float) -> Signals:
 
 
 def lost_samples(signals: Signals, time: float, count: int) -> Signals:
-    """The sensors' converter misses samples at a time (s): what follows moves up to it."""
+    """Remove samples of the sensors at a time (s); the following samples move forward."""
     first = int(np.searchsorted(signals.time, time))
-    kept = np.delete(signals.velocity, slice(first, first + count), axis=1)
-    held = np.repeat(kept[:, -1:], count, axis=1)
-    return signals.with_velocity(np.concatenate([kept, held], axis=1))
+    remaining = np.delete(signals.velocity, slice(first, first + count), axis=1)
+    padding = np.repeat(remaining[:, -1:], count, axis=1)
+    return signals.with_velocity(np.concatenate([remaining, padding], axis=1))

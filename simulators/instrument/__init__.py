@@ -1,4 +1,4 @@
-"""A mock instrument: drops from finite elements, over a virtual serial port or TCP."""
+"""Simulated instrument: drops from finite elements, over a virtual serial port or TCP."""
 
 from simulators.instrument.endpoint import EndpointError
 from simulators.instrument.run import SimulatedInstrument, SimulateOptions, serve, simulate

@@ -1,4 +1,4 @@
-"""The instrument as a machine: bytes in, bytes out, simulated time; no port and no real clock."""
+"""Simulated instrument without port and real clock: bytes in, bytes out, simulated time."""
 
 from __future__ import annotations
 
@@ -37,58 +37,56 @@ from pfwd_device.wire.messages import (
     Stop,
     Trigger,
 )
-from simulators.instrument.calibration_store import StoredCalibration
 from simulators.instrument.faults import BadCable
-from simulators.instrument.keeping import DISARMED, Keeper, Ring, cut
 from simulators.instrument.language import LANGUAGES
+from simulators.instrument.memory import DISARMED, DropBuffer, Ring, StoredCalibration, split_block
 from simulators.instrument.scenario import Fault, Scenario
 from simulators.instrument.schedule import Knock
 from simulators.instrument.timeline import PAGE, Bench, Timeline
-from simulators.instrument.truth import drop_truth
 from simulators.instrument.units import UnitDrops, with_drawn_soil
 
-LONGEST_BLOCK = 0.005
-"""s of samples in a frame: one that is lost then hides a part of a pulse and never a whole one."""
-LONGEST_SHUNT = 10.0
-"""s after which the shunt goes off by itself: the host may be gone."""
-LOOK_AHEAD = 1.0
-"""s before a touch at which its drop has to have been computed; a turn of the loop is shorter."""
+MAX_BLOCK_S = 0.005
+"""Longest frame of samples, s; a lost frame then hides only part of a pulse."""
+MAX_SHUNT_S = 10.0
+"""Time after which the shunt is switched off without a command, s."""
+COMPUTE_AHEAD_S = 1.0
+"""Time before a touch at which its drop must have been computed, s; longer than one loop."""
 _STREAM = 7  # stream of random numbers
 
 
 @dataclass(slots=True)
 class _Stream:
-    """One run of the sampler."""
+    """Run of the sampler."""
 
     number: int
     began: float
-    """s of simulated time."""
+    """Simulated time at which it began, s."""
     origin: float
-    """s that were sampled in earlier streams."""
+    """Duration of all earlier streams, s."""
     timeline: Timeline
     first_drop: int
     end: int | None
     index: int = 0
-    """Of the next sample."""
+    """Index of the next sample."""
 
 
 class PortlessInstrument:
-    """A simulated instrument.
+    """Simulated instrument.
 
-    The caller hands over what the host sends (`receive`), lets time pass (`advance`), and takes
-    what is to be sent (`output`, `sent`).
+    The caller passes the bytes of the host (`receive`), advances the time (`advance`), and takes
+    the bytes to send (`output`, `sent`).
 
     Parameters
     ----------
     scenario : Scenario
     seed : int
     drops : int or None
-        How many; then comes the end. None: for ever.
+        Number of drops before the end; None: no end.
     overruns : bool
-        Whether samples are thrown away when nobody takes them; else they wait without limit, and
-        it is the caller who has to let no time pass.
+        True: samples are lost if nobody takes them. False: they wait without limit, and the caller
+        must stop the time.
     power_on : int, >= 0
-        Makes the stream numbers differ from those of the same instrument another time.
+        Seed of the stream numbers, to be different at every start of an instrument.
     """
 
     def __init__(
@@ -102,15 +100,15 @@ class PortlessInstrument:
         self.scenario = with_drawn_soil(scenario, seed)
         self._seed, self._last_drop, self._power_on = seed, drops, power_on
         settings = self.scenario.drops
-        given = settings.seating if drops is None else settings.seating[:drops]
-        self._bench = Bench(self.scenario, UnitDrops(self.scenario, (*given, 1.0)), seed)
+        seating = settings.seating if drops is None else settings.seating[:drops]
+        self._bench = Bench(self.scenario, UnitDrops(self.scenario, (*seating, 1.0)), seed)
         self._rate = self.scenario.device.sampling_rate
         self._language = LANGUAGES[self.scenario.link.dialect](self._rate)
         self._cable = BadCable(self.scenario.link, seed)
         self._overruns_on = overruns
         self._due = list(self.scenario.faults_of(*(k for k in Fault.KEYS if k != "knock")))
         self._starts = 0
-        self._drops_given = 0
+        self._drops_sent = 0
         self._truth: list[dict[str, Any]] = []
         self._sampled = 0.0
         self._bytes_per_sample = 3.0 * len(self.scenario.device.channels)
@@ -120,55 +118,55 @@ class PortlessInstrument:
         self._version = OLDEST_VERSION
         link = self.scenario.link
         longest = max(link.ring, 2 * link.kept_seconds if link.kept_drops else 0.0)
-        self._keeps = longest > 0
+        self._has_ring = longest > 0
         self._ring = Ring(math.ceil(longest * self._rate))
-        self._keeper = Keeper(link.kept_drops, self._shunt_shift())
+        self._drop_buffer = DropBuffer(link.kept_drops, self._shunt_shift())
         self._calibration = StoredCalibration()
         self.output = bytearray()
-        """What is to be sent; `sent` shortens it."""
+        """Bytes to send; `sent` removes them."""
         self.ended = False
-        """Whether everything has been said."""
+        """True after the last message."""
         self.unplugged: Fault | None = None
-        """The cable is to be pulled, once the host has what was sent; until `plug`."""
+        """Fault that unplugs the cable once the host has all bytes, until `plug`; or None."""
         self.time = 0.0
-        """s since the first switching on."""
+        """Time since the instrument was first switched on, s."""
         self._switch_on()
 
     def _switch_on(self) -> None:
         self._halt()
-        self._keeper.switched_off()
+        self._drop_buffer.switched_off()
         self._on_since = self.time
         self._clock_offset = self.scenario.device.clock_start_us
         self._overruns = 0
         self._shunt, self._shunt_until = False, math.inf
         self._stalled_until = -math.inf
-        if self._keeper.trigger.on:  # what was armed outlasts a reset
+        if self._drop_buffer.trigger.on:  # the trigger outlasts a reset
             self._run()
 
     @property
     def sampling(self) -> bool:
-        """Whether samples are being made."""
+        """True while the sampler runs."""
         return self._stream is not None
 
     @property
     def stalled(self) -> bool:
-        """Whether it keeps silent although it has something to say."""
+        """True while a fault keeps it from sending."""
         return self.time < self._stalled_until
 
     @property
     def ready(self) -> bool:
-        """Whether time can pass without waiting for a drop that is still being computed."""
-        stream, number = self._stream, self._drops_given + 1
+        """True if time can advance without waiting for a drop that is still being computed."""
+        stream, number = self._stream, self._drops_sent + 1
         if stream is None or (self._last_drop is not None and number > self._last_drop):
             return True
-        left = stream.timeline.touch(number) - stream.index / self._rate
-        soon = left < LOOK_AHEAD + PAGE / self._rate
+        remaining = stream.timeline.touch(number) - stream.index / self._rate
+        soon = remaining < COMPUTE_AHEAD_S + PAGE / self._rate
         return not soon or self._bench.ready(self._bench.schedule.modulus_factor(number))
 
-    # What the host does
+    # Actions of the host
 
     def connect(self) -> None:
-        """Somebody listens."""
+        """Connect a host."""
         if not self._greeted:
             self._greeted = True
             self.output += self._cable.garbage(self.scenario.link.garbage_at_start)
@@ -176,17 +174,19 @@ class PortlessInstrument:
             self._start()
 
     def disconnect(self) -> None:
-        """Nobody listens any more: sampling stops unless it looks for drops itself, and what was
-        not taken is gone."""
+        """Disconnect the host: bytes that it did not take are lost.
+
+        Sampling stops unless the instrument detects drops itself.
+        """
         self._sending = False
-        if not self._keeper.trigger.on:
+        if not self._drop_buffer.trigger.on:
             self._halt()
         self._cable.release()
         self.output.clear()
-        self.ended = self.ended or self._all_given()
+        self.ended = self.ended or self._all_drops_sent()
 
     def receive(self, data: bytes) -> None:
-        """The host said this."""
+        """Receive bytes of the host."""
         for message in self._language.receive(data):
             self._answer(message)
 
@@ -205,15 +205,15 @@ class PortlessInstrument:
                     self._start()
             case Stop():
                 self._sending = False
-                if not self._keeper.trigger.on:
+                if not self._drop_buffer.trigger.on:
                     self._halt()
                 self.status()
-                if self._all_given() and not self.ended:  # a host that has what it wanted
-                    self._say_end()
+                if self._all_drops_sent() and not self.ended:  # the host has all drops
+                    self._send_end()
             case Shunt():
                 self._switch_shunt(message.on)
             case Arm() | Fetch() | Acknowledge() | Resend() if self._version >= BUFFERS_SINCE:
-                self._answer_kept(message)
+                self._answer_buffer_request(message)
             case Calibrate() if self._version >= BUFFERS_SINCE:
                 self._calibrate(message)
             case _:
@@ -227,16 +227,16 @@ class PortlessInstrument:
             return
         self._version = newest
         self._send(self._identity())
-        self._keeper.offer_oldest()
+        self._drop_buffer.offer_oldest()
         self._offer()
 
     def _identity(self) -> Identity:
-        link, said = self.scenario.link, self.scenario.device.identity(self._rate)
-        said = replace(self._calibration.applied(said), protocol_version=self._version)
+        link, identity = self.scenario.link, self.scenario.device.identity(self._rate)
+        identity = replace(self._calibration.applied(identity), protocol_version=self._version)
         if self._version < BUFFERS_SINCE:
-            return said
+            return identity
         return replace(
-            said,
+            identity,
             ring_samples=round(link.ring * self._rate),
             drop_samples=round(link.kept_seconds * self._rate) if link.kept_drops else 0,
             drop_slots=link.kept_drops,
@@ -244,75 +244,75 @@ class PortlessInstrument:
             streams=link.streams,
         )
 
-    def _answer_kept(self, message: Arm | Fetch | Acknowledge | Resend) -> None:
+    def _answer_buffer_request(self, message: Arm | Fetch | Acknowledge | Resend) -> None:
         match message:
             case Arm():
                 self._arm(message.trigger)
             case Fetch():
-                kept = self._keeper.find(message.stream, message.first_sample)
-                blocks = kept.blocks(message) if kept is not None else []
+                drop = self._drop_buffer.find(message.stream, message.first_sample)
+                blocks = drop.blocks(message) if drop is not None else []
                 if not blocks:
                     self._refuse(RefusalCode.ARGUMENT, "no such drop or block")
                 for block in blocks:
                     self._send(block)
             case Acknowledge():
-                self._keeper.release(message.stream, message.first_sample)
+                self._drop_buffer.release(message.stream, message.first_sample)
                 self._send(Released(message.stream, message.first_sample))
                 self._offer()
             case Resend(count=0):
                 self._refuse(RefusalCode.ARGUMENT, "no samples asked for")
             case Resend():
-                for found in self._ring.again(message):
+                for stored in self._ring.find_samples(message):
                     for part in (
-                        [found]
-                        if isinstance(found, SamplesGone)
-                        else cut(found, self._block_samples())
+                        [stored]
+                        if isinstance(stored, SamplesGone)
+                        else split_block(stored, self._block_samples())
                     ):
                         self._send(part)
 
-    def _arm(self, wanted: Trigger) -> None:
+    def _arm(self, trigger: Trigger) -> None:
         longest = self._identity().drop_samples
-        sound = wanted.channel < len(self.scenario.device.channels) and (
-            wanted.threshold and wanted.confirm and wanted.after
+        sound = trigger.channel < len(self.scenario.device.channels) and (
+            trigger.threshold and trigger.confirm and trigger.after
         )
-        if not sound or (wanted.on and longest == 0):
+        if not sound or (trigger.on and longest == 0):
             self._refuse(RefusalCode.ARGUMENT, "channel, threshold, confirm or after")
             return
-        after = min(wanted.after, longest)
-        before = min(wanted.before, longest - after)
-        self._keeper.trigger = replace(wanted, before=before, after=after)
-        self._send(Armed(self._keeper.trigger))
-        if wanted.on and self._stream is None and not self.ended:
+        after = min(trigger.after, longest)
+        before = min(trigger.before, longest - after)
+        self._drop_buffer.trigger = replace(trigger, before=before, after=after)
+        self._send(Armed(self._drop_buffer.trigger))
+        if trigger.on and self._stream is None and not self.ended:
             self._run()
-        elif not wanted.on and not self._sending:
+        elif not trigger.on and not self._sending:
             self._halt()
 
-    def _calibrate(self, wanted: Calibrate) -> None:
+    def _calibrate(self, request: Calibrate) -> None:
         try:
-            stored = self._calibration.with_one_more(wanted, self._identity())
+            stored = self._calibration.with_channel(request, self._identity())
         except SetupError as err:
             self._refuse(RefusalCode.ARGUMENT, str(err)[:255])
             return
-        if self._sending or self._shunt or self._keeper.busy:
+        if self._sending or self._shunt or self._drop_buffer.busy:
             self._refuse(RefusalCode.BUSY, "stop sampling, switch off the shunt, fetch what waits")
             return
         self._calibration = stored
         self._send(self._identity())
 
     def _offer(self) -> None:
-        """Say that a drop waits."""
-        if self._version >= BUFFERS_SINCE and (offer := self._keeper.next_offer()) is not None:
+        """Offer a waiting drop to the host."""
+        if self._version >= BUFFERS_SINCE and (offer := self._drop_buffer.next_offer()) is not None:
             self._send(offer)
 
-    def _configure(self, wanted: float) -> None:
+    def _configure(self, requested_rate: float) -> None:
         if self._sending:
             self._refuse(RefusalCode.BUSY, "stop sampling first")
-        elif not 0 < wanted <= FASTEST_SAMPLING:  # NaN is neither
-            self._refuse(RefusalCode.ARGUMENT, f"no sampling rate of {wanted:g} Hz")
+        elif not 0 < requested_rate <= FASTEST_SAMPLING:  # false for NaN too
+            self._refuse(RefusalCode.ARGUMENT, f"no sampling rate of {requested_rate:g} Hz")
         else:
             rates = self.scenario.device.sampling_rates
-            self._rate = min(rates, key=lambda rate: (abs(rate - wanted), rate))
-            self._keeper.trigger = DISARMED
+            self._rate = min(rates, key=lambda rate: (abs(rate - requested_rate), rate))
+            self._drop_buffer.trigger = DISARMED
             self._halt()
             self._send(self._identity())
 
@@ -321,7 +321,7 @@ class PortlessInstrument:
             self._refuse(RefusalCode.ARGUMENT, "there is no shunt")
             return
         self._shunt = on
-        self._shunt_until = self.time + LONGEST_SHUNT
+        self._shunt_until = self.time + MAX_SHUNT_S
         self._event(EventKind.SHUNT_ON if on else EventKind.SHUNT_OFF)
 
     def _watch_shunt(self) -> None:
@@ -335,15 +335,15 @@ class PortlessInstrument:
         self._sending = False
 
     def _start(self) -> None:
-        if not self._keeper.trigger.on or self._stream is None:
+        if not self._drop_buffer.trigger.on or self._stream is None:
             self._run()
         self._sending = True
 
     def _run(self) -> None:
-        """A new run of the sampler."""
+        """Begin a new run of the sampler."""
         self._halt()
         self._ring.begin()
-        self._keeper.begin()
+        self._drop_buffer.begin()
         self._starts += 1
         sources = [self._seed, _STREAM, self._starts, self._power_on]
         number = int(np.random.default_rng(sources).integers(1 << 32))
@@ -351,7 +351,7 @@ class PortlessInstrument:
             Knock(fault.at_s - self._sampled, fault.load)
             for fault in self.scenario.faults_of("knock")
         )
-        first = self._drops_given + 1
+        first = self._drops_sent + 1
         timeline = Timeline(self._bench, self._rate, first, self._last_drop, knocks)
         end = timeline.end_index()
         self._stream = _Stream(number, self.time, self._sampled, timeline, first, end)
@@ -359,7 +359,7 @@ class PortlessInstrument:
     # Time
 
     def advance(self, seconds: float) -> None:
-        """Simulated time passes; stops early when the cable is to be pulled."""
+        """Advance the simulated time; stops early if the cable is to be unplugged."""
         until = self.time + seconds
         while self._stream is not None and self.unplugged is None:
             stream = self._stream
@@ -375,7 +375,7 @@ class PortlessInstrument:
                     self.time = max(self.time, stream.began + stream.index / self._rate)
                     self._happen(self._due.pop(0))
                     continue
-                stop = min(stop, at)  # blocks are cut where something happens
+                stop = min(stop, at)  # a block ends where a fault happens
             if stream.began + stop / self._rate > until + 1e-9:
                 break
             self.time = max(self.time, stream.began + stream.index / self._rate)
@@ -386,7 +386,7 @@ class PortlessInstrument:
             self._watch_shunt()
 
     def pass_unplugged(self, seconds: float) -> None:
-        """Time passes without a cable: what is sampled meanwhile is lost."""
+        """Advance the time without a cable; samples in that time are lost."""
         self.time += seconds
         stream = self._stream
         if stream is not None:
@@ -395,7 +395,7 @@ class PortlessInstrument:
             self._skip(stream, max(0, index - stream.index))
 
     def plug(self) -> None:
-        """The cable is in again; without power meanwhile the instrument begins anew."""
+        """Plug the cable in again; after a loss of power the instrument restarts."""
         fault, self.unplugged = self.unplugged, None
         self._cable.release()
         self.output.clear()
@@ -404,12 +404,12 @@ class PortlessInstrument:
             self._event(EventKind.BOOT)
 
     def _block_samples(self) -> int:
-        most = MAX_SAMPLE_BYTES // (3 * len(self.scenario.device.channels))
-        wanted = self.scenario.link.block_samples or math.ceil(LONGEST_BLOCK * self._rate)
-        return min(wanted, most)
+        max_samples = MAX_SAMPLE_BYTES // (3 * len(self.scenario.device.channels))
+        samples = self.scenario.link.block_samples or math.ceil(MAX_BLOCK_S * self._rate)
+        return min(samples, max_samples)
 
     def _emit(self, stream: _Stream, stop: int) -> None:
-        """The samples before `stop`, or their loss when there is no room."""
+        """Emit the samples before `stop`, or lose them if there is no room."""
         room = self.scenario.link.buffer * self._rate * self._bytes_per_sample
         if self._overruns_on and self._sending and len(self.output) > room:
             self._overruns += stop - stream.index
@@ -425,9 +425,9 @@ class PortlessInstrument:
             self._bytes_per_sample = len(frame) / len(counts)
             self.output += self._cable.carry(frame)
         self._skip(stream, stop - stream.index)
-        if self._keeps:
+        if self._has_ring:
             self._ring.add(block)
-            if self._keeper.take(block, self._ring, self._rate):
+            if self._drop_buffer.take(block, self._ring, self._rate):
                 self._offer()
 
     def _skip(self, stream: _Stream, count: int) -> None:
@@ -439,36 +439,36 @@ class PortlessInstrument:
         return np.clip(counts + self._shunt_shift(), -full, full - 1)
 
     def _shunt_shift(self) -> NDArray[np.int32]:
-        """Counts that the shunt adds."""
+        """Return the counts that the shunt adds."""
         device = self.scenario.device
         full = 1 << (device.adc_bits - 1)
         volts = [channel.sensitivity * (channel.shunt or 0.0) for channel in device.channels]
         return np.rint(np.array(volts) * full / device.adc_range).astype(np.int32)
 
     def _note_drops(self, stream: _Stream) -> None:
-        """Keep the truth of the drops that have been touched."""
-        while self._last_drop is None or self._drops_given < self._last_drop:
-            number = self._drops_given + 1
+        """Store the true values of the drops that have begun."""
+        while self._last_drop is None or self._drops_sent < self._last_drop:
+            number = self._drops_sent + 1
             index = stream.timeline.touch_index(number)
             if index >= stream.index:
                 break
-            self._drops_given = number
+            self._drops_sent = number
             where = {
                 "stream": stream.number,
                 "touch_sample": index,
                 "touch_s": stream.timeline.touch(number),
             }
-            self._truth.append({**drop_truth(self._bench, number), **where})
+            self._truth.append({**self._bench.truth(number), **where})
 
     def _end(self, stream: _Stream) -> None:
         self.time = stream.began + stream.index / self._rate
         self._halt()
-        self._say_end()
+        self._send_end()
 
-    def _all_given(self) -> bool:
-        return self._last_drop is not None and self._drops_given >= self._last_drop
+    def _all_drops_sent(self) -> bool:
+        return self._last_drop is not None and self._drops_sent >= self._last_drop
 
-    def _say_end(self) -> None:
+    def _send_end(self) -> None:
         self._event(EventKind.END)
         self.output += self._cable.release()
         self.ended = True
@@ -503,21 +503,21 @@ class PortlessInstrument:
             case "low-battery":
                 self._event(EventKind.LOW_BATTERY)
 
-    # What the instrument says
+    # Messages of the instrument
 
     def status(self) -> None:
-        """Say how it is; to be called at least every half second of real time."""
+        """Send a status; to be called at least every half second of real time."""
         device = self.scenario.device
         clock = self._clock_us(self.time)
-        said = Status(clock, device.battery, device.temperature, self._overruns, self._sending)
+        status = Status(clock, device.battery, device.temperature, self._overruns, self._sending)
         if self._version >= BUFFERS_SINCE:
-            kept = self._keeper
-            said = replace(said, drops_waiting=len(kept.waiting), drops_lost=kept.lost)
-        self._send(said)
+            buffer = self._drop_buffer
+            status = replace(status, drops_waiting=len(buffer.waiting), drops_lost=buffer.lost)
+        self._send(status)
         self._offer()
 
     def sent(self, count: int) -> None:
-        """So many bytes of `output` are on their way."""
+        """Remove bytes from `output` that have been sent."""
         del self.output[:count]
 
     def _clock_us(self, time: float) -> int:
@@ -533,8 +533,8 @@ class PortlessInstrument:
     def _send(self, message: InstrumentMessage) -> None:
         self.output += self._cable.carry(self._language.frame(message), samples=False)
 
-    # What nobody on the wire is told
+    # True values, which are not sent
 
     def truth(self) -> list[dict[str, Any]]:
-        """What was simulated in each drop so far; SI units, units in the names."""
+        """Return the true values of each drop so far; SI units, units in the names."""
         return list(self._truth)

@@ -1,7 +1,7 @@
-"""Where a host connects: a virtual serial port, or a TCP port.
+"""Endpoint for a host: a virtual serial port or a TCP port.
 
-Nothing here blocks but `wait`. `connected` tells whether a host holds the port open: on a virtual
-serial port the kernel reports a hang-up for as long as nobody does.
+Only `wait` blocks. `connected` is true while a host holds the port open; on a virtual serial port
+the kernel reports a hang-up while no host does.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from simulators.mesh import SimulationError
 
 READ_SIZE = 65_536
 QUIET_TIME = 0.1
-"""s for which nothing may be unread: bytes pass through a queue of the kernel before they count as
-readable."""
+"""Time without unread bytes after which all are read, s: the kernel queues bytes before they count
+as readable."""
 
 
 class EndpointError(SimulationError, OSError):
-    """A port cannot be offered."""
+    """Port that cannot be opened for hosts."""
 
 
 class Endpoint(Protocol):
-    """A place where a host can connect."""
+    """Port to which a host can connect."""
 
     url: str
-    """What the host opens."""
+    """URL for the host."""
     visits: int
-    """How many hosts have come so far: one may follow the other before anybody looks."""
+    """Number of connections so far; a second host may connect between two calls."""
 
     @property
     def connected(self) -> bool:
-        """Whether a host is there; notices those who come and go."""
+        """True while a host is connected; accepts a new one."""
         ...
 
     def wait(self, seconds: float, writing: bool) -> None:
@@ -43,40 +43,40 @@ class Endpoint(Protocol):
         ...
 
     def read(self) -> bytes:
-        """What has come, perhaps nothing."""
+        """Return the received bytes, perhaps none."""
         ...
 
     def write(self, data: bytes | bytearray | memoryview) -> int:
-        """Send what there is room for and return how much that was."""
+        """Send as many bytes as there is room for, and return their number."""
         ...
 
     def drained(self) -> bool:
-        """Whether the host has read everything that was written, as far as can be known."""
+        """Return whether the host has read all written bytes, as far as can be known."""
         ...
 
     def finish(self) -> None:
-        """Say that nothing more will come, to this host or another."""
+        """End the transmission to this host and refuse others."""
         ...
 
     def unplug(self) -> None:
-        """Pull the cable."""
+        """Unplug the cable."""
         ...
 
     def plug(self) -> None:
-        """Put it in again: the same URL works anew."""
+        """Plug the cable in again; the URL stays valid."""
         ...
 
     def close(self) -> None:
-        """Leave nothing behind."""
+        """Close the port and remove its files."""
         ...
 
 
 class TcpEndpoint:
-    """A TCP port that takes one host at a time.
+    """TCP port for one host at a time.
 
     Parameters
     ----------
-    host, port : where to listen; port 0: any that is free
+    host, port : address; port 0: any free port
     """
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
@@ -86,8 +86,8 @@ class TcpEndpoint:
         self.visits = 0
         self._finished = False
         self.plug()
-        shown = f"[{host}]" if ":" in host else host
-        self.url = f"socket://{shown}:{self._address[1]}"
+        bracketed = f"[{host}]" if ":" in host else host
+        self.url = f"socket://{bracketed}:{self._address[1]}"
 
     @property
     def connected(self) -> bool:
@@ -119,7 +119,7 @@ class TcpEndpoint:
             return b""
         except OSError:
             data = b""
-        if not data:  # it has closed
+        if not data:  # the host has closed
             self._drop_peer()
         return data
 
@@ -136,7 +136,7 @@ class TcpEndpoint:
             return 0
 
     def drained(self) -> bool:
-        """See `Endpoint`: the peer has everything when it closes after having been told."""
+        """See `Endpoint`: the peer has all bytes when it closes after the end of transmission."""
         return self._peer is None
 
     def finish(self) -> None:
@@ -158,7 +158,7 @@ class TcpEndpoint:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         listener = socket.socket(family, socket.SOCK_STREAM)
         try:
-            if os.name == "posix":  # elsewhere it would let two programs share the port
+            if os.name == "posix":  # on Windows two programs could share the port
                 listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             listener.bind((host, port))
             listener.listen(1)

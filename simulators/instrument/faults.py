@@ -1,4 +1,4 @@
-"""What a bad cable does to frames and bytes, reproducibly."""
+"""Reproducible damage of frames and bytes by a bad cable."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ _FRAMES, _BYTES, _GARBAGE = 4, 5, 6  # streams of random numbers
 
 
 class BadCable:
-    """Loses, repeats and reorders frames, and flips bits of what is left.
+    """Cable that loses, repeats and reorders frames, and flips bits of the others.
 
-    Whole frames first, then bytes, as in a cable behind a driver with a queue. Which frame and
-    which byte are hit depends on their number since the start alone, not on how bytes are cut.
+    Frames are damaged before bytes, as in a cable behind a driver with a queue. The damaged frames
+    and bytes depend only on their number since the start, not on the division into blocks.
 
     Parameters
     ----------
     settings : LinkSettings
-        The rates.
+        Settings with the rates.
     seed : int
     """
 
@@ -28,33 +28,33 @@ class BadCable:
         self._bytes = np.random.default_rng([seed, _BYTES])
         self._garbage = np.random.default_rng([seed, _GARBAGE])
         self._rates = (settings.lost_rate, settings.repeated_rate, settings.reordered_rate)
-        self._held = b""
-        self._due: dict[str, int] = {}
-        self._until_error = self._gap()
+        self._delayed_frame = b""
+        self._ordered_counts: dict[str, int] = {}
+        self._until_error = self._bytes_to_next_error()
 
     def order(self, kind: str, count: int) -> None:
-        """Do this to the next frames of samples: `lost`, `repeated`, `reordered`, `bit-errors`."""
-        self._due[kind] = self._due.get(kind, 0) + count
+        """Damage the next frames of samples: `lost`, `repeated`, `reordered`, `bit-errors`."""
+        self._ordered_counts[kind] = self._ordered_counts.get(kind, 0) + count
 
     def garbage(self, count: int) -> bytes:
-        """Random bytes."""
+        """Return random bytes."""
         return self._garbage.bytes(count)
 
     def carry(self, frame: bytes, samples: bool = True) -> bytes:
-        """The bytes that come out at the other end when this frame is sent.
+        """Return the bytes that arrive when a frame is sent.
 
         Parameters
         ----------
         samples : bool
-            Whether the frame holds samples: others are spared by `order`, not by the rates.
+            True if the frame contains samples; `order` affects only such frames.
         """
         if not frame:
             return b""
-        kind = self._ordered() if samples else ""
+        kind = self._next_ordered() if samples else ""
         if not kind and any(self._rates):
-            kind = self._drawn()
+            kind = self._draw_fault()
         if kind == "bit-errors":
-            frame = self._flip(frame, self._due.pop("bit-errors"))
+            frame = self._flip(frame, self._ordered_counts.pop("bit-errors"))
         out = b""
         match kind:
             case "lost":
@@ -62,46 +62,46 @@ class BadCable:
             case "repeated":
                 out = frame + frame
             case "reordered":
-                if self._held:
+                if self._delayed_frame:
                     out = frame
                 else:
-                    self._held = frame
+                    self._delayed_frame = frame
             case _:
                 out = frame
-        if out and self._held:
-            out, self._held = out + self._held, b""
-        return self.wear(out)
+        if out and self._delayed_frame:
+            out, self._delayed_frame = out + self._delayed_frame, b""
+        return self.flip_bits(out)
 
-    def wear(self, data: bytes) -> bytes:
-        """The same bytes with the errors that the rate brings."""
+    def flip_bits(self, data: bytes) -> bytes:
+        """Return the bytes with bits flipped at the error rate."""
         if self._until_error is None:
             return data
         if self._until_error >= len(data):
             self._until_error -= len(data)
             return data
-        worn = bytearray(data)
+        damaged = bytearray(data)
         place = self._until_error
-        while place < len(worn):
-            worn[place] ^= 1 << int(self._bytes.integers(8))
-            place += 1 + (self._gap() or 0)
-        self._until_error = place - len(worn)
-        return bytes(worn)
+        while place < len(damaged):
+            damaged[place] ^= 1 << int(self._bytes.integers(8))
+            place += 1 + (self._bytes_to_next_error() or 0)
+        self._until_error = place - len(damaged)
+        return bytes(damaged)
 
     def release(self) -> bytes:
-        """A frame that still waits for its follower: there is none."""
-        out, self._held = self._held, b""
-        return self.wear(out)
+        """Return the delayed frame, which has no successor."""
+        out, self._delayed_frame = self._delayed_frame, b""
+        return self.flip_bits(out)
 
-    def _ordered(self) -> str:
-        if self._due.get("bit-errors"):
+    def _next_ordered(self) -> str:
+        if self._ordered_counts.get("bit-errors"):
             return "bit-errors"
         for kind in ("lost", "repeated", "reordered"):
-            if self._due.get(kind):
-                self._due[kind] -= 1
+            if self._ordered_counts.get(kind):
+                self._ordered_counts[kind] -= 1
                 return kind
         return ""
 
-    def _drawn(self) -> str:
+    def _draw_fault(self) -> str:
         draw = float(self._frames.uniform())
         for kind, rate in zip(("lost", "repeated", "reordered"), self._rates, strict=True):
             if draw < rate:
@@ -110,14 +110,14 @@ class BadCable:
         return ""
 
     def _flip(self, frame: bytes, count: int) -> bytes:
-        """Different bits of one frame, flipped."""
-        worn = bytearray(frame)
+        """Return a frame with different bits flipped."""
+        damaged = bytearray(frame)
         bits = self._bytes.choice(8 * len(frame), min(count, 8 * len(frame)), replace=False)
         for bit in bits.tolist():
-            worn[bit // 8] ^= 1 << bit % 8
-        return bytes(worn)
+            damaged[bit // 8] ^= 1 << bit % 8
+        return bytes(damaged)
 
-    def _gap(self) -> int | None:
-        """Whole bytes before the next that is hit."""
+    def _bytes_to_next_error(self) -> int | None:
+        """Return the number of intact bytes before the next error."""
         rate = self._settings.bit_error_rate
         return int(self._bytes.geometric(rate)) - 1 if rate > 0 else None

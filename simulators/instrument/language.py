@@ -1,7 +1,7 @@
-"""The dialects from the instrument's side: messages to frames, bytes to messages.
+"""Dialects on the side of the instrument: messages to frames, bytes to messages.
 
-By the names that setup files have for them. A dialect is simulated when it has an entry in
-``LANGUAGES``; it need not be.
+``LANGUAGES`` contains the simulated dialects by the names that setup files use. Not every dialect
+is simulated.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from pfwd_device.wire.binary import BinaryInstrumentEnd, encode_message
 from pfwd_device.wire.messages import HostMessage, InstrumentMessage, SampleBlock
 
 CLOCK_PERIOD_US = 1 << 32
-"""The clock of the ASCII dialect begins again after so many microseconds."""
+"""Period of the clock of the ASCII dialect, microseconds."""
 
 
 class Language(Protocol):
-    """How an instrument says things, and whether it listens."""
+    """Encoder and decoder of a simulated instrument."""
 
     starts_by_itself: bool
-    """Whether it streams as soon as somebody listens."""
+    """True if the instrument streams as soon as a host connects."""
 
     def receive(self, data: bytes) -> list[HostMessage | None]:
-        """What the host said; None: something that means nothing to this instrument."""
+        """Return the messages of the host; None: a message unknown to the instrument."""
         ...
 
     def frame(self, message: InstrumentMessage) -> bytes:
-        """The bytes that say it; empty when the dialect has no word for it."""
+        """Return the bytes of a message; empty if the dialect does not have it."""
         ...
 
 
 class BinaryLanguage:
-    """The binary protocol."""
+    """Binary protocol."""
 
     starts_by_itself = False
 
@@ -56,7 +56,7 @@ class BinaryLanguage:
 
 
 class AsciiLanguage:
-    """Lines `t_us,load,g0,...` without greeting, deaf."""
+    """Lines `t_us,load,g0,...` without greeting; messages of the host are ignored."""
 
     starts_by_itself = True
 
@@ -64,11 +64,11 @@ class AsciiLanguage:
         self._rate = sampling_rate
 
     def receive(self, data: bytes) -> list[HostMessage | None]:
-        """Nothing, whatever is said."""
+        """Ignore all messages."""
         return []
 
     def frame(self, message: InstrumentMessage) -> bytes:
-        """One line for each sample; nothing for all other messages."""
+        """Return one line for each sample, and nothing for other messages."""
         if not isinstance(message, SampleBlock):
             return b""
         count, channels = message.counts.shape
@@ -85,4 +85,4 @@ LANGUAGES: Mapping[str, Callable[[float], Language]] = {
     "pfwd": lambda sampling_rate: BinaryLanguage(),
     "ascii": AsciiLanguage,
 }
-"""By the name of the dialect, how its language is made for a sampling rate (Hz)."""
+"""Constructors of the languages, which take the sampling rate (Hz), by name of the dialect."""

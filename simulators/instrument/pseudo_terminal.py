@@ -1,4 +1,4 @@
-"""A virtual serial port: a pseudo-terminal of a POSIX system, imported only there."""
+"""Virtual serial port: a pseudo-terminal of a POSIX system, imported only there."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from pathlib import Path
 
 from simulators.instrument.endpoint import QUIET_TIME, READ_SIZE, EndpointError
 
-assert sys.platform != "win32"  # what follows is not checked for Windows, which has none of it
+assert sys.platform != "win32"  # type checkers skip the rest on Windows
 
 
 class PtyEndpoint:
-    """A virtual serial port.
+    """Virtual serial port.
 
-    Its URL is a link to whatever port there is: a pulled cable comes back under the same name, and
-    nobody else gets it. The system gives the name of a port that was closed to the next one, and a
-    program that looks for its lost instrument would take that one.
+    Its URL is a symbolic link to the present port, so that the name survives unplugging. The system
+    gives the name of a closed port to the next one, which a program in search of its lost
+    instrument would open by mistake.
     """
 
     def __init__(self) -> None:
@@ -47,7 +47,7 @@ class PtyEndpoint:
         os.set_blocking(self._master, False)
         self._port = port
         self._quiet_since = math.inf
-        # Closed: only so can it be seen whether a host has the port open.
+        # Closed, because only then the kernel reports whether a host has the port open.
         os.close(slave)
         return port
 
@@ -55,7 +55,7 @@ class PtyEndpoint:
     def connected(self) -> bool:
         """See `Endpoint`."""
         occupied = self._master >= 0
-        if occupied and sys.platform == "linux":  # elsewhere the kernel does not tell
+        if occupied and sys.platform == "linux":  # other kernels do not report it
             poll = select.poll()
             poll.register(self._master, 0)
             occupied = not any(event & select.POLLHUP for _, event in poll.poll(0))
@@ -77,7 +77,7 @@ class PtyEndpoint:
         """See `Endpoint`."""
         try:
             return os.read(self._master, READ_SIZE)
-        except OSError:  # nothing there, or nobody
+        except OSError:  # no bytes, or no host
             return b""
 
     def write(self, data: bytes | bytearray | memoryview) -> int:
@@ -92,7 +92,7 @@ class PtyEndpoint:
         """See `Endpoint`."""
         if not self.connected:
             return True
-        # Opened for a moment; a host has it open already, so nothing is reset by that.
+        # Opened briefly; a host has it open already, so this resets nothing.
         slave = os.open(self._port, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
         try:
             (unread,) = struct.unpack("i", fcntl.ioctl(slave, termios.FIONREAD, b"\0" * 4))
@@ -103,7 +103,7 @@ class PtyEndpoint:
         return now - self._quiet_since >= QUIET_TIME
 
     def finish(self) -> None:
-        """See `Endpoint`; on a serial port it is the hang-up that tells."""
+        """See `Endpoint`; on a serial port the hang-up is the end."""
 
     def unplug(self) -> None:
         """See `Endpoint`."""

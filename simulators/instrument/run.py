@@ -1,4 +1,4 @@
-"""A simulated instrument from its options: in this process, or in one of its own."""
+"""Start of a simulated instrument in this process or in another."""
 
 from __future__ import annotations
 
@@ -17,33 +17,58 @@ from typing import Any
 
 from pfwd_device.child_python import start_text_child
 from simulators.instrument.device import PortlessInstrument
-from simulators.instrument.endpoint import EndpointError
-from simulators.instrument.opening import open_endpoint
+from simulators.instrument.endpoint import Endpoint, EndpointError, TcpEndpoint
 from simulators.instrument.scenario import ScenarioError, load_scenario
 from simulators.instrument.server import Server
 from simulators.mesh import SimulationError
 
-LONGEST_START = 30.0
-"""s until a process that does not tell its URL is given up; it takes less than one."""
-LONGEST_STOP = 10.0
-"""s."""
+HAS_PTY = os.name == "posix"
+"""True on platforms with virtual serial ports."""
+START_TIMEOUT_S = 30.0
+"""Time within which a process must report its URL, s; it takes less than one second."""
+STOP_TIMEOUT_S = 10.0
+"""Time within which a process must end, s."""
 
 
 @dataclass(frozen=True)
 class SimulateOptions:
-    """What to simulate and where."""
+    """Options of a simulation."""
 
     listen: str | None = None
-    """`pty` or `tcp://HOST:PORT`; None: what the platform has."""
+    """`pty` or `tcp://HOST:PORT`; None: `pty` where the platform has it."""
     scenario: str | Mapping[str, Any] = "default"
-    """Built-in name, TOML file, or tables as TOML would give them."""
+    """Name of a built-in scenario, TOML file, or parsed tables."""
     drops: int | None = None
-    """None: for ever."""
+    """Number of drops; None: no end."""
     seed: int = 0
     rate: float = 1.0
-    """Times real time; 0: as fast as the host reads."""
+    """Speed over real time; 0: as fast as the host reads."""
     truth: str | None = None
-    """File that is written at the end."""
+    """JSON file of the true values, written at the end."""
+
+
+def open_endpoint(listen: str | None) -> Endpoint:
+    """Open the endpoint of `--listen`; by default a virtual serial port where available.
+
+    Raises
+    ------
+    EndpointError
+        If the endpoint cannot be opened.
+    """
+    if listen is None:
+        listen = "pty" if HAS_PTY else "tcp://127.0.0.1:0"
+    if listen == "pty":
+        if sys.platform == "win32":
+            raise EndpointError("pty: this platform has no virtual serial ports; try tcp://")
+        else:  # noqa: RET506 - type checkers skip only an else on Windows
+            from simulators.instrument.pseudo_terminal import PtyEndpoint
+
+            return PtyEndpoint()
+    host, colon, port = listen.removeprefix("tcp://").rpartition(":")
+    good = listen.startswith("tcp://") and colon and host and port.isdecimal()
+    if not good or int(port) > 65_535:
+        raise EndpointError(f"{listen}: expected pty or tcp://HOST:PORT")
+    return TcpEndpoint(host.strip("[]"), int(port))
 
 
 def simulate(
@@ -51,17 +76,17 @@ def simulate(
     announce: Callable[[str], None],
     stopped: Callable[[], bool] = lambda: False,
 ) -> list[dict[str, Any]]:
-    """Serve one instrument until it has said everything, and return the truth of its drops.
+    """Serve one instrument until its last message, and return the true values of its drops.
 
     Parameters
     ----------
-    announce : is told the URL as soon as it can be opened
-    stopped : whether to end before
+    announce : called with the URL as soon as it can be opened
+    stopped : returns True to end earlier
 
     Raises
     ------
     ScenarioError, EndpointError
-        If the scenario or the port is not as it has to be.
+        If the scenario or the port is not usable.
     """
     if not 0 <= options.rate < float("inf"):
         raise ScenarioError(f"rate: expected a number >= 0, got {options.rate}")
@@ -79,7 +104,7 @@ def simulate(
         try:
             announce(endpoint.url)
             Server(instrument, endpoint, options.rate, stopped).run()
-        finally:  # also when interrupted: it is then that somebody wants to know
+        finally:  # also after an interruption
             if options.truth is not None:
                 text = json.dumps(instrument.truth(), indent=1)
                 Path(options.truth).write_text(text + "\n", encoding="utf-8")
@@ -87,7 +112,7 @@ def simulate(
 
 
 class SimulatedInstrument:
-    """A simulated instrument in a process of its own.
+    """Simulated instrument in another process.
 
     Parameters
     ----------
@@ -96,21 +121,21 @@ class SimulatedInstrument:
     Raises
     ------
     SimulationError
-        If it does not start; the message says why.
+        If it does not start; the message has the reason.
     """
 
     def __init__(self, options: SimulateOptions) -> None:
         settings = asdict(options)
-        self._told = ""
+        self._truth_text = ""
         self._listener: threading.Thread | None = None
-        # Its standard input is its lifeline: it ends when this process does, however that ends.
-        # Ctrl+C is for the program that shows the drops; it stops this one when it is ready.
+        # It ends with its standard input, and so with this process. Ctrl+C is handled by the
+        # program that shows the drops, which stops the instrument when it is ready.
         self._process = start_text_child(
             "-m", "simulators.instrument", json.dumps(settings, default=str)
         )
         try:
             self.url = self._first_line()
-            """What to open."""
+            """URL for the host."""
             self._listener = threading.Thread(target=self._listen, daemon=True)
             self._listener.start()
         except BaseException:
@@ -119,7 +144,7 @@ class SimulatedInstrument:
 
     def _first_line(self) -> str:
         assert self._process.stdout is not None
-        timer = threading.Timer(LONGEST_START, self._process.kill)
+        timer = threading.Timer(START_TIMEOUT_S, self._process.kill)
         timer.start()
         try:
             line = self._process.stdout.readline()
@@ -133,12 +158,12 @@ class SimulatedInstrument:
         return str(json.loads(line)["url"])
 
     def _listen(self) -> None:
-        """Take what it says at its end: nobody may wait for the other."""
+        """Read the true values at the end, so that a full pipe does not block the process."""
         assert self._process.stdout is not None
-        self._told = self._process.stdout.read()
+        self._truth_text = self._process.stdout.read()
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Whether it has ended, after waiting so many seconds (None: for ever)."""
+        """Wait up to a number of seconds (None: no limit); return whether it has ended."""
         try:
             self._process.wait(timeout)
         except subprocess.TimeoutExpired:
@@ -146,31 +171,31 @@ class SimulatedInstrument:
         return True
 
     def stop(self) -> None:
-        """End it if it still runs."""
+        """End the process if it still runs."""
         if self._process.stdin is not None:
             self._process.stdin.close()
-        if not self.wait(LONGEST_STOP):
+        if not self.wait(STOP_TIMEOUT_S):
             self._process.kill()
             self._process.wait()
 
     def truth(self) -> list[dict[str, Any]]:
-        """What was simulated, one mapping per drop; only after the end.
+        """Return the true values, one mapping per drop; only after the end.
 
         Raises
         ------
         SimulationError
-            If it still runs, or ended without telling.
+            If it still runs, or ended without them.
         """
         if self._process.poll() is None:
             raise SimulationError("truth: expected an instrument that has ended; stop it first")
         if self._listener is not None:
             self._listener.join()
-        if not self._told:
+        if not self._truth_text:
             raise SimulationError(f"truth: the instrument ended with {self._process.returncode}")
-        return list(json.loads(self._told))
+        return list(json.loads(self._truth_text))
 
     def close(self) -> None:
-        """End it and leave nothing behind."""
+        """End the process and close its pipes."""
         self.stop()
         if self._listener is not None:
             self._listener.join()
@@ -198,7 +223,7 @@ def serve(
     seed: int = 0,
     rate: float = 1.0,
 ) -> SimulatedInstrument:
-    """A simulated instrument that runs in a process of its own; open its `url`.
+    """Start a simulated instrument in another process; hosts open its `url`.
 
     Examples
     --------
@@ -209,12 +234,12 @@ def serve(
 
 
 def main(settings: str) -> int:
-    """Serve in this process what `SimulatedInstrument` of another one asks for."""
+    """Serve the instrument of a `SimulatedInstrument` in another process."""
     options = SimulateOptions(**json.loads(settings))
     ended = threading.Event()
 
     def wait_for_end_of_input() -> None:
-        # Not by sys.stdin, whose lock this thread would still hold when the interpreter ends.
+        # Without sys.stdin, whose lock this thread would still hold when the interpreter ends.
         while os.read(0, 4096):
             pass
         ended.set()

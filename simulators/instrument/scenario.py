@@ -1,7 +1,7 @@
-"""What is simulated: soil, hammer, instrument, drops, link and faults, read from TOML.
+"""Scenario of a simulation: soil, hammer, instrument, drops, link and faults, read from TOML.
 
-A scenario never travels over the wire; the instrument only tells what a real one would. Every key
-has its default here; docs/simulator.md lists them.
+A scenario is never sent to the host; the instrument only sends what a real one would. Every key has
+a default, see docs/simulator.md.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ FOLDER = files("simulators").joinpath("scenarios")
 
 @dataclass(frozen=True)
 class Soil:
-    """The ground under the plate."""
+    """Ground under the plate."""
 
     modulus: float = declared(45e6, _POSITIVE, "Young's modulus, Pa")
     viscosity: float = declared(54e3, _NOT_NEGATIVE, "Kelvin-Voigt viscosity, Pa s")
@@ -69,7 +69,7 @@ class Soil:
     )
 
     def ground(self, factor: float = 1.0) -> Ground:
-        """The ground with every modulus times `factor`."""
+        """Return the ground with every modulus times `factor`."""
         base = Layer(
             factor * self.modulus, self.viscosity, self.density, self.poisson_ratio, math.inf
         )
@@ -94,7 +94,7 @@ class Soil:
 
 @dataclass(frozen=True)
 class HammerSettings:
-    """The falling weight and its spring."""
+    """Falling weight and its spring."""
 
     mass: float = declared(10.0, _POSITIVE, "kg")
     stiffness: float = declared(5.6e5, _POSITIVE, "of the spring, N/m")
@@ -102,13 +102,13 @@ class HammerSettings:
 
     @property
     def velocity(self) -> float:
-        """At the first touch, m/s."""
+        """Velocity at the first touch, m/s."""
         return math.sqrt(2 * STANDARD_GRAVITY * self.drop_height)
 
 
 @dataclass(frozen=True)
 class ChannelSettings:
-    """One channel: what the instrument says of it, and what it does beyond that."""
+    """Channel with its declared properties and its undeclared errors."""
 
     name: str = declared("", Text(), "up to 32 characters, sent")
     role: str = declared("geophone", Choice(Role), "what it measures, sent: one of the roles")
@@ -134,7 +134,7 @@ class ChannelSettings:
     drift: float = declared(0.0, _NOT_NEGATIVE, "amplitude of the slow wander, SI unit of the role")
 
     def identity(self) -> ChannelIdentity:
-        """What is sent."""
+        """Return the properties that are sent to the host."""
         return ChannelIdentity(
             name=self.name,
             role=Role(self.role),
@@ -151,7 +151,7 @@ class ChannelSettings:
 
 @dataclass(frozen=True)
 class DeviceSettings:
-    """The instrument."""
+    """Instrument."""
 
     serial_number: str = declared("PFWD-0042", Text(), "up to 32 characters, sent")
     model: str = declared("Simulated PFWD", Text(), "up to 32 characters, sent")
@@ -186,7 +186,7 @@ class DeviceSettings:
     )
 
     def identity(self, sampling_rate: float) -> Identity:
-        """What is sent when it is configured so."""
+        """Return the identity that is sent at a sampling rate (Hz)."""
         declared = self.plate_declared
         return Identity(
             serial_number=self.serial_number,
@@ -203,13 +203,13 @@ class DeviceSettings:
 
     @property
     def plate(self) -> Plate:
-        """For the finite elements."""
+        """Plate of the finite elements."""
         return Plate(self.plate_radius, self.plate_mass)
 
 
 @dataclass(frozen=True)
 class DropSettings:
-    """When the hammer falls, and how it differs from drop to drop."""
+    """Times of the drops, and differences between drops."""
 
     first: float = declared(3.0, _POSITIVE, "first touch after START, s")
     interval: float = declared(5.0, _POSITIVE, "between drops, s")
@@ -239,7 +239,7 @@ class DropSettings:
 
 @dataclass(frozen=True)
 class LinkSettings:
-    """How the instrument talks, and how badly the cable carries it."""
+    """Dialect and memory of the instrument, and faults of the cable."""
 
     dialect: str = declared(
         "pfwd", Choice(LANGUAGES), "language, by the name that a setup file has for it"
@@ -264,10 +264,10 @@ class LinkSettings:
 
 
 _EARLIER_DIALECTS = {"binary": "pfwd"}
-"""Names that scenarios of earlier versions have for dialects."""
+"""Dialects by their names in scenarios of earlier versions."""
 
 
-_EFFECTS: dict[str, tuple[str, ...]] = {
+_KEYS_BY_EFFECT: dict[str, tuple[str, ...]] = {
     "gain": ("factor",),
     "tilted": ("angle",),
     "reversed": (),
@@ -279,12 +279,12 @@ _EFFECTS: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class ChannelEffect:
-    """What one channel does that its calibration does not tell."""
+    """Undeclared error of one channel."""
 
-    KEYS: ClassVar = _EFFECTS
-    """Of each kind: the keys it takes besides `kind` and `channel`."""
+    KEYS: ClassVar = _KEYS_BY_EFFECT
+    """Keys of each kind besides `kind` and `channel`."""
 
-    kind: str = field(metadata=describe(Choice(_EFFECTS), "one of the effects below"))
+    kind: str = field(metadata=describe(Choice(_KEYS_BY_EFFECT), "one of the effects below"))
     channel: str = declared("", Text(), "name of the channel")
     factor: float = declared(1.0, Number(), "gain: true sensitivity over the declared one")
     angle: float = declared(0.0, Number(), "tilted: from the vertical, radians")
@@ -293,7 +293,7 @@ class ChannelEffect:
     damping: float = declared(0.05, _POSITIVE, "ringing: damping ratio of the same")
 
 
-_FAULTS: dict[str, tuple[str, ...]] = {
+_KEYS_BY_FAULT: dict[str, tuple[str, ...]] = {
     "lost": ("count",),
     "repeated": ("count",),
     "reordered": ("count",),
@@ -312,12 +312,12 @@ _FAULTS: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that happens once, at a given time."""
+    """Fault that happens once, at a fixed time."""
 
-    KEYS: ClassVar = _FAULTS
-    """Of each kind: the keys it takes besides `kind` and `at_s`."""
+    KEYS: ClassVar = _KEYS_BY_FAULT
+    """Keys of each kind besides `kind` and `at_s`."""
 
-    kind: str = field(metadata=describe(Choice(_FAULTS), "one of the faults below"))
+    kind: str = field(metadata=describe(Choice(_KEYS_BY_FAULT), "one of the faults below"))
     at_s: float = declared(0.0, _NOT_NEGATIVE, "seconds of sampling since the first START")
     count: int = declared(1, Integer(1), "frames, bits, bytes or samples, see below")
     seconds: float = declared(1.0, Number(), "stall, unplug: how long; clock-jump: how far, s")
@@ -327,7 +327,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class Scenario:
-    """Everything that is simulated."""
+    """Complete description of a simulation."""
 
     base: str = declared(
         "", Text(), "name of a built-in scenario whose keys hold where these are silent"
@@ -358,25 +358,25 @@ class Scenario:
     name: str = ""
 
     def faults_of(self, *kinds: str) -> tuple[Fault, ...]:
-        """Those of these kinds, in order of time."""
+        """Return the faults of some kinds in order of time."""
         chosen = [fault for fault in self.faults if fault.kind in kinds]
         return tuple(sorted(chosen, key=lambda fault: fault.at_s))
 
 
 def builtin_scenarios() -> list[str]:
-    """Names of the scenarios that come with the program."""
+    """Return the names of the scenarios in the program."""
     names = (entry.name for entry in FOLDER.iterdir())
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
 def load_scenario(source: str | Path | Mapping[str, Any]) -> Scenario:
-    """The scenario of a built-in name, of a TOML file, or of tables as TOML would give them.
+    """Return the scenario of a built-in name, of a TOML file, or of parsed tables.
 
     Raises
     ------
     ScenarioError
-        If there is none of this name, or a key is unknown or holds what it cannot; the message
-        names the key.
+        If there is no such scenario, or a key is unknown or has an invalid value; the message names
+        the key.
     """
     if isinstance(source, Mapping):
         return scenario_from(source, "scenario")
@@ -385,8 +385,8 @@ def load_scenario(source: str | Path | Mapping[str, Any]) -> Scenario:
         return scenario_from(_builtin_tables(source), source)
     path = Path(source)
     if not path.is_file():
-        known = ", ".join(names)
-        raise ScenarioError(f"scenario {source}: expected a file or one of {known}")
+        choices = ", ".join(names)
+        raise ScenarioError(f"scenario {source}: expected a file or one of {choices}")
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as err:
@@ -401,7 +401,7 @@ def scenario_schema() -> dict[str, Any]:
 
 
 def scenario_from(tables: Mapping[str, Any], name: str) -> Scenario:
-    """The scenario that TOML tables describe; see `load_scenario`."""
+    """Return the scenario of TOML tables; see `load_scenario`."""
     base = tables.get("base", "")
     if base:
         if base not in builtin_scenarios():
@@ -410,15 +410,15 @@ def scenario_from(tables: Mapping[str, Any], name: str) -> Scenario:
     tables = _with_present_names(tables)
     reader = TableReader(ScenarioError, name)
     scenario = Scenario(**reader.read(tables, keys_of(Scenario)), name=name)
-    for key, keys_of_kind in (("effects", _EFFECTS), ("faults", _FAULTS)):
+    for key, keys_of_kind in (("effects", _KEYS_BY_EFFECT), ("faults", _KEYS_BY_FAULT)):
         for number, table in enumerate(tables.get(key, ()), 1):
-            _refuse_keys_of_other_kinds(table, keys_of_kind, f"{name}, {key}[{number}]")
+            _reject_extraneous_keys(table, keys_of_kind, f"{name}, {key}[{number}]")
     _check(scenario)
     return scenario
 
 
 def _with_present_names(tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The tables with the names of today for those of earlier versions."""
+    """Return tables with the present names instead of those of earlier versions."""
     link = tables.get("link")
     if isinstance(link, Mapping) and isinstance(dialect := link.get("dialect"), str):
         link = {**link, "dialect": _EARLIER_DIALECTS.get(dialect, dialect)}
@@ -437,7 +437,7 @@ def merged(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, An
     return result
 
 
-def _refuse_keys_of_other_kinds(
+def _reject_extraneous_keys(
     table: Mapping[str, Any], keys_of_kind: Mapping[str, tuple[str, ...]], where: str
 ) -> None:
     kind = table["kind"]
@@ -455,7 +455,7 @@ def _builtin_tables(name: str) -> Mapping[str, Any]:
 
 
 def _check(scenario: Scenario) -> None:
-    """What two keys have to agree on."""
+    """Check conditions that involve several keys."""
 
     def require(holds: bool, where: str, expected: str) -> None:
         if not holds:
@@ -484,5 +484,4 @@ def _check(scenario: Scenario) -> None:
         require(good, f"drops.{pair}", "two numbers, the smaller first")
     require(drops.jitter < min(drops.interval / 2, drops.first), "drops.jitter", "a shorter time")
     for number, effect in enumerate(scenario.effects, start=1):
-        known = effect.channel in names
-        require(known, f"effects[{number}].channel", f"one of {', '.join(names)}")
+        require(effect.channel in names, f"effects[{number}].channel", f"one of {', '.join(names)}")

@@ -1,4 +1,4 @@
-"""When the hammer falls and rebounds: a function of the seed and the number of the drop."""
+"""Schedule of drops and rebounds, a function of the seed and the number of the drop."""
 
 from __future__ import annotations
 
@@ -9,47 +9,47 @@ import numpy as np
 
 from simulators.instrument.scenario import Scenario
 
-_DROPS = 1  # stream of random numbers, beside those of other modules
+_DROPS = 1  # stream of random numbers, different from those of other modules
 
 
 @dataclass(frozen=True)
 class Impact:
-    """The hammer on the plate."""
+    """Impact of the hammer on the plate."""
 
     delay: float
-    """s after the touch of the drop."""
+    """Delay after the touch of the drop, s."""
     factor: float
-    """Over the drop from the height of the scenario."""
+    """Size over that of a drop from the height of the scenario."""
 
 
 @dataclass(frozen=True)
 class Knock:
-    """Something small that hits the plate and is no drop."""
+    """Small impact on the plate that is no drop."""
 
     time: float
-    """s."""
+    """Time, s."""
     load: float
-    """Peak, N."""
+    """Peak load, N."""
 
 
 @dataclass(frozen=True)
 class PlannedDrop:
-    """One fall of the hammer with all that follows it."""
+    """Fall of the hammer with its rebounds."""
 
     number: int
-    """From 1."""
+    """Number of the drop, from 1."""
     shift: float
-    """Of the touch against the regular interval, s."""
+    """Time of the touch minus the regular time, s."""
     modulus_factor: float
-    """Modulus of the soil over that of the scenario: below 1 while the plate seats itself."""
+    """Modulus of the soil over that of the scenario, below 1 during seating drops."""
     impacts: tuple[Impact, ...]
-    """The first is the drop itself, the others are its rebounds."""
+    """Impact of the drop, then its rebounds."""
     knock: Knock | None = None
-    """Before the next drop; its time is from the touch of this one."""
+    """Knock before the next drop; its time counts from the touch of this one."""
 
 
 class Schedule:
-    """The drops of a scenario in their order.
+    """Drops of a scenario in their order.
 
     Parameters
     ----------
@@ -61,10 +61,10 @@ class Schedule:
         self._settings = scenario.drops
         self._seed = seed
         self.drop = lru_cache(maxsize=64)(self._drop)
-        """The drop of a number, from 1."""
+        """Return the drop of a number, from 1."""
 
     def modulus_factor(self, number: int) -> float:
-        """Factor of the modulus under a drop."""
+        """Return the factor of the modulus under a drop."""
         settings = self._settings
         place = number - 1
         if settings.drops_per_point:

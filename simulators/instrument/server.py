@@ -1,4 +1,4 @@
-"""The loop that lets an instrument live at an endpoint, in real time or faster."""
+"""Loop that serves an instrument at an endpoint, in real time or faster."""
 
 from __future__ import annotations
 
@@ -8,33 +8,34 @@ from collections.abc import Callable
 from simulators.instrument.device import PortlessInstrument
 from simulators.instrument.endpoint import Endpoint
 
-TICK = 0.01
-"""s; the loop looks at the clock at least so often."""
-STATUS_INTERVAL = 0.4
-"""s of real time between two messages of status."""
-STRIDE = 0.25
-"""s of simulated time that are made at a time when there is no clock to follow."""
-FULL = 262_144
-"""Bytes that may wait for the reader; then, except in real time, the clock stands still."""
-MOST_BACKLOG = 16_777_216
-"""Bytes; whoever reads nothing of them is told nothing more."""
-PATIENCE = 300.0
-"""s for which the end waits for a reader who reads nothing."""
-DRAIN_PATIENCE = 2.0
-"""s for which the cable stays in for a reader who does not read."""
+TICK_S = 0.01
+"""Longest time between two readings of the clock, s."""
+STATUS_INTERVAL_S = 0.4
+"""Real time between two status messages, s."""
+STRIDE_S = 0.25
+"""Simulated time of one step without a clock, s."""
+FULL_OUTPUT_BYTES = 262_144
+"""Bytes that may wait for the host. Above it the clock stops, except in real time."""
+MAX_BACKLOG_BYTES = 16_777_216
+"""Waiting bytes above which no more status messages are sent."""
+FINAL_FLUSH_TIMEOUT_S = 300.0
+"""Longest wait at the end for a host that reads nothing, s."""
+UNPLUG_FLUSH_TIMEOUT_S = 2.0
+"""Longest wait before unplugging for a host that reads nothing, s."""
 
 
 class Server:
-    """Serves one instrument at one endpoint.
+    """Server of one instrument at one endpoint.
 
     Parameters
     ----------
     instrument, endpoint
     rate : float
-        Times real time; 0: as fast as the host reads.
+        Speed over real time; 0: as fast as the host reads.
     stopped : callable
-        Whether to end now; asked every `TICK`.
-    clock : seconds, for tests
+        Returns True to end; called at least every `TICK_S`.
+    clock : callable
+        Returns the time, s.
     """
 
     def __init__(
@@ -47,40 +48,42 @@ class Server:
     ) -> None:
         self._instrument, self._endpoint = instrument, endpoint
         self._rate, self._stopped, self._clock = rate, stopped, clock
-        self._visit = 0  # number of the host that is there; 0: none
-        self._last = self._told = clock()
+        self._visit = 0  # number of the connection; 0: no host
+        self._last = self._last_status = clock()
 
     def run(self) -> None:
-        """Until the instrument has said everything and the host has it, or until stopped."""
+        """Serve until the host has the last message of the instrument, or until stopped."""
         instrument = self._instrument
         while not instrument.ended and not self._stopped():
             self._turn()
             if instrument.unplugged is not None:
                 self._pull_the_cable()
         if instrument.ended:
-            self._flush(PATIENCE)
+            self._flush(FINAL_FLUSH_TIMEOUT_S)
 
     def _turn(self) -> None:
-        """Listen, let time pass, speak."""
+        """Receive, advance the time, and send."""
         instrument = self._instrument
-        hurrying = self._rate == 0 and instrument.sampling and len(instrument.output) < FULL
-        idle = 0.0 if hurrying else TICK
+        hurrying = (
+            self._rate == 0 and instrument.sampling and len(instrument.output) < FULL_OUTPUT_BYTES
+        )
+        idle = 0.0 if hurrying else TICK_S
         self._endpoint.wait(idle, writing=bool(instrument.output) and not instrument.stalled)
         self._exchange()
         now = self._clock()
         passed, self._last = now - self._last, now
-        told = now - self._told >= STATUS_INTERVAL
-        if self._visit and told and len(instrument.output) < MOST_BACKLOG:
-            self._told = now
+        status_due = now - self._last_status >= STATUS_INTERVAL_S
+        if self._visit and status_due and len(instrument.output) < MAX_BACKLOG_BYTES:
+            self._last_status = now
             instrument.status()
-        room = self._rate == 1 or len(instrument.output) < FULL or instrument.stalled
+        room = self._rate == 1 or len(instrument.output) < FULL_OUTPUT_BYTES or instrument.stalled
         if room and instrument.ready:
             sprint = self._rate == 0 and instrument.sampling
-            instrument.advance(STRIDE if sprint else passed * (self._rate or 1.0))
+            instrument.advance(STRIDE_S if sprint else passed * (self._rate or 1.0))
         self._write()
 
     def _exchange(self) -> None:
-        """Notice who comes and goes, and hear what is said."""
+        """Accept or drop a host, and receive its bytes."""
         endpoint, instrument = self._endpoint, self._instrument
         connected = endpoint.connected
         if self._visit and (not connected or endpoint.visits != self._visit):
@@ -98,20 +101,22 @@ class Server:
         if not self._visit:
             return
         while instrument.output and not instrument.stalled:
-            # Copied, not viewed: a bytearray cannot be shortened while somebody looks at it.
+            # Copied, because a bytearray with a view on it cannot be shortened.
             count = self._endpoint.write(bytes(instrument.output[:65_536]))
             if count == 0:
                 break
             instrument.sent(count)
 
     def _flush(self, patience: float) -> None:
-        """Wait until the host has read what there is, or has not moved for a while; then no more
-        is said."""
+        """Wait until the host has read all bytes or has read nothing for `patience` seconds.
+
+        Nothing is sent after that.
+        """
         instrument, endpoint = self._instrument, self._endpoint
         waiting, since, finished = -1, self._clock(), False
         while endpoint.connected and not self._stopped():
-            endpoint.wait(TICK, writing=bool(instrument.output))
-            data = endpoint.read()  # a host may still say something, and must not block
+            endpoint.wait(TICK_S, writing=bool(instrument.output))
+            data = endpoint.read()  # a host that still sends must not block
             if data and not finished:
                 instrument.receive(data)
             if not finished:
@@ -127,15 +132,15 @@ class Server:
                 return
 
     def _pull_the_cable(self) -> None:
-        """Unplug when the host has everything, wait, and plug in again."""
+        """Unplug when the host has all bytes, wait, and plug in again."""
         instrument, fault = self._instrument, self._instrument.unplugged
         seconds = 0.0 if fault is None else fault.seconds
-        self._flush(DRAIN_PATIENCE)
+        self._flush(UNPLUG_FLUSH_TIMEOUT_S)
         self._endpoint.unplug()
         self._visit = 0
         until = self._clock() + seconds / (self._rate or 1.0)
         while self._clock() < until and not self._stopped():
-            time.sleep(min(TICK, max(0.0, until - self._clock())))
+            time.sleep(min(TICK_S, max(0.0, until - self._clock())))
         instrument.pass_unplugged(seconds)
         self._endpoint.plug()
         instrument.plug()

@@ -1,6 +1,6 @@
-"""The samples of one stream as counts of the converter: a function of seed, scenario and index.
+"""Samples of one stream as counts of the converter, a function of seed, scenario and index.
 
-Nothing here depends on when or in which portions samples are asked for: they are made in pages at
+The samples do not depend on the time or the size of the requests: they are computed in pages at
 fixed places, and every random number belongs to a place or to the number of a drop.
 """
 
@@ -8,36 +8,37 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.instrument.response import LONGEST_RESPONSE, DropResponse, channel_gain
+from simulators.instrument.response import MAX_RESPONSE_S, DropResponse, channel_gain
 from simulators.instrument.scenario import Scenario
 from simulators.instrument.schedule import Knock, Schedule
 from simulators.instrument.units import UnitDrops
 from simulators.mesh import Array
 
 PAGE = 4096
-"""Samples that are made at a time."""
+"""Number of samples that are computed together."""
 NOISE_PERIODS = (65_521, 32_749)
-"""Samples after which the two tables of noise begin again; primes, so that their sum does not for
-two milliards of samples."""
+"""Lengths of the two tables of noise, in samples. They are primes, so that their sum has a period
+of two billion samples."""
 HUM_HARMONICS = ((1, 1.0), (3, 0.35), (5, 0.15))
-"""Order and relative amplitude of what the mains induce."""
+"""Order and relative amplitude of the harmonics of the mains."""
 WANDER_PERIODS = (211.0, 67.0, 23.0)
-"""s; of the sines that a slow drift is made of."""
+"""Periods of the sines of a slow drift, s."""
 _NOISE, _WANDER = 2, 3  # streams of random numbers
 
 
 class Bench:
-    """What all streams of one instrument share: responses to drops, tables of noise, schedule.
+    """Responses to drops, tables of noise and schedule of all streams of one instrument.
 
     Parameters
     ----------
     scenario : Scenario
     units : UnitDrops
-        Its drops, perhaps still being computed.
+        Unit drops of the scenario, perhaps still being computed.
     seed : int
     """
 
@@ -50,7 +51,8 @@ class Bench:
         self.gains = np.array([channel_gain(c, scenario.effects) for c in channels])
         self.sensitivities = np.array([channel.sensitivity for channel in channels])
         generator = np.random.default_rng([seed, _NOISE])
-        # Two tables of equal variance; what an amplifier adds, so no gain of a sensor is in it.
+        # Two tables of equal variance. The noise is that of amplifiers, without the gains of
+        # sensors.
         noise = self.sensitivities * [channel.noise for channel in channels] / math.sqrt(2)
         self.noise = [
             (generator.standard_normal((period, len(channels))) * noise).astype(np.float32)
@@ -62,17 +64,17 @@ class Bench:
         self.wander_phases = phases
 
     def ready(self, factor: float) -> bool:
-        """Whether what the others tell about this factor can be told without waiting."""
+        """Return whether the drops on soil with this factor are computed."""
         return self._units.ready(factor)
 
     def response(self, factor: float) -> DropResponse:
-        """What the channels read of a unit drop on soil with this factor; may wait for it."""
+        """Return the readings of a unit drop on soil with this factor; may wait for it."""
         if factor not in self._responses:
             self._responses[factor] = DropResponse(self.scenario, self._units.get(factor))
         return self._responses[factor]
 
     def peaks(self, factor: float) -> tuple[float, float]:
-        """Peak load, N, and displacement under the first sensor, m, of a unit drop."""
+        """Return peak load, N, and displacement under the first sensor, m, of a unit drop."""
         unit = self._units.get(factor)
         sensors = [
             row
@@ -82,9 +84,27 @@ class Bench:
         deflection = float(np.max(unit.displacement[sensors[0]])) if sensors else math.nan
         return float(np.max(unit.load)), deflection
 
+    def truth(self, number: int) -> dict[str, Any]:
+        """Return soil and peaks of a drop; SI units, units in the names."""
+        soil, planned = self.scenario.soil, self.schedule.drop(number)
+        factor = planned.impacts[0].factor
+        load, deflection = self.peaks(planned.modulus_factor)
+        return {
+            "drop": number,
+            "modulus_pa": soil.modulus * planned.modulus_factor,
+            "viscosity_pa_s": soil.viscosity,
+            "density_kg_m3": soil.density,
+            "poisson_ratio": soil.poisson_ratio,
+            "bedrock_depth_m": None if math.isinf(soil.bedrock_depth) else soil.bedrock_depth,
+            "peak_load_n": factor * load,
+            "peak_displacement_m": None if math.isnan(deflection) else factor * deflection,
+            "seating": planned.modulus_factor != 1.0,
+            "rebounds": len(planned.impacts) - 1,
+        }
+
 
 class Timeline:
-    """The samples of one stream.
+    """Samples of one stream.
 
     Parameters
     ----------
@@ -93,8 +113,8 @@ class Timeline:
     first_drop : int
         Number of the first drop in this stream.
     last_drop : int or None
-        None: there is always another one.
-    knocks : besides those of the schedule, at times in the stream
+        Number of the last drop; None: there is no last one.
+    knocks : knocks in addition to those of the schedule, at times in the stream
     """
 
     def __init__(
@@ -121,26 +141,26 @@ class Timeline:
         self._sensed = sensed
 
     def touch(self, number: int) -> float:
-        """Time of the first touch of a drop, s in the stream."""
+        """Return the time of the first touch of a drop, s in the stream."""
         regular = self._drops.first + (number - self._first) * self._drops.interval
         return regular + self._bench.schedule.drop(number).shift
 
     def touch_index(self, number: int) -> int:
-        """Index of the first sample at or after the touch of a drop."""
+        """Return the index of the first sample at or after the touch of a drop."""
         return math.ceil(self.touch(number) * self._rate)
 
     def end_index(self) -> int | None:
-        """Samples of the stream until after the quiet that follows the last drop."""
+        """Return the number of samples until the quiet after the last drop has ended."""
         if self._last is None:
             return None
         quiet = self._drops.quiet
-        if self._last < self._first:  # they have all been given in earlier streams
+        if self._last < self._first:  # all drops were in earlier streams
             return math.ceil(quiet * self._rate)
         planned = self._bench.schedule.drop(self._last)
         return math.ceil((self.touch(self._last) + planned.impacts[-1].delay + quiet) * self._rate)
 
     def counts(self, start: int, stop: int) -> NDArray[np.int32]:
-        """Samples from index `start` to before `stop`, (stop - start, channels)."""
+        """Return the samples from index `start` to before `stop`, (stop - start, channels)."""
         parts = []
         while start < stop:
             number, offset = divmod(start, PAGE)
@@ -165,7 +185,7 @@ class Timeline:
         return np.clip(counts, *self._limits).astype(np.int32)
 
     def _quiet(self, start: int) -> Array:
-        """A page in volts with no drop in it."""
+        """Return a page without drops, V."""
         index = np.arange(start, start + PAGE)
         volts = np.zeros((PAGE, self._rest.size))
         for table in self._bench.noise:
@@ -182,19 +202,19 @@ class Timeline:
             knots = np.zeros((2, self._rest.size))
             for period, phase in zip(WANDER_PERIODS, phases, strict=True):
                 turn = 2 * math.pi * ends[:, None] / period
-                knots += np.sin(turn + phase) - np.sin(phase)  # nothing at the start
-            # A page is short against the periods: straight within it.
+                knots += np.sin(turn + phase) - np.sin(phase)  # zero at the start
+            # A page is short compared with the periods, so the drift is linear within it.
             share = (np.arange(PAGE) / PAGE)[:, None]
             volts += self._wander * (knots[0] + share * (knots[1] - knots[0]))
         return volts
 
     def _impacts(self, start: int) -> Iterator[tuple[float, DropResponse, float]]:
-        """Touch, response and factor of everything that can be heard in a page."""
+        """Yield touch, response and factor of all impacts with a reading in a page."""
         begin, end = start / self._rate, (start + PAGE) / self._rate
         settings = self._drops
-        # What a drop brings: rebounds, the knock before the next one, and ringing down.
+        # Longest effect of a drop: rebounds, the knock before the next drop, and ringing.
         rebounds = settings.bounces[1] * settings.bounce_interval[1]
-        span = max(rebounds, settings.interval) + LONGEST_RESPONSE
+        span = max(rebounds, settings.interval) + MAX_RESPONSE_S
         number = self._first
         if begin > span + settings.first:
             number += max(0, math.floor((begin - span - settings.first) / settings.interval) - 1)
@@ -209,9 +229,9 @@ class Timeline:
                 factor = drop.knock.load / self._bench.peaks(drop.modulus_factor)[0]
                 yield self.touch(number) + drop.knock.time, response, factor
             number += 1
-        # On the soil of the first drop, the one that is computed first.
+        # Knocks are on the soil of the first drop, which is computed first.
         soil = self._bench.schedule.modulus_factor(self._first)
         for knock in self._knocks:
-            if begin - LONGEST_RESPONSE < knock.time < end:
+            if begin - MAX_RESPONSE_S < knock.time < end:
                 factor = knock.load / self._bench.peaks(soil)[0]
                 yield knock.time, self._bench.response(soil), factor

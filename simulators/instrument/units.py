@@ -1,8 +1,8 @@
-"""Drops of one height, computed once by finite elements and scaled to all others.
+"""Drops from one height, computed once by finite elements and scaled to other heights.
 
 The system is linear, so the hammer's height, its rebounds and knocks only scale a drop; another
-modulus needs another computation. The drops of the built-in scenarios come with the program
-(`python -m simulators.instrument.units` makes them); others are computed in the background.
+modulus needs another computation. The drops of the built-in scenarios are part of the program
+(`python -m simulators.instrument.units` computes them); others are computed in the background.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from simulators.drop import DropSimulator, Hammer
 from simulators.instrument.scenario import Scenario, builtin_scenarios, load_scenario
 from simulators.mesh import Array
 
-DURATION = 0.2  # s: what is left of the motion by then is below 0.1 % of the peak
-TIME_STEP = 2e-4  # s: sixty samples in a pulse
+UNIT_DROP_DURATION_S = 0.2  # by then the motion is below 0.1 % of the peak
+UNIT_DROP_STEP_S = 2e-4  # sixty samples in a pulse
 TABLES = files("simulators").joinpath("scenarios").joinpath("unit_drops.npz")
 _SOIL = 8  # stream of random numbers
 SHIPPED_OFFSETS = (0.0, 0.2, 0.3, 0.45, 0.6, 0.9, 1.2)
@@ -31,10 +31,10 @@ SHIPPED_OFFSETS = (0.0, 0.2, 0.3, 0.45, 0.6, 0.9, 1.2)
 
 @dataclass(frozen=True)
 class UnitDrop:
-    """One drop from the height of the scenario, noiseless, at the sensors' offsets."""
+    """Drop from the height of the scenario without noise, at the sensors' offsets."""
 
     load: Array
-    """(n,) N, every `TIME_STEP` from the first touch."""
+    """(n,) N, every `UNIT_DROP_STEP_S` from the first touch."""
     velocity: Array
     """(offsets, n) m/s."""
     displacement: Array
@@ -42,30 +42,30 @@ class UnitDrop:
 
 
 class UnitDrops:
-    """The unit drops of a scenario, by the factor of the modulus.
+    """Unit drops of a scenario by the factor of the modulus.
 
     Parameters
     ----------
     scenario : Scenario
-        Its soil must be the one to compute, without scatter.
-    factors : of the modulus, in the order in which they will be needed
+        Scenario whose soil has no scatter.
+    factors : factors of the modulus, in the order of use
     """
 
     def __init__(self, scenario: Scenario, factors: Sequence[float]) -> None:
         self._scenario = scenario
         self._drops: dict[float, UnitDrop | BaseException] = {}
         self._changed = threading.Condition()
-        wanted = list(dict.fromkeys(factors))
-        for factor in wanted:
+        needed = list(dict.fromkeys(factors))
+        for factor in needed:
             drop = _shipped(scenario, factor)
             if drop is not None:
                 self._drops[factor] = drop
-        missing = [factor for factor in wanted if factor not in self._drops]
+        missing = [factor for factor in needed if factor not in self._drops]
         if missing:
             threading.Thread(target=self._compute, args=(missing,), daemon=True).start()
 
     def get(self, factor: float) -> UnitDrop:
-        """The drop on soil whose modulus is `factor` times that of the scenario; may wait."""
+        """Return the drop on soil of `factor` times the modulus of the scenario; may wait."""
         with self._changed:
             self._changed.wait_for(lambda: factor in self._drops)
             drop = self._drops[factor]
@@ -74,7 +74,7 @@ class UnitDrops:
         return drop
 
     def ready(self, factor: float) -> bool:
-        """Whether `get` will not wait."""
+        """Return whether `get` returns without waiting."""
         with self._changed:
             return factor in self._drops
 
@@ -83,7 +83,7 @@ class UnitDrops:
             drop: UnitDrop | BaseException
             try:
                 drop = compute_unit_drop(self._scenario, factor, sensor_offsets(self._scenario))
-            except Exception as err:  # told to whoever asks for the drop
+            except Exception as err:  # raised by `get`
                 drop = err
             with self._changed:
                 self._drops[factor] = drop
@@ -91,7 +91,7 @@ class UnitDrops:
 
 
 def with_drawn_soil(scenario: Scenario, seed: int) -> Scenario:
-    """The scenario with the scatter of its soil drawn."""
+    """Return the scenario with the scatter of its soil drawn at random."""
     soil = scenario.soil
     if soil.scatter == 0:
         return scenario
@@ -104,12 +104,12 @@ def with_drawn_soil(scenario: Scenario, seed: int) -> Scenario:
 
 
 def sensor_offsets(scenario: Scenario) -> tuple[float, ...]:
-    """Distance of every channel, in order; that of a load channel does not matter."""
+    """Return the distance of every channel in order; that of a load channel is not used."""
     return tuple(abs(channel.offset) for channel in scenario.device.channels)
 
 
 def compute_unit_drop(scenario: Scenario, factor: float, offsets: Sequence[float]) -> UnitDrop:
-    """One drop by finite elements; takes some seconds."""
+    """Compute one drop by finite elements, which takes some seconds."""
     settings = scenario.hammer
     hammer = Hammer(settings.mass, settings.stiffness, settings.velocity)
     places = tuple(dict.fromkeys(offsets))
@@ -117,8 +117,8 @@ def compute_unit_drop(scenario: Scenario, factor: float, offsets: Sequence[float
         scenario.soil.ground(factor),
         scenario.device.plate,
         places,
-        DURATION,
-        TIME_STEP,
+        UNIT_DROP_DURATION_S,
+        UNIT_DROP_STEP_S,
         hammer.pulse_duration,
     )
     drop = simulator.run(hammer)
@@ -127,17 +127,17 @@ def compute_unit_drop(scenario: Scenario, factor: float, offsets: Sequence[float
 
 
 def _fingerprint(scenario: Scenario) -> dict[str, Any]:
-    """Everything that a unit drop depends on, besides the factor and the offsets."""
+    """Return all quantities that determine a unit drop, except the factor and the offsets."""
     return {
         "soil": dataclasses.asdict(scenario.soil),
         "hammer": dataclasses.asdict(scenario.hammer),
         "plate": [scenario.device.plate_radius, scenario.device.plate_mass],
-        "record": [DURATION, TIME_STEP],
+        "record": [UNIT_DROP_DURATION_S, UNIT_DROP_STEP_S],
     }
 
 
 def _shipped(scenario: Scenario, factor: float) -> UnitDrop | None:
-    """The drop that comes with the program; None: there is none for this scenario."""
+    """Return the drop in the tables of the program; None: they have none for this scenario."""
     if not TABLES.is_file():
         return None
     with TABLES.open("rb") as file, np.load(file) as tables:
@@ -154,13 +154,13 @@ def _shipped(scenario: Scenario, factor: float) -> UnitDrop | None:
 
 
 def _integral(velocity: Array) -> Array:
-    """Displacement from rest, of the cubic through the samples."""
-    time = np.arange(velocity.shape[-1]) * TIME_STEP
+    """Return the displacement from rest, integrated from the cubic spline of the samples."""
+    time = np.arange(velocity.shape[-1]) * UNIT_DROP_STEP_S
     return np.asarray(CubicSpline(time, velocity, axis=-1).antiderivative()(time))
 
 
 def make_tables(path: Any) -> None:
-    """Compute the drops of the built-in scenarios and write them."""
+    """Compute the drops of the built-in scenarios and write them to a file."""
     index: list[dict[str, Any]] = []
     arrays: dict[str, Any] = {}
     for name in ["default", *builtin_scenarios()]:
@@ -168,7 +168,7 @@ def make_tables(path: Any) -> None:
         offsets = SHIPPED_OFFSETS if name == "default" else (0.0, 0.3, 0.6)
         for factor in (*scenario.drops.seating, 1.0):
             entry = {"drop": _fingerprint(scenario), "factor": factor}
-            if any(entry.items() <= other.items() for other in index):
+            if any(entry.items() <= previous.items() for previous in index):
                 continue
             drop = compute_unit_drop(scenario, factor, offsets)
             data = np.vstack([drop.load, drop.velocity])

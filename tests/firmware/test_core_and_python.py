@@ -37,7 +37,7 @@ from pfwd_device.wire.messages import (
     Stop,
     Trigger,
 )
-from simulators.instrument.calibration_store import StoredCalibration
+from simulators.instrument.memory import StoredCalibration
 from tests.firmware.compiled import needs_compiler
 from tests.firmware.stepping import Steps, build_steps
 
@@ -299,7 +299,7 @@ def test_the_core_stores_the_calibrations_that_python_takes(
         for calibration in said:
             found = answered(steps, calibration)
             try:
-                stored = stored.with_one_more(calibration, compiled)
+                stored = stored.with_channel(calibration, compiled)
             except SetupError:
                 assert isinstance(found, Refusal), (found, calibration)
                 assert found.code == RefusalCode.ARGUMENT

@@ -17,7 +17,7 @@ from simulators.emulated import (
     section_sizes,
 )
 from simulators.firmware import (
-    STRICT,
+    COMPILER_FLAGS,
     Played,
     core_sources,
     firmware_folder,
@@ -100,5 +100,7 @@ def test_the_host_board_compiles_for_every_platform(tmp_path: Path, platform: st
     assert compiler is not None
     source = firmware_folder() / "host" / "board.c"
     built = tmp_path / "board.o"
-    run_compiler([*compiler, "-target", platform, *STRICT, "-c", str(source), "-o", str(built)])
+    run_compiler(
+        [*compiler, "-target", platform, *COMPILER_FLAGS, "-c", str(source), "-o", str(built)]
+    )
     assert built.stat().st_size > 1000

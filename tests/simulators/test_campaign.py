@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from pfwd.files.traces import read_traces
 from simulators.campaign import (
-    DRAWN,
+    DRAWN_LEVEL,
     SITES,
-    SOIL_SHARES,
+    SOIL_PROBABILITIES,
     Case,
     _draw_site,
     make_campaign,
@@ -240,15 +240,17 @@ def test_unmodelled_effects_are_not_in_the_vocabulary() -> None:
     assert len(groups["known"]) == 18
     assert len(groups["unknown"]) == 16
     assert not groups["known"] & groups["unknown"]
-    assert {effect.name for effect in EFFECTS.values() if effect.known} == groups["known"] | {CLEAN}
+    assert {effect.name for effect in EFFECTS.values() if effect.is_in_vocabulary} == groups[
+        "known"
+    ] | {CLEAN}
 
 
 def test_soils_of_the_campaign_have_the_stated_shares() -> None:
     generator = np.random.default_rng(1)
     drawn = [_draw_site(SITES, generator).ground.soil for _ in range(2000)]
-    for soil, share in SOIL_SHARES.items():
+    for soil, share in SOIL_PROBABILITIES.items():
         assert drawn.count(soil) / 2000 == pytest.approx(share, abs=0.03)
-    assert sum(SOIL_SHARES.values()) == pytest.approx(1)
+    assert sum(SOIL_PROBABILITIES.values()) == pytest.approx(1)
     rigid = [site for site in SITES if math.isfinite(site.depth)]
     assert "growth" not in {_draw_site(rigid, generator).ground.soil for _ in range(50)}
 
@@ -309,5 +311,5 @@ def test_drawn_strengths_lie_in_the_range_and_repeat(tmp_path: Path, cache: Path
         low, _, high = EFFECTS[key].strengths
         assert all(low <= case.strength <= high for case in points)
         assert len({case.strength for case in points}) == len(points) > 1
-        assert {case.level for case in points} == {DRAWN}
+        assert {case.level for case in points} == {DRAWN_LEVEL}
         assert {case.device for case in points} == {None}

@@ -9,9 +9,9 @@ import pytest
 from simulators.drop import STANDARD_GRAVITY, DropSimulator, Hammer
 from simulators.effects.march import Indentation, strike
 from simulators.effects.response import (
+    MIN_PULSE_S,
     RESOLUTION,
-    SHORTEST_PULSE,
-    TIME_STEP,
+    RESPONSE_STEP_S,
     GroundResponse,
     ground_response,
 )
@@ -38,9 +38,9 @@ def test_the_march_is_the_finite_elements_with_a_plate_of_that_mass(
     response: GroundResponse,
 ) -> None:
     drop = strike(response, MASS, HAMMER, SAMPLES)
-    duration = (SAMPLES - 1) * TIME_STEP
+    duration = (SAMPLES - 1) * RESPONSE_STEP_S
     simulator = DropSimulator(
-        GROUND, Plate(RADIUS, MASS), OFFSETS, duration, TIME_STEP, SHORTEST_PULSE, RESOLUTION
+        GROUND, Plate(RADIUS, MASS), OFFSETS, duration, RESPONSE_STEP_S, MIN_PULSE_S, RESOLUTION
     )
     whole = simulator.run(HAMMER)
     for name in ("load", "contact_force", "ground_displacement", "ground_velocity"):
@@ -96,7 +96,7 @@ def test_newton_holds_for_the_plate(response: GroundResponse) -> None:
     net = drop.load - drop.contact_force
     gained = MASS * np.diff(drop.plate_velocity)
     np.testing.assert_allclose(
-        gained, TIME_STEP * (net[1:] + net[:-1]) / 2, atol=1e-9 * np.max(drop.load)
+        gained, RESPONSE_STEP_S * (net[1:] + net[:-1]) / 2, atol=1e-9 * np.max(drop.load)
     )
 
 

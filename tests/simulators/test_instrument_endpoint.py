@@ -20,7 +20,7 @@ from simulators.instrument.endpoint import (
     EndpointError,
     TcpEndpoint,
 )
-from simulators.instrument.opening import open_endpoint
+from simulators.instrument.run import open_endpoint
 from simulators.instrument.scenario import load_scenario
 from simulators.instrument.server import Server
 

@@ -15,8 +15,13 @@ from simulators.instrument.response import DropResponse
 from simulators.instrument.scenario import Scenario, builtin_scenarios, load_scenario
 from simulators.instrument.schedule import Schedule
 from simulators.instrument.timeline import PAGE, Bench, Timeline
-from simulators.instrument.truth import drop_truth
-from simulators.instrument.units import DURATION, TIME_STEP, UnitDrop, UnitDrops, with_drawn_soil
+from simulators.instrument.units import (
+    UNIT_DROP_DURATION_S,
+    UNIT_DROP_STEP_S,
+    UnitDrop,
+    UnitDrops,
+    with_drawn_soil,
+)
 from simulators.mesh import Plate
 from simulators.traces import Geophone, geophone_output
 
@@ -44,7 +49,7 @@ def timeline(chosen: Scenario, rate: float = 10e3, seed: int = 0, **options: Any
 
 def half_sine(duration: float = 0.013) -> UnitDrop:
     """A made-up drop whose shape is known in closed form."""
-    time = np.arange(round(DURATION / TIME_STEP) + 1) * TIME_STEP
+    time = np.arange(round(UNIT_DROP_DURATION_S / UNIT_DROP_STEP_S) + 1) * UNIT_DROP_STEP_S
     pulse = np.where(time < duration, np.sin(np.pi * time / duration) ** 2, 0.0)
     return UnitDrop(8e3 * pulse, 0.1 * pulse[None], 1e-3 * pulse[None])
 
@@ -137,15 +142,15 @@ def test_a_drop_passes_through_the_geophone_that_the_channel_names() -> None:
     bare = load_scenario({**QUIET, "device": {"channels": [{"name": "g"}]}})
     keys = {"name": "g", "natural_frequency": 4.5, "damping": 0.6}
     real = load_scenario({**QUIET, "device": {"channels": [keys]}})
-    time = np.arange(0, 0.2, TIME_STEP)
+    time = np.arange(0, 0.2, UNIT_DROP_STEP_S)
     velocity, output = (DropResponse(s, unit).at(time)[:, 0] for s in (bare, real))
-    expected = geophone_output(velocity, TIME_STEP, Geophone(4.5, 0.6))
+    expected = geophone_output(velocity, UNIT_DROP_STEP_S, Geophone(4.5, 0.6))
     np.testing.assert_allclose(output, expected, atol=1e-4 * np.max(velocity))
     assert DropResponse(real, unit).duration > 0.8  # rings down after the ground is at rest
 
 
 def test_effects_change_the_channel_that_they_name_alone() -> None:
-    unit, time = half_sine(), np.arange(0, 0.1, TIME_STEP)
+    unit, time = half_sine(), np.arange(0, 0.1, UNIT_DROP_STEP_S)
     channels = [channel(), channel(name="other")]
 
     def read(*effects: dict[str, Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -160,7 +165,10 @@ def test_effects_change_the_channel_that_they_name_alone() -> None:
         ({"kind": "dead"}, 0 * true),
         ({"kind": "gain", "factor": 1.1}, 1.1 * true),
         ({"kind": "tilted", "angle": math.pi / 3}, 0.5 * true),
-        ({"kind": "delay", "seconds": 10 * TIME_STEP}, np.concatenate([np.zeros(10), true[:-10]])),
+        (
+            {"kind": "delay", "seconds": 10 * UNIT_DROP_STEP_S},
+            np.concatenate([np.zeros(10), true[:-10]]),
+        ),
     ):
         changed, other = read({**effect, "channel": "load"})
         np.testing.assert_allclose(changed, expected, atol=1e-6 * np.max(true))
@@ -171,7 +179,7 @@ def test_a_loose_sensor_rings_at_its_frequency() -> None:
     effect = {"kind": "ringing", "channel": "load", "frequency": 120.0, "damping": 0.02}
     chosen = scenario(effects=[effect])
     response = DropResponse(chosen, half_sine(0.006))
-    time = np.arange(0.02, 0.12, TIME_STEP)  # after the pulse there is nothing but ringing
+    time = np.arange(0.02, 0.12, UNIT_DROP_STEP_S)  # after the pulse there is nothing but ringing
     ringing = response.at(time)[:, 0]
     assert np.max(np.abs(ringing)) > 0.05 * 8e3
     spectrum = np.abs(np.fft.rfft(ringing * np.hanning(ringing.size), 10_000))
@@ -284,7 +292,7 @@ def test_soil_that_cannot_be_computed_is_told_to_whoever_asks(
 def test_the_demonstration_drops_with_the_load_that_e_vd_takes_for_granted(seed: int) -> None:
     chosen = load_scenario("compacted")
     bench = Bench(chosen, UnitDrops(chosen, (*chosen.drops.seating, 1.0)), seed)
-    truths = [drop_truth(bench, number) for number in (4, 5, 6)]
+    truths = [bench.truth(number) for number in (4, 5, 6)]
     loads = [truth["peak_load_n"] for truth in truths]
     assert np.mean(loads) == pytest.approx(7070.0, rel=0.02)
     settlement = np.mean([truth["peak_displacement_m"] for truth in truths])

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pfwd.files.traces import read_traces
-from simulators.demo import PLATE, demo_drops, demo_ground
+from simulators.demo import DEMO_PLATE, demo_drops, demo_ground
 from simulators.drop import SimulatedDrop
 from simulators.mesh import GroundError
 from simulators.traces import Geophone, Recording, geophone_output, record_drop, write_traces
@@ -38,13 +38,13 @@ def read(path: Path) -> tuple[dict[str, object], list[str], NDArray[np.float64]]
 
 def test_a_file_declares_what_the_operator_knows(drop: SimulatedDrop, tmp_path: Path) -> None:
     declared = {"bedrock_depth_m": float("inf"), "site": 'Hill "A"', "seating_drops": 1}
-    path = write_traces(tmp_path / "t.csv", [drop, drop], PLATE, 0.35, declared=declared)
+    path = write_traces(tmp_path / "t.csv", [drop, drop], DEMO_PLATE, 0.35, declared=declared)
     header, columns, table = read(path)
     assert path.read_text(encoding="utf-8").startswith("# pfwd-traces = 1\n")
     assert header == {
         "pfwd-traces": 1,
-        "plate_radius_m": PLATE.radius,
-        "plate_mass_kg": PLATE.mass,
+        "plate_radius_m": DEMO_PLATE.radius,
+        "plate_mass_kg": DEMO_PLATE.mass,
         "poisson_ratio": 0.35,
         "geophone_natural_frequency_hz": 0.0,  # the simulated sensor has no response of its own
         **declared,
@@ -61,7 +61,7 @@ def test_a_file_declares_what_the_operator_knows(drop: SimulatedDrop, tmp_path: 
 
 def test_displacement_can_be_written_instead(drop: SimulatedDrop, tmp_path: Path) -> None:
     recording = Recording(quantity="displacement", pre_trigger=0.0)
-    _, columns, table = read(write_traces(tmp_path / "t.csv", [drop], PLATE, 0.35, recording))
+    _, columns, table = read(write_traces(tmp_path / "t.csv", [drop], DEMO_PLATE, 0.35, recording))
     assert columns[3] == "displacement_m@0.0000"
     np.testing.assert_allclose(table[:, 3:].T, drop.ground_displacement, rtol=1e-8)
 
@@ -111,7 +111,7 @@ def test_a_geophone_is_declared_and_refuses_displacement(
     drop: SimulatedDrop, tmp_path: Path
 ) -> None:
     recording = Recording(geophone=Geophone(4.5, 0.6))
-    header, _, table = read(write_traces(tmp_path / "t.csv", [drop], PLATE, 0.35, recording))
+    header, _, table = read(write_traces(tmp_path / "t.csv", [drop], DEMO_PLATE, 0.35, recording))
     assert header["geophone_natural_frequency_hz"] == 4.5
     assert header["geophone_damping"] == 0.6
     assert np.min(table[:, 3]) < -0.05  # the undershoot
@@ -122,7 +122,7 @@ def test_a_geophone_is_declared_and_refuses_displacement(
 
 def test_a_file_needs_drops_of_one_kind(drop: SimulatedDrop, tmp_path: Path) -> None:
     with pytest.raises(GroundError, match="drops: expected at least one"):
-        write_traces(tmp_path / "t.csv", [], PLATE, 0.35)
+        write_traces(tmp_path / "t.csv", [], DEMO_PLATE, 0.35)
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +157,7 @@ def test_the_demonstration_moves_as_soil_does(demonstration: Path) -> None:
 def test_the_demonstration_can_be_read_by_the_survey(demonstration: Path) -> None:
     point = read_traces(demonstration)
     assert [drop.number for drop in point.drops] == [1, 2, 3]
-    assert point.setup.plate_radius == PLATE.radius
+    assert point.setup.plate_radius == DEMO_PLATE.radius
     assert point.setup.bedrock_depth is None
 
 

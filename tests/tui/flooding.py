@@ -7,7 +7,7 @@ from contextlib import closing, contextmanager
 
 from pfwd_device.wire.messages import EventKind, InstrumentMessage
 from simulators.instrument.device import PortlessInstrument
-from simulators.instrument.opening import open_endpoint
+from simulators.instrument.run import open_endpoint
 from simulators.instrument.scenario import load_scenario
 from simulators.instrument.server import Server
 from tests.tui.console import PLAIN

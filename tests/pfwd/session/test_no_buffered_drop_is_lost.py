@@ -35,7 +35,7 @@ from pfwd_device.wire.messages import (
     Fetch,
     Released,
 )
-from simulators.instrument.keeping import Keeper, Kept
+from simulators.instrument.memory import DropBuffer, WaitingDrop
 from tests.pfwd import scripted_feed
 from tests.pfwd.judging.stories import UnsyncedStorage
 from tests.pfwd.scripted_feed import IDENTITY, Log, ScriptedFeed
@@ -64,7 +64,7 @@ class Fallen:
     channels: int
     seed: int
 
-    def kept(self) -> Kept:
+    def kept(self) -> WaitingDrop:
         # Not the same samples cut or sampled in another way: one of the two could stand for both.
         rng = np.random.default_rng([self.seed, self.trigger, round(self.rate)])
         counts = rng.integers(-1000, 1000, (self.samples, self.channels), np.int32)
@@ -82,7 +82,7 @@ class Fallen:
             zlib.crc32(data),
             self.rate,
         )
-        return Kept(offer, data)
+        return WaitingDrop(offer, data)
 
 
 def is_usable(offer: DropOffer) -> bool:
@@ -99,8 +99,8 @@ class Instrument:
     """Keeps drops, offers them, and notes what it was told to erase."""
 
     def __init__(self) -> None:
-        self.keeper = Keeper(100, np.zeros(2, np.int32))
-        self.erased: list[Kept] = []
+        self.keeper = DropBuffer(100, np.zeros(2, np.int32))
+        self.erased: list[WaitingDrop] = []
 
     def take(self, message: object) -> Sequence[FromInstrument]:
         match message:
@@ -179,7 +179,7 @@ class Way:
         self._under_way.clear()
 
 
-def first_of_names(instrument: Instrument) -> list[Kept]:
+def first_of_names(instrument: Instrument) -> list[WaitingDrop]:
     """The drops that wait, but for those behind another one of their name: it alone is fetched."""
     first = {kept.offer.first_sample: kept for kept in reversed(instrument.keeper.waiting)}
     return list(first.values())
@@ -214,7 +214,7 @@ def test_what_the_instrument_erases_is_in_the_survey_once(
         log, instrument = Log(), Instrument()
         there, back = Way(to_delays), Way(from_delays)
         host = Host(survey, log)
-        everything: list[Kept] = []
+        everything: list[WaitingDrop] = []
         tick = 0
 
         def pass_time(ticks: int) -> None:
@@ -289,7 +289,7 @@ def test_what_the_instrument_erases_is_in_the_survey_once(
 Facts = tuple[int, int, float, bytes]
 
 
-def _facts(kept: Kept) -> Facts:
+def _facts(kept: WaitingDrop) -> Facts:
     offer = kept.offer
     return offer.first_sample, offer.trigger, offer.sampling_rate, kept.data
 

@@ -25,7 +25,7 @@ from pfwd_device.wire.messages import (
 )
 from simulators.instrument import serve
 from simulators.instrument.device import PortlessInstrument
-from simulators.instrument.keeping import PATIENT_OFFERS, Keeper, Kept
+from simulators.instrument.memory import OLDEST_FIRST_OFFERS, DropBuffer, WaitingDrop
 from simulators.instrument.scenario import load_scenario
 
 QUICK = {"first": 0.5, "interval": 2.0, "bounces": [0, 0]}
@@ -85,11 +85,11 @@ def test_a_drop_waits_over_a_pulled_cable_and_a_reset_until_it_is_acknowledged()
     assert (status.drops_waiting, of(heard, DropOffer)) == (0, [])
 
 
-def waiting(*names: int) -> Keeper:
-    keeper = Keeper(8, np.zeros(2, np.int32))
+def waiting(*names: int) -> DropBuffer:
+    keeper = DropBuffer(8, np.zeros(2, np.int32))
     for order, name in enumerate(names):
         offer = DropOffer(1, name, None, 1, 2, 2, 2, order, 1000.0)
-        keeper.waiting.append(Kept(offer, bytes(12)))
+        keeper.waiting.append(WaitingDrop(offer, bytes(12)))
     return keeper
 
 
@@ -100,7 +100,7 @@ def test_a_drop_that_nobody_fetches_does_not_block_the_others() -> None:
         found = [keeper.next_offer() for _ in range(count)]
         return [offer.first_sample for offer in found if offer is not None]
 
-    assert offers(12) == [10] * PATIENT_OFFERS + [20, 30, 10, 20]
+    assert offers(12) == [10] * OLDEST_FIRST_OFFERS + [20, 30, 10, 20]
     keeper.release(1, 20)  # the oldest still waits: the others go on in turn
     assert set(offers(2)) == {10, 30}
     keeper.release(1, 10)
@@ -112,7 +112,7 @@ def test_a_drop_that_nobody_fetches_does_not_block_the_others() -> None:
 def test_only_the_oldest_drop_of_a_name_is_offered() -> None:
     keeper = waiting(10, 10, 20, 10)
     crcs = [offer.crc for _ in range(12) if (offer := keeper.next_offer()) is not None]
-    assert crcs == [0] * PATIENT_OFFERS + [2, 0, 2, 0]
+    assert crcs == [0] * OLDEST_FIRST_OFFERS + [2, 0, 2, 0]
 
 
 def test_an_acknowledge_erases_one_drop_of_a_name() -> None:
