@@ -49,7 +49,7 @@ def test_it_can_be_stopped_at_any_time_and_still_tells_the_truth() -> None:
 
 
 def test_the_reason_of_a_failure_reaches_the_caller() -> None:
-    with pytest.raises(SimulationError, match=r"soil\.modulus: expected > 0, got -1"):
+    with pytest.raises(SimulationError, match=r"soil\.modulus: expected a number > 0, got -1"):
         serve({"soil": {"modulus": -1}})
 
 
@@ -83,7 +83,12 @@ def test_it_brings_no_inversion_along() -> None:
 
 
 def test_it_takes_the_wire_format_alone_from_the_instrument_side() -> None:
-    allowed = ("pfwd_device.wire.", "pfwd_device.identity", "pfwd_device.errors")
+    allowed = (
+        "pfwd_device.wire.",
+        "pfwd_device.identity",
+        "pfwd_device.errors",
+        "pfwd_device.schema",
+    )
     allowed += ("pfwd_device.child_python",)  # its own process, which takes no code from a folder
     for path in (TOP / "simulators").rglob("*.py"):
         for line in path.read_text(encoding="utf-8").splitlines():
