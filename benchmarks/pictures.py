@@ -80,7 +80,7 @@ def _measure(survey: Path) -> None:
             point=name,
             drops=DROPS,
             options=AnalysisOptions(),
-            usual_procedure=plain_procedure(),
+            default_procedure=plain_procedure(),
             job=JobRequest(target=TARGET, operator="A. Weber"),
         )
         with serve(scenario, drops=DROPS, rate=RATE, seed=len(name)) as instrument:
@@ -187,7 +187,7 @@ def _draw_done(survey: Path, path: Path) -> None:
     plan = SessionPlan(
         point=name,
         options=AnalysisOptions(),
-        usual_procedure=plain_procedure(),
+        default_procedure=plain_procedure(),
         job=JobRequest(target=TARGET, stations=stations),
     )
     with serve(scenario, drops=DROPS, rate=RATE, seed=len(name)) as instrument:

@@ -25,7 +25,7 @@ _VERSIONED_HEADER_KEYS = {
     **_version(header.TRACES_FORMAT_KEY, header.TRACES_FORMAT_VERSION),
     **header.HEADER_KEYS,
 }
-_PROCEDURE_VERSION = _version(reading.FORMAT_KEY, reading.FORMAT_VERSION)
+_PROCEDURE_VERSION = _version(reading.PROFILE_FORMAT_KEY, reading.FORMAT_VERSION)
 
 _DESCRIPTIONS = {
     "setup": _Description("Setup file of a measurement", SETUP_KEYS),
@@ -35,7 +35,9 @@ _DESCRIPTIONS = {
     "column-map": _Description(
         "Column map of a delimited text", {**header.HEADER_KEYS, **column_map.COLUMN_MAP_KEYS}, True
     ),
-    "procedure": _Description("Measuring procedure", {**_PROCEDURE_VERSION, **reading.KEYS}),
+    "procedure": _Description(
+        "Measuring procedure", {**_PROCEDURE_VERSION, **reading.PROFILE_KEYS}
+    ),
     "job": _Description("Job of a survey: details of an event job", JOB_KEYS, True),
 }
 

@@ -201,8 +201,8 @@ def advice_on_point(
     if change is None or len(progress.used) < 2:
         return []
     first, last = progress.used[0], progress.used[-1]
-    known_loads = loads or {}
-    before, after = known_loads.get(first), known_loads.get(last)
+    loads_by_number = loads or {}
+    before, after = loads_by_number.get(first), loads_by_number.get(last)
     if before and after:
         change = (1.0 + change) * before / after - 1.0
     if change < -MIN_SETTLING:

@@ -42,16 +42,16 @@ PROCEDURE_EVENT, JOB_EVENT = "procedure", "job"
 MAX_STATIONS = 100_000
 """More than the stations of any one job; a longer list is another file."""
 
-UNITS = ("si", "us")
+SCREEN_UNITS = ("si", "us")
 
-_TEXT = Text(200, min_length=1)
+_SHORT_TEXT = Text(200, min_length=1)
 
 
 @dataclass(frozen=True, slots=True)
 class Station:
     """A place that is to be measured."""
 
-    name: str = field(metadata=describe(_TEXT, "Name that the point shall have."))
+    name: str = field(metadata=describe(_SHORT_TEXT, "Name that the point shall have."))
     chainage_m: float | None = declared(None, Number("m"), "Distance along the line.")
     latitude: float | None = declared(
         None, Number("degrees", minimum=-90, maximum=90), "North positive."
@@ -77,13 +77,13 @@ JOB_KEYS = {
     "step_m": Key(
         Number("m", above=0), meaning="Distance of neighbouring stations along the line."
     ),
-    "operator": Key(_TEXT, meaning="Name of the operator."),
-    "device": Key(_TEXT, meaning="Serial number of the instrument."),
+    "operator": Key(_SHORT_TEXT, meaning="Name of the operator."),
+    "device": Key(_SHORT_TEXT, meaning="Serial number of the instrument."),
     "calibration": Key(
         Array(Table({})), meaning="Channel, date of its calibration and date of expiry."
     ),
-    "units": Key(Choice(UNITS), meaning="Units of the screen."),
-    "time_zone": Key(_TEXT, meaning="Offset of local time at the site, such as +02:00."),
+    "units": Key(Choice(SCREEN_UNITS), meaning="Units of the screen."),
+    "time_zone": Key(_SHORT_TEXT, meaning="Offset of local time at the site, such as +02:00."),
 }
 """Keys of an event ``job``."""
 
@@ -460,7 +460,7 @@ def job_from_events(
             continue
         for key, value in details.items():
             if value is None:
-                readable = {key: _EMPTY.get(key)} if key in JOB_KEYS else {}
+                readable = {key: _WITHDRAWN_VALUES.get(key)} if key in JOB_KEYS else {}
             elif key == "stations":
                 readable = _stations(value)
             else:
@@ -511,4 +511,4 @@ def _stations(value: Any) -> dict[str, Any]:
     return {"stations": tuple(Station(**station) for station in stations)}
 
 
-_EMPTY: Mapping[str, Any] = {"stations": (), "calibration": ()}
+_WITHDRAWN_VALUES: Mapping[str, Any] = {"stations": (), "calibration": ()}

@@ -16,13 +16,13 @@ from pfwd.judging.job import MAX_STATIONS, Station, target_si, target_unit
 from pfwd.judging.places import number as finite_number
 from pfwd.procedures import Procedure
 
-LARGEST_FILE = 50_000_000
+MAX_STATION_FILE_CHARACTERS = 50_000_000
 """Characters; 100,000 stations take a tenth of it."""
 
-LONGEST_NAME = 64
+MAX_STATION_NAME_CHARACTERS = 64
 """Characters of the name of a point."""
 
-COLUMNS: Mapping[str, tuple[str, ...]] = {
+STATION_HEADINGS: Mapping[str, tuple[str, ...]] = {
     "name": ("name", "station", "point", "id"),
     "chainage_m": ("chainage_m", "chainage"),
     "latitude": ("latitude", "lat"),
@@ -56,8 +56,8 @@ def read_stations(
     Parameters
     ----------
     path : path of a .csv or .gpx file
-        Of a CSV the first line names the columns (`COLUMNS`), separated by comma, semicolon or
-        tabulator; targets are in the unit that the procedure's quantity is shown in.
+        The first line of a CSV names the columns (`STATION_HEADINGS`), separated by comma,
+        semicolon or tabulator; targets are in the shown unit of the procedure's quantity.
     procedure : Procedure
     on_remark : callable, optional
         Receives one line that names the columns of a CSV that are not used.
@@ -75,8 +75,9 @@ def read_stations(
         raise OptionError(refusal(file, "a readable file", err.strerror or str(err))) from err
     except UnicodeDecodeError as err:
         raise OptionError(refusal(file, "UTF-8 text", "other bytes")) from err
-    if len(text) > LARGEST_FILE:
-        raise OptionError(refusal(file, f"at most {LARGEST_FILE} characters", "more"))
+    if len(text) > MAX_STATION_FILE_CHARACTERS:
+        expected = f"at most {MAX_STATION_FILE_CHARACTERS} characters"
+        raise OptionError(refusal(file, expected, "more"))
     is_gpx = file.lower().endswith(".gpx")
     stations = _gpx(text, file) if is_gpx else _csv(text, file, procedure, on_remark)
     if not stations:
@@ -232,7 +233,7 @@ def _csv(
         stations.append(_station(cells, where, procedure, decimal_comma=delimiter != ","))
     names = [unused[at] for at in sorted(unused.keys() - set(places.values()))]
     if names:
-        columns = ", ".join(COLUMNS)
+        columns = ", ".join(STATION_HEADINGS)
         on_remark(f"{file}: columns not used: {', '.join(names)}. Known columns are {columns}")
     return stations
 
@@ -261,7 +262,7 @@ def _column_of_heading(heading: str) -> str | None:
     for key, parts in _PARTS_OF_HEADINGS.items():
         if any(part in letters for part in parts):
             return key
-    for key, headings in COLUMNS.items():
+    for key, headings in STATION_HEADINGS.items():
         if difflib.get_close_matches(heading.lower(), headings, n=1, cutoff=_CLOSE_MATCH):
             return key
     return None
@@ -271,13 +272,13 @@ def _places(heading: Sequence[str], file: str) -> dict[str, int]:
     names = [cell.strip().lower() for cell in heading]
     places = {
         key: names.index(name)
-        for key, headings in COLUMNS.items()
+        for key, headings in STATION_HEADINGS.items()
         for name in reversed(headings)
         if name in names
     }
     if "name" not in places:
-        expected = f"a first line with a column {' or '.join(COLUMNS['name'])}"
-        hint = f"further columns are {', '.join(key for key in COLUMNS if key != 'name')}"
+        expected = f"a first line with a column {' or '.join(STATION_HEADINGS['name'])}"
+        hint = f"further columns are {', '.join(key for key in STATION_HEADINGS if key != 'name')}"
         raise OptionError(refusal(file, expected, quote(", ".join(heading)), hint))
     return places
 
@@ -313,8 +314,9 @@ def _station(
 
 
 def _name(text: str, where: str) -> str:
-    if not 0 < len(text) <= LONGEST_NAME or not text.isprintable():
-        raise OptionError(refusal(where, f"a name of 1 to {LONGEST_NAME} letters", quote(text)))
+    if not 0 < len(text) <= MAX_STATION_NAME_CHARACTERS or not text.isprintable():
+        expected = f"a name of 1 to {MAX_STATION_NAME_CHARACTERS} letters"
+        raise OptionError(refusal(where, expected, quote(text)))
     return text
 
 

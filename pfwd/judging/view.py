@@ -166,10 +166,10 @@ def later_declarations(point: SurveyPoint) -> dict[str, Any]:
     """Return the keys of a header that were edited after the point was measured."""
     declared: dict[str, Any] = {}
     for edit in point.edits:
-        what, value = edit["what"], edit.get("value")
-        if what == "declared" and isinstance(value, dict):
+        kind, value = edit["what"], edit.get("value")
+        if kind == "declared" and isinstance(value, dict):
             declared |= value
-        elif what == "operator" and value is not None:
+        elif kind == "operator" and value is not None:
             declared["operator"] = value
     return declared
 

@@ -10,7 +10,7 @@ from pfwd.procedures.profile import Number as SourcedNumber
 from pfwd.toml_reading import parse_toml
 from pfwd_device.schema import Array, Choice, Flag, Key, Number, Table, TableReader, Text
 
-FORMAT_KEY = "pfwd-procedure"
+PROFILE_FORMAT_KEY = "pfwd-procedure"
 FORMAT_VERSION = 1
 
 MAX_PROFILE_LENGTH = 100_000
@@ -19,27 +19,27 @@ MAX_PROFILE_LENGTH = 100_000
 MAX_DROPS_OF_A_KIND = 100
 """A larger number is a slip of the keyboard."""
 
-_EXAMPLE = 'for example { value = 3, source = "where it is written", verified = true }'
+_NUMBER_EXAMPLE = 'for example { value = 3, source = "where it is written", verified = true }'
 
 
 def _sourced(value: Number, meaning: str) -> Key:
     """Return the key of a number that is stated with its source."""
     keys = {
-        "value": Key(value, meaning=meaning, hint=_EXAMPLE, required=True),
+        "value": Key(value, meaning=meaning, hint=_NUMBER_EXAMPLE, required=True),
         "source": Key(
             Text(min_length=1),
             meaning="Document and place that state the number.",
-            hint=_EXAMPLE,
+            hint=_NUMBER_EXAMPLE,
             required=True,
         ),
         "verified": Key(
             Flag(),
             meaning="True when a public text confirms the number.",
-            hint=_EXAMPLE,
+            hint=_NUMBER_EXAMPLE,
             required=True,
         ),
     }
-    return Key(Table(keys, "a number with its source"), meaning=meaning, hint=_EXAMPLE)
+    return Key(Table(keys, "a number with its source"), meaning=meaning, hint=_NUMBER_EXAMPLE)
 
 
 def _drop_count(minimum: int, meaning: str) -> Key:
@@ -59,7 +59,7 @@ _TARGET_KEYS = {
         Number("percent", infinity_means="none"), "moisture_to", "Moisture, exclusive."
     ),
 }
-KEYS = {
+PROFILE_KEYS = {
     "name": Key(Text(min_length=1), meaning="Short name for --procedure.", required=True),
     "title": Key(Text(min_length=1), meaning="Title in reports.", required=True),
     "source": Key(Text(min_length=1), meaning="Document of the procedure.", required=True),
@@ -148,7 +148,7 @@ def parse_procedure(
         True: the profile is part of the program.
     enforce_unverified : bool
     """
-    values = TableReader(OptionError, where).read(_table_of(text, where), KEYS)
+    values = TableReader(OptionError, where).read(_table_of(text, where), PROFILE_KEYS)
     quantity = Quantity(values["quantity"])
     drops, formula, checks = (
         {key: _number(number) for key, number in values.get(name, {}).items()}
@@ -186,11 +186,11 @@ def _table_of(text: str, where: str) -> dict[str, Any]:
         table = parse_toml(text)
     except ValueError as err:  # also numbers without end
         raise OptionError(refusal(where, "TOML", str(err))) from err
-    version = table.pop(FORMAT_KEY, None)
+    version = table.pop(PROFILE_FORMAT_KEY, None)
     if type(version) is not int or version != FORMAT_VERSION:
         hint = "a file of a newer version needs a newer program"
         got = "none" if version is None else quote(version)
-        raise OptionError(refusal(where, f"{FORMAT_KEY} = {FORMAT_VERSION}", got, hint))
+        raise OptionError(refusal(where, f"{PROFILE_FORMAT_KEY} = {FORMAT_VERSION}", got, hint))
     return table
 
 

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
 
-MAX_TABLE_ROWS = 20
+MAX_NOTEBOOK_ROWS = 20
 """Rows of a table in a notebook; a longer table would fill the screen."""
 
-MAX_LINE_CHARACTERS = 200
+MAX_SHOWN_CHARACTERS = 200
 """Longest text from a file in a line for people."""
 
 
@@ -32,7 +32,7 @@ class ScriptObject:
 
 def text_of(value: object) -> str:
     """Return a value from a file as a text of limited length on one line."""
-    return clean(str(value), limit=MAX_LINE_CHARACTERS)
+    return clean(str(value), limit=MAX_SHOWN_CHARACTERS)
 
 
 def megapascal(value: float) -> str:
@@ -46,13 +46,13 @@ def count(number: int, noun: str) -> str:
 
 
 def html_table(caption: str, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Return a table for a notebook, with the number of rows beyond `MAX_TABLE_ROWS`."""
+    """Return a table for a notebook, with the number of rows beyond `MAX_NOTEBOOK_ROWS`."""
     head = "".join(f"<th>{html.escape(name)}</th>" for name in columns)
     body = "".join(
         "<tr>" + "".join(f"<td>{html.escape(text_of(cell))}</td>" for cell in row) + "</tr>"
-        for row in rows[:MAX_TABLE_ROWS]
+        for row in rows[:MAX_NOTEBOOK_ROWS]
     )
-    omitted = len(rows) - MAX_TABLE_ROWS
+    omitted = len(rows) - MAX_NOTEBOOK_ROWS
     more = f"<p>and {count(omitted, 'row')} more</p>" if omitted > 0 else ""
     return (
         f"<table><caption>{html.escape(caption)}</caption>"

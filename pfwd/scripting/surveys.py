@@ -12,7 +12,7 @@ from pfwd.export.json_text import without_nan
 from pfwd.export.point_rows import point_rows
 from pfwd.export.rows import Order, Row
 from pfwd.files.reading import survey_content
-from pfwd.procedures import Verdict, unit_of
+from pfwd.procedures import unit_of
 from pfwd.scripting.display import ScriptObject, axes_or_new, count, data_frame, html_table, text_of
 from pfwd.scripting.measured import Drop, Points, read
 from pfwd.scripting.results import Result, Results
@@ -26,14 +26,6 @@ if TYPE_CHECKING:
 Traces = Literal["half-space", "layer", "three-sensors", "unexplained"]
 SURVEY: Literal["survey"] = "survey"
 DATA_FOLDER = Path(__file__).resolve().parent / "data"
-
-
-_VERDICT_COLOURS = {
-    Verdict.PASS: "tab:green",
-    Verdict.FAIL: "tab:red",
-    Verdict.UNDECIDED: "tab:orange",
-    Verdict.NONE: "tab:blue",
-}
 
 
 class Survey(ScriptObject):
@@ -154,6 +146,8 @@ class Survey(ScriptObject):
         return ax
 
     def _plot_values(self, ax: Axes) -> None:
+        from pfwd.report.drawing import VERDICT_COLOURS
+
         quantity = self._order.job.quantity
         unit, scale = ("mm", 1e3) if unit_of(quantity) == "m" else ("MPa", 1e-6)
         labels: set[str] = set()
@@ -170,7 +164,7 @@ class Survey(ScriptObject):
                 reach,
                 fmt="o",
                 capsize=3,
-                color=_VERDICT_COLOURS[point.progress.verdict],
+                color=VERDICT_COLOURS[point.progress.verdict.value],
                 markerfacecolor="none" if value.not_supported else None,
                 label="_nolegend_" if label in labels else label,
             )

@@ -13,7 +13,7 @@ from pfwd_device.errors import DeviceRefused
 from pfwd_device.recording import CaptureWriter
 from pfwd_device.wire.messages import DropOffer
 
-LAST_RELEASES = 2.0
+SETTLE_TIME_S = 2.0
 """s; an Acknowledge that was lost is sent again after 1 s, when the drop is offered again. A drop
 that is offered again to this survey is recognised."""
 
@@ -89,7 +89,7 @@ class LiveFeed:
 
     def settle(self) -> None:
         """Wait a moment until the instrument has let go of the drops that are safe."""
-        self._driver.settle(LAST_RELEASES)
+        self._driver.settle(SETTLE_TIME_S)
 
     def counters(self) -> dict[str, float | None]:
         """Everything that was discarded, by name, and the drift of the clock in ppm."""

@@ -25,10 +25,11 @@ from pfwd.judging import Job, job_of
 from pfwd.procedures import NO_PROCEDURE
 from pfwd.session.events import DropSaved, Notice, SessionEvent
 from pfwd.session.live import LiveFeed, random_stream
+from pfwd.session.plan import session_job
 from pfwd.session.replay import Pace, capture_feed, survey_feed
 from pfwd.session.session import Ending, Listener, Session, SessionPlan
 from pfwd.session.setup_file import MeasuringSetup
-from pfwd.session.survey_job import agreed_job, point_known
+from pfwd.session.stored_drops import point_event
 from pfwd.session.survey_recorder import report_file_changes
 from pfwd_device.recording import CaptureWriter, Survey, SurveyWriter, read_survey
 
@@ -80,7 +81,7 @@ def measure(
             _report_recovery(writer, listener)
             writer.check_room()
             if capture:
-                setup = agreed_job(plan, writer.contents()).setup
+                setup = session_job(plan, writer.contents()).setup
                 feed.captured = _open_capture(writer, url, setup, stream)
             try:
                 feed.open()
@@ -215,7 +216,7 @@ def _with_stored_points(survey: Survey, listener: Listener) -> Listener:
         if isinstance(event, DropSaved):
             point = waiting.pop(event.saved.point, None)
             if point is not None:
-                listener(point_known(point, is_replayed=True))
+                listener(point_event(point, is_replayed=True))
         listener(event)
 
     return with_points

@@ -1,17 +1,22 @@
-"""Plan of a measuring session, and the way it ended."""
+"""Plan of a measuring session, the job that follows from it, and the way it ended."""
 
+import dataclasses
+import datetime
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Literal
+from typing import Any, Literal
 
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.errors import OptionError, quote, refusal
-from pfwd.judging import JobRequest
-from pfwd.procedures import Procedure
+from pfwd.errors import OptionError, SurveyError, quote, refusal
+from pfwd.judging import Job, JobRequest, job_of
+from pfwd.procedures import NO_PROCEDURE, Procedure
 from pfwd.session.position import PositionSource
-from pfwd.session.setup_file import MeasuringSetup
+from pfwd.session.setup_file import MeasuringSetup, with_procedure
 from pfwd_device.errors import RecordingError
+from pfwd_device.identity import Identity
 from pfwd_device.recording.record import point_name
+from pfwd_device.recording.survey_content import SurveyContent
 
 
 class Ending(StrEnum):
@@ -47,7 +52,7 @@ class SessionPlan:
     """s after which a lost instrument ends the session; None: never."""
     job: JobRequest = field(default_factory=JobRequest)
     """Changes of the survey's job; the rest of the job stays as it is."""
-    usual_procedure: Procedure | None = None
+    default_procedure: Procedure | None = None
     """Procedure of a new survey for which none was chosen; None: none."""
     changed_calibration: Literal["refuse", "ask", "accept"] = "refuse"
     """Response to an instrument whose calibration differs from that of the survey's drops: end with
@@ -69,3 +74,85 @@ class SessionPlan:
         """The point that was named, here or in the setup."""
         declared = self.setup.declared.get("point")
         return self.point or (None if declared is None else point_name(str(declared)))
+
+
+@dataclass(frozen=True, slots=True)
+class SessionJob:
+    """Job of a session: that of its survey, and the changes by the plan."""
+
+    recorded: Job
+    """Job that the survey has."""
+    request: JobRequest
+    """Changes that have to be recorded."""
+    setup: MeasuringSetup
+    """Setup with the procedure in force."""
+    differences: tuple[str, ...]
+    """Differences from the recorded job, one sentence each."""
+
+    @property
+    def job(self) -> Job:
+        """Job after the changes."""
+        return self.recorded.with_request(self.request)
+
+
+def session_job(plan: SessionPlan, survey: SurveyContent | None) -> SessionJob:
+    """Return the job of a session: the plan overrides the survey, and this the defaults.
+
+    Parameters
+    ----------
+    plan : SessionPlan
+    survey : SurveyContent, optional
+        Survey into which the session records; None: it records nothing.
+
+    Raises
+    ------
+    SurveyError, OptionError
+        If the survey's procedure cannot be read, or the setup contradicts it.
+    """
+    chosen = plan.setup.procedure
+    recorded = Job() if survey is None else _recorded_job(survey, replaceable=chosen is not None)
+    setup = plan.setup
+    if chosen is None:
+        is_new = survey is None or not survey.drops
+        chosen = recorded.procedure or (plan.default_procedure if is_new else None)
+        if chosen is not None:
+            setup = with_procedure(setup, chosen, f"procedure {chosen.name} of the survey")
+        elif plan.default_procedure is not None:
+            # A survey of an earlier version, without a procedure: only the seating is added.
+            seating = {"seating_drops": plan.default_procedure.seating_drops or 0}
+            setup = dataclasses.replace(setup, declared={**seating, **setup.declared})
+    operator = setup.declared.get("operator")
+    request = plan.job.over(JobRequest(operator=None if operator is None else str(operator)[:200]))
+    if chosen is not None:
+        request = JobRequest(procedure=chosen).over(request)
+    operator = recorded.operator if request.operator is None else request.operator
+    if operator is not None:
+        declared = {**setup.declared, "operator": operator}
+        setup = dataclasses.replace(setup, declared=declared)
+    differences = tuple(request.differences(recorded))
+    return SessionJob(recorded, request.news(recorded), setup, differences)
+
+
+def _recorded_job(survey: SurveyContent, *, replaceable: bool) -> Job:
+    try:
+        return job_of(survey)
+    except SurveyError:
+        if not replaceable:  # by the one that is chosen now
+            raise
+        return dataclasses.replace(job_of(survey, NO_PROCEDURE), procedure=None)
+
+
+def instrument_request(identity: Identity) -> JobRequest:
+    """Return the job's serial number and calibration of an instrument, and the local time zone."""
+    calibration: list[Mapping[str, Any]] = []
+    for channel in identity.channels:
+        dates = {"calibrated": channel.calibrated, "due": channel.due}
+        declared = {key: date.isoformat() for key, date in dates.items() if date}
+        if declared:
+            calibration.append({"channel": channel.name, **declared})
+    zone = datetime.datetime.now().astimezone().strftime("%z")
+    return JobRequest(
+        device=identity.serial_number or None,
+        calibration=tuple(calibration) or None,
+        time_zone=f"{zone[:3]}:{zone[3:5]}" if zone else None,
+    )

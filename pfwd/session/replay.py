@@ -246,9 +246,9 @@ def _samples(item: RecordedDrop) -> Iterator[Samples | Gap | Pause]:
             yield Gap(item.stream, position, first - position)
         position = first
         while position < first + len(counts):
-            gap_here = next((gap for gap in missing if gap[0] <= position < sum(gap)), None)
-            if gap_here is not None:
-                length = sum(gap_here) - position
+            gap = next((gap for gap in missing if gap[0] <= position < sum(gap)), None)
+            if gap is not None:
+                length = sum(gap) - position
                 yield Gap(item.stream, position, length)
                 position += length
                 continue

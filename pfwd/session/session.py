@@ -49,10 +49,10 @@ from pfwd.session.events import (
 )
 from pfwd.session.feeds import Ended, Feed, FeedItem, ImportedDrop, RecordedDrop
 from pfwd.session.live_view import apply_event
-from pfwd.session.plan import Ending, SessionPlan
+from pfwd.session.plan import Ending, SessionPlan, instrument_request, session_job
 from pfwd.session.sensor_check import SensorChecker
 from pfwd.session.setup_file import response_warnings, setup_of
-from pfwd.session.survey_job import agreed_job, instrument_request, known_point
+from pfwd.session.stored_drops import read_point_event
 from pfwd_device.acquisition.detection import (
     DetectionSettings,
     PulseReport,
@@ -139,10 +139,10 @@ class Session:
         self._repeats = Repeats()
         self._stored_events = Repeats()
         plan = plan or SessionPlan()
-        agreed = agreed_job(plan, None if writer is None else writer.contents())
-        self._plan = replace(plan, setup=agreed.setup)
-        self._job, self._job_request = agreed.kept, agreed.request
-        self._differences = agreed.differences
+        job = session_job(plan, None if writer is None else writer.contents())
+        self._plan = replace(plan, setup=job.setup)
+        self._job, self._job_request = job.recorded, job.request
+        self._differences = job.differences
         self._rules_stored = False
         """Whether the survey has the event with the rules of this version."""
         self._changed_verdicts: tuple[str, ...] = ()
@@ -286,7 +286,7 @@ class Session:
 
         The moved drop is a new record of the survey, and its view is made of that record.
         """
-        stored = known_point(writer, name)
+        stored = read_point_event(writer, name)
         if stored is not None:
             self._reported_points.add(name)
             self._report(stored)
@@ -365,7 +365,7 @@ class Session:
         self._reported_points.add(name)
         if name not in self._recorder.writer.points:
             return
-        stored = known_point(self._recorder.writer, name)
+        stored = read_point_event(self._recorder.writer, name)
         if stored is not None:
             self._pipeline.know(stored.point)
             self._report(stored)

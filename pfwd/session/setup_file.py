@@ -36,8 +36,8 @@ from pfwd_device.setup import (
     read_device_setup,
 )
 
-LARGEST_FILE = 100_000
-"""Characters; a setup takes a few thousand."""
+MAX_FILE_CHARACTERS = 100_000
+"""Limit of the length of a setup file; a setup has a few thousand characters."""
 
 PROCEDURE_KEY = "procedure"
 PROCEDURE_KEYS = {
@@ -57,38 +57,38 @@ SETUP_KEYS = {
 }
 """Keys of a setup file."""
 
-FULL_SCALE = 1e-9, 1e12
-"""N, m/s or m; far beyond what any converter and sensor of an instrument measure at most."""
+FULL_SCALE_RANGE = 1e-9, 1e12
+"""Full scale of a channel, N, m/s or m: wider than that of any converter with a sensor."""
 
 RESPONSE_TOLERANCE = 0.05
-"""Of natural frequency and damping; makers match geophones to this, and it moves a modulus by less
-than a tenth of a percent."""
+"""Relative tolerance of natural frequency and damping. Makers match geophones to this, and it moves
+a modulus by less than a tenth of a percent."""
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuringSetup:
-    """What is declared before a measurement; empty: the instrument says it all."""
+    """Declarations before a measurement; empty: all come from the instrument."""
 
     device: DeviceSetup = field(default_factory=DeviceSetup)
     """Link, channels with calibration, detection."""
     declared: Mapping[str, Any] = field(default_factory=dict)
     """Keys of a trace file's header with their values."""
     file: str | None = None
-    """Where it was read from."""
+    """Path of the setup file; None: there is no file."""
     text: str = ""
-    """What stands in the file, for a recording that has to be read alike."""
+    """Text of the file; a recording needs it to be read in the same way."""
     procedure: Procedure | None = None
-    """How a point is measured; None: no one said. Its name and its number of seating drops are
-    among what is declared."""
+    """Measuring procedure, None: not declared. Its name and its number of seating drops are in
+    `declared`, too."""
 
     def identity_with(self, identity: Identity) -> Identity:
-        """The identity with what the file says in place of what the instrument says.
+        """Return the identity of an instrument with the values of the file in place of its own.
 
         Raises
         ------
         SetupError
-            If the file does not fit the instrument, or a channel could measure nothing; the
-            message names the file.
+            If the file does not fit the instrument, or the full scale of a channel is impossible;
+            the message names the file.
         """
         try:
             effective = self.device.apply(identity)
@@ -99,14 +99,14 @@ class MeasuringSetup:
         return effective
 
     def declared_with(self, identity: Identity) -> dict[str, Any]:
-        """What is declared of a point measured with an instrument; the file wins.
+        """Return the declarations of a point by file and instrument; the file wins.
 
         Raises
         ------
         SetupError
-            If neither the file nor the instrument says the plate radius.
+            If neither the file nor the instrument declares the plate radius.
         """
-        said: dict[str, Any] = {
+        declared: dict[str, Any] = {
             "plate_radius_m": identity.plate_radius,
             "plate_mass_kg": identity.plate_mass,
             "centre_sensor": identity.centre_sensor,
@@ -114,77 +114,80 @@ class MeasuringSetup:
             **_geophone_response(identity),
             **self.declared,
         }
-        if said["plate_radius_m"] is None:
+        if declared["plate_radius_m"] is None:
             raise SetupError(
                 "plate radius: expected it from the instrument or the setup file, got none; "
                 "nothing is armed: write plate_radius_m = 0.15 (in m) into a file and give it "
                 "with --setup"
             )
-        return {key: value for key, value in said.items() if value is not None}
+        return {key: value for key, value in declared.items() if value is not None}
 
     def setup_with(self, identity: Identity) -> PointSetup:
-        """The same, checked as a whole."""
+        """Return the declarations as a checked setup; see `declared_with`."""
         return setup_of(self.declared_with(identity), self.file or "setup")
 
     def differences(self, identity: Identity) -> list[str]:
-        """What the file says otherwise than the instrument, one sentence each, to be shown."""
+        """Return the differences of the file from the instrument, one sentence each."""
         effective = self.device.apply(identity)
-        own = MeasuringSetup(declared={"plate_radius_m": 1.0}).declared_with(identity)
-        own["plate_radius_m"] = identity.plate_radius
+        reported = MeasuringSetup(declared={"plate_radius_m": 1.0}).declared_with(identity)
+        reported["plate_radius_m"] = identity.plate_radius
         lines = [
-            f"{key} = {value!r} from the setup file, not {own[key]!r} as the instrument says"
+            f"{key} = {value!r} from the setup file, not {reported[key]!r} as the instrument says"
             for key, value in self.declared.items()
-            if own.get(key) is not None and own[key] != value
+            if reported.get(key) is not None and reported[key] != value
         ]
-        lines += _otherwise(effective, identity, INSTRUMENT_KEYS, "")
-        for mine, theirs in zip(effective.channels, identity.channels, strict=True):
-            lines += _otherwise(mine, theirs, CHANNEL_KEYS, f"channel {mine.name!r}: ")
-        asked = self.device.sampling_rate
-        if asked is not None and asked != identity.sampling_rate:
-            rate = identity.sampling_rate
-            lines.append(f"sampling_rate_hz = {asked:g} was asked for, the instrument has {rate:g}")
+        lines += _differences(effective, identity, INSTRUMENT_KEYS, "")
+        for by_file, by_instrument in zip(effective.channels, identity.channels, strict=True):
+            where = f"channel {by_file.name!r}: "
+            lines += _differences(by_file, by_instrument, CHANNEL_KEYS, where)
+        requested, rate = self.device.sampling_rate, identity.sampling_rate
+        if requested is not None and requested != rate:
+            lines.append(
+                f"sampling_rate_hz = {requested:g} was asked for, the instrument has {rate:g}"
+            )
         return lines
 
 
 def _refuse_scale(channel: ChannelIdentity, adc_range: float) -> None:
     """Refuse a sensitivity with which no load and no motion of the ground can be measured."""
     full_scale = adc_range / abs(channel.sensitivity)
-    least, most = FULL_SCALE
-    if channel.role is not Role.UNUSED and not least <= full_scale <= most:
+    smallest, largest = FULL_SCALE_RANGE
+    if channel.role is not Role.UNUSED and not smallest <= full_scale <= largest:
         unit = UNIT_OF_ROLE[channel.role]
         raise SetupError(
             f"channel {channel.name!r}: sensitivity: expected one with a full scale from "
-            f"{least:g} to {most:g} {unit}, got {channel.sensitivity:g} V per {unit} and "
+            f"{smallest:g} to {largest:g} {unit}, got {channel.sensitivity:g} V per {unit} and "
             f"{adc_range:g} V, which is {full_scale:g} {unit}. Nothing is armed: correct the "
             "calibration of the instrument, or write sensitivity into the setup file"
         )
 
 
-def _otherwise(
-    mine: Identity | ChannelIdentity,
-    theirs: Identity | ChannelIdentity,
+def _differences(
+    by_file: Identity | ChannelIdentity,
+    by_instrument: Identity | ChannelIdentity,
     keys: Mapping[str, Key],
     where: str,
 ) -> list[str]:
-    """The keys of a table that the file says otherwise than the instrument."""
+    """Return one sentence for each key of a table by which file and instrument differ."""
     lines = []
     for key, rule in keys.items():
-        ours, said = (getattr(side, rule.attribute or key, None) for side in (mine, theirs))
-        if ours != said:
-            old = "nothing" if said is None else _shown(said)
+        name = rule.attribute or key
+        new, old = (getattr(side, name, None) for side in (by_file, by_instrument))
+        if new != old:
+            old_text = "nothing" if old is None else _text_of(old)
             lines.append(
-                f"{where}{key} = {_shown(ours)} from the setup file, not {old} as the instrument "
-                "says"
+                f"{where}{key} = {_text_of(new)} from the setup file, not {old_text} as the "
+                "instrument says"
             )
     return lines
 
 
-def _shown(value: object) -> str:
+def _text_of(value: object) -> str:
     return str(value) if isinstance(value, datetime.date | Role) else repr(value)
 
 
 def _geophone_response(identity: Identity) -> dict[str, float]:
-    """Response of the geophones; one is declared for all: that of the centre."""
+    """Return the response of the geophone in the centre, which is declared for all."""
     geophones = _geophones(identity)
     if not geophones:
         return {}
@@ -195,28 +198,31 @@ def _geophone_response(identity: Identity) -> dict[str, float]:
 
 
 def _geophones(identity: Identity) -> list[ChannelIdentity]:
-    found = [channel for channel in identity.channels if channel.role is Role.GEOPHONE]
-    return sorted(found, key=lambda channel: nearest_first(channel.offset))
+    geophones = [channel for channel in identity.channels if channel.role is Role.GEOPHONE]
+    return sorted(geophones, key=lambda channel: nearest_first(channel.offset))
 
 
 def response_warnings(identity: Identity) -> list[str]:
-    """Geophones that answer otherwise than the centre one, by whose response all are taken."""
+    """Return one sentence for each geophone whose response is not that of the centre one.
+
+    All geophones are treated by the response of the centre one.
+    """
     geophones = _geophones(identity)
     lines = []
     for geophone in geophones[1:]:
-        mine = (geophone.natural_frequency or 0.0, geophone.damping or 0.0)
+        response = (geophone.natural_frequency or 0.0, geophone.damping or 0.0)
         first = (geophones[0].natural_frequency or 0.0, geophones[0].damping or 0.0)
-        apart = [abs(a - b) - RESPONSE_TOLERANCE * b for a, b in zip(mine, first, strict=True)]
-        if max(apart) > 0:
+        pairs = zip(response, first, strict=True)
+        if any(abs(a - b) > RESPONSE_TOLERANCE * b for a, b in pairs):
             lines.append(
-                f"geophone {geophone.name} ({mine[0]:g} Hz, damping {mine[1]:g}) is taken for one "
-                f"like {geophones[0].name} ({first[0]:g} Hz, damping {first[1]:g})"
+                f"geophone {geophone.name} ({response[0]:g} Hz, damping {response[1]:g}) is taken "
+                f"for one like {geophones[0].name} ({first[0]:g} Hz, damping {first[1]:g})"
             )
     return lines
 
 
 def setup_of(declared: Mapping[str, Any], where: str) -> PointSetup:
-    """What is declared, as the analysis takes it.
+    """Return the declarations as the setup of an analysis.
 
     Raises
     ------
@@ -227,7 +233,7 @@ def setup_of(declared: Mapping[str, Any], where: str) -> PointSetup:
 
 
 def read_setup_file(path: str | os.PathLike[str]) -> MeasuringSetup:
-    """The setup that a TOML file declares.
+    """Read the setup that a TOML file declares.
 
     Parameters
     ----------
@@ -246,26 +252,26 @@ def read_setup_file(path: str | os.PathLike[str]) -> MeasuringSetup:
     file = os.fspath(path)
     try:
         with open(file, encoding="utf-8-sig") as stream:
-            text = stream.read(LARGEST_FILE + 1)
+            text = stream.read(MAX_FILE_CHARACTERS + 1)
     except OSError as err:
         raise TraceError(refusal(file, "a readable TOML file", err.strerror or str(err))) from err
     except UnicodeDecodeError as err:
         raise TraceError(refusal(file, "UTF-8 text", "other bytes")) from err
-    if len(text) > LARGEST_FILE:
-        raise TraceError(refusal(file, f"at most {LARGEST_FILE} characters", "more"))
+    if len(text) > MAX_FILE_CHARACTERS:
+        raise TraceError(refusal(file, f"at most {MAX_FILE_CHARACTERS} characters", "more"))
     return parse_setup(text, file)
 
 
 def parse_setup(text: str, file: str, procedure_text: str = "") -> MeasuringSetup:
-    """The setup that a TOML text declares; see `read_setup_file`.
+    """Return the setup that a TOML text declares; see `read_setup_file`.
 
     Parameters
     ----------
     text : str
     file : str
-        Where it is from, for messages.
+        Path of the text, for messages.
     procedure_text : str
-        What stands in the file of its procedure, where that file is not at hand any more.
+        Text of the procedure's file, where that file may be gone; empty: read the file.
     """
     declarations = parse_header(text, file)
     chosen = declarations.pop(PROCEDURE_KEY, None)
@@ -294,38 +300,39 @@ def parse_setup(text: str, file: str, procedure_text: str = "") -> MeasuringSetu
 def with_procedure(
     setup: MeasuringSetup, procedure: Procedure, where: str = "--procedure"
 ) -> MeasuringSetup:
-    """The setup with a procedure, which says how many drops are seating.
+    """Return the setup with a procedure and its number of seating drops.
 
     Parameters
     ----------
     setup : MeasuringSetup
     procedure : Procedure
     where : str
-        Where it was chosen, for messages.
+        Option or file in which it was chosen, for messages.
 
     Raises
     ------
     OptionError
-        If the setup declares another number of seating drops than the procedure asks for.
+        If the setup declares another number of seating drops than the procedure requires.
     """
-    said, wanted = setup.declared.get("seating_drops"), procedure.seating_drops
-    if None not in (said, wanted) and said != wanted:
+    declared_number, required = setup.declared.get("seating_drops"), procedure.seating_drops
+    if None not in (declared_number, required) and declared_number != required:
         raise OptionError(
             refusal(
                 f"{where}: seating_drops",
-                f"{wanted}, as the procedure {procedure.name} asks for",
-                f"{said}",
+                f"{required}, as the procedure {procedure.name} asks for",
+                f"{declared_number}",
                 "leave seating_drops out of the setup, or write a profile of your own",
             )
         )
     declared = {**setup.declared, PROCEDURE_KEY: procedure.name}
-    if wanted is not None:
-        declared["seating_drops"] = wanted
+    if required is not None:
+        declared["seating_drops"] = required
     return replace(setup, declared=declared, procedure=procedure)
 
 
 def _procedure(chosen: Declaration, file: str, text: str) -> Procedure:
     value, where = chosen
+    SETUP_KEYS[PROCEDURE_KEY].check(value, f"{where}, {PROCEDURE_KEY}", TraceError)
     table = {"name": value} if isinstance(value, str) else value
     choice = TableReader(TraceError, where).read(table, PROCEDURE_KEYS, PROCEDURE_KEY)
     unverified = choice.get("enforce_unverified", False)

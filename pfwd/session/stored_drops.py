@@ -1,4 +1,4 @@
-"""Single drops of a stored survey: their traces and all their results."""
+"""Stored points and drops of a survey as events, with traces and all results."""
 
 import os
 from dataclasses import replace
@@ -10,8 +10,9 @@ from pfwd.errors import SurveyError
 from pfwd.files.folders import open_for_edits, refuse_no_survey
 from pfwd.judging import Job, point_view
 from pfwd.judging.view import NO_SETUP
-from pfwd.session.events import SavedDrop
-from pfwd_device.recording import Survey, SurveyDrop, read_survey
+from pfwd.session.events import PointReported, SavedDrop
+from pfwd_device.recording import Survey, SurveyDrop, SurveyWriter, read_survey
+from pfwd_device.recording.survey_content import SurveyPoint
 
 
 def stored_results(folder: str | os.PathLike[str], record: int) -> list[DropResult]:
@@ -62,3 +63,16 @@ def _find(survey: Survey, record: int) -> SurveyDrop:
         if drop.number == record:
             return drop
     raise SurveyError(f"{survey.folder}: expected drop {record} of the survey, got none")
+
+
+def read_point_event(writer: SurveyWriter, name: str) -> PointReported | None:
+    """Return the event for a point of the survey that is being written; None: it has no drop."""
+    for point in writer.contents().points:
+        if point.name == name and point.drops:
+            return point_event(point)
+    return None
+
+
+def point_event(point: SurveyPoint, *, is_replayed: bool = False) -> PointReported:
+    """Return the event for a stored point."""
+    return PointReported(point_view(point, Job()), is_replayed)

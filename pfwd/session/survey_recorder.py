@@ -136,12 +136,12 @@ class SurveyRecorder:
         """
         remarks: list[str] = []
         checksum = zlib.crc32(pack_int24(_counts_of(record)))
-        while (taken_by := self.find(record)) is not None:
+        while (conflict := self.find(record)) is not None:
             key = record.metadata["key"]
             recorded = self._held_with(key) or self._read(key)
             if recorded is not None and _same_samples(recorded, record):
                 break
-            remarks.append(taken_by)
+            remarks.append(conflict)
             metadata = {**record.metadata, "key": f"{key}/{checksum:08x}"}
             record = dataclasses.replace(record, metadata=metadata)
         return record, remarks

@@ -17,7 +17,7 @@ from pfwd.export.columns import DROP_COLUMNS, POINT_COLUMNS
 from pfwd.files.importing import import_files
 from pfwd.judging import JobRequest
 from pfwd.procedures import Procedure, find_procedure, plain_procedure
-from pfwd.scripting.display import MAX_TABLE_ROWS, html_table
+from pfwd.scripting.display import MAX_NOTEBOOK_ROWS, html_table
 from pfwd.scripting.surveys import DATA_FOLDER, Traces
 from pfwd_device.recording import SurveyWriter
 
@@ -319,7 +319,7 @@ def test_the_examples_are_what_their_command_makes(tmp_path: Path) -> None:
 
 
 def test_a_table_is_bounded_and_escaped() -> None:
-    text = html_table("<b>", ("a",), [("<script>",)] * (MAX_TABLE_ROWS + 3))
-    assert text.count("&lt;script&gt;") == MAX_TABLE_ROWS
+    text = html_table("<b>", ("a",), [("<script>",)] * (MAX_NOTEBOOK_ROWS + 3))
+    assert text.count("&lt;script&gt;") == MAX_NOTEBOOK_ROWS
     assert "<script>" not in text
     assert "and 3 rows more" in text

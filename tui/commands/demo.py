@@ -159,11 +159,11 @@ def _plan(
     from pfwd.procedures import find_procedure
     from pfwd.session.session import SessionPlan
 
-    plan = SessionPlan(options=AnalysisOptions(seed=args.seed), usual_procedure=default)
+    plan = SessionPlan(options=AnalysisOptions(seed=args.seed), default_procedure=default)
     if args.play or _scenario(args) != SCENARIO or is_survey(folder):
         return plan
     job = JobRequest(target=TARGET)
-    return replace(plan, usual_procedure=find_procedure(PROCEDURE), job=job)
+    return replace(plan, default_procedure=find_procedure(PROCEDURE), job=job)
 
 
 def _played(file: str, drops: int | None) -> "Played":

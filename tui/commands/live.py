@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
         changed_calibration="accept" if args.accept_calibration else "ask",
         position=receiver,
         job=request,
-        usual_procedure=default,
+        default_procedure=default,
     )
     source = LiveSource(args.url, Path(args.output), plan, args.spare)
     with receiver or contextlib.nullcontext():

@@ -133,7 +133,7 @@ class PfwdApp(App[int]):
         self.source = source
         self.settings = settings or ScreenSettings()
         self.state = SessionState(
-            source.plan.setup.procedure or source.plan.usual_procedure,
+            source.plan.setup.procedure or source.plan.default_procedure,
             source.plan.job.target if target is None else target,
         )
         self.state.waits_for_first_modulus = source.plan.options is not None

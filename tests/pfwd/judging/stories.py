@@ -32,7 +32,7 @@ from pfwd.session.events import (
 )
 from pfwd.session.live_view import CompletePoints, apply_event
 from pfwd.session.setup_file import setup_of
-from pfwd.session.survey_job import known_point, point_known
+from pfwd.session.stored_drops import point_event, read_point_event
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from pfwd_device.recording.storage import Storage
 from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
@@ -204,7 +204,7 @@ class Told:
         within = move_with(writer, drop, to)
         value = {MOVED_TO: {"point": to, "drop": within}}
         self.tell(Edited("discard", value, None, number))
-        known = known_point(writer, to)
+        known = read_point_event(writer, to)
         assert known is not None
         self.tell(known)
 
@@ -234,7 +234,7 @@ class Told:
         """Another program start: what the survey holds is told, as a session does."""
         self._begin()
         for point in read_survey(self.folder).points:
-            known = point_known(point)
+            known = point_event(point)
             self.tell(known)
             peaks = [drop.pulse_peak for drop in known.point.drops]
             self._largest[point.name] = max(peaks, default=0.0)

@@ -84,10 +84,10 @@ def test_a_setup_that_contradicts_the_kept_procedure_is_refused(tmp_path: Path) 
 
 
 def test_the_usual_procedure_is_for_surveys_that_begin(tmp_path: Path) -> None:
-    session(tmp_path / "new", (8000.0,), usual_procedure=plain_procedure())
+    session(tmp_path / "new", (8000.0,), default_procedure=plain_procedure())
     assert job_of(read_survey(tmp_path / "new")).procedure_in_force.name == "plain"
     session(tmp_path / "old", (8000.0,), 1)
-    session(tmp_path / "old", (8000.0,), 2, usual_procedure=plain_procedure())
+    session(tmp_path / "old", (8000.0,), 2, default_procedure=plain_procedure())
     assert job_of(read_survey(tmp_path / "old")).procedure is None
 
 

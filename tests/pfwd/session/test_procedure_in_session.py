@@ -130,10 +130,10 @@ def test_a_capture_is_replayed_by_the_procedure_of_the_command_line(tmp_path: Pa
     [
         ('[procedure]\nname = "mndott"', "procedure: expected one of astm-e2583"),
         ('[procedure]\nname = "mndot"\nfile = "x.toml"', "got name and file"),
-        ("[procedure]\n", "name or file in"),
-        ('[procedure]\nnmae = "mndot"', "a key of .procedure., got 'nmae'"),
+        ("[procedure]\n", "either name or file, got none"),
+        ('[procedure]\nnmae = "mndot"', "a known key, got 'nmae'; did you mean name"),
         ('[procedure]\nname = "mndot"\nenforce_unverified = 1', "true or false, got 1"),
-        ("procedure = 3", "a table .procedure., got 3"),
+        ("procedure = 3", "a name or a table .procedure., got 3"),
         ('seating_drops = 2\nprocedure = "mndot"', "seating_drops: expected 3, .* got 2"),
         ('[procedure]\nfile = "no-such.toml"', "a readable TOML file"),
     ],

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pfwd.errors import SurveyError
 from pfwd.files.header import HEADER_KEYS
 from pfwd.session.setup_file import (
-    LARGEST_FILE,
+    MAX_FILE_CHARACTERS,
     MeasuringSetup,
     parse_setup,
     read_setup_file,
@@ -283,7 +283,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     odd.write_bytes(b"site = '\xff\xfe'")
     with pytest.raises(SurveyError, match="UTF-8"):
         read_setup_file(odd)
-    odd.write_text("#" * (LARGEST_FILE + 1))
+    odd.write_text("#" * (MAX_FILE_CHARACTERS + 1))
     with pytest.raises(SurveyError, match="at most 100000 characters"):
         read_setup_file(odd)
     odd.write_bytes(b"\xef\xbb\xbfplate_radius_m = 0.15")  # as an editor of Windows writes it
