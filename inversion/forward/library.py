@@ -53,11 +53,20 @@ class SurrogateLibrary:
         cannot be read or written, the surrogate is built again and a warning is logged.
     progress : callable, optional
         Called while a surrogate is built.
+    max_surrogates : int, optional
+        Surrogates in memory, those of growing ground not counted; with more, the one that was
+        loaded first is dropped.
     """
 
-    def __init__(self, folder: Path | None = None, progress: BuildProgress | None = None) -> None:
+    def __init__(
+        self,
+        folder: Path | None = None,
+        progress: BuildProgress | None = None,
+        max_surrogates: int | None = None,
+    ) -> None:
         self._folder = folder or default_cache_folder()
         self._progress = progress
+        self._max_surrogates = max_surrogates
         self._surrogates: dict[str, Surrogate] = {}
         self._growth_surrogates: dict[str, GrowthSurrogate] = {}
 
@@ -69,19 +78,21 @@ class SurrogateLibrary:
                 key, lambda c: load_surrogate(c, problem)
             )
             if surrogate is not None:
-                self._surrogates[key] = surrogate
-                return surrogate
+                return self._remember(key, surrogate)
         distances = tuple(dict.fromkeys(problem.offsets))
         if len(distances) < len(problem.offsets):
             # Sensors on both sides of the plate at one distance share one fit.
             by_distance = self.get(replace(problem, offsets=distances), depth)
-            key = surrogate_key(problem, depth)
-            self._surrogates[key] = by_distance.at(problem.offsets)
-            return self._surrogates[key]
+            return self._remember(surrogate_key(problem, depth), by_distance.at(problem.offsets))
         key = surrogate_key(problem, depth)
         surrogate = self._build(problem, depth)
-        self._surrogates[key] = surrogate
         self._write(key, dump_surrogate(surrogate))
+        return self._remember(key, surrogate)
+
+    def _remember(self, key: str, surrogate: Surrogate) -> Surrogate:
+        self._surrogates[key] = surrogate
+        if self._max_surrogates is not None and len(self._surrogates) > self._max_surrogates:
+            del self._surrogates[next(iter(self._surrogates))]
         return surrogate
 
     def growth(self, problem: PlateProblem, exponent: float) -> GrowthSurrogate:

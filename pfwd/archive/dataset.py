@@ -284,12 +284,15 @@ class Dataset:
         SurveyError
             If the folder cannot be written.
         """
+        import pyarrow
+
         with disk_errors(self.folder):
             for name, rows in zip(
                 TABLE_NAMES, (results, diagnoses, failures, sources), strict=True
             ):
                 if rows or name == "sources":
-                    self._write_table(name, number, _table(name, rows))
+                    columns = [[row[column] for row in rows] for column, _ in _TABLE_COLUMNS[name]]
+                    self._write_table(name, number, pyarrow.table(columns, schema=_schema(name)))
 
     def sources(self, number: int) -> list[dict[str, Any]]:
         """Return the rows of the sources of a part.
@@ -387,13 +390,6 @@ def _unpacked(file: Any, schema: Any) -> Any:
     for field in list(schema)[len(written) :]:
         table = table.append_column(field, pyarrow.nulls(table.num_rows, field.type))
     return table
-
-
-def _table(name: str, rows: Sequence[Row]) -> Any:
-    import pyarrow
-
-    columns = [[row[column] for row in rows] for column, _ in _TABLE_COLUMNS[name]]
-    return pyarrow.table(columns, schema=_schema(name))
 
 
 def _schema(name: str) -> Any:

@@ -276,7 +276,7 @@ def _tables() -> SurrogateLibrary:
     """Return the response tables of this process."""
     global _library
     if _library is None:
-        from pfwd.archive.tables import BoundedLibrary
+        from inversion import SurrogateLibrary
 
-        _library = BoundedLibrary(_MAX_RESPONSE_TABLES)
+        _library = SurrogateLibrary(max_surrogates=_MAX_RESPONSE_TABLES)
     return _library

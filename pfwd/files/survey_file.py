@@ -291,7 +291,11 @@ def _check(
             n_acknowledged = int(read_attributes(file, name)["drops_acknowledged"])
         except (RecordingError, KeyError, TypeError, ValueError, AttributeError) as err:
             damaged.append(f"survey: {err}")
-            drops = {number: {} for number in _numbers(file, name)}
+            names: list[str] = []
+            with contextlib.suppress(RecordingError):
+                names = _names(file, "drops", name, MAX_SURVEY_DROPS)
+            numbers = sorted(int(each) for each in names if each.isascii() and each.isdecimal())
+            drops = {number: {} for number in numbers}
             n_acknowledged = len(drops)
             survey = {}
     numbers = list(drops)
@@ -393,14 +397,6 @@ def _unexpected_members(file: Place, path: str, drops: Mapping[int, Any]) -> lis
     except Exception as err:  # as above
         problems.append(f"{path}: expected groups, got damage: {err}")
     return problems
-
-
-def _numbers(file: Place, path: str) -> list[int]:
-    try:
-        names = _names(file, "drops", path, MAX_SURVEY_DROPS)
-    except RecordingError:
-        return []
-    return sorted(int(name) for name in names if name.isascii() and name.isdecimal())
 
 
 def _names(file: Place, group: str, path: str, max_names: int = MAX_DROP_RESULTS) -> list[str]:

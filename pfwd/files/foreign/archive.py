@@ -43,7 +43,9 @@ class Archive:
         except TraceError:
             raise
         except Exception as err:  # what zipfile raises on damage is not documented
-            raise TraceError(_no_archive(file, err)) from err
+            reason = getattr(err, "strerror", None) or str(err) or type(err).__name__
+            hint = "it may be cut off: copy it again"
+            raise TraceError(refusal(file, "a readable zip archive", quote(reason), hint)) from err
         # Some programs write backslashes into the names, on every system.
         self._members = {
             member.filename.replace("\\", "/").lower(): member
@@ -114,10 +116,3 @@ def _check_directory(file: str) -> None:
     length = int.from_bytes(tail[at + 12 : at + 16], "little")
     if length > MAX_DIRECTORY_BYTES:
         raise TraceError(refusal(file, "a usual number of members", f"{length} bytes of names"))
-
-
-def _no_archive(file: str, err: Exception) -> str:
-    reason = getattr(err, "strerror", None) or str(err) or type(err).__name__
-    return refusal(
-        file, "a readable zip archive", quote(reason), "it may be cut off: copy it again"
-    )

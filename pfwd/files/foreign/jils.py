@@ -29,6 +29,7 @@ from pfwd.files.foreign.common import (
     short_text,
 )
 from pfwd.files.foreign.jils_peaks import (
+    HEADING_LINE,
     PeaksStation,
     compare_peaks,
     find_peaks_file,
@@ -52,7 +53,6 @@ _THY_STATION = re.compile(r"\s*Station:\s*(\S*)\s+Lane:\s*(\S*)\s+Milepost:\s*(\
 _THY_DROP = re.compile(r"\s*Drop\s*#\s*(\d{1,6})\s+Desired peak force:\s*(\S+)")
 _THY_IMPACT = re.compile(r"\s*Impact:\s*(\S+)\s+Number_of_samples:\s*(\d{1,9})\s*$")
 _THY_COLUMNS = re.compile(r"\s*Time\s+Force((?:\s+Disp\d{1,3})+)\s*$")
-_HEADING = re.compile(r"\s*([A-Z][\w/-]*):\s*(.*?)\s*$")
 
 
 @dataclass(slots=True)
@@ -193,7 +193,7 @@ def _parse(lines: _Lines) -> tuple[dict[str, str], list[_Block]]:
             if total > MAX_FILE_NUMBERS or len(blocks) > MAX_FILE_DROPS:
                 expected = f"at most {MAX_FILE_DROPS} drops and {MAX_FILE_NUMBERS} numbers"
                 raise TraceError(refusal(lines.where, expected, "more"))
-        elif (match := _HEADING.match(text)) and not blocks:
+        elif (match := HEADING_LINE.match(text)) and not blocks:
             headings.setdefault(match[1], match[2])
         elif text.strip() and columns and text.split()[0].lstrip("-").replace(".", "").isdigit():
             expected = "as many rows as Number_of_samples says"

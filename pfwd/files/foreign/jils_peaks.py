@@ -43,7 +43,7 @@ from pfwd.files.traces import TracePoint
 MIN_DROP_CELLS = 7
 """Cells in the line of a drop: four numbers, load, a deflection and a temperature."""
 
-_HEADING = re.compile(r"\s*([A-Z][\w/-]*):\s*(.*?)\s*$")
+HEADING_LINE = re.compile(r"\s*([A-Z][\w/-]*):\s*(.*?)\s*$")
 _DAT_DROP = re.compile(r"\s*[\d+.-]\S{0,15}\s+\S{1,16}\s+-?\d{1,6}\.\d{1,6}\s")
 _GPS = re.compile(
     r"GPS:.*?Latitude\s*=\s*(\d{1,2})\s*deg\s*(\d{1,2}(?:\.\d{1,9})?)\s*([NS])"
@@ -115,7 +115,7 @@ def parse(file: str) -> tuple[dict[str, str], list[PeaksStation]]:
         if _DAT_DROP.match(line):
             last = _add_drop(by_key, line.split(), f"{file}, line {number}", number)
         elif last is None:
-            if match := _HEADING.match(line):
+            if match := HEADING_LINE.match(line):
                 headings.setdefault(match[1], match[2])
         else:
             _add_facts(last, line)

@@ -167,10 +167,13 @@ def _as_table(
     ]
     above = [i for i in range(first) if any(cell.strip() for cell in rows[i])]
     fitting = [i for i in above if len(rows[i]) == width]
-    units_line = len(fitting) > 1 and _are_units(rows[fitting[-1]])
+    units_line = len(fitting) > 1 and _has_units(rows[fitting[-1]])
     head = fitting[-2] if units_line else fitting[-1] if fitting else None
     names = rows[head] if head is not None else [""] * width
     units = rows[fitting[-1]] if units_line else [""] * width
+    columns: list[DraftColumn] = []
+    for position, (name, unit) in enumerate(zip(names, units, strict=True), start=1):
+        columns.append(_column(position, name.strip(), unit.strip("[]() "), columns))
     draft = MapDraft(
         file=path,
         delimiter=delimiter,
@@ -179,7 +182,7 @@ def _as_table(
         skip_lines=first if head is None else head,
         names=head is not None,
         units_line=units_line,
-        columns=_columns(names, units),
+        columns=tuple(columns),
     )
     return len(body) * width, width, draft
 
@@ -201,16 +204,8 @@ def _is_numeric(row: Sequence[str], decimal: str) -> bool:
     )
 
 
-def _are_units(row: Sequence[str]) -> bool:
-    units = [_unit_of(cell.strip("[]() "), None) for cell in row if cell]
-    return sum(unit is not None for unit in units) >= 2
-
-
-def _columns(names: Sequence[str], units: Sequence[str]) -> tuple[DraftColumn, ...]:
-    columns: list[DraftColumn] = []
-    for position, (name, unit) in enumerate(zip(names, units, strict=True), start=1):
-        columns.append(_column(position, name.strip(), unit.strip("[]() "), columns))
-    return tuple(columns)
+def _has_units(row: Sequence[str]) -> bool:
+    return sum(_unit_of(cell.strip("[]() "), None) is not None for cell in row if cell) >= 2
 
 
 def _column(position: int, name: str, unit: str, before: Sequence[DraftColumn]) -> DraftColumn:

@@ -195,19 +195,16 @@ def _raw_points(project: _Project, request: Request) -> list[TracePoint]:
                     raw_drop.number, time, raw_drop.load, [(0.0, quantity, raw_drop.sensor)], where
                 )
             )
-        _refuse_twins(drops, f"{project.file}, {point.name}")
+        numbers = [drop.number for drop in drops]
+        if len(set(numbers)) < len(numbers):
+            where = f"{project.file}, {point.name}"
+            raise TraceError(refusal(where, "every drop once", f"drops {numbers}"))
         where = f"{_short(f'{project.file}, {project.json}')}"
         stored = peaks.get(point.name, ())
         compared = compare_raw_peaks(drops, stored, where)
         point = _with_deviations(point, peak_deviations(drops, stored))
         points.append(_point(source, point, drops, *compared))
     return points
-
-
-def _refuse_twins(drops: list[Drop], where: str) -> None:
-    numbers = [drop.number for drop in drops]
-    if len(set(numbers)) < len(numbers):
-        raise TraceError(refusal(where, "every drop once", f"drops {numbers}"))
 
 
 def _stored_points(project: _Project, request: Request, *remarks: Notice) -> list[TracePoint]:

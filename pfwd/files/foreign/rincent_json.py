@@ -110,19 +110,7 @@ def _acquired_point(entry: Table, report: Table) -> PointFacts:
             "temperature_c": temperature_of(report.get("Temperature")),
         },
         _noted(point, point.get("Comments") or point.get("Comment")),
-        [_acquired_peaks(drop) for drop in _tables(entry.get("Drops"))],
-    )
-
-
-def _acquired_peaks(drop: Table) -> StoredPeaks:
-    deflections = drop.get("Deflections")
-    values = deflections if isinstance(deflections, list) else [drop.get(DEFLECTION_LABEL)]
-    numbers = [finite(value) for value in values]
-    finite_numbers = tuple(value for value in numbers if value is not None)
-    return StoredPeaks(
-        _first_number(drop, LOAD_NAMES),
-        finite_numbers if len(finite_numbers) == len(numbers) else (),
-        _first_number(drop, DURATION_NAMES),
+        [_stored_peaks(drop, drop.get("Deflections")) for drop in _tables(entry.get("Drops"))],
     )
 
 
@@ -170,13 +158,15 @@ def _viewed_point(point: Table, report: Table) -> PointFacts:
         (position.get("lat"), position.get("lng")),
         {"operator": short_text(operator)},
         _noted(_labelled(point.get("data")), about.get("Comment")),
-        [_viewed_peaks(drop, names) for drop in drops],
+        [_stored_peaks(drop, [drop.get(name) for name in names] or None) for drop in drops],
         labels,
     )
 
 
-def _viewed_peaks(drop: Table, names: list[str]) -> StoredPeaks:
-    numbers = [finite(drop.get(name)) for name in names or [DEFLECTION_LABEL]]
+def _stored_peaks(drop: Table, deflections: object) -> StoredPeaks:
+    """Return the peaks of a drop; without a list of deflections that of its only sensor."""
+    values = deflections if isinstance(deflections, list) else [drop.get(DEFLECTION_LABEL)]
+    numbers = [finite(value) for value in values]
     finite_numbers = tuple(number for number in numbers if number is not None)
     return StoredPeaks(
         _first_number(drop, LOAD_NAMES),

@@ -105,12 +105,8 @@ def repair_xml(data: bytes, where: str) -> tuple[bytes, list[Notice]]:
         else:
             values["more_places"] = len(positions) - 1
             remarks.append(Notice("signs-not-escaped", values))
-        data = _UNESCAPED_SIGN.sub(_escaped, data)
+        data = _UNESCAPED_SIGN.sub(lambda sign: b"&amp;" if sign[0] == b"&" else b"&lt;", data)
     return data, remarks
-
-
-def _escaped(match: re.Match[bytes]) -> bytes:
-    return b"&amp;" if match[0] == b"&" else b"&lt;"
 
 
 def read_tables(data: bytes, where: str) -> Tables:

@@ -86,6 +86,17 @@ def test_a_surrogate_is_built_once_and_then_read(tmp_path: Path, builder: Builde
     assert len(builder.asked) == 1
 
 
+def test_a_bounded_library_drops_the_first_surrogate(tmp_path: Path, builder: Builder) -> None:
+    library = SurrogateLibrary(tmp_path, max_surrogates=2)
+    first, second, third = (library.get(THREE, depth) for depth in (5.0, 6.0, 7.0))
+    assert library.get(THREE, 7.0) is third
+    assert library.get(THREE, 6.0) is second
+    again = library.get(THREE, 5.0)
+    assert again is not first
+    assert same(again, first)
+    assert len(builder.asked) == 3
+
+
 def test_two_sensors_at_one_distance_are_served_by_one_fit(
     tmp_path: Path, builder: Builder
 ) -> None:
