@@ -1,7 +1,8 @@
-"""``pfwd invert`` over folders: on processes or a cluster, printed or kept as tables."""
+"""``pfwd invert`` and ``diagnose`` over folders: by processes or a cluster, to lines or tables."""
 
 import argparse
 import contextlib
+import os
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -10,28 +11,37 @@ from pfwd.errors import OptionError, refusal
 from pfwd.export.json_text import json_text
 from tui.diagnosis_lines import show_diagnosis
 from tui.output import clean, say
-from tui.progress import counting
+from tui.progress import ProgressBars
 from tui.survey_lines import printed_results
 
 if TYPE_CHECKING:
     from pfwd.archive.run import Summary
     from pfwd.archive.work import Failure, Workers
 
-FAILURES_SAID = 20
-"""The first ones say what is wrong; all of them are in the tables."""
+MAX_PRINTED_FAILURES = 20
+"""The first failures show the cause; all of them are in the tables."""
+
+
+def has_folder_of_files(paths: Sequence[str]) -> bool:
+    """Return whether one of the paths is a folder of files instead of a survey."""
+    if not any(map(os.path.isdir, paths)):
+        return False
+    from pfwd.files.folders import is_survey
+
+    return any(os.path.isdir(path) and not is_survey(path) for path in paths)
 
 
 def run_over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
-    """Invert or diagnose everything that is named or lies below a folder; 1 when some was refused.
+    """Invert or diagnose all named files and those below folders; 1 when one was refused.
 
     Raises
     ------
     OptionError, SurveyError
     """
     if args.plot:
-        why = "--plot with a folder, --archive or --scheduler"
+        options_in_conflict = "--plot with a folder, --archive or --scheduler"
         hint = "name the files to be plotted"
-        raise OptionError(refusal(why, "one of them", "both", hint))
+        raise OptionError(refusal(options_in_conflict, "one of them", "both", hint))
     if args.scheduler is not None and args.jobs > 1:
         raise OptionError(refusal("--scheduler and --jobs", "one of the two", "both"))
     from pfwd.archive.sources import refuse_missing
@@ -40,7 +50,7 @@ def run_over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
     with contextlib.closing(_workers(args, options)) as workers:
         if args.archive is None:
             return _print_all(args, options, workers)
-        return _keep_all(args, options, workers)
+        return _store_all(args, options, workers)
 
 
 def _workers(args: argparse.Namespace, options: AnalysisOptions) -> "Workers":
@@ -58,56 +68,62 @@ def _workers(args: argparse.Namespace, options: AnalysisOptions) -> "Workers":
 
 
 def _print_all(args: argparse.Namespace, options: AnalysisOptions, workers: "Workers") -> int:
-    """Print results in the order in which they are done."""
+    """Print results in the order in which they are finished."""
     from pfwd.archive.run import invert_stream
 
-    sources = refused = 0
+    n_sources = n_failures = 0
     for outcome in invert_stream(args.files, options, workers):
-        sources += 1
+        n_sources += 1
         for failure in outcome.failures:
-            refused += 1
+            n_failures += 1
             say(failure.reason)
         for diagnosis in outcome.diagnoses:
             show_diagnosis(diagnosis, as_json=args.json)
         if not options.diagnose:
             for line in printed_results(outcome.results, as_json=args.json, by=args.by):
                 print(line, flush=True)
-    return 1 if refused or _found_none(args, sources) else 0
+    return 1 if n_failures or _refuse_empty(args, n_sources) else 0
 
 
-def _keep_all(args: argparse.Namespace, options: AnalysisOptions, workers: "Workers") -> int:
-    """Keep results as tables and print what was done."""
+def _store_all(args: argparse.Namespace, options: AnalysisOptions, workers: "Workers") -> int:
+    """Store results as tables and print a summary."""
     from pfwd.archive.run import invert_archive
     from pfwd.archive.sources import count_sources
 
-    said = 0
-    with counting(lambda: count_sources(args.files, args.archive)) as show:
+    n_failures = 0
+    with ProgressBars() as bars:
+        n_sources = None
+        if bars.is_terminal:
+            bars.update("counting files")
+            n_sources = count_sources(args.files, args.archive)
 
-        def tell(summary: "Summary", failures: "Sequence[Failure]") -> None:
-            nonlocal said
+        def report(summary: "Summary", failures: "Sequence[Failure]") -> None:
+            nonlocal n_failures
             for failure in failures:
-                said += 1
-                if said <= FAILURES_SAID:
+                n_failures += 1
+                if n_failures <= MAX_PRINTED_FAILURES:
                     say(failure.reason)
-                elif said == FAILURES_SAID + 1:
-                    say(f"further failures are kept in {args.archive}")
-            done = f"{summary.points} points" if options.diagnose else f"{summary.drops} drops"
-            show(summary.sources, f"{done}, {summary.failed} failures")
+                elif n_failures == MAX_PRINTED_FAILURES + 1:
+                    say(f"further failures are stored in {args.archive}")
+            results = f"{summary.points} points" if options.diagnose else f"{summary.drops} drops"
+            bars.update(f"{results}, {summary.failed} failures", summary.sources, n_sources)
 
-        summary = invert_archive(args.files, args.archive, options, workers, tell)
+        summary = invert_archive(args.files, args.archive, options, workers, report)
     if args.json:
         print(json_text(summary.as_dict()), flush=True)
     else:
         for line in _summary_lines(summary, diagnosed=options.diagnose):
             print(clean(line), flush=True)
-    return 1 if summary.failed_in_all or _found_none(args, summary.sources) else 0
+    return 1 if summary.failed_in_all or _refuse_empty(args, summary.sources) else 0
 
 
 def _summary_lines(summary: "Summary", *, diagnosed: bool) -> Iterator[str]:
-    done = f"{summary.points} points diagnosed" if diagnosed else f"{summary.drops} drops inverted"
+    results = (
+        f"{summary.points} points diagnosed" if diagnosed else f"{summary.drops} drops inverted"
+    )
     yield (
         f"{summary.archive}: {summary.sources} sources, {summary.done_before} done before, "
-        f"{summary.duplicates} copies, {done} in {summary.elapsed_s:.1f} s"
+        f"{summary.duplicates} copies, {results} in {summary.elapsed_s:.1f} s"
     )
     if summary.failed_in_all:
         yield (
@@ -116,8 +132,9 @@ def _summary_lines(summary: "Summary", *, diagnosed: bool) -> Iterator[str]:
         )
 
 
-def _found_none(args: argparse.Namespace, sources: int) -> bool:
-    if sources:
+def _refuse_empty(args: argparse.Namespace, n_sources: int) -> bool:
+    """Report that nothing can be inverted, if there are no sources; return whether it is so."""
+    if n_sources:
         return False
     say(refusal(", ".join(args.files), "a survey, or files with drops in the folder", "none"))
     return True

@@ -1,7 +1,7 @@
-"""The console command ``pfwd``: reads the arguments, runs a sub-command, answers with a status.
+"""The console command ``pfwd``: parse the arguments, run a command, return the exit status.
 
-Nothing heavy is imported here: ``pfwd --help`` has to answer at once, and numpy alone takes longer
-than that. The modules of ``tui.commands`` import what they need when they run.
+Nothing heavy is imported here: ``pfwd --help`` has to answer at once. The module of a command is
+imported when the command is used.
 """
 
 import atexit
@@ -15,11 +15,11 @@ from collections.abc import Sequence
 import pfwd_plugins
 from pfwd.errors import DeviceError, OptionError, SurveyError
 from pfwd.processes import children_shielded
-from tui.interrupts import stopped_by_signals, take_no_more_signals
+from tui.interrupts import ignore_signals, stopped_by_signals
 from tui.output import SPELLING, say
 from tui.parser import FIRST_STEPS, build_parser, command_module
 
-DONE, REFUSED, USAGE = 0, 1, 2
+SUCCESS, REFUSED, USAGE = 0, 1, 2
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -30,43 +30,44 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         0 done, also after SIGINT or SIGTERM; 1 data refused; 2 wrong usage.
     """
-    # A console that cannot show a letter gets a substitute, not an error.
+    # A letter that the console cannot show is replaced, not an error.
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError):
             stream.reconfigure(errors=SPELLING)  # type: ignore[union-attr]
     args = build_parser().parse_args(argv)
     if args.command is None:
         print(FIRST_STEPS)
-        return DONE
-    warnings.simplefilter("ignore", pfwd_plugins.PluginWarning)  # said in the end, as a message
-    # On a disk without locks the file itself is the lock: nothing that a user could act on.
+        return SUCCESS
+    # Warnings of plug-ins are printed at the end, as messages.
+    warnings.simplefilter("ignore", pfwd_plugins.PluginWarning)
+    # On a disk without locks the file itself is the lock; a user need not know.
     warnings.filterwarnings("ignore", message="flock not supported", category=UserWarning)
     try:
         with stopped_by_signals(), children_shielded():
             status = int(command_module(args.command).run(args))
-        sys.stdout.flush()  # here, so that a reader who has left is noticed here
+        sys.stdout.flush()  # so that a closed pipe raises here
     except KeyboardInterrupt:
         say("stopped")
-        status = DONE
+        status = SUCCESS
     except Exception as err:
-        if _is_reader_gone(err):
-            # It has what it wanted. What is still buffered goes nowhere, or the interpreter would
-            # complain when it ends.
+        if _is_closed_pipe(err):
+            # The reader needs no more. The buffer is discarded; Python would report an error when
+            # it ends.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return DONE
+            return SUCCESS
         if os.environ.get("PFWD_DEBUG"):
             raise
         say(_explain(err, args.command))
         status = USAGE if isinstance(err, OptionError) else REFUSED
     for remark in pfwd_plugins.remarks():
         say(remark)
-    # Registered last, done first: while Python itself ends, an interrupt would end it by the signal
-    # though the work is done.
-    atexit.register(take_no_more_signals)
+    # Registered last, called first: an interrupt while Python ends would change the exit status
+    # though the work is finished.
+    atexit.register(ignore_signals)
     return status
 
 
-def _is_reader_gone(err: Exception) -> bool:
+def _is_closed_pipe(err: Exception) -> bool:
     if os.name == "nt":  # where a closed pipe is an invalid argument
         return isinstance(err, OSError) and err.errno == errno.EINVAL
     return isinstance(err, BrokenPipeError)

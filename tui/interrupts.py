@@ -1,8 +1,8 @@
-"""SIGINT and SIGTERM end a command, at a moment when nothing is harmed by it.
+"""SIGINT and SIGTERM end a command at a moment when it is safe.
 
-They are raised as KeyboardInterrupt wherever the program is. In the middle of an import that leaves
-half a module, of which a library in C may not survive the use; where Python calls back by itself
-(a weak reference that ends, `__del__`) it prints a traceback, and the interrupt is lost.
+Both raise KeyboardInterrupt wherever the program is. In the middle of an import that would leave
+half a module, which may crash a library in C. In callbacks of Python (the end of a weak reference,
+`__del__`) Python prints a traceback, and the interrupt is lost.
 """
 
 import _thread
@@ -15,18 +15,18 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import Any
 
-AGAIN = 0.05
-"""s after which an interrupt that came during an import is tried again."""
+RETRY_S = 0.05
+"""Time after which an interrupt is raised again that came during an import."""
 
-LONGEST_WAIT = 5.0
-"""s; imports take less. A program that is run by an import is interrupted all the same."""
+MAX_DELAY_S = 5.0
+"""Longest delay of an interrupt; imports take less. A program run by an import is interrupted."""
 
 _IMPORTING = "<frozen importlib."
 
 
 @contextlib.contextmanager
 def stopped_by_signals() -> Iterator[None]:
-    """Within the block both signals raise KeyboardInterrupt, and none of them is lost."""
+    """Let both signals raise KeyboardInterrupt within the block, and lose none of them."""
     # Python hands signals to the main thread only, and refuses handlers elsewhere.
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -38,34 +38,34 @@ def stopped_by_signals() -> Iterator[None]:
         now = time.monotonic()
         if _is_importing(frame):
             waiting_since.append(now)
-            if now - waiting_since[0] < LONGEST_WAIT:
-                # The bare thread: what this interrupts may hold the locks of `threading`.
-                _thread.start_new_thread(_try_again, (number, main))
+            if now - waiting_since[0] < MAX_DELAY_S:
+                # A bare thread: the interrupted code may hold the locks of `threading`.
+                _thread.start_new_thread(_raise_later, (number, main))
                 return
         waiting_since.clear()
         raise KeyboardInterrupt
 
-    before = sys.unraisablehook
+    previous_hook = sys.unraisablehook
 
-    def lost(told: Any) -> None:
-        if issubclass(told.exc_type, KeyboardInterrupt):
-            # At this moment it would be lost again.
-            _thread.start_new_thread(_try_again, (signal.SIGINT, main))
+    def handle_unraisable(event: Any) -> None:
+        if issubclass(event.exc_type, KeyboardInterrupt):
+            # Raised at once it would be lost again.
+            _thread.start_new_thread(_raise_later, (signal.SIGINT, main))
         else:
-            before(told)
+            previous_hook(event)
 
     signal.signal(signal.SIGTERM, stop)
-    # Set anew: what a shell starts in the background ignores it otherwise.
+    # Set explicitly: a shell lets its background processes ignore it.
     signal.signal(signal.SIGINT, stop)
-    sys.unraisablehook = lost
+    sys.unraisablehook = handle_unraisable
     try:
         yield
     finally:
-        sys.unraisablehook = before
+        sys.unraisablehook = previous_hook
 
 
-def take_no_more_signals() -> None:
-    """For the end of the process: its work is done."""
+def ignore_signals() -> None:
+    """Ignore both signals from now on; call it when the work of the process is finished."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -79,9 +79,9 @@ def _is_importing(frame: FrameType | None) -> bool:
     return False
 
 
-def _try_again(number: int, main: int) -> None:
-    time.sleep(AGAIN)
+def _raise_later(number: int, main: int) -> None:
+    time.sleep(RETRY_S)
     if sys.platform == "win32":
         _thread.interrupt_main(signal.Signals(number))
-    else:  # the same, and what the main thread waits for is interrupted too
+    else:  # unlike interrupt_main it also ends a call that the main thread waits in
         signal.pthread_kill(main, number)

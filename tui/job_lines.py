@@ -1,41 +1,41 @@
-"""The job of a survey as lines for people."""
+"""Settings of a survey as lines of text."""
 
 import datetime
 from typing import Any
 
 from pfwd.judging import Job
 from pfwd.judging.job import JobChange, target_text
-from tui.point_lines import NAMES
+from tui.point_lines import QUANTITY_NAMES
 
-MOST_STATIONS_SHOWN = 20
-"""Lines; ``pfwd job --json`` has all."""
+MAX_STATION_LINES = 20
+"""Stations that are printed; ``pfwd job --json`` has all."""
 
 
 def job_lines(job: Job) -> list[str]:
-    """What the survey is measured by, then every change with its date."""
+    """Return the settings of the survey, then every change with its date."""
     procedure = job.procedure_in_force
     title = f": {procedure.title}" if procedure.title else ""
-    shown: list[tuple[str, str]] = [
+    settings: list[tuple[str, str]] = [
         (
             "procedure",
             "none: every measured drop counts"
             if job.procedure is None
             else f"{procedure.name}{title}",
         ),
-        ("judged", NAMES[job.quantity]),
+        ("judged", QUANTITY_NAMES[job.quantity]),
         ("target", "none" if job.target is None else target_text(job.target)),
         ("stations", str(len(job.stations)) if job.stations else "none"),
         ("step", "none" if job.step_m is None else f"{job.step_m:g} m"),
-        ("operator", job.operator or "not said"),
-        ("device", job.device or "not said"),
-        ("units", job.units or "not said"),
-        ("time zone", job.time_zone or "not said"),
+        ("operator", job.operator or "none"),
+        ("device", job.device or "none"),
+        ("units", job.units or "none"),
+        ("time zone", job.time_zone or "none"),
     ]
-    lines = [f"{name:10} {text}" for name, text in shown]
+    lines = [f"{name:10} {text}" for name, text in settings]
     for entry in job.calibration:
         dates = ", ".join(f"{key} {entry[key]}" for key in ("calibrated", "due") if key in entry)
         lines.append(f"calibration {entry.get('channel')}: {dates}")
-    for station in job.stations[:MOST_STATIONS_SHOWN]:
+    for station in job.stations[:MAX_STATION_LINES]:
         place = (
             ""
             if station.latitude is None or station.longitude is None
@@ -43,10 +43,10 @@ def job_lines(job: Job) -> list[str]:
         )
         target = "" if station.target is None else f"  target {target_text(station.target)}"
         lines.append(f"  station {station.name}{place}{target}")
-    if len(job.stations) > MOST_STATIONS_SHOWN:
-        lines.append(f"  and {len(job.stations) - MOST_STATIONS_SHOWN} more (--json has all)")
+    if len(job.stations) > MAX_STATION_LINES:
+        lines.append(f"  and {len(job.stations) - MAX_STATION_LINES} more (--json has all)")
     if job.changes:
-        lines.append("said:")
+        lines.append("changes:")
     return lines + [f"  {_when(change)}  {change.key} = {_value(change)}" for change in job.changes]
 
 
@@ -54,7 +54,7 @@ def _when(change: JobChange) -> str:
     try:
         when = datetime.datetime.fromisoformat(change.time_utc)
     except ValueError:
-        return "at a time not known"
+        return "at an unknown time"
     return when.astimezone().strftime("%Y-%m-%d %H:%M")
 
 

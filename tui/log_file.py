@@ -1,4 +1,4 @@
-"""The log file of a measurement: everything that was said, in the survey, of bounded size."""
+"""Log file of a measurement in its survey: all messages, in files of bounded size."""
 
 import logging
 import logging.handlers
@@ -11,16 +11,16 @@ from pathlib import Path
 from pfwd.files.upkeep import refuse_links_in
 from tui.output import clean
 
-LARGEST = 1_000_000
-"""Bytes, then a new file is begun."""
-KEPT = 5
-"""Older files that are kept."""
-MOST_WAITING = 100
-"""Records that wait for the folder of a survey, the last ones."""
+MAX_BYTES = 1_000_000
+"""Size of a log file; then a new file is opened."""
+MAX_OLD_FILES = 5
+"""Number of older log files."""
+MAX_WAITING_RECORDS = 100
+"""Number of records that wait for the folder of a survey, the last ones."""
 
 
-class _OneLineEach(logging.Formatter):
-    """Nothing from an instrument or a file can move a cursor or look like a line of its own."""
+class _SafeFormatter(logging.Formatter):
+    """Formatter that lets no text of an instrument or file move a cursor or look like a record."""
 
     converter = staticmethod(time.gmtime)
 
@@ -30,18 +30,20 @@ class _OneLineEach(logging.Formatter):
 
 
 class _SurveyLog(logging.handlers.RotatingFileHandler):
-    """The log of a survey; what is logged before its folder exists waits for it."""
+    """Log of a survey; records wait in memory until its folder exists."""
 
     def __init__(self, folder: Path) -> None:
         file = folder / "log" / "pfwd.log"
-        super().__init__(file, maxBytes=LARGEST, backupCount=KEPT, encoding="utf-8", delay=True)
+        super().__init__(
+            file, maxBytes=MAX_BYTES, backupCount=MAX_OLD_FILES, encoding="utf-8", delay=True
+        )
         self._survey = folder
-        self._waiting: deque[logging.LogRecord] = deque(maxlen=MOST_WAITING)
+        self._waiting: deque[logging.LogRecord] = deque(maxlen=MAX_WAITING_RECORDS)
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a record, after those that waited."""
+        """Write a record, after the waiting ones."""
         self._waiting.append(record)
-        # Unlike Path.is_dir, no error of a failing disk comes out of a line that is logged.
+        # Unlike Path.is_dir, it raises nothing on a failing disk.
         if os.path.isdir(self._survey):
             while self._waiting:
                 super().emit(self._waiting.popleft())
@@ -52,23 +54,23 @@ class _SurveyLog(logging.handlers.RotatingFileHandler):
 
 
 def open_log(folder: str | Path) -> logging.Handler:
-    """Let everything that is logged go into ``pfwd.log`` of a folder; close what is returned.
+    """Write all log records to ``pfwd.log`` of a folder; pass the returned handler to `close_log`.
 
     Raises
     ------
     RecordingError
-        If the folder, a stranger's survey perhaps, holds a link: the log could go anywhere.
+        If the folder, perhaps a survey from elsewhere, holds a link that could lead anywhere.
     """
     refuse_links_in(folder)
     handler = _SurveyLog(Path(folder))
-    form = _OneLineEach(
+    form = _SafeFormatter(
         "%(asctime)s.%(msecs)03dZ %(levelname)s %(name)s: %(message)s", "%Y-%m-%dT%H:%M:%S"
     )
     handler.setFormatter(form)
     root = logging.getLogger()
     root.setLevel(logging.INFO)
     root.addHandler(handler)
-    # A disk that is full or a file that is gone costs the log and nothing else.
+    # A full disk or a removed file must cost the log only.
     logging.raiseExceptions = False
     return handler
 

@@ -1,4 +1,4 @@
-"""What a command that measures or replays asks of the analysis of its drops."""
+"""Options of the commands that measure or replay: analysis, setup, job, output folder."""
 
 import argparse
 import os
@@ -20,15 +20,17 @@ from tui.output import on_terminal, say
 
 
 def measuring_options(args: argparse.Namespace) -> AnalysisOptions | None:
-    """The options of the command line, checked; None: nothing is inverted.
+    """Return the checked options of the analysis; None: nothing is inverted.
 
     Raises
     ------
     OptionError
     """
-    asked = [name for name in ("layers", "thickness") if getattr(args, name) is not None]
-    if args.no_invert and asked:
-        raise OptionError(refusal(f"--no-invert and --{asked[0]}", "one of the two", "both"))
+    layer_options = [name for name in ("layers", "thickness") if getattr(args, name) is not None]
+    if args.no_invert and layer_options:
+        raise OptionError(
+            refusal(f"--no-invert and --{layer_options[0]}", "one of the two", "both")
+        )
     if args.no_invert:
         return None
     return AnalysisOptions(
@@ -37,7 +39,7 @@ def measuring_options(args: argparse.Namespace) -> AnalysisOptions | None:
 
 
 def measuring_setup(args: argparse.Namespace) -> MeasuringSetup:
-    """What the setup file and ``--procedure`` declare.
+    """Return what the setup file and ``--procedure`` declare.
 
     Raises
     ------
@@ -53,88 +55,89 @@ def job_request(
     args: argparse.Namespace,
     survey: str | os.PathLike[str],
     procedure: Procedure | None,
-    usual: Procedure | None = None,
+    default: Procedure | None = None,
     on_remark: Callable[[str], None] = say,
 ) -> JobRequest:
-    """What the command line says of the survey's job.
+    """Return the settings of the survey that the command line changes.
 
     Parameters
     ----------
     args : argparse.Namespace
     survey : path of a folder
-        Which may not be there yet.
+        It may not exist yet.
     procedure : Procedure, optional
-        Chosen now; None: the survey's own counts.
-    usual : Procedure, optional
-        Of a survey that begins now.
+        Procedure of the command line; None: that of the survey counts.
+    default : Procedure, optional
+        Procedure of a new survey.
     on_remark : callable, optional
-        Receives one line about columns of the station list that are not used.
+        Receives a line about columns of the station list that are not used.
 
     Raises
     ------
     OptionError, SurveyError, RecordingError
     """
-    asked = JobRequest(step_m=args.step, operator=args.operator)
+    request = JobRequest(step_m=args.step, operator=args.operator)
     if args.target is None and args.stations is None:
-        return asked
-    # Targets are typed in the unit of what is judged.
-    judged = procedure or kept_job(survey).procedure or usual or NO_PROCEDURE
-    stations = None if args.stations is None else read_stations(args.stations, judged, on_remark)
-    target = None if args.target is None else target_si(args.target, judged)
-    return replace(asked, target=target, stations=stations)
+        return request
+    # Targets are given in the unit of the procedure.
+    in_force = procedure or survey_job(survey).procedure or default or NO_PROCEDURE
+    stations = None if args.stations is None else read_stations(args.stations, in_force, on_remark)
+    target = None if args.target is None else target_si(args.target, in_force)
+    return replace(request, target=target, stations=stations)
 
 
 def try_output(survey: str | os.PathLike[str]) -> None:
-    """Try whether a survey can be written there, before anything else is begun.
+    """Check that a survey can be written to a folder, before any other work.
 
     Raises
     ------
     OptionError, SurveyError
-        With what stands in the way.
+        If it cannot, with the reason.
     """
     path = Path(survey)
     if is_survey(path):
-        return  # its own lock and journal tell
+        return  # its lock and journal are checked when it is opened
     refuse_inside_survey(path, "--output")
     expected = "a folder that can be written"
     if path.exists() and not path.is_dir():
         raise SurveyError(refusal(os.fspath(path), expected, "a file"))
-    there = next(part for part in (path, *path.absolute().parents) if part.exists())
+    parent = next(part for part in (path, *path.absolute().parents) if part.exists())
     try:
-        with tempfile.TemporaryFile(dir=there):
+        with tempfile.TemporaryFile(dir=parent):
             pass
     except OSError as err:
         reason = err.strerror or str(err)
-        raise SurveyError(refusal(os.fspath(path), expected, f"{there}: {reason}")) from err
+        raise SurveyError(refusal(os.fspath(path), expected, f"{parent}: {reason}")) from err
 
 
 def agreed_on_terminal(
     survey: str | os.PathLike[str], procedure: Procedure | None, request: JobRequest
 ) -> bool:
-    """Whether to go on where the command line says otherwise than the survey; asked on a terminal.
+    """Return whether to go on although settings differ from the survey's; a terminal asks.
 
     Raises
     ------
     SurveyError, RecordingError
     """
-    asked = request if procedure is None else JobRequest(procedure=procedure).over(request)
-    differences = asked.differences(kept_job(survey, procedure))
+    if procedure is not None:
+        request = JobRequest(procedure=procedure).over(request)
+    differences = request.differences(survey_job(survey, procedure))
     if not differences or not on_terminal():
         return True
     for text in differences:
         say(text)
-    say("all points of the survey will be judged so, those that are measured too")
+    say("all points of the survey will be judged so, measured ones too")
     answer = input("go on? [y/N] ")
     return answer.strip().lower() in ("y", "yes")
 
 
-def kept_job(survey: str | os.PathLike[str], instead: Procedure | None = None) -> Job:
-    """The job of a survey; that of one that is not there yet is empty.
+def survey_job(survey: str | os.PathLike[str], replacement: Procedure | None = None) -> Job:
+    """Return the settings of a survey; empty if it does not exist yet.
 
     Parameters
     ----------
     survey : path of a folder
-    instead : Procedure, optional
-        Chosen in place of the kept one, which may then be one that cannot be read.
+    replacement : Procedure, optional
+        Procedure in place of the stored one, which then may be unreadable.
     """
-    return job_of_folder(survey, instead) if is_survey(survey) else Job()
+    return job_of_folder(survey, replacement) if is_survey(survey) else Job()

@@ -1,4 +1,4 @@
-"""The ways out of a command: text that is safe to print, and messages."""
+"""Output of commands: text that is safe to print, and messages."""
 
 import codecs
 import os
@@ -8,26 +8,26 @@ import sys
 import unicodedata
 from typing import TextIO
 
-_ALONE = "±µμνηρσλπ²³°×·•…–—−≥≤→√₀✓✗█"
+_REPLACED_SIGNS = "±µμνηρσλπ²³°×·•…–—−≥≤→√₀✓✗█"
 _SPELT = (
     *("+-", "u", "u", "nu", "eta", "rho", "sigma", "lambda", "pi", "2", "3", "deg", "x", "-", "*"),
     *("...", "-", "-", "-", ">=", "<=", "->", "sqrt", "0", "ok", "x", "#"),
 )
 SPELLED = {
-    **dict(zip(_ALONE, _SPELT, strict=True)),
+    **dict(zip(_REPLACED_SIGNS, _SPELT, strict=True)),
     "\N{NO-BREAK SPACE}": " ",
     "\N{REPLACEMENT CHARACTER}": "_",
 }
-"""What stands for a sign that a console's encoding lacks; a question mark would say nothing."""
+"""Replacement of signs that a console's encoding lacks; a question mark would lose them."""
 
 SPELLING = "pfwd-spelled"
-"""Name of the way of `SPELLED` among those of Python's codecs."""
+"""Name of the error handler of Python's codecs that writes `SPELLED`."""
 
 
 def spelled(text: str, stream: TextIO | None = None) -> str:
-    """A text with the signs that its stream cannot show spelled out.
+    """Return a text with the signs replaced that its stream cannot show.
 
-    For tables, which have to know how wide a text becomes; elsewhere the stream does it itself.
+    Tables need it, because the width of a text may change; elsewhere the stream does the same.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def _spell(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
     letters = error.object[error.start : error.end]
-    # Of other writings the code at least, by which names stay apart.
+    # Letters of other scripts become their code, so that names stay distinct.
     parts = [
         SPELLED.get(letter) or letter.encode("ascii", "backslashreplace").decode("ascii")
         for letter in letters
@@ -55,11 +55,10 @@ codecs.register_error(SPELLING, _spell)
 
 
 def clean(text: object) -> str:
-    """Text from a file or an instrument, safe to print: control characters become U+FFFD.
+    """Return text from a file or an instrument, safe to print: control characters are U+FFFD.
 
     Escape sequences could otherwise move the cursor or rename the window, and overrides of the
-    writing direction could make a line read as another, as could separators of lines and
-    paragraphs.
+    writing direction or separators of lines and paragraphs could make a line read as another.
 
     Examples
     --------
@@ -79,15 +78,15 @@ def _moves(category: str) -> bool:
     return category[0] == "C" or category in ("Zl", "Zp")
 
 
-def counted(number: int, what: str) -> str:
-    """So many of something.
+def counted(number: int, noun: str) -> str:
+    """Return a number with a noun in the singular or plural.
 
     Examples
     --------
     >>> counted(1, "point"), counted(2, "drop")
     ('1 point', '2 drops')
     """
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def say(message: object) -> None:
@@ -103,9 +102,9 @@ def next_commands(survey: str | os.PathLike[str]) -> tuple[str, str]:
 
 
 def on_terminal() -> bool:
-    """Whether there is a terminal that a screen can fill: keys come from it, and all is shown.
+    """Return whether a screen can be shown: input and output are a terminal.
 
-    A server that shows terminal programs in a browser is one; it names the driver to be used.
+    A server that shows terminal programs in a browser counts; it names the driver to use.
     """
     if os.environ.get("TEXTUAL_DRIVER"):
         return True

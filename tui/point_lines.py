@@ -1,4 +1,4 @@
-"""A point and how it stands, as one line for people."""
+"""A point with its verdict as one line of text."""
 
 import math
 
@@ -8,26 +8,26 @@ from pfwd.procedures import PointProgress, PointValue, Quantity, Verdict
 from pfwd.procedures.point import UNSUPPORTED_MARK
 from tui.output import clean
 
-NAMES = {
+QUANTITY_NAMES = {
     Quantity.E_VD: "E_vd",
     Quantity.E_LWD: "E_LWD",
     Quantity.MODULUS: "E",
     Quantity.DEFLECTION: "deflection",
 }
-"""What is judged, as people call it."""
+"""Names of the judged quantities."""
 
 
-def is_worth_a_line(progress: PointProgress) -> bool:
-    """Whether a point that is complete is one by a procedure, or has a target to stand against."""
+def has_verdict_line(progress: PointProgress) -> bool:
+    """Return whether a complete point has a line: it has a procedure or a target."""
     return progress.measured_wanted is not None or progress.verdict is not Verdict.NONE
 
 
 def point_text(point: PointView) -> str:
-    """A complete point: what is judged, its interval, target, verdict, and the settlements."""
+    """Return a complete point: judged value, interval, target, verdict and settlements."""
     progress = point.progress
     value = progress.value
-    shown = "nothing to judge" if value is None else value_text(value)
-    parts = [f"point {clean(point.shown_name)}: {shown}"]
+    text = "nothing to judge" if value is None else value_text(value)
+    parts = [f"point {clean(point.shown_name)}: {text}"]
     if progress.target is not None:
         parts.append(f"target {target_text(progress.target)}")
     if progress.verdict is not Verdict.NONE:
@@ -40,15 +40,15 @@ def point_text(point: PointView) -> str:
 
 
 def value_text(value: PointValue) -> str:
-    """What is judged with its unit and interval, no more digits than that supports."""
+    """Return the judged value with unit and interval, with the digits that it supports."""
     unit, scale = ("mm", 1e-3) if value.quantity is Quantity.DEFLECTION else ("MPa", 1e6)
     number = value.value / scale
-    name = NAMES[value.quantity]
+    name = QUANTITY_NAMES[value.quantity]
     mark = UNSUPPORTED_MARK if value.not_supported is not None else ""
-    shown_ends = value.interval or value.drop_range
-    if shown_ends is None:
+    bounds = value.interval or value.drop_range
+    if bounds is None:
         return f"{name} {number:.3g}{mark} {unit}"
-    low, high = (end / scale for end in shown_ends)
+    low, high = (end / scale for end in bounds)
     decimals = decimals_for((high - low) / 2, number)
     ends = f"{low:.{decimals}f} to {high:.{decimals}f}"
     if value.interval is None:
@@ -57,7 +57,7 @@ def value_text(value: PointValue) -> str:
 
 
 def decimals_for(half: float, value: float) -> int:
-    """Decimals that an interval of this half width supports: two digits of it."""
+    """Return the decimals that show two digits of the half width of an interval."""
     size = half if half > 0 else abs(value) / 1e3
     if size <= 0 or not math.isfinite(size):
         return 0

@@ -1,156 +1,128 @@
-"""Progress on standard error, on a terminal only."""
+"""Progress of long work on standard error: bars on a terminal, elsewhere lines or nothing."""
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from types import TracebackType
 from typing import TYPE_CHECKING
 
 from tui.output import clean, say
 
 if TYPE_CHECKING:
-    from rich.progress import TaskID
+    from collections.abc import Callable
+
+    from rich.progress import Progress, TaskID
 
 
-@contextmanager
-def building() -> Iterator[Callable[[str, float], None]]:
-    """Yields the callable that a library tells about a surrogate it builds.
+class ProgressBars:
+    """Context manager that shows a bar for each kind of work, with its text, count and times."""
 
-    On a terminal a bar; elsewhere one line a surrogate, because it may take some seconds the
-    first time and silence would look like a hang.
-    """
-    if not sys.stderr.isatty():
-        told: set[str] = set()
+    def __init__(self) -> None:
+        self.is_terminal = sys.stderr.isatty()
+        self._last_line = ""
+        self._display: Progress | None = None
+        self._tasks: dict[str, TaskID] = {}
 
-        def tell(what: str, fraction: float) -> None:
-            if what not in told:
-                told.add(what)
-                say(f"building the response table once: {what}")
+    def update(
+        self,
+        text: str,
+        finished: int = 0,
+        total: int | None = None,
+        *,
+        work: str = "",
+        line: bool = False,
+    ) -> None:
+        """Show the text and the number of finished parts in the bar of a kind of work.
 
-        yield tell
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+        Without a total the bar shows only that work goes on. Without a terminal nothing is shown,
+        or with `line` each new text as a line, for a log file.
+        """
+        if not self.is_terminal:
+            if line and text != self._last_line:
+                self._last_line = text
+                say(text)
+            return
+        if self._display is None:
+            self._display = _start_display()
+        if work not in self._tasks:
+            self._tasks[work] = self._display.add_task("", total=None, count="")
+        self._display.update(
+            self._tasks[work],
+            description=clean(text),
+            completed=finished,
+            total=total,
+            count="" if total is None else f"{finished}/{total}",
+        )
 
-    bar = Progress(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TimeElapsedColumn(),
-        console=Console(stderr=True),
-        transient=True,
-    )
-    tasks: dict[str, int] = {}
+    def clear(self) -> None:
+        """Remove the bars, so that other lines can be printed."""
+        if self._display is not None:
+            self._display.stop()
+        self._display = None
+        self._tasks.clear()
 
-    def draw(what: str, fraction: float) -> None:
-        if what not in tasks:
-            bar.start()
-            tasks[what] = bar.add_task(f"building once: {clean(what)}", total=1.0)
-        bar.update(tasks[what], completed=fraction)  # type: ignore[arg-type]
+    def __enter__(self) -> "ProgressBars":
+        return self
 
-    try:
-        yield draw
-    finally:
-        bar.stop()
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.clear()
 
 
-@contextmanager
-def counting(total: Callable[[], int]) -> Iterator[Callable[[int, str], None]]:
-    """Yields the callable that is told how many are done, and what else there is to say.
-
-    On a terminal a bar with the time that is left; elsewhere nothing is shown, nor counted.
-
-    Parameters
-    ----------
-    total : callable
-        Counts what there is; asked once, and only when it is shown.
-    """
-    if not sys.stderr.isatty():
-        yield lambda done, text: None
-        return
+def _start_display() -> "Progress":
     from rich.console import Console
     from rich.progress import (
         BarColumn,
-        MofNCompleteColumn,
         Progress,
         TextColumn,
         TimeElapsedColumn,
         TimeRemainingColumn,
     )
 
-    with Progress(
+    display = Progress(
         TextColumn("{task.description}", markup=False),
         BarColumn(),
-        MofNCompleteColumn(),
+        TextColumn("{task.fields[count]}"),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
         console=Console(stderr=True),
         transient=True,
-    ) as bar:
-        task = bar.add_task("counting", total=None)
-        bar.update(task, total=total())
-
-        def show(done: int, text: str) -> None:
-            bar.update(task, completed=done, description=clean(text))
-
-        yield show
-
-
-@contextmanager
-def diagnosis_progress() -> Iterator[Callable[[str, str, int, int], None]]:
-    """Yield the callable that receives what is tried, at which point, and how many are done.
-
-    A terminal shows a bar for each kind of work, elsewhere nothing is shown.
-    """
-    if not sys.stderr.isatty():
-        yield lambda what, point, done, total: None
-        return
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
+        redirect_stdout=False,  # results may go to a file
     )
-
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
-    times = (TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, *times, console=Console(stderr=True), transient=True) as bar:
-        tasks: dict[str, TaskID] = {}
-
-        def draw(what: str, point: str, done: int, total: int) -> None:
-            at_point = f": {os.path.basename(point)}" if point else ""
-            text = clean(f"diagnosis, {what}{at_point}")
-            if what not in tasks:
-                tasks[what] = bar.add_task(text, total=total)
-            bar.update(tasks[what], completed=done, total=total, description=text)
-
-        yield draw
+    display.start()
+    return display
 
 
 @contextmanager
-def telling() -> Iterator[Callable[[str], None]]:
-    """Yields the callable that a library tells what it does, a sentence each.
+def diagnosis_progress() -> "Iterator[Callable[[str, str, int, int], None]]":
+    """Yield the callable that receives work, point, number of finished parts and of all parts."""
+    with ProgressBars() as bars:
 
-    On a terminal the last one stands on a line that goes away; elsewhere each is a line, so that a
-    log says what was inverted.
-    """
-    if not sys.stderr.isatty():
-        yield say
-        return
-    from rich.console import Console
+        def update(work: str, point: str, finished: int, total: int) -> None:
+            at_point = f": {os.path.basename(point)}" if point else ""
+            bars.update(f"diagnosis, {work}{at_point}", finished, total, work=work)
 
-    with Console(stderr=True).status("", spinner="line") as line:
+        yield update
+
+
+@contextmanager
+def report_progress() -> "Iterator[Callable[[str], None]]":
+    """Yield the callable that receives sentences; one that begins with a blank is a detail."""
+    with ProgressBars() as bars:
         heading = ""
 
-        def show(text: str) -> None:
+        def update(text: str) -> None:
             nonlocal heading
-            if not text.startswith(" "):
+            is_detail = text.startswith(" ")
+            if not is_detail:
                 heading = text
-            within = f", {text.strip()}" if text.startswith(" ") else ""
-            from rich.markup import escape
+            elif bars.is_terminal:
+                text = f"{heading}, {text.strip()}"
+            bars.update(text, line=True)
 
-            line.update(escape(clean(heading + within)))
-
-        yield show
+        yield update

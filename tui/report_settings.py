@@ -1,4 +1,4 @@
-"""What stands on the first page of every report: company and logo, said once in a file.
+"""Company and logo on the first page of every report, declared once in a file.
 
 ``report.toml`` beside the settings of the screen; ``PFWD_SETTINGS`` names another place for both::
 
@@ -14,38 +14,38 @@ from pfwd.toml_reading import parse_toml
 from tui.screen.settings import settings_file
 
 NAME = "report.toml"
-"""In the folder of the settings."""
+"""Name of the file in the folder of the settings."""
 
 KEYS = ("company", "logo")
 
 
 @dataclass(frozen=True, slots=True)
 class ReportSettings:
-    """Of the first page; None: nothing is said."""
+    """Company and logo of the first page; None: not declared."""
 
     company: str | None = None
     logo: str | None = None
 
 
 def load_report_settings(path: Path | None = None) -> ReportSettings:
-    """What the file says; nothing where there is none.
+    """Return the contents of the file; empty if there is none.
 
     Raises
     ------
     OptionError
-        If it is there and is no such file.
+        If the file is not of this kind.
     """
     file = path or settings_file().with_name(NAME)
     if not file.is_file():
         return ReportSettings()
     try:
-        said = parse_toml(file.read_text(encoding="utf-8-sig"))
+        values = parse_toml(file.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError) as err:
         raise OptionError(refusal(str(file), "a TOML file", quote(str(err)))) from err
-    for key, value in said.items():
+    for key, value in values.items():
         if key not in KEYS or not isinstance(value, str):
             raise OptionError(refusal(str(file), 'company = "..." or logo = "..."', quote(key)))
-    logo = said.get("logo")
+    logo = values.get("logo")
     if logo is not None:
         logo = str(file.parent / logo)  # an absolute one stays
-    return ReportSettings(said.get("company"), logo)
+    return ReportSettings(values.get("company"), logo)

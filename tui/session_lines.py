@@ -36,7 +36,7 @@ from pfwd.session.session import Ending
 from tui.diagnosis_lines import diagnosis_line
 from tui.format import drop_line
 from tui.output import clean, say
-from tui.point_lines import NAMES, is_worth_a_line, point_text
+from tui.point_lines import QUANTITY_NAMES, has_verdict_line, point_text
 
 log = logging.getLogger("pfwd.session")
 
@@ -83,7 +83,7 @@ class SessionLines:
         self._complete.rest()
 
     def _point(self, point: PointView) -> None:
-        if not is_worth_a_line(point.progress):
+        if not has_verdict_line(point.progress):
             return
         said = point.as_json()
         if point.progress.complete:
@@ -143,7 +143,7 @@ class SessionLines:
         self._told_job = told
         target = "" if job.target is None else f", target {target_text(job.target)}"
         name = job.procedure_in_force.name
-        self._say(f"judged by {name}: {NAMES[job.quantity]}{target}")
+        self._say(f"judged by {name}: {QUANTITY_NAMES[job.quantity]}{target}")
 
     def _say(self, text: str, level: int = logging.INFO) -> None:
         log.log(level, "%s", text)

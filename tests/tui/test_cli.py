@@ -38,7 +38,13 @@ class FakeAnalysis(types.ModuleType):
         self.closed = False
 
     def analyse_files(
-        self, paths: list[str], options: AnalysisOptions, jobs: int, *, use_stored: bool
+        self,
+        paths: list[str],
+        options: AnalysisOptions,
+        jobs: int,
+        progress: object,
+        *,
+        use_stored: bool,
     ) -> Iterator[FileOutcome]:
         self.asked = (paths, options, jobs)
         try:
@@ -275,7 +281,7 @@ ENDLESS = textwrap.dedent("""
     from pfwd.analysis.results import DropResult
     from tui.cli import main
 
-    def analyse_files(paths, options, jobs, use_stored):
+    def analyse_files(paths, options, jobs, progress, use_stored):
         try:
             while True:
                 yield FileOutcome("a.csv", None, [DropResult(file="a.csv", drop=1)])

@@ -63,7 +63,7 @@ def test_a_module_is_loaded_to_its_end_first(name: str, tmp_path: Path) -> None:
 @pytest.mark.posix
 def test_a_program_that_an_import_runs_can_be_interrupted(tmp_path: Path) -> None:
     (tmp_path / "program.py").write_text(MODULE.format(name="SIGINT", length=100))
-    code = "import tui.interrupts\ntui.interrupts.LONGEST_WAIT = 0.3\nimport program\n"
+    code = "import tui.interrupts\ntui.interrupts.MAX_DELAY_S = 0.3\nimport program\n"
     done = run(code, tmp_path)
     assert (done.stdout, done.stderr) == ("interrupted\n", "")
 

@@ -28,7 +28,7 @@ from pfwd.session.events import (
 )
 from pfwd_device import Drop
 from tui.format import drop_line
-from tui.log_file import KEPT, LARGEST, close_log, open_log
+from tui.log_file import MAX_BYTES, MAX_OLD_FILES, close_log, open_log
 from tui.session_lines import SessionLines
 
 RESULT = {
@@ -228,11 +228,11 @@ def log(tmp_path: Path) -> Iterator[Path]:
 def test_the_log_rotates(log: Path) -> None:
     logger = logging.getLogger("pfwd.test")
     line = "x" * 10_000
-    for _ in range((KEPT + 3) * LARGEST // 10_000):
+    for _ in range((MAX_OLD_FILES + 3) * MAX_BYTES // 10_000):
         logger.info("%s", line)
     files = sorted(log.iterdir())
     assert [path.name for path in files] == ["pfwd.log", *(f"pfwd.log.{n}" for n in range(1, 6))]
-    assert all(path.stat().st_size <= LARGEST for path in files)
+    assert all(path.stat().st_size <= MAX_BYTES for path in files)
 
 
 def test_nothing_in_the_log_moves_a_cursor_or_forges_a_line(log: Path) -> None:

@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrate; 1 when the drops do not repeat, so that nothing is kept."""
+    """Fit the calibration and print it; 1 when the drops do not repeat, and nothing is written."""
     if args.header is not None and not os.path.isfile(args.header):
         raise OptionError(refusal(f"--header {args.header}", "a TOML file", "no such file"))
     if args.stiffness is not None and not args.stiffness > 0:
@@ -51,33 +51,35 @@ def run(args: argparse.Namespace) -> int:
         require_writable(args.output, "--output")
     from pfwd.analysis.calibrating import calibrate_files, write_calibration
 
-    found = calibrate_files(
+    calibration = calibrate_files(
         args.files, args.stiffness, point=args.point, gain_of=args.gain_of, header=args.header
     )
-    said = found.to_json()
+    record = calibration.to_json()
     if args.json:
-        print(json_text(said), flush=True)
+        print(json_text(record), flush=True)
     else:
-        device = "" if found.device is None else f"device {found.device}, "
-        rigs = ", ".join(f"{value / 1e6:.4g} MN/m" for value in found.stiffness)
-        print(clean(f"{device}{found.found.drops} drops on rigs of {rigs}"))
-        names = (
-            (f"gain of the {found.gain_of}", said["gain"], 1.0, ""),
-            ("natural frequency", said["natural_frequency_hz"], 1.0, " Hz"),
-            ("damping", said["damping"], 1.0, ""),
-            ("delay", said["delay_s"], 1e6, " us"),
+        device = "" if calibration.device is None else f"device {calibration.device}, "
+        rigs = ", ".join(f"{value / 1e6:.4g} MN/m" for value in calibration.stiffness)
+        print(clean(f"{device}{calibration.found.drops} drops on rigs of {rigs}"))
+        parameters = (
+            (f"gain of the {calibration.gain_of}", record["gain"], 1.0, ""),
+            ("natural frequency", record["natural_frequency_hz"], 1.0, " Hz"),
+            ("damping", record["damping"], 1.0, ""),
+            ("delay", record["delay_s"], 1e6, " us"),
         )
-        for name, one, scale, unit in names:
-            low, high = (scale * end for end in one["interval"])
-            print(f"  {name} {scale * one['value']:.4g}{unit} (95 %: {low:.4g} to {high:.4g})")
-        print(f"  left over: {100 * found.found.misfit:.2g} % of the peak velocity")
-    for warning in found.warnings:
+        for name, parameter, scale, unit in parameters:
+            low, high = (scale * end for end in parameter["interval"])
+            print(
+                f"  {name} {scale * parameter['value']:.4g}{unit} (95 %: {low:.4g} to {high:.4g})"
+            )
+        print(f"  misfit: {100 * calibration.found.misfit:.2g} % of the peak velocity")
+    for warning in calibration.warnings:
         say(f"calibrate: {warning}")
-    for text in found.reasons:
+    for text in calibration.reasons:
         say(f"calibrate: does not repeat: {text}")
-    if args.output is not None and not found.reasons:
-        write_calibration(args.output, found)
+    if args.output is not None and not calibration.reasons:
+        write_calibration(args.output, calibration)
         say(f"calibration written to {args.output}")
     elif args.output is not None:
-        say(f"calibrate: nothing is written to {args.output}")
-    return 1 if found.reasons else 0
+        say(f"calibrate: {args.output} is not written")
+    return 1 if calibration.reasons else 0

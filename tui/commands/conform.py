@@ -1,4 +1,4 @@
-"""``pfwd conform``: does an instrument keep the protocol?"""
+"""``pfwd conform``: test an instrument against the protocol."""
 
 import argparse
 import dataclasses
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Try every requirement of the protocol; one line each.
+    """Test every requirement of the protocol; print one line each.
 
     Returns
     -------
@@ -44,14 +44,14 @@ def run(args: argparse.Namespace) -> int:
         1 when one failed.
     """
     counts = dict.fromkeys(_SIGNS, 0)
-    found = conform(
+    results = conform(
         args.url,
         baud_rate=args.baud_rate,
         drop_wait=args.wait,
         announce=say,
         only=args.only.split(",") if args.only else (),
     )
-    for result in found:
+    for result in results:
         counts[result.result] += 1
         if args.json:
             print(json_text(dataclasses.asdict(result)), flush=True)

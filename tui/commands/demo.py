@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from simulators.instrument import SimulatedInstrument
 
 DROPS, RATE = 6, 3.0
-"""Of the demonstration in lines: a whole point in ten seconds."""
+"""Drops and multiple of real time where lines are printed: a complete point in ten seconds."""
 
 SCENARIO, PROCEDURE, TARGET = "compacted", "tp-bf-stb-b8.3", 45e6
-"""What is shown where no scenario is named, and the target, Pa: a newcomer sees a point that passes
-by a procedure, and its ground is above the target too (52 MPa)."""
+"""Default scenario, with the procedure and the target, Pa, that judge it: the point passes, and the
+modulus of its ground, 52 MPa, is above the target too."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -115,10 +115,10 @@ def run(args: argparse.Namespace) -> int:
     lines = SessionLines(as_json=args.json, analysed=True, bell=False)
     plan = replace(_plan(args, folder), drops=drops)
     with instrument:
-        what = "simulated instrument"
+        instrument_text = "simulated instrument"
         if args.firmware:
-            what = f"compiled core playing {args.play or 'simulated drops'}"
-        say(f"{what} at {instrument.url}")
+            instrument_text = f"compiled firmware playing {args.play or 'simulated drops'}"
+        say(f"{instrument_text} at {instrument.url}")
         handler = open_log(folder)
         try:
             ending = measure(instrument.url, folder, lines.tell, plan, control=stopped_by_signals)
@@ -142,7 +142,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _scenario(args: argparse.Namespace) -> str:
-    """Return the scenario: the named one, else that of the demonstration or of the core's."""
+    """Return the named scenario, or the default of the demonstration or of the firmware."""
     return args.scenario or ("default" if args.firmware else SCENARIO)
 
 
@@ -190,7 +190,7 @@ def _on_screen(args: argparse.Namespace) -> int:
     from tui.screen.session.sources import DemoSource
     from tui.screen.show import show
 
-    found: dict[int, float] = {}
+    moduli: dict[int, float] = {}
     scenario = _scenario(args)
     folder = Path(args.output) if args.output else Path(tempfile.mkdtemp(prefix="pfwd-demo-"))
     source = DemoSource(
@@ -202,31 +202,31 @@ def _on_screen(args: argparse.Namespace) -> int:
         rate=1.0 if args.rate is None else args.rate,
         firmware=args.firmware,
     )
-    status = show(source, "demo", moduli=found)
-    for line in truth_lines([drop for drop in source.truth if drop["drop"] in found], found):
+    status = show(source, "demo", moduli=moduli)
+    for line in truth_lines([drop for drop in source.truth if drop["drop"] in moduli], moduli):
         print(line, file=sys.stderr, flush=True)
     if args.plot:
         _plot(folder, args.plot)
     return status
 
 
-def truth_lines(truth: Sequence[Mapping[str, Any]], found: Mapping[int, float]) -> list[str]:
-    """What was simulated, beside what was found of it.
+def truth_lines(truth: Sequence[Mapping[str, Any]], moduli: Mapping[int, float]) -> list[str]:
+    """Return the simulated moduli beside the measured ones as lines of text.
 
     Parameters
     ----------
     truth : sequence of mapping
-        One a drop, with ``drop`` and ``modulus_pa``.
-    found : mapping of int to float
-        Modulus by drop, Pa.
+        The simulated drops, each with ``drop`` and ``modulus_pa``.
+    moduli : mapping of int to float
+        Measured modulus by drop, Pa.
     """
     lines = ["what was simulated, hidden until now:"]
     for drop in truth:
         number, modulus = drop["drop"], drop["modulus_pa"]
         line = f"  drop {number}: E {modulus / 1e6:.2f} MPa"
-        if number in found:
-            error = 100 * (found[number] / modulus - 1)
-            line += f", found {found[number] / 1e6:.2f} MPa, {error:+.2f} %"
+        if number in moduli:
+            error = 100 * (moduli[number] / modulus - 1)
+            line += f", measured {moduli[number] / 1e6:.2f} MPa, {error:+.2f} %"
         lines.append(line)
     return lines
 

@@ -1,4 +1,4 @@
-"""``pfwd diagnose``: the residual, the effects behind it, the error before and after."""
+"""``pfwd diagnose``: the effects behind the residuals, and the modulus to use."""
 
 import argparse
 import os
@@ -11,6 +11,7 @@ from pfwd.analysis.results import DiagnosisResult
 from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import require_writable
 from pfwd.message_groups import as_ranges
+from tui.archive import has_folder_of_files, run_over_archive
 from tui.arguments import (
     add_archive,
     add_declared,
@@ -28,7 +29,6 @@ from tui.diagnosis_lines import (
     survey_lines,
     wrapped,
 )
-from tui.files import any_folder
 from tui.output import clean, say
 from tui.progress import diagnosis_progress
 
@@ -101,13 +101,13 @@ def run(args: argparse.Namespace) -> int:
         elastic=args.elastic,
         load=args.load,
     )
-    if args.archive is not None or args.scheduler is not None or any_folder(args.files):
+    if args.archive is not None or args.scheduler is not None or has_folder_of_files(args.files):
         return _over_archive(args, options)
     from pfwd.analysis.diagnosis.device_file import device_of, read_device, write_device_file
     from pfwd.analysis.diagnosis.diagnose import diagnose_files
 
     device, spread = read_device(args.device) if args.device else (None, None)
-    # A plot and a device file need more than what a survey keeps.
+    # A plot and a device file need more than a survey stores.
     use_stored = not (args.refit or args.plot or args.write_device)
     with diagnosis_progress() as progress:
         points = list(
@@ -140,7 +140,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _report_not_held_out(diagnosed: "Sequence[Diagnosed]", mode: str) -> None:
-    """Report the points of which nothing could be held out: they have one part, or share none."""
+    """Report the points of which nothing could be held out: too few parts, or none shared."""
     results = [
         point.result for point in diagnosed if point.result is not None and point.result.drops
     ]
@@ -161,14 +161,12 @@ def _report_not_held_out(diagnosed: "Sequence[Diagnosed]", mode: str) -> None:
 
 
 def _over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
-    """Diagnose everything that is named or lies below a folder, each survey by itself."""
-    from tui.archive import run_over_archive
-
+    """Diagnose all named files and those below folders, each survey by itself."""
     for name in ("device", "write_device", "leave_out", "allow"):
         if getattr(args, name) is not None:
             option = "--" + name.replace("_", "-")
-            why = f"{option} with a folder, --archive or --scheduler"
-            raise OptionError(refusal(why, "one of them", "both", "name the files"))
+            conflict = f"{option} with a folder, --archive or --scheduler"
+            raise OptionError(refusal(conflict, "one of them", "both", "name the files"))
     return run_over_archive(args, replace(options, diagnose=True))
 
 
@@ -185,8 +183,8 @@ def store_all(points: "Sequence[Diagnosed]", *, store: bool) -> None:
         if stored:
             software = ", ".join(sorted({str(result.software) for result in stored}))
             say(
-                f"{file}: {len(stored)} of {len(results)} diagnoses were kept from before "
-                f"({software}); --refit computes them anew"
+                f"{file}: {len(stored)} of {len(results)} diagnoses were stored before "
+                f"({software}); --refit computes them again"
             )
         failed = store_diagnoses(file, results) if store and os.path.isdir(file) else None
         if failed is not None:
@@ -194,9 +192,9 @@ def store_all(points: "Sequence[Diagnosed]", *, store: bool) -> None:
 
 
 def show_all(points: "Sequence[Diagnosed]", *, as_json: bool, details: bool = False) -> None:
-    """Print diagnoses: several points as a table, a single one or with `details` a block each.
+    """Print diagnoses: a table of several points, a block for a single one or with `details`.
 
-    Blocks are followed by what concerns several points: device effects, and the warnings.
+    Device effects and warnings of several points follow the blocks.
     """
     for diagnosed in points:
         if diagnosed.error is not None:
@@ -213,9 +211,9 @@ def show_all(points: "Sequence[Diagnosed]", *, as_json: bool, details: bool = Fa
         table = survey_lines(results, moduli)
         _print(table)
     if several and not details:
-        shown = [part for warning in warnings for part in wrapped(warning, WIDTH)]
-        if not shown or len(table) + len(shown) < SCREEN_LINES:
-            _print([*shown, "--details shows each point in full"])
+        lines = [part for warning in warnings for part in wrapped(warning, WIDTH)]
+        if not lines or len(table) + len(lines) < SCREEN_LINES:
+            _print([*lines, "--details shows each point in full"])
         else:
             noun = "warning" if len(warnings) == 1 else "warnings"
             _print([f"{len(warnings)} {noun}: --details shows them, and each point in full"])

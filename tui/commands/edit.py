@@ -1,4 +1,4 @@
-"""``pfwd edit``: say something of a point or drop; shows what has been said."""
+"""``pfwd edit``: notes, targets and other statements on points and drops."""
 
 import argparse
 from collections.abc import Mapping, Sequence
@@ -61,8 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Add the edits, then show the points."""
-    with no_collections():  # what is read is needed to the end
+    """Store the edits, then print the points."""
+    with no_collections():  # nothing that is read becomes garbage before the end
         return _run(args)
 
 
@@ -70,7 +70,7 @@ def _run(args: argparse.Namespace) -> int:
     edits = _edits(args)
     if args.move is not None:
         if edits:
-            raise OptionError(refusal("--move", "nothing else said with it", "other edits"))
+            raise OptionError(refusal("--move", "no other edit beside it", "other edits"))
         points = overview_of(move_drop(args.survey, args.point, args.drop, args.move))
         _warn_similar_point(args.survey, points, args.move)
     elif edits or args.point is not None or args.drop is not None:
@@ -87,13 +87,13 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _warn_similar_point(survey: str, points: Sequence[Mapping[str, Any]], to: str) -> None:
-    """Say when a drop was moved to a new point whose name another begins with, or the reverse."""
+    """Warn when a drop was moved to a new point with nearly the name of another one."""
     from pfwd.judging.stations import similar_name
-    from tui.measuring_options import kept_job
+    from tui.measuring_options import survey_job
 
     measured = {point["point"]: len(point["drops"]) for point in points}
     titles = {point["name"] for point in points}
-    stations = {station.name for station in kept_job(survey).stations}
+    stations = {station.name for station in survey_job(survey).stations}
     if measured.get(to) != 1 or to in stations:  # a renamed or known point, or a planned one
         return
     similar = similar_name(to, (measured.keys() | titles | stations) - {to})
@@ -110,11 +110,11 @@ def _edits(args: argparse.Namespace) -> list[Edit]:
     if args.position is not None:
         edits.append(Edit("position", parse_position(args.position)))
     if args.target is not None:
-        # Loaded here: a note has to be quick.
+        # Imported here: a note has to be quick.
         from pfwd.judging.job import target_si
-        from tui.measuring_options import kept_job
+        from tui.measuring_options import survey_job
 
-        judged = kept_job(args.survey).procedure_in_force
+        judged = survey_job(args.survey).procedure_in_force
         edits.append(Edit("target", target_si(args.target, judged)))
     if args.name is not None:
         edits.append(Edit("name", args.name))
@@ -137,12 +137,12 @@ def _lines(point: Mapping[str, Any]) -> list[str]:
         lines.append(f"  position {_position(point['position'])}")
     lines += [f"  note: {note}" for note in point["notes"]]
     for drop in point["drops"]:
-        said = ["DISCARDED"] if drop["discarded"] else []
-        said += [f"note: {note}" for note in drop["notes"]]
+        remarks = ["DISCARDED"] if drop["discarded"] else []
+        remarks += [f"note: {note}" for note in drop["notes"]]
         if drop["position"] is not None:
-            said.append(f"position {_position(drop['position'])}")
-        if said:
-            lines.append(f"  drop {drop['drop']}: {'; '.join(said)}")
+            remarks.append(f"position {_position(drop['position'])}")
+        if remarks:
+            lines.append(f"  drop {drop['drop']}: {'; '.join(remarks)}")
     return lines
 
 

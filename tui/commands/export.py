@@ -7,9 +7,8 @@ from pfwd.export.registry import BUILT_IN_FORMATS as EXPORT_FORMATS
 from tui.arguments import add_expert_group, add_json, add_seed
 from tui.output import clean, counted, say
 
-MOST_PROCESSES = 2
-"""Make rows, or read an exported file back; the disk and one that waits keep more from gaining
-anything."""
+MAX_PROCESSES = 2
+"""Processes that make rows or read an exported file back; more are not faster than the disk."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,26 +49,26 @@ def run(args: argparse.Namespace) -> int:
     """Export the survey and print what was written and what was left out."""
     from pfwd.export.export import export_survey
 
-    done = export_survey(
+    export = export_survey(
         args.survey,
         args.format,
         args.output,
         force=args.force,
         invert=args.invert,
         seed=args.seed,
-        jobs=MOST_PROCESSES,
+        jobs=MAX_PROCESSES,
         delimiter=args.delimiter,
         decimal=args.decimal,
     )
-    for note in done.notes:
+    for note in export.notes:
         say(f"export: {note}")
     if args.json:
-        print(json_text(done.as_dict()), flush=True)
+        print(json_text(export.as_dict()), flush=True)
     else:
         print(
             clean(
-                f"{done.path}: format {done.format}, {counted(done.points, 'point')}, "
-                f"{counted(done.drops, 'drop')}"
+                f"{export.path}: format {export.format}, {counted(export.points, 'point')}, "
+                f"{counted(export.drops, 'drop')}"
             ),
             flush=True,
         )

@@ -9,6 +9,7 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import FileOutcome
 from pfwd.errors import OptionError, refusal
 from pfwd.files.output_path import require_writable
+from tui.archive import has_folder_of_files, run_over_archive
 from tui.arguments import (
     add_archive,
     add_declared,
@@ -21,9 +22,9 @@ from tui.arguments import (
     add_stored,
     depth,
 )
-from tui.files import any_folder
 from tui.format import By
 from tui.output import say
+from tui.progress import ProgressBars, diagnosis_progress
 from tui.survey_lines import printed_results
 
 if TYPE_CHECKING:
@@ -108,64 +109,74 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Analyse the files and print what was found; 1 when a file was refused, otherwise 0."""
+    """Invert the files and print the results; 1 when a file was refused."""
     options = options_from(args)
     if args.plot:
         require_writable(args.plot, "--plot")
-    if args.archive is not None or args.scheduler is not None or any_folder(args.files):
-        from tui.archive import run_over_archive
-
+    if args.archive is not None or args.scheduler is not None or has_folder_of_files(args.files):
         return run_over_archive(args, options)
     from pfwd.analysis.analyse import analyse_files
 
     refused = False
-    kept: list[FileOutcome] = []
-    # A plot shows histories, which no survey keeps.
-    use_stored = not args.refit and not args.plot
-    found = analyse_files(args.files, options, args.jobs, use_stored=use_stored)
-    # Closed at once when the printing stops, so that its workers end and do not linger.
-    with contextlib.closing(found) as outcomes:
-        for outcome in outcomes:
-            refused |= outcome.error is not None
-            diagnosed = _diagnosed(outcome, options, args) if args.diagnose else []
-            if diagnosed:
-                from pfwd.analysis.diagnosis.diagnose import with_diagnoses
+    to_plot: list[FileOutcome] = []
+    with ProgressBars() as bars:
 
-                outcome = with_diagnoses(outcome, diagnosed)
-            show(outcome, as_json=args.json, by=args.by)
-            _keep(outcome, store=not args.no_store)
-            if diagnosed:
-                _tell(diagnosed, as_json=args.json, store=not args.no_store)
-            if args.plot:
-                kept.append(outcome)
+        def report_table(table: str, fraction: float) -> None:
+            text = f"computing the response table of {table}, once"
+            bars.update(text, round(100 * fraction), 100, work="table", line=True)
+
+        n_files = len(args.files)
+        bars.update("inverting", 0, n_files)
+        # A plot shows time histories, which a survey does not store.
+        use_stored = not args.refit and not args.plot
+        outcomes = analyse_files(
+            args.files, options, args.jobs, report_table, use_stored=use_stored
+        )
+        # Closed at once when the printing stops, so that its workers end.
+        with contextlib.closing(outcomes):
+            for number, outcome in enumerate(outcomes, 1):
+                bars.clear()
+                refused |= outcome.error is not None
+                diagnosed = _diagnose(outcome, options, args) if args.diagnose else []
+                if diagnosed:
+                    from pfwd.analysis.diagnosis.diagnose import with_diagnoses
+
+                    outcome = with_diagnoses(outcome, diagnosed)
+                show(outcome, as_json=args.json, by=args.by)
+                _store(outcome, store=not args.no_store)
+                if diagnosed:
+                    _report_diagnoses(diagnosed, as_json=args.json, store=not args.no_store)
+                if args.plot:
+                    to_plot.append(outcome)
+                if number < n_files:
+                    bars.update("inverting", number, n_files)
     if args.plot:
         from pfwd.analysis.plots import plot_outcomes
 
-        for picture in plot_outcomes(kept, args.plot):
+        for picture in plot_outcomes(to_plot, args.plot):
             say(f"plot {picture}")
     return 1 if refused else 0
 
 
-def _keep(outcome: FileOutcome, *, store: bool) -> None:
-    """Keep new results with their survey, and say which were kept before."""
+def _store(outcome: FileOutcome, *, store: bool) -> None:
+    """Store new results with their survey, and report those that were stored before."""
     from pfwd.analysis.result_store import store_drop_results, stored_results_text
 
     if outcome.of_survey:
-        said = stored_results_text(outcome.file, [result for _, result in outcome.of_survey])
+        text = stored_results_text(outcome.file, [result for _, result in outcome.of_survey])
         if store and os.path.isdir(outcome.file):
-            said = store_drop_results(outcome.file, outcome.of_survey) or said
-        if said is not None:
-            say(said)
+            text = store_drop_results(outcome.file, outcome.of_survey) or text
+        if text is not None:
+            say(text)
 
 
-def _diagnosed(
+def _diagnose(
     outcome: FileOutcome, options: AnalysisOptions, args: argparse.Namespace
 ) -> "list[Diagnosed]":
-    """The diagnoses of the points of a file that was inverted."""
+    """Return the diagnoses of the points of a file that was inverted."""
     if outcome.error is not None:
         return []
     from pfwd.analysis.diagnosis.diagnose import diagnose_files
-    from tui.progress import diagnosis_progress
 
     with diagnosis_progress() as progress:
         return list(
@@ -180,21 +191,21 @@ def _diagnosed(
         )
 
 
-def _tell(diagnosed: "list[Diagnosed]", *, as_json: bool, store: bool) -> None:
-    """Keep diagnoses, and print them where their lines do not hold them already."""
+def _report_diagnoses(diagnosed: "list[Diagnosed]", *, as_json: bool, store: bool) -> None:
+    """Store diagnoses, and print them unless the JSON of the drops holds them."""
     from tui.commands.diagnose import show_all, store_all
 
     if as_json:
-        for found in diagnosed:
-            if found.error is not None:
-                say(found.error)
+        for point in diagnosed:
+            if point.error is not None:
+                say(point.error)
     else:
         show_all(diagnosed, as_json=False)
     store_all(diagnosed, store=store)
 
 
 def options_from(args: argparse.Namespace) -> AnalysisOptions:
-    """The options of the command line, checked.
+    """Return the checked options of the command line.
 
     Raises
     ------
@@ -225,7 +236,7 @@ def options_from(args: argparse.Namespace) -> AnalysisOptions:
 
 
 def show(outcome: FileOutcome, *, as_json: bool, by: By = "drop") -> None:
-    """Print the results of a file to standard output, and why it was refused to standard error."""
+    """Print the results of a file to standard output, the reason of a refusal to standard error."""
     if outcome.error is not None:
         say(outcome.error)
     for line in printed_results(outcome.results, as_json=as_json, by=by):

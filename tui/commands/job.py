@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     from pfwd.judging.job import time_zone_of
     from pfwd.procedures import find_procedure
     from tui.job_lines import job_lines
-    from tui.measuring_options import job_request, kept_job
+    from tui.measuring_options import job_request, survey_job
 
     refuse_no_survey(args.survey)
     chosen = None if args.procedure is None else find_procedure(args.procedure)
@@ -46,13 +46,13 @@ def run(args: argparse.Namespace) -> int:
     if args.time_zone is not None:
         request = JobRequest(time_zone=time_zone_of(args.time_zone)).over(request)
     if request:
-        before = kept_job(args.survey, chosen)
+        before = survey_job(args.survey, chosen)
         news = request.news(before)
         if news:
             add_events(args.survey, news.events())
             for text in request.differences(before):
                 say(f"job: {text}")
-    job = kept_job(args.survey)
+    job = survey_job(args.survey)
     if args.json:
         print(json_text(job.as_json()), flush=True)
         return 0

@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
 
     def remark(text: str) -> None:
         say(text)
-        remarks.append(text)  # what stands on the terminal now is soon behind the screen
+        remarks.append(text)  # the screen covers the terminal soon
 
     request = job_request(args, args.output, setup.procedure, default, remark)
     request = JobRequest(units=load_settings().units).over(request)

@@ -1,4 +1,4 @@
-"""``pfwd map``: a first column map for a delimited text, by looking at it and by asking."""
+"""``pfwd map``: a first column map for a delimited text, from its contents and from answers."""
 
 import argparse
 import os
@@ -33,17 +33,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the map; 1 when something in it is still to be said."""
+    """Write the map; 1 when something in it is missing."""
     target = args.output or os.path.splitext(args.file)[0] + ".map.toml"
     require_writable(target, "--output", streams=True)
     if os.path.exists(target) and not args.force:
-        hint = "--force writes over it, -o names another one"
-        raise OptionError(refusal(target, "a name that is free", "one that is taken", hint))
+        hint = "--force overwrites it, -o names another file"
+        raise OptionError(refusal(target, "a new file", "an existing one", hint))
     draft = draft_map(args.file)
-    for line in _shown(draft):
+    for line in _description(draft):
         print(clean(line))
     if not args.no_questions and sys.stdin.isatty() and sys.stderr.isatty():
-        draft = _asked(draft)
+        draft = _ask(draft)
     with open(target, "w", encoding="utf-8", newline="\n") as stream:
         stream.write(map_text(draft))
     print(clean(f"{target} written"))
@@ -51,12 +51,12 @@ def run(args: argparse.Namespace) -> int:
     if draft.plate_radius is None:
         missing = ["the plate radius (plate_radius_m, or --header)", *missing]
     if missing:
-        say(f"map: still to be said in {target}: {'; '.join(missing)}")
+        say(f"map: still missing in {target}: {'; '.join(missing)}")
     say(f"map: then: pfwd import {args.file} --map {target} -o SURVEY")
     return 1 if draft.missing else 0
 
 
-def _shown(draft: MapDraft) -> list[str]:
+def _description(draft: MapDraft) -> list[str]:
     delimiter = {None: "blanks", "\t": "tab"}.get(draft.delimiter, repr(draft.delimiter))
     lines = [
         f"{draft.file}: columns by {delimiter}, decimal {draft.decimal!r}, {draft.encoding}, "
@@ -64,65 +64,66 @@ def _shown(draft: MapDraft) -> list[str]:
         + (", a line with units" if draft.units_line else "")
     ]
     for column in draft.columns:
-        what = str(column.role) if column.role != "none" else "not used"
+        meaning = str(column.role) if column.role != "none" else "not used"
         if column.role == "sensor":
             where = "?" if column.offset is None else f"{column.offset:g} m"
-            what += f", {column.quantity} at {where}"
+            meaning += f", {column.quantity} at {where}"
         if column.role in ("time", "load", "sensor"):
-            what += f", in {column.unit or '?'}"
-        lines.append(f"  {column.position}  {column.name or '(no name)'}: {what}")
+            meaning += f", in {column.unit or '?'}"
+        lines.append(f"  {column.position}  {column.name or '(no name)'}: {meaning}")
     return lines
 
 
-def _asked(draft: MapDraft) -> MapDraft:
-    """The draft with what a person says; an empty answer takes what is in brackets."""
-    say("map: Enter takes what is in brackets")
+def _ask(draft: MapDraft) -> MapDraft:
+    """Return the draft with the answers of a person; an empty answer means the default."""
+    say("map: Enter accepts the value in brackets")
     radius = _number("plate radius in m", draft.plate_radius)
     draft = replace(draft, plate_radius=radius)
     for column in draft.columns:
-        draft = draft.with_column(_asked_of(column))
+        draft = draft.with_column(_ask_about(column))
     return draft
 
 
-def _asked_of(column: DraftColumn) -> DraftColumn:
+def _ask_about(column: DraftColumn) -> DraftColumn:
     name = clean(column.name or f"column {column.position}")
     role = _choice(f"{name}: {', '.join(ROLES)}", ROLES, column.role)
-    found = replace(column, role=role)  # type: ignore[arg-type]
+    answer = replace(column, role=role)  # type: ignore[arg-type]
     if role == "sensor":
         kinds = ("displacement", "velocity")
         quantity = _choice(f"{name}: displacement or velocity", kinds, column.quantity)
         offset = _number(f"{name}: distance from the centre of the plate in m", column.offset)
-        found = replace(found, quantity=quantity, offset=offset)  # type: ignore[arg-type]
+        answer = replace(answer, quantity=quantity, offset=offset)  # type: ignore[arg-type]
     if role in ("time", "load", "sensor"):
-        units = tuple(COLUMN_UNITS[found.quantity if role == "sensor" else role])
-        known = found.unit if found.unit in units else None
-        found = replace(found, unit=_choice(f"{name}: unit, {', '.join(units)}", units, known))
-    return found
+        units = tuple(COLUMN_UNITS[answer.quantity if role == "sensor" else role])
+        default = answer.unit if answer.unit in units else None
+        unit = _choice(f"{name}: unit, {', '.join(units)}", units, default)
+        answer = replace(answer, unit=unit)
+    return answer
 
 
-def _choice(question: str, among: Sequence[str], default: str | None) -> str:
+def _choice(question: str, choices: Sequence[str], default: str | None) -> str:
     while True:
-        said = _answer(question, default)
-        if said in among:
-            return said
-        say(f"map: expected one of {', '.join(among)}, got {clean(said) or 'nothing'}")
+        answer = _answer(question, default)
+        if answer in choices:
+            return answer
+        say(f"map: expected one of {', '.join(choices)}, got {clean(answer) or 'nothing'}")
 
 
 def _number(question: str, default: float | None) -> float | None:
     while True:
-        said = _answer(question, None if default is None else f"{default:g}").replace(",", ".")
-        if not said:
+        answer = _answer(question, None if default is None else f"{default:g}").replace(",", ".")
+        if not answer:
             return None
         try:
-            return float(said)
+            return float(answer)
         except ValueError:
-            say(f"map: expected a number, got {clean(said)}")
+            say(f"map: expected a number, got {clean(answer)}")
 
 
 def _answer(question: str, default: str | None) -> str:
     print(f"{question} [{default or ''}]: ", end="", file=sys.stderr, flush=True)
     try:
-        said = input().strip()
+        answer = input().strip()
     except EOFError:
         raise KeyboardInterrupt from None
-    return said or default or ""
+    return answer or default or ""

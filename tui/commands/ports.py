@@ -1,4 +1,4 @@
-"""``pfwd ports``: serial ports, with what answers as a PFWD."""
+"""``pfwd ports``: the serial ports and the instruments on them."""
 
 import argparse
 from collections.abc import Mapping, Sequence
@@ -7,7 +7,7 @@ from typing import Any
 from pfwd.export.json_text import json_text
 from pfwd.ports import Port, Probe, list_ports, port_advice, probe_ports
 from tui.arguments import add_json
-from tui.output import clean, say
+from tui.output import clean, counted, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """List the ports, or look at those named; neither a port in use nor a silent one is an error.
+    """List and test the ports; neither a port in use nor a silent one is an error.
 
     Returns
     -------
@@ -37,11 +37,11 @@ def run(args: argparse.Namespace) -> int:
     listed = list_ports()
     ports = listed
     if args.urls:
-        known = {name: port for port in listed for name in (port.url, port.by_id)}
-        ports = [known.get(url) or Port(url, url) for url in args.urls]
+        by_name = {name: port for port in listed for name in (port.url, port.by_id)}
+        ports = [by_name.get(url) or Port(url, url) for url in args.urls]
     probes: list[Probe | None] = [None] * len(ports)
     if ports and not args.no_probe:
-        say(f"asking {len(ports)} port{'s' if len(ports) > 1 else ''} for an instrument")
+        say(f"testing {counted(len(ports), 'port')} for an instrument")
         probes = [*probe_ports([port.url for port in ports])]
     if args.json:
         for port, probe in zip(ports, probes, strict=True):
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def record(port: Port, probe: Probe | None) -> dict[str, Any]:
-    """A port as an object for machines."""
+    """Return a port as an object for JSON."""
     adapter = port.adapter
     return {
         "url": clean(port.url),
@@ -90,28 +90,28 @@ def _identity(probe: Probe | None) -> Mapping[str, Any] | None:
 
 
 def row(port: Port, probe: Probe | None) -> tuple[str, str, str]:
-    """A port as a row of the table for people."""
+    """Return a port as a row of the table."""
     adapter = port.adapter
     kind = port.description
     if adapter:
         kind += f" [{adapter.vid:04x}:{adapter.pid:04x} {adapter.serial_number or ''}".rstrip()
         kind += "]"
     if probe is None:
-        found = ""
+        answer = ""
     elif probe.identity:
         identity = probe.identity
-        found = f"PFWD {identity.model} {identity.serial_number}, firmware {identity.firmware}"
+        answer = f"PFWD {identity.model} {identity.serial_number}, firmware {identity.firmware}"
         radius = identity.plate_radius
-        found += f", {len(identity.channels)} channels"
-        found += f", plate radius {1000 * radius:g} mm" if radius else ", plate radius not said"
+        answer += f", {len(identity.channels)} channels"
+        answer += f", plate radius {1000 * radius:g} mm" if radius else ", no plate radius"
     else:
-        # The port is named in the first column already.
-        found = probe.reason.removeprefix(f"{port.url}: ")
-    return clean(port.url), clean(kind), clean(found)
+        # The first column has the port.
+        answer = probe.reason.removeprefix(f"{port.url}: ")
+    return clean(port.url), clean(kind), clean(answer)
 
 
 def print_table(rows: Sequence[tuple[str, str, str]]) -> None:
-    """Columns of equal width, the last one as it is."""
+    """Print the rows as aligned columns."""
     widths = [max(len(line[column]) for line in rows) for column in range(2)]
-    for url, kind, found in rows:
-        print(f"{url:<{widths[0]}}  {kind:<{widths[1]}}  {found}".rstrip(), flush=True)
+    for url, kind, answer in rows:
+        print(f"{url:<{widths[0]}}  {kind:<{widths[1]}}  {answer}".rstrip(), flush=True)

@@ -9,7 +9,7 @@ from pfwd.procedures.profile import CHECKS, Number
 from tui.arguments import add_json
 from tui.output import clean
 
-_SHOWN = {
+_LABELS = {
     "seating": ("seating drops", 1.0, ""),
     "measured": ("measured drops", 1.0, ""),
     "factor": ("plate factor", 1.0, ""),
@@ -33,13 +33,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """List the procedures, or show one."""
-    wanted = find_procedure(args.name) if args.name is not None else None
-    for procedure in (wanted,) if wanted is not None else shipped_procedures():
+    """Print the list of procedures, or one in full."""
+    chosen = find_procedure(args.name) if args.name is not None else None
+    for procedure in (chosen,) if chosen is not None else shipped_procedures():
         if args.json:
             print(json_text(_record(procedure)), flush=True)
             continue
-        for line in _lines(procedure) if wanted is not None else [_summary(procedure)]:
+        for line in _lines(procedure) if chosen is not None else [_summary(procedure)]:
             print(clean(line), flush=True)
     return 0
 
@@ -63,7 +63,7 @@ def _lines(procedure: Procedure) -> list[str]:
     )
     lines.append(f"  judged: {procedure.quantity}, of the mean {procedure.average}")
     for key, number in procedure.numbers().items():
-        name, scale, unit = _SHOWN.get(key, (key, 1.0, ""))
+        name, scale, unit = _LABELS.get(key, (key, 1.0, ""))
         if key.startswith("target"):
             metres = procedure.quantity == "deflection"
             scale, unit = (1e3, "mm") if metres else (1e-6, "MPa")

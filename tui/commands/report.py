@@ -1,4 +1,4 @@
-"""``pfwd report``: a survey as one HTML file or a PDF."""
+"""``pfwd report``: a survey as HTML, PDF or workbook."""
 
 import argparse
 import time
@@ -17,7 +17,7 @@ from tui.arguments import (
     report_file,
 )
 from tui.output import clean, say
-from tui.progress import telling
+from tui.progress import report_progress
 from tui.report_settings import load_report_settings
 
 
@@ -89,31 +89,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _target(args: argparse.Namespace) -> float | None:
-    """Pa, or m: typed in the unit of what the report judges."""
+    """Return the target in Pa or m; it is given in the unit of the judged quantity."""
     if args.target is None and args.target_deflection is None:
         return None
     from pfwd.files.folders import refuse_no_survey
     from pfwd.judging import target_si
     from pfwd.procedures import Quantity, find_procedure
-    from tui.measuring_options import kept_job
+    from tui.measuring_options import survey_job
 
     if args.target is not None and args.target_deflection is not None:
         raise OptionError(refusal("--target and --target-deflection", "one of them", "both"))
     refuse_no_survey(args.survey)
     chosen = None if args.procedure is None else find_procedure(args.procedure)
-    procedure = chosen or kept_job(args.survey).procedure_in_force
+    procedure = chosen or survey_job(args.survey).procedure_in_force
     if args.target is not None:
         return target_si(args.target, procedure)
     if procedure.quantity is not Quantity.DEFLECTION:
-        came = f"{procedure.name}, which judges {procedure.quantity}"
+        got = f"{procedure.name}, which judges {procedure.quantity}"
         expected = "a procedure that judges deflections"
-        raise OptionError(refusal("--target-deflection", expected, came, "--target, in MPa"))
+        raise OptionError(refusal("--target-deflection", expected, got, "--target, in MPa"))
     return target_si(args.target_deflection, procedure, "--target-deflection")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the report, then say how the points stand."""
-    # A second process starts while this one loads what it needs and reads the survey.
+    """Write the report, then print the verdict of each point."""
+    # A second process starts while this one imports and reads the survey.
     with second_drawer(args.survey, args.output) as second:
         return _run(args, second)
 
@@ -143,17 +143,19 @@ def _run(args: argparse.Namespace, second: SecondDrawer | None) -> int:
         slip=args.slip,
         signed=args.signed,
     )
-    begun = time.monotonic()
-    with telling() as tell:
-        report = write_report(args.survey, args.output, options, progress=tell, second=second)
+    start = time.monotonic()
+    with report_progress() as show_progress:
+        report = write_report(
+            args.survey, args.output, options, progress=show_progress, second=second
+        )
     for text in report.otherwise:
         say(f"report: {text}")
     for point in report.points:
         progress = point.progress
         if args.json:
-            said = {"point": point.name, "discarded": point.discarded, "report": args.output}
-            print(json_text({**said, **progress.as_dict()}), flush=True)
+            record = {"point": point.name, "discarded": point.discarded, "report": args.output}
+            print(json_text({**record, **progress.as_dict()}), flush=True)
         else:
             print(clean(f"point {point.name}: {progress.verdict.word}, {progress.verdict_reason}"))
-    say(f"{args.output} written in {time.monotonic() - begun:.1f} s")
+    say(f"{args.output} written in {time.monotonic() - start:.1f} s")
     return 0
