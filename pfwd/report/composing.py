@@ -68,8 +68,10 @@ def compose(
     overview = summary_blocks(report, texts, letters)
     if len(report.points) > MAX_ROWS:  # their table has no room on the first page, the map has
         blocks += [*overview, Heading(texts["points"]), points_table(report, texts)]
-    else:
+    elif len(report.points) > 1:
         blocks += [on_new_page(overview[0]), *overview[1:]]
+    else:
+        blocks += overview
     if len(report.points) > MAX_POINTS_WITH_CURVES:
         blocks += curve_blocks(report, texts, letters)
     blocks += lot_blocks(report, texts)

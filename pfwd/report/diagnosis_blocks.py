@@ -1,4 +1,4 @@
-"""The part of a point's report on what is behind its residual."""
+"""The part of a point's report on the diagnosis of its residual."""
 
 import math
 from functools import partial
@@ -9,16 +9,18 @@ from pfwd.judging import PointView
 from pfwd.message_groups import group_messages
 from pfwd.report import shown
 from pfwd.report.blocks import Block, Heading, Listing, Paragraph, Picture, Table
-from pfwd.report.diagnosis_drawing import draw_ladder, ladder_of
+from pfwd.report.diagnosis_drawing import draw_ladder, ladder_height, ladder_of
 from pfwd.report.point_facts import diagnosis_of
 from pfwd.report.texts import Texts
 
-_ROW, _MARGIN = 4.2, 13.0  # mm of the picture: a bar, and what is around the bars
-_SAME_MODULUS = 0.02  # moduli at two stresses that differ by less need not both be told
+_MIN_STRESS_DIFFERENCE = 0.02
+"""Relative difference of the moduli at two stresses from which both are reported."""
+
+_VERDICTS = ("clean", "explained", "unexplained")
 
 
 def diagnosis_blocks(point: PointView, texts: Texts) -> list[Block]:
-    """Verdict, before and after, what each effect is worth, and the effects themselves.
+    """Return the verdict, the fit before and after, the residual without each effect, the effects.
 
     Parameters
     ----------
@@ -26,36 +28,35 @@ def diagnosis_blocks(point: PointView, texts: Texts) -> list[Block]:
         Without a diagnosis there is nothing to show.
     texts : Texts
     """
-    found = diagnosis_of(point)
-    if found is None:
+    diagnosis = diagnosis_of(point)
+    if diagnosis is None:
         return []
-    verdict = str(found.verdict)
-    known = f"verdict_{verdict}" in ("verdict_clean", "verdict_explained", "verdict_unexplained")
+    verdict = str(diagnosis.verdict)
     blocks: list[Block] = [
         Heading(texts["diagnosis"], 3),
-        Paragraph(texts[f"verdict_{verdict}"] if known else verdict),
+        Paragraph(texts[f"verdict_{verdict}"] if verdict in _VERDICTS else verdict),
     ]
-    blocks += _states(found, texts)
-    steps = ladder_of(found, texts)
+    blocks += _states(diagnosis, texts)
+    steps = ladder_of(diagnosis, texts)
     if len(steps) > 2:
         picture = Picture(
-            partial(draw_ladder, found=found, texts=texts),
-            _MARGIN + _ROW * len(steps),
+            partial(draw_ladder, diagnosis=diagnosis, texts=texts),
+            ladder_height(steps),
             texts["ladder_note"],
             f"{texts['diagnosis']}: {texts['point']} {point.shown_name}",
         )
         blocks.append(picture)
-    effects = [_effect(effect, texts) for effect in found.effects or ()]
+    effects = [_effect(effect, texts) for effect in diagnosis.effects or ()]
     if effects:
         blocks += [Heading(texts["effects"], 3), Listing(tuple(effects))]
-    warnings = found.warnings or ()
+    warnings = diagnosis.warnings or ()
     if warnings:
         groups = group_messages(("", warning) for warning in warnings)
         blocks.append(Listing(tuple(map(texts.grouped, groups)), "warning"))
     return blocks
 
 
-def _states(found: DiagnosisResult, texts: Texts) -> list[Block]:
+def _states(diagnosis: DiagnosisResult, texts: Texts) -> list[Block]:
     rows = [
         (
             texts[when],
@@ -64,7 +65,7 @@ def _states(found: DiagnosisResult, texts: Texts) -> list[Block]:
             shown.percent(state.contact_residual_rms_over_peak),
             shown.percent(state.residual_rms_over_peak),
         )
-        for when, state in (("before", found.before), ("after", found.after))
+        for when, state in (("before", diagnosis.before), ("after", diagnosis.after))
         if state is not None
     ]
     if not rows:
@@ -78,9 +79,9 @@ def _states(found: DiagnosisResult, texts: Texts) -> list[Block]:
     )
     blocks: list[Block] = [Table(columns, tuple(rows), (1, 3, 4))]
     plate = texts.word("rigid-rough")
-    basis = f"{plate} {found.plate_radius_m or 0.0:g} m, ν {found.poisson_ratio or 0.0:g}"
+    basis = f"{plate} {diagnosis.plate_radius_m or 0.0:g} m, ν {diagnosis.poisson_ratio or 0.0:g}"
     blocks.append(Paragraph(f"{texts['basis']}: {basis}", "note"))
-    if verdict_of_use := _use(found, texts):
+    if verdict_of_use := _use(diagnosis, texts):
         blocks.append(Paragraph(verdict_of_use))
     return blocks
 
@@ -88,19 +89,22 @@ def _states(found: DiagnosisResult, texts: Texts) -> list[Block]:
 _USE_KEYS = {"design": "use_design", "with-care": "use_with_care", "do-not-use": "do_not_use"}
 
 
-def _use(found: DiagnosisResult, texts: Texts) -> str:
-    """What may be done with the modulus after, and at which stress it is one."""
-    after = found.after
+def _use(diagnosis: DiagnosisResult, texts: Texts) -> str:
+    """Return the use of the modulus after, and the stress that it belongs to."""
+    after = diagnosis.after
     if after is None or after.modulus_pa is None:
         return ""
-    text = f"{texts[_USE_KEYS[found.use]]}: {texts.message(found.use_reason)}."
+    text = f"{texts[_USE_KEYS[diagnosis.use]]}: {texts.message(diagnosis.use_reason)}."
     if after.stress_pa is None or not math.isfinite(after.stress_pa):
         return text
-    other = after.modulus_100kpa_pa
-    if other is None or abs(other / after.modulus_pa - 1.0) < _SAME_MODULUS:
+    modulus_100kpa = after.modulus_100kpa_pa
+    if (
+        modulus_100kpa is None
+        or abs(modulus_100kpa / after.modulus_pa - 1.0) < _MIN_STRESS_DIFFERENCE
+    ):
         return text
     stress = f"{after.stress_pa / 1e3:.0f} kPa"
-    at_100 = f"{shown.digits(other / 1e6, 2)} MPa"
+    at_100 = f"{shown.digits(modulus_100kpa / 1e6, 2)} MPa"
     return f"{text} {texts.say('secant', stress=stress, modulus=at_100)}"
 
 

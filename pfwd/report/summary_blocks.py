@@ -38,7 +38,8 @@ def summary_blocks(report: Report, texts: Texts, letters: Letters) -> list[Block
             Heading(texts["damage"], 3),
             Listing(tuple(report.damage), "warning"),
         ]
-    if place(report):
+    several = len(report.points) > 1
+    if several and place(report):
         blocks.append(
             Picture(
                 partial(draw_map, report=report, texts=texts, letters=letters),
@@ -47,9 +48,9 @@ def summary_blocks(report: Report, texts: Texts, letters: Letters) -> list[Block
                 texts["map"],
             )
         )
-    else:
+    elif several:
         blocks.append(Paragraph(texts["no_positions"], "note"))
-    if any(point.progress.value is not None for point in kept):
+    if several and any(point.progress.value is not None for point in kept):
         blocks.append(
             Picture(
                 partial(draw_profile, report=report, texts=texts, letters=letters),
@@ -70,7 +71,12 @@ def _rows(report: Report, texts: Texts) -> tuple[tuple[str, str], ...]:
 
 
 def warning_blocks(report: Report, texts: Texts) -> list[Block]:
-    """What is to be known of the points: each meaning once, with how many it holds for."""
+    """Return the warnings: each meaning once, with the number of points it holds for.
+
+    Those of a single point stand on its page.
+    """
+    if len(report.points) == 1:
+        return []
     blocks: list[Block] = [Heading(texts["warnings"], 3)]
     warnings = _grouped(report, texts)
     if warnings:

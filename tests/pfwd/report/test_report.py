@@ -9,6 +9,7 @@ import pickle
 import re
 import shutil
 import subprocess
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 import pypdf
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from inversion import SurrogateLibrary
@@ -611,3 +613,37 @@ def test_a_dependence_on_stress_is_told_where_the_drops_tell_it(
     stress = StressDependence(-0.09, deviation, (90e3, 120e3))
     point = SimpleNamespace(progress=SimpleNamespace(stress=stress))
     assert said in _stress(point, load_texts("en"))  # type: ignore[arg-type]
+
+
+def test_a_ladder_of_residuals_has_plain_numbers_and_room_for_its_axis() -> None:
+    from pfwd.report.diagnosis_drawing import draw_ladder, ladder_height, ladder_of
+
+    state = {"model": "half-space", "modulus_pa": 50e6}
+    effects = [
+        {"name": "bedrock", "value": 1.8, "unit": "m", "residual_without_over_peak": 0.058},
+        {"name": "stress_dependence", "value": 0.5, "residual_without_over_peak": 0.16},
+    ]
+    diagnosis = DiagnosisResult.from_json(
+        {
+            "verdict": "explained",
+            "before": {**state, "residual_rms_over_peak": 1.8},
+            "after": {**state, "residual_rms_over_peak": 0.019},
+            "effects": effects,
+        }
+    )
+    height = ladder_height(ladder_of(diagnosis, load_texts("de")))
+    figure = Figure(figsize=(180 / 25.4, height / 25.4))
+    canvas = FigureCanvasAgg(figure)
+    draw_ladder(figure, diagnosis, load_texts("de"))
+    (axes,) = figure.axes
+    assert [text.get_text() for text in axes.texts] == ["180 %", "16 %", "5,8 %", "1,9 %"]
+    labels = [label.get_text() for label in axes.get_xticklabels()]
+    assert {"2", "10", "50", "100"} <= set(labels)
+    canvas.draw()
+    renderer = canvas.get_renderer()
+    title = axes.xaxis.label.get_window_extent(renderer)
+    assert title.y0 >= 0
+    shown = [label for label in axes.get_xticklabels() if 1.2 < label.get_position()[0] < 280]
+    boxes = [label.get_window_extent(renderer) for label in shown]
+    assert all(left.x1 < right.x0 for left, right in pairwise(boxes))
+    assert all(title.y1 <= box.y0 for box in boxes)
