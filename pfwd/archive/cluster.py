@@ -72,9 +72,9 @@ def protection_warning(scheduler: str) -> str | None:
     if loopback:
         return None
     return (
-        f"--scheduler {scheduler}: without certificates whoever reaches the cluster, or the way to "
-        f"it, can run programs here and there; use tls://{rest} with dask's certificates "
-        "(docs/security.md), or a network that you trust"
+        f"--scheduler {scheduler}: without certificates anyone who reaches the cluster, or the "
+        f"network in between, can run programs on it and here; use tls://{rest} with dask's "
+        "certificates (docs/security.md), or a network that you trust"
     )
 
 
@@ -259,7 +259,7 @@ class ClusterWorkers:
 
     def _lost(self, problem: str) -> SurveyError:
         hint = "the same command goes on where this one ended"
-        return SurveyError(refusal(self._where, "a cluster that answers", problem, hint))
+        return SurveyError(refusal(self._where, "a cluster that responds", problem, hint))
 
 
 def _refused_certificate(err: BaseException | None) -> str | None:

@@ -73,8 +73,7 @@ class Ledger:
             try:
                 self._base = _open(path)
             except sqlite3.DatabaseError as err:
-                expected = "a disk that takes it"
-                raise SurveyError(refusal(str(path), expected, str(err))) from err
+                raise SurveyError(refusal(str(path), "a writable disk", str(err))) from err
         self._bring_in_line()
 
     def close(self) -> None:

@@ -154,9 +154,8 @@ def invert_archive(
     try:
         lock.acquire(timeout=0)
     except Timeout as err:
-        expected = "an archive that nobody else works on"
-        hint = "wait for the other program to end"
-        raise SurveyError(refusal(str(archive), expected, "one that is", hint)) from err
+        expected, hint = "an archive that no other program uses", "wait for that program to end"
+        raise SurveyError(refusal(str(archive), expected, "one in use", hint)) from err
     with lock:
         dataset.clear_leftovers()
         ledger = Ledger(dataset)

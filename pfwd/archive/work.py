@@ -166,7 +166,7 @@ def _invert(source: Source, options: AnalysisOptions) -> SourceOutcome:
         if not is_unchanged(source) and source.size >= 0:
             raise _Changed
     except _Changed:
-        reason = refusal(source.path, "a file at rest", "one that was written to meanwhile")
+        reason = refusal(source.path, "a file that does not change", "one that was written to")
         results, diagnoses, failures = [], [], [Failure("changed", reason)]
     except (SurveyError, InversionError) as error:
         results, diagnoses = [], []

@@ -15,7 +15,7 @@ def disk_errors(target: Path) -> Iterator[None]:
         yield
     except OSError as err:
         reason = err.strerror or str(err)
-        raise SurveyError(refusal(str(target), "a disk that takes it", reason)) from err
+        raise SurveyError(refusal(str(target), "a writable disk", reason)) from err
 
 
 @contextlib.contextmanager

@@ -420,7 +420,7 @@ def setup_from(declarations: Mapping[str, Declaration], where: str) -> PointSetu
             "with --header; invert and diagnose take --plate-radius 0.15 as well"
         )
         if extra:
-            hint += f" (keys found that the format does not know: {quote(', '.join(extra))})"
+            hint += f" (keys outside the format: {quote(', '.join(extra))})"
         raise TraceError(refusal(where, "a header key plate_radius_m", "none", hint))
     try:
         return PointSetup(**values, extra=extra)

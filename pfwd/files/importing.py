@@ -330,8 +330,8 @@ def _omission_remark(file: str, omitted: Counter[str]) -> str:
         else []
     )
     return (
-        f"{file}: expected what this version knows, got {count} times something else, which is "
-        f"left out: {', '.join([*listed, *more])}; a newer version of this program may know it"
+        f"{file}: expected entries that this version supports, got {count} unsupported, left out: "
+        f"{', '.join([*listed, *more])}; a newer version of this program may support them"
     )
 
 

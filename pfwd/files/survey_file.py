@@ -118,7 +118,9 @@ def write_survey_file(path: str | os.PathLike[str], content: SurveyContent, jobs
         damaged = _check(os.fspath(path), digests, jobs)[0]["damaged"]
         if not damaged:
             return
-    raise RecordingError(f"{path}: expected what was written, got {'; '.join(damaged)}")
+    raise RecordingError(
+        f"{path}: expected a file that reads back as written, got {'; '.join(damaged)}"
+    )
 
 
 class ExportedSurvey:
@@ -348,7 +350,7 @@ def _drop_damage(
     try:
         record = _read_drop(file, number, name, facts.get("sha256"))
         if expected is not None and drop_digest(record, number) != expected:
-            problems[0] = f"{name}, drop {number}: expected what the survey holds, got another drop"
+            problems[0] = f"{name}, drop {number}: expected the drop of the survey, got another one"
     except RecordingError as err:
         problems[0] = str(err)
     try:

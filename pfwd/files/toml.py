@@ -49,7 +49,7 @@ def _value(value: object) -> str:
             return "[" + ", ".join(map(_value, value)) + "]"
         case dict():
             return "{" + ", ".join(toml_line(key, item) for key, item in value.items()) + "}"
-    raise TypeError(f"expected a value that TOML knows, got {type(value).__name__}")
+    raise TypeError(f"expected a value of a TOML type, got {type(value).__name__}")
 
 
 def _string(text: str) -> str:

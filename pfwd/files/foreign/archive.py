@@ -75,7 +75,9 @@ class Archive:
         member = self._members[name]
         where = f"{self.file}, {quote(name)[1:-1]}"
         if member.flag_bits & 1:
-            raise TraceError(refusal(where, "a plain member", "an encrypted one", "save it anew"))
+            raise TraceError(
+                refusal(where, "a plain member", "an encrypted one", "save it unencrypted")
+            )
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise TraceError(refusal(where, "a member packed by deflate", "another method"))
         limit = min(MAX_MEMBER_BYTES, self._remaining_bytes)

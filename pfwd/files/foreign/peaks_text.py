@@ -68,7 +68,8 @@ def lines_of(file: str) -> Iterator[tuple[int, str]]:
     text = text.rstrip("\x1a\0\r\n")
     for number, line in enumerate(text.split("\n"), start=1):
         if len(line) > MAX_TEXT_LINE_CHARACTERS:
-            raise TraceError(refusal(f"{file}, line {number}", "a line of text", "one without end"))
+            actual = f"one of over {MAX_TEXT_LINE_CHARACTERS} characters"
+            raise TraceError(refusal(f"{file}, line {number}", "a line of text", actual))
         yield number, line.rstrip("\r")
 
 

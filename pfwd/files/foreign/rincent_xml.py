@@ -168,7 +168,7 @@ class _TableReader:
         if not self._path and name != ROOT:
             raise TraceError(refusal(self._where, f"a data set {ROOT}", quote(name)))
         if len(self._path) >= MAX_XML_DEPTH:
-            raise TraceError(refusal(self._where, "tables of rows", "elements without end"))
+            raise TraceError(refusal(self._where, "tables of rows", f"over {MAX_XML_DEPTH} levels"))
         if len(self._path) == 1:
             self.tables.setdefault(name, []).append({})
         self._path.append(name)

@@ -406,7 +406,7 @@ def test_two_programs_cannot_work_on_one_archive(
 
     class Meddling(QuickWorkers):
         def work(self, batch: Batch) -> list[SourceOutcome]:
-            with pytest.raises(SurveyError, match="nobody else works on"):
+            with pytest.raises(SurveyError, match="no other program uses"):
                 invert_archive([str(drops)], out, self.options, QuickWorkers(self.options))
             return super().work(batch)
 

@@ -169,6 +169,6 @@ def test_the_command_says_it_on_standard_error(
     assert main(["invert", str(drops), "--scheduler", "tcp://192.0.2.1:8786", *METHOD]) == 1
     output = capsys.readouterr()
     first, last = output.err.splitlines()
-    assert "without certificates whoever reaches the cluster" in first
+    assert "without certificates anyone who reaches the cluster" in first
     assert "expected a scheduler, got no answer" in last
     assert output.out == ""

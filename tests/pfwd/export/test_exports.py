@@ -173,7 +173,7 @@ def test_a_failure_leaves_nothing_behind(
 
     monkeypatch.setattr("os.replace", fail)
     before = sorted(one.name for one in tmp_path.iterdir())
-    with pytest.raises(SurveyError, match="a disk that takes it, got No space left on device"):
+    with pytest.raises(SurveyError, match="a writable disk, got No space left on device"):
         export_survey(survey, form, tmp_path / "out")
     monkeypatch.undo()
     assert sorted(one.name for one in tmp_path.iterdir()) == before
