@@ -15,13 +15,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from pfwd.errors import SurveyError, quote, refusal
+from pfwd.errors import OptionError, SurveyError, quote, refusal
 from pfwd.files.folders import is_survey, spare_folder
 from pfwd.files.foreign.common import Channels
 from pfwd.files.header import declared_values, remarks_of
 from pfwd.files.output_path import refuse_inside_survey
+from pfwd.files.photos import moment_of, store_photo
 from pfwd.files.reading import read_points
-from pfwd.files.survey_file import is_survey_file, read_survey_file
+from pfwd.files.survey_file import is_survey_file, photos_of_survey, read_survey_file
 from pfwd.files.traces import TracePoint
 from pfwd.procedures.judging import RULES_EVENT, RULES_VERSION
 from pfwd_device import Drop
@@ -244,6 +245,25 @@ def import_survey(
             writer.note_event(str(event.get("event")), dict(event.get("details") or {}))
     if omitted:
         yield Imported(file, remark=_omission_remark(file, omitted))
+    yield from _import_photos(writer, file, content)
+
+
+def _import_photos(writer: SurveyWriter, file: str, content: SurveyContent) -> Iterator[Imported]:
+    """Store the photos of an exported survey; yield a remark for each that is refused."""
+    names = {point.name for point in content.points}
+    try:
+        for photo in photos_of_survey(content):
+            if photo.point not in names:
+                continue
+            try:
+                moment = moment_of(photo.name)
+                store_photo(
+                    writer.folder, photo.point, photo.data, keep_position=True, moment=moment
+                )
+            except (OptionError, SurveyError) as err:
+                yield Imported(file, remark=f"{file}: a photo of {clean(photo.point)}: {err}")
+    except RecordingError as err:
+        yield Imported(file, remark=str(err))
 
 
 def _import_stored_drop(

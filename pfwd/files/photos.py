@@ -28,6 +28,7 @@ MAX_PHOTOS_OF_A_POINT = 100
 """Pictures of a point; more would be a mistake, or an attempt to fill the disk."""
 
 _SUFFIX_BY_FORMAT = {"JPEG": ".jpg", "PNG": ".png"}
+_MOMENT_FORMAT = "%Y%m%dT%H%M%SZ"
 
 _ORIENTATION = 0x0112
 """Exif tag with the orientation of the picture."""
@@ -46,7 +47,12 @@ _PNG_CHUNKS_OF_THE_PICTURE = {
 
 
 def store_photo(
-    survey: str | os.PathLike[str], point: str, data: bytes, *, keep_position: bool = False
+    survey: str | os.PathLike[str],
+    point: str,
+    data: bytes,
+    *,
+    keep_position: bool = False,
+    moment: datetime.datetime | None = None,
 ) -> Path:
     """Store a picture of a test point and return its file once it is on the disk.
 
@@ -58,6 +64,8 @@ def store_photo(
     data : bytes of a JPEG or PNG file
     keep_position : bool
         Store the file unchanged. Otherwise only the picture is stored, without its position.
+    moment : datetime, UTC, optional
+        Time by which the pictures of a point are ordered; None: now.
 
     Returns
     -------
@@ -83,8 +91,8 @@ def store_photo(
     if len(present) >= MAX_PHOTOS_OF_A_POINT:
         expected = f"at most {MAX_PHOTOS_OF_A_POINT} pictures of a point"
         raise OptionError(refusal(point, expected, "one more"))
-    moment = datetime.datetime.now(datetime.UTC).strftime("%Y%m%dT%H%M%SZ")
-    file = folder / f"{moment}-{checksum}{_SUFFIX_BY_FORMAT[kind]}"
+    moment = datetime.datetime.now(datetime.UTC) if moment is None else moment
+    file = folder / f"{moment:{_MOMENT_FORMAT}}-{checksum}{_SUFFIX_BY_FORMAT[kind]}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with replaced_durably(file) as draft, open(draft, "xb") as stream:
@@ -92,6 +100,14 @@ def store_photo(
     except OSError as err:
         raise SurveyError(f"{file}: {err.strerror or err}; the picture is not stored") from err
     return file
+
+
+def moment_of(name: str) -> datetime.datetime | None:
+    """Return the time in the name of a picture's file, UTC; None: it has none."""
+    try:
+        return datetime.datetime.strptime(name.partition("-")[0], _MOMENT_FORMAT)
+    except ValueError:
+        return None
 
 
 def photos_of(survey: str | os.PathLike[str], point: str) -> list[Path]:

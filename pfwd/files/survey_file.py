@@ -1,7 +1,8 @@
 """Exported surveys: one HDF5 file with a whole survey; writing, reading and checking it.
 
 Groups ``drops/000001`` ... are laid out as the files of drops are; ``survey`` is a JSON text with
-points, edits, events and checks, ``results/000001/1`` ... are results, ``captures`` bytes of links.
+points, edits, events and checks, ``results/000001/1`` ... are results, ``captures`` bytes of links,
+``photos/000001`` ... bytes of photos.
 The layout is described in docs/files.md. h5py is imported by the functions that need it.
 
 In format version 2 a digest covers everything that a reader sees: ``survey`` holds the digests of
@@ -11,16 +12,18 @@ drops, results and captures, and the attribute ``visible_sha256`` of the file is
 
 import contextlib
 import hashlib
+import io
 import os
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, BinaryIO, NamedTuple, NoReturn
 
 import numpy as np
 
+from pfwd.files.photos import MAX_PHOTO_BYTES, photos_of
 from pfwd.spawning import worker_pool
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import DropRecord, SurveyDrop, SurveyPoint
@@ -123,6 +126,32 @@ def write_survey_file(path: str | os.PathLike[str], content: SurveyContent, jobs
     )
 
 
+class SurveyPhoto(NamedTuple):
+    """Photo of a test point."""
+
+    point: str
+    """Name of the point as its drops have it."""
+    name: str
+    """Name of the file."""
+    data: bytes
+
+
+def photos_of_survey(content: SurveyContent) -> Iterator[SurveyPhoto]:
+    """Yield the photos of a survey, in its folder or exported.
+
+    Raises
+    ------
+    RecordingError
+        If a photo of an exported survey is damaged.
+    """
+    if isinstance(content, ExportedSurvey):
+        yield from content.read_photos()
+        return
+    for point in content.points:
+        for photo in photos_of(content.path, point.name):
+            yield SurveyPhoto(point.name, photo.name, photo.read_bytes())
+
+
 class ExportedSurvey:
     """Content of an exported survey; made by :func:`read_survey_file`."""
 
@@ -136,6 +165,10 @@ class ExportedSurvey:
         self.checks: tuple[Mapping[str, Any], ...] = tuple(survey["checks"])
         self.captures: tuple[Path, ...] = ()
         self.damage: tuple[str, ...] = tuple(map(str, survey["damage"]))
+        self._photos = [
+            (str(photo["point"]), str(photo["name"]), str(photo["sha256"]))
+            for photo in survey.get("photos", ())
+        ]
         self._facts = {int(drop["number"]): drop for drop in survey["drops"]}
         # By name, without opening each group: there may be any number.
         self._missing = {number for number in self._facts if f"{number:06d}" not in groups}
@@ -201,6 +234,16 @@ class ExportedSurvey:
         """Return the diagnosis that is stored with a drop."""
         diagnosis = self._facts[number].get("diagnosis")
         return diagnosis if isinstance(diagnosis, dict) else None
+
+    def read_photos(self) -> Iterator[SurveyPhoto]:
+        """Yield the photos; raises RecordingError if one is damaged."""
+        for number, (point, name, checksum) in enumerate(self._photos, start=1):
+            with _opened(self.path) as file:
+                member = f"photos/{number:06d}"
+                data = _read_bytes(file, member, self.path, checksum, MAX_PHOTO_BYTES)
+            if data is None:
+                raise RecordingError(f"{self.path}, {member}: expected a photo, got damage")
+            yield SurveyPhoto(point, name, data)
 
     def _point(self, entry: Mapping[str, Any]) -> SurveyPoint:
         return SurveyPoint(
@@ -314,7 +357,9 @@ def _check(
             n_intact += n_intact_in_part
             damaged += problems
     with _opened(name) as file:
-        damaged += _check_captures(file, name, survey.get("captures") if version != 1 else None)
+        captures = survey.get("captures") if version != 1 else None
+        damaged += _bytes_damage(file, "captures", name, captures)
+        damaged += _bytes_damage(file, "photos", name, _photo_digests(survey))
         damaged += _unexpected_members(file, name, drops)
     notes = []
     if version == 1:
@@ -360,27 +405,35 @@ def _drop_damage(
     return problems
 
 
-def _check_captures(file: Place, path: str, expected: Any) -> list[str]:
-    """Return the damage of captures; `expected`: their digests, None in format version 1."""
+def _photo_digests(survey: Mapping[str, Any]) -> Any:
+    """Return the digests of the photos by member; something else where the entries are damaged."""
     try:
-        names = _names(file, "captures", path)
+        photos = enumerate(survey.get("photos", ()), start=1)
+        return {f"{number:06d}": photo["sha256"] for number, photo in photos}
+    except (KeyError, TypeError) as err:
+        return repr(err)
+
+
+def _bytes_damage(file: Place, group: str, path: str, expected: Any) -> list[str]:
+    """Return the damage of captures or photos; `expected`: their digests, None in version 1."""
+    try:
+        names = _names(file, group, path)
         damaged = [
-            f"{path}, captures/{name}: other bytes than were written"
+            f"{path}, {group}/{name}: other bytes than were written"
             for name in names
-            if not _is_capture_intact(
-                file, name, path, None if expected is None else expected[name]
-            )
+            if _read_bytes(file, f"{group}/{name}", path, expected and expected[name]) is None
         ]
         missing = sorted(set(expected or ()) - set(names))
-        return damaged + [f"{path}, captures/{clean(name)}: missing" for name in missing]
+        return damaged + [f"{path}, {group}/{clean(name)}: missing" for name in missing]
     except (RecordingError, KeyError, TypeError) as err:
-        return [f"{path}, captures: {err}"]
+        return [f"{path}, {group}: {err}"]
 
 
 def _unexpected_members(file: Place, path: str, drops: Mapping[int, Any]) -> list[str]:
     """Return messages about members of the file that do not belong to the survey."""
     drop_names = {f"{number:06d}" for number in drops}
-    expected = {"survey": None, "drops": drop_names, "results": drop_names, "captures": None}
+    expected = {"survey": None, "drops": drop_names, "results": drop_names}
+    expected |= {"captures": None, "photos": None}
     problems = []
     try:
         for name in member_names(file, path):
@@ -489,6 +542,9 @@ def _write(file: Any, content: SurveyContent, *, from_files: bool) -> dict[int, 
         "damage": list(content.damage),
         "captures": {capture.name: _write_capture(file, capture) for capture in content.captures},
     }
+    photos = _write_photos(file, content)
+    if photos:  # earlier versions refuse nothing in a file without photos
+        entries["photos"] = photos
     text = encode_json(entries)
     if (problem := json_excess(text)) is not None:  # readers would refuse it
         raise RecordingError(f"{content.path}: {problem}; export it in parts")
@@ -657,8 +713,28 @@ def _write_capture(file: Any, capture: Path) -> str:
     size = capture.stat().st_size
     if size > MAX_CAPTURE_BYTES:
         raise RecordingError(f"{capture}: expected a capture of at most 2 GiB, got {size} bytes")
+    with capture.open("rb") as stream:
+        return _write_bytes(file, f"captures/{capture.name}", stream, size)
+
+
+def _write_photos(file: Any, content: SurveyContent) -> list[dict[str, str]]:
+    """Write the photos; return point, name and digest of each."""
+    return [
+        {
+            "point": photo.point,
+            "name": photo.name,
+            "sha256": _write_bytes(
+                file, f"photos/{number:06d}", io.BytesIO(photo.data), len(photo.data)
+            ),
+        }
+        for number, photo in enumerate(photos_of_survey(content), start=1)
+    ]
+
+
+def _write_bytes(file: Any, name: str, stream: BinaryIO, size: int) -> str:
+    """Write the first bytes of a stream; return their digest."""
     dataset = file.create_dataset(
-        f"captures/{capture.name}",
+        name,
         shape=(size,),
         dtype=np.uint8,
         chunks=(min(size, _CHUNK_BYTES),) if size else None,
@@ -666,34 +742,44 @@ def _write_capture(file: Any, capture: Path) -> str:
     )
     checksum = hashlib.sha256()
     at = 0
-    with capture.open("rb") as stream:
-        while (chunk := stream.read(_CHUNK_BYTES)) and at + len(chunk) <= size:
-            dataset[at : at + len(chunk)] = np.frombuffer(chunk, np.uint8)
-            checksum.update(chunk)
-            at += len(chunk)
+    while (chunk := stream.read(_CHUNK_BYTES)) and at + len(chunk) <= size:
+        dataset[at : at + len(chunk)] = np.frombuffer(chunk, np.uint8)
+        checksum.update(chunk)
+        at += len(chunk)
     write_attributes(dataset, {"units": "bytes", "sha256": checksum.hexdigest()})
     return checksum.hexdigest()
 
 
-def _is_capture_intact(file: Place, name: str, path: str, recorded: str | None) -> bool:
-    """Return whether a capture has its digest; `recorded`: None in format version 1."""
-    where = f"{path}, captures/{clean(name)}"
-    checksum = hashlib.sha256()
+def _read_bytes(
+    file: Place, name: str, path: str, recorded: str | None, max_size: int | None = None
+) -> bytes | None:
+    """Compare bytes with their digest; return them if they have a `max_size`, None: damaged.
+
+    `recorded` is the digest in the survey, None in format version 1.
+    """
+    where = f"{path}, {clean(name)}"
+    checksum, content = hashlib.sha256(), bytearray()
     try:
-        place = find(file, f"captures/{name}", path)
+        place = find(file, name, path)
         if place is None:
-            return False
+            return None
         dataset = place.item
         refuse_storage(dataset.id, where)
         refuse_chunks(dataset.id, where)
         if dataset.ndim != 1 or dataset.dtype != np.uint8 or dataset.maxshape != dataset.shape:
-            return False
+            return None
+        if max_size is not None and dataset.shape[0] > max_size:
+            return None
         for at in range(0, dataset.shape[0], _CHUNK_BYTES):
-            checksum.update(np.asarray(dataset[at : at + _CHUNK_BYTES]).tobytes())
-        expected = {"units": "bytes", "sha256": checksum.hexdigest()}
+            chunk = np.asarray(dataset[at : at + _CHUNK_BYTES]).tobytes()
+            checksum.update(chunk)
+            if max_size is not None:  # a capture may be larger than the memory
+                content += chunk
         attributes = read_attributes(place, where)
     except Exception:  # as above
-        return False
-    if recorded is None:
-        return attributes.get("sha256") == expected["sha256"]
-    return attributes == expected and recorded == expected["sha256"]
+        return None
+    actual = checksum.hexdigest()
+    if recorded is None:  # format version 1
+        return bytes(content) if attributes.get("sha256") == actual else None
+    is_intact = attributes == {"units": "bytes", "sha256": actual} and recorded == actual
+    return bytes(content) if is_intact else None

@@ -1,15 +1,25 @@
 """A survey in one file: drops are taken from their files where these hold what the journal does."""
 
+import io
+import json
+import os
 from collections.abc import Callable
 from dataclasses import fields, replace
+from datetime import UTC, datetime
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
+from PIL import Image
 
 from pfwd.files import survey_file
+from pfwd.files.importing import import_files
+from pfwd.files.photos import photos_of, store_photo
 from pfwd.files.survey_file import (
+    SurveyPhoto,
     check_survey_file,
+    photos_of_survey,
     read_survey_file,
     write_survey_file,
 )
@@ -190,3 +200,79 @@ def test_the_file_is_opened_anew_after_some_drops(
     monkeypatch.setattr(survey_file, "PART_DROPS", 1)
     assert check_survey_file(tmp_path / "s.h5") == before
     assert len(opens) == 2 * few + len(read_survey(survey).drops) - 1
+
+
+def add_photos(survey: Path) -> dict[str, list[bytes]]:
+    """Store two photos of one point and one of the other; return them by point, in order."""
+    moments = [datetime(2024, 5, 6, 8, minute, tzinfo=UTC) for minute in (1, 2)]
+    for point, moment in (("A/1", moments[1]), ("A/1", moments[0]), ("CON", moments[0])):
+        stream = io.BytesIO()
+        Image.frombytes("RGB", (20, 10), os.urandom(600)).save(stream, "PNG")
+        store_photo(survey, point, stream.getvalue(), moment=moment)
+    return photos_by_point(survey)
+
+
+def photos_by_point(survey: Path) -> dict[str, list[bytes]]:
+    points = ("A/1", "CON")
+    return {point: [photo.read_bytes() for photo in photos_of(survey, point)] for point in points}
+
+
+def test_photos_come_back_with_their_order(survey: Path, tmp_path: Path) -> None:
+    photos = add_photos(survey)
+    assert [len(images) for images in photos.values()] == [2, 1]
+    write_survey_file(tmp_path / "s.h5", read_survey(survey))
+    exported = read_survey_file(tmp_path / "s.h5")
+    write_survey_file(tmp_path / "t.h5", exported)
+    for path in (tmp_path / "s.h5", tmp_path / "t.h5"):
+        assert check_survey_file(path)[0]["damaged"] == []
+        assert [photo.data for photo in photos_of_survey(read_survey_file(path))] == [
+            image for images in photos.values() for image in images
+        ]
+    for _ in range(2):  # nothing is imported twice
+        outcomes = list(import_files([str(tmp_path / "t.h5")], tmp_path / "again"))
+        assert [outcome.remark or outcome.error for outcome in outcomes] == [None] * len(outcomes)
+        assert photos_by_point(tmp_path / "again") == photos
+    names = [photo.name for photo in photos_of(tmp_path / "again", "A/1")]
+    assert names == [photo.name for photo in photos_of(survey, "A/1")]
+
+
+def test_a_survey_without_photos_is_a_file_that_earlier_versions_check(
+    survey: Path, tmp_path: Path
+) -> None:
+    write_survey_file(tmp_path / "s.h5", read_survey(survey))
+    with h5py.File(tmp_path / "s.h5") as file:
+        assert "photos" not in file
+        assert "photos" not in json.loads(file["survey"][()])
+
+
+def test_a_damaged_photo_is_named_and_left_out(survey: Path, tmp_path: Path) -> None:
+    add_photos(survey)
+    path = tmp_path / "s.h5"
+    write_survey_file(path, read_survey(survey))
+    with h5py.File(path, "r+") as file:
+        file["photos/000002"][5] ^= 1
+    assert check_survey_file(path)[0]["damaged"] == [
+        f"{path}, photos/000002: other bytes than were written"
+    ]
+    outcomes = list(import_files([str(path)], tmp_path / "again"))
+    assert [outcome.error for outcome in outcomes] == [None] * len(outcomes)
+    assert [outcome.remark for outcome in outcomes if outcome.remark] == [
+        f"{path}, photos/000002: expected a photo, got damage"
+    ]
+    with h5py.File(path, "r+") as file:
+        del file["photos/000003"]
+    assert f"{path}, photos/000003: missing" in check_survey_file(path)[0]["damaged"]
+
+
+def test_a_photo_that_is_none_is_a_remark(
+    survey: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    add_photos(survey)
+    photos = [SurveyPhoto("A/1", "../../x", b"no picture"), SurveyPhoto("elsewhere", "y", b"")]
+    monkeypatch.setattr(survey_file, "photos_of_survey", lambda _: photos)
+    write_survey_file(tmp_path / "s.h5", read_survey(survey))
+    monkeypatch.undo()
+    outcomes = list(import_files([str(tmp_path / "s.h5")], tmp_path / "again"))
+    (remark,) = [outcome.remark for outcome in outcomes if outcome.remark]
+    assert "a photo of A/1: picture: expected a JPEG or PNG file" in remark
+    assert not (tmp_path / "again" / "photos").exists()
