@@ -1,41 +1,40 @@
-"""Runs one part, or the quick ones."""
+"""Command line of the benchmarks: one part, or `QUICK`."""
 
 import sys
 from importlib import import_module
 
 PARTS = {
-    "speed": "analysis times, and the paper's literal method against the surrogate",
-    "search": "the genetic search on Rastrigin, Ackley and harder functions",
-    "surrogate": "the surrogate against the converged rule over the whole parameter range",
+    "speed": "analysis times, and the published method against the surrogate (a minute)",
     "coverage": "intervals against the truth of finite-element drops (some minutes)",
-    "noise": "the random part of the uncertainty against 200 noisy copies",
-    "acquisition": "8 channels at 50 kHz beside the simulator; a day with --day",
-    "pictures": "draw the pictures of the documentation anew, from a replay (some minutes)",
+    "noise": "stated and actual random error of 200 noisy copies (half a minute)",
+    "acquisition": "8 channels at 50 kHz in real time (half a minute); 24 hours with --day",
+    "pictures": "draw the pictures of the documentation from a replay (some minutes)",
     "screen": "the live screen: first paint, updates, processor time, lost samples (a minute)",
-    "opened": "pfwd open on 5,000 points: first paint, the answer to every key (two minutes)",
-    "scale": "every command on 2,500 and on 10,000 drops (ten minutes; --short)",
+    "opened": "pfwd open on 5,000 points: first paint, response to every key (two minutes)",
+    "scale": "commands on surveys of 2,500 and 10,000 drops (ten minutes; --short)",
     "faults": "kills, truncations, full disks, unplugged cables (half an hour; --short; --below)",
     "power_loss": "recording under kills at every call and power loss (some minutes)",
     "wire": "cables pulled, instruments killed, bytes damaged, 115200 baud (half an hour; --short)",
-    "firmware": "sizes of the instrument's core on a Cortex-M3",
-    "archive": "an archive inverted anew, its cost and its safety (six minutes; --short)",
-    "devices": "ten grounds under ten unlike devices (some minutes; --short)",
+    "firmware": "sizes of the instrument's core on a Cortex-M3; fuzzing with --fuzz SECONDS",
+    "archive": "inversion of an archive: speed, memory, a killed worker (six minutes; --short)",
+    "devices": "moduli of ten grounds by ten different devices (some minutes; --short)",
     "loop": "the diagnosis on a blind campaign of undeclared effects (an hour; --short)",
     "closing": "all figures of docs/closing-the-loop.md (half an hour)",
-    "measured": "the loop closed on measured drops in a FOLDER (some minutes)",
-    "structures": "evidence of structures on measured drops, and of causes in place of rock",
-    "layers": "layered ground: accuracy and speed of the forward model (some minutes; --short)",
-    "tables": "build the response tables that ship with the package",
-    "example_files": "make the files of pfwd.example anew, from finite elements (a minute)",
-    "validation": "the paper's 48 cases by finite elements (some minutes)",
+    "measured": "fit and held-out prediction of measured drops in FILES (some minutes)",
+    "structures": "evidence of ground structures on measured drops in FILES (some minutes)",
+    "layers": "layered ground: accuracy and speed, --inverted, --measured (some minutes; --short)",
+    "tables": "build the response tables of the package that are missing",
+    "example_files": "make the files of pfwd.example from finite elements (a minute)",
+    "validation": "the 48 cases of the published study by finite elements (some minutes)",
 }
-QUICK = ("speed", "search")
+QUICK = ("speed",)
+"""Parts that run without arguments."""
 CAMPAIGNS = ("faults", "power_loss", "wire")
 """Parts that inject faults; their code is in tests/campaigns, as the tests use it."""
 
 
 def main(arguments: list[str]) -> int:
-    """Run the part named first, or the quick parts."""
+    """Run the part of the first argument, or the quick parts."""
     if arguments and not arguments[0].startswith("-"):
         name, *rest = arguments
         if name not in PARTS:
@@ -44,8 +43,8 @@ def main(arguments: list[str]) -> int:
         return _run(name, rest)
     if "--help" in arguments or "-h" in arguments:
         print("pfwd bench [PART] [--json]; without PART:", ", ".join(QUICK))
-        for name, what in PARTS.items():
-            print(f"  {name:11} {what}")
+        for name, description in PARTS.items():
+            print(f"  {name:13} {description}")
         return 0
     return max(_run(name, arguments) for name in QUICK)
 
@@ -54,8 +53,8 @@ def _run(name: str, arguments: list[str]) -> int:
     folder = "tests.campaigns" if name in CAMPAIGNS else "benchmarks"
     try:
         return int(import_module(f"{folder}.{name}").run(arguments))
-    except SystemExit as wrong:  # of the part's parser, which has said what is wrong
-        return int(wrong.code or 0)
+    except SystemExit as exit_request:  # the parser of the part has printed the error
+        return int(exit_request.code or 0)
 
 
 if __name__ == "__main__":

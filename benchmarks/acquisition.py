@@ -1,7 +1,7 @@
-"""What acquisition costs: the fastest instrument in real time, and a whole day as fast as possible.
+"""Cost of acquisition: the fastest instrument in real time, and 24 hours as fast as possible.
 
-The driver runs in a process of its own, records as ``pfwd log --no-invert`` does, and measures
-itself; the simulated instrument runs beside it on the same machine.
+The driver runs in another process, records as ``pfwd log --no-invert`` does, and measures its own
+time and memory. The simulated instrument runs on the same machine.
 """
 
 import argparse
@@ -19,14 +19,14 @@ import psutil
 from benchmarks.output import Reporter
 from simulators.instrument import serve
 
-DAY = 86_400.0
+DAY_S = 86_400.0
 
 
 def run(arguments: list[str]) -> int:
-    """``--seconds S`` of real time (default 30; the claim is for 600), ``--day`` for the day."""
+    """Measure ``--seconds S`` of real time (30; documented for 600), and a day with ``--day``."""
     parser = argparse.ArgumentParser(prog="pfwd bench acquisition")
     parser.add_argument("--seconds", type=float, default=30.0, help="of 8 channels at 50 kHz")
-    parser.add_argument("--day", type=float, nargs="?", const=DAY, help="seconds of the day")
+    parser.add_argument("--day", type=float, nargs="?", const=DAY_S, help="seconds of the day")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args(arguments)
     report = Reporter(arguments)
@@ -34,19 +34,19 @@ def run(arguments: list[str]) -> int:
     if args.seconds > 0:
         report.title(f"8 channels at 50 kHz for {args.seconds:g} s of real time")
         drops = max(1, int((args.seconds - 3.0) / 5.0))
-        found = _measure({"base": "eight-channels"}, drops, 1.0)
-        report.record(part="8 x 50 kHz", **found)
-        good &= found["lost"] == 0 and found["drops"] == drops and found["core"] <= 0.30
+        figures = _measure({"base": "eight-channels"}, drops, 1.0)
+        report.record(part="8 x 50 kHz", **figures)
+        good &= figures["lost"] == 0 and figures["drops"] == drops and figures["core"] <= 0.30
     if args.day:
         report.title(f"{args.day / 3600:g} hours of 4 channels at 10 kHz, as fast as possible")
-        # A drop a minute, six to a point; the first after five minutes, because a command (the
-        # check of the span) takes effect minutes later in the instrument's time.
+        # A drop per minute; the first after five minutes, because a command (the check of the span)
+        # takes effect minutes later in the instrument's time.
         drops_of_day = {"interval": 60.0, "first": 300.0, "knock_probability": 0.0}
         scenario = {"base": "typical", "drops": drops_of_day}
         drops = max(1, int((args.day - 300.0) / 60.0))
-        found = _measure(scenario, drops, 0.0)
-        report.record(part="day", times_real_time=60.0 * drops / found["elapsed_s"], **found)
-        good &= found["lost"] == 0 and found["drops"] == drops
+        figures = _measure(scenario, drops, 0.0)
+        report.record(part="day", times_real_time=60.0 * drops / figures["elapsed_s"], **figures)
+        good &= figures["lost"] == 0 and figures["drops"] == drops
     return 0 if good else 1
 
 
@@ -56,14 +56,16 @@ def _measure(scenario: dict[str, Any], drops: int, rate: float) -> dict[str, Any
         serve(scenario, drops=drops, rate=rate) as instrument,
     ):
         command = [sys.executable, "-m", "benchmarks.acquisition", instrument.url, folder]
-        done = subprocess.run([*command, str(drops)], capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            raise RuntimeError(f"the measuring process failed: {done.stderr[-2000:]}")
-        return dict(json.loads(done.stdout))
+        completed = subprocess.run(
+            [*command, str(drops)], capture_output=True, text=True, check=False
+        )
+        if completed.returncode != 0:
+            raise RuntimeError(f"the measuring process failed: {completed.stderr[-2000:]}")
+        return dict(json.loads(completed.stdout))
 
 
-class _Meter(threading.Thread):
-    """Looks at the memory of this process from time to time."""
+class _MemoryMeter(threading.Thread):
+    """Thread that records the memory of this process every second."""
 
     def __init__(self) -> None:
         super().__init__(daemon=True)
@@ -80,8 +82,8 @@ class _Meter(threading.Thread):
         self.join()
 
 
-def child(url: str, folder: str, drops: int) -> dict[str, Any]:
-    """Measure in this process, and what that took."""
+def measure_in_this_process(url: str, folder: str, drops: int) -> dict[str, Any]:
+    """Record in this process and return its figures."""
     from pfwd.session.events import DropSaved, SessionEvent
     from pfwd.session.live import LiveFeed
     from pfwd.session.session import Session, SessionPlan
@@ -94,7 +96,7 @@ def child(url: str, folder: str, drops: int) -> dict[str, Any]:
         nonlocal saved
         saved += isinstance(event, DropSaved)
 
-    meter = _Meter()
+    meter = _MemoryMeter()
     with SurveyWriter.open(Path(folder) / "survey") as writer:
         feed = LiveFeed(url, MeasuringSetup())
         session = Session(feed, listen, SessionPlan(drops=drops, options=None), writer)
@@ -104,7 +106,7 @@ def child(url: str, folder: str, drops: int) -> dict[str, Any]:
         wall, cpu = time.monotonic() - wall, time.process_time() - cpu
         counters = feed.counters()
     meter.stop()
-    # Until the libraries are loaded and the buffers have their size, memory grows once.
+    # Memory grows once, until the libraries are loaded and the buffers have their size.
     settled = meter.memory[len(meter.memory) // 4 :] or [0.0]
     third = max(1, len(settled) // 3)
     lost = ("samples_lost", "queue_overflow_bytes", "instrument_overruns", "frames_damaged")
@@ -121,4 +123,4 @@ def child(url: str, folder: str, drops: int) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    print(json.dumps(child(sys.argv[1], sys.argv[2], int(sys.argv[3]))))
+    print(json.dumps(measure_in_this_process(sys.argv[1], sys.argv[2], int(sys.argv[3]))))

@@ -1,9 +1,9 @@
-"""An archive inverted anew: drops a second and core, two workers against one, memory, a million.
+"""Inversion of an archive: drops per second and core, two workers against one, memory.
 
-The drops are simulated with finite-element ground (see `benchmarks.archive_drops`), five to a trace
-file, three files of four with the centre sensor alone, the others with three.  The processor time
-a drop is what others on the machine disturb least; the time by the clock stands beside it, with
-the part of the machine that others used meanwhile.
+The drops are simulated with finite-element ground (see `benchmarks.archive_drops`), five per trace
+file. Three files of four have only the centre sensor, the others three sensors.  The processor time
+per drop depends least on other programs. The elapsed time is reported too, with the cores that
+other programs used.
 """
 
 import argparse
@@ -29,9 +29,9 @@ from pfwd.archive.work import Failure
 
 MILLION = 1_000_000
 _SAMPLING_S = 0.2
-_YOUNG_S = 2.0
-"""s; while a process is being started it may still count the memory of the one that starts it."""
-_TURNS = 3
+_STARTING_S = 2.0
+"""Age below which a process is not counted, s: at first it may share its parent's memory."""
+_N_ROUNDS = 3
 _TARGETS = {
     "least-squares, depth declared": 40.0,
     "least-squares, depth unknown": 40.0,
@@ -42,37 +42,37 @@ _TARGET_SPEED_UP = 1.8
 
 
 @dataclass
-class Measured:
-    """One run over an archive, the drops per second and core by processor time."""
+class RunFigures:
+    """Figures of one run over an archive."""
 
     summary: Summary
     main_seconds: float
-    """Processor time of the process that hands out and writes."""
+    """Processor time of the main process, which distributes drops and writes results, s."""
     main_memory: int
-    """Bytes, its largest resident set."""
+    """Largest resident set of the main process, bytes."""
     worker_memory: int
-    """Bytes, the largest of a worker."""
-    others: float
-    """Cores that other programs kept busy, on average."""
-    steady: float
-    """Drops a second by the clock once every worker has done a batch: starting is left out."""
-    steady_seconds_a_drop: float
-    """Processor time of the workers in that part."""
+    """Largest resident set of a worker, bytes."""
+    other_cores: float
+    """Average number of cores that other programs used."""
+    steady_rate: float
+    """Drops per second of elapsed time after every worker has done a batch."""
+    steady_seconds_per_drop: float
+    """Processor time of the workers per drop in that part, s."""
 
     @property
-    def seconds_a_drop(self) -> float:
-        """Processor time, handing out and writing included."""
+    def seconds_per_drop(self) -> float:
+        """Processor time per drop of all processes, s."""
         return (self.summary.processor_seconds + self.main_seconds) / max(1, self.summary.drops)
 
     @property
-    def by_the_clock(self) -> float:
-        """Drops a second."""
+    def drops_per_second(self) -> float:
+        """Drops per second of elapsed time."""
         return self.summary.drops / self.summary.elapsed_s
 
 
 @dataclass
-class _Watch:
-    """Samples the memory of this process and its workers."""
+class _MemoryWatch:
+    """Sampler of the memory of this process and its workers."""
 
     main: int = 0
     worker: int = 0
@@ -84,7 +84,7 @@ class _Watch:
             self.main = max(self.main, process.memory_info().rss)
             for child in process.children():
                 with contextlib.suppress(psutil.NoSuchProcess):
-                    if time.time() - child.create_time() > _YOUNG_S:
+                    if time.time() - child.create_time() > _STARTING_S:
                         self.worker = max(self.worker, child.memory_info().rss)
 
     @contextlib.contextmanager
@@ -100,50 +100,50 @@ class _Watch:
 
 def measure(
     drops: Path, out: Path, options: AnalysisOptions, workers: int, kill_after: int | None = None
-) -> Measured:
-    """Invert an archive; with `kill_after` a worker is killed once so many drops are done."""
-    watch = _Watch()
-    own, begun = time.process_time(), time.perf_counter()
+) -> RunFigures:
+    """Invert an archive; with `kill_after` a worker is killed after that number of drops."""
+    watch = _MemoryWatch()
+    processor_start, start = time.process_time(), time.perf_counter()
     all_before = _busy()
     with watch.watching(), contextlib.closing(LocalWorkers(options, workers)) as pool:
         killed: list[int] = []
-        told: list[tuple[float, float, int]] = []
+        progress: list[tuple[float, float, int]] = []
 
-        def tell(summary: Summary, failures: Sequence[Failure]) -> None:
-            told.append((time.perf_counter(), summary.processor_seconds, summary.drops))
+        def record_progress(summary: Summary, failures: Sequence[Failure]) -> None:
+            progress.append((time.perf_counter(), summary.processor_seconds, summary.drops))
             if kill_after is not None and not killed and summary.drops >= kill_after:
                 killed.append(pool.processes[0])
                 psutil.Process(killed[0]).kill()
 
-        summary = invert_archive([str(drops)], out, options, pool, tell)
-    main_seconds = time.process_time() - own
-    busy = (_busy() - all_before) / (time.perf_counter() - begun)
-    mine = (summary.processor_seconds + main_seconds) / (time.perf_counter() - begun)
-    steady, steady_seconds = 0.0, 0.0
-    if len(told) > workers:
-        first, last = told[workers - 1], told[-1]
-        clock, seconds, done = (b - a for a, b in zip(first, last, strict=True))
-        if done:
-            steady, steady_seconds = done / clock, seconds / done
-    return Measured(
+        summary = invert_archive([str(drops)], out, options, pool, record_progress)
+    main_seconds = time.process_time() - processor_start
+    busy = (_busy() - all_before) / (time.perf_counter() - start)
+    own_cores = (summary.processor_seconds + main_seconds) / (time.perf_counter() - start)
+    steady_rate, steady_seconds = 0.0, 0.0
+    if len(progress) > workers:
+        first, last = progress[workers - 1], progress[-1]
+        clock, seconds, drops_done = (b - a for a, b in zip(first, last, strict=True))
+        if drops_done:
+            steady_rate, steady_seconds = drops_done / clock, seconds / drops_done
+    return RunFigures(
         summary,
         main_seconds,
         watch.main,
         watch.worker,
-        max(0.0, busy - mine),
-        steady,
+        max(0.0, busy - own_cores),
+        steady_rate,
         steady_seconds,
     )
 
 
 def _busy() -> float:
-    """Seconds that all processors have worked."""
+    """Return the processor time of all programs since the start of the machine, s."""
     times = psutil.cpu_times()
     return float(times.user + times.system + getattr(times, "nice", 0.0))
 
 
 def run(arguments: list[str]) -> int:
-    """Print the figures; 0, 1 where a target is missed."""
+    """Print the figures; return 0, or 1 if a target is missed."""
     parser = argparse.ArgumentParser(prog="pfwd bench archive", description=__doc__)
     parser.add_argument("--short", action="store_true", help="a twentieth of the drops")
     parser.add_argument("--drops", type=int, help="drops by least squares (20000; short: 1000)")
@@ -164,7 +164,7 @@ class _Bench:
         self._outputs = 0
 
     def run(self, drops: int, searches: int) -> int:
-        """All of it."""
+        """Run all parts; return the exit status."""
         quick = AnalysisOptions(method="least-squares")
         full = AnalysisOptions()
         cache = user_cache_path("pfwd", appauthor=False) / "bench"
@@ -177,7 +177,7 @@ class _Bench:
         }
         self.report.title("drops by finite elements")
         for name, (count, declared) in parts.items():
-            begun = time.perf_counter()
+            start = time.perf_counter()
             place = self.folder / name
             write_archive(place, count, cache, depth_declared=declared, seed=len(name))
             size = sum(path.stat().st_size for path in place.rglob("*.csv"))
@@ -185,7 +185,7 @@ class _Bench:
                 archive=name,
                 drops=count,
                 bytes_a_drop=size / count,
-                seconds=time.perf_counter() - begun,
+                seconds=time.perf_counter() - start,
             )
         self.report.title(f"drops a second and core, {self.jobs} workers")
         large = self._rate("least-squares, depth declared", "declared", quick)
@@ -194,81 +194,85 @@ class _Bench:
         self._rate("full search, depth unknown", "few-unknown", full)
         self._workers(quick)
         self._killed(quick)
-        self._again(large, quick)
+        self._second_run(large, quick)
         return 0 if self.met else 1
 
     def _rate(self, what: str, name: str, options: AnalysisOptions) -> Path:
         out = self._out()
-        found = measure(self.folder / name, out, options, self.jobs)
+        figures = measure(self.folder / name, out, options, self.jobs)
         size = sum(path.stat().st_size for path in out.rglob("*.parquet"))
         target = _TARGETS.get(what)
-        rate = 1.0 / found.seconds_a_drop
+        rate = 1.0 / figures.seconds_per_drop
         self.met &= target is None or rate >= target
         self.report.record(
             what=what,
-            drops=found.summary.drops,
-            failures=found.summary.failed,
+            drops=figures.summary.drops,
+            failures=figures.summary.failed,
             drops_a_second_and_core=rate,
             target=target or "none",
-            drops_a_second_by_the_clock=found.by_the_clock,
-            cores_used_by_others=found.others,
-            share_of_handing_out=found.main_seconds
-            / (found.main_seconds + found.summary.processor_seconds),
-            megabytes_main=found.main_memory / 1e6,
-            megabytes_a_worker=found.worker_memory / 1e6,
-            bytes_a_result=size / max(1, found.summary.drops),
-            million_core_hours=MILLION * found.seconds_a_drop / 3600.0,
-            million_gigabytes=MILLION * size / max(1, found.summary.drops) / 1e9,
+            drops_a_second_by_the_clock=figures.drops_per_second,
+            cores_used_by_others=figures.other_cores,
+            share_of_handing_out=figures.main_seconds
+            / (figures.main_seconds + figures.summary.processor_seconds),
+            megabytes_main=figures.main_memory / 1e6,
+            megabytes_a_worker=figures.worker_memory / 1e6,
+            bytes_a_result=size / max(1, figures.summary.drops),
+            million_core_hours=MILLION * figures.seconds_per_drop / 3600.0,
+            million_gigabytes=MILLION * size / max(1, figures.summary.drops) / 1e9,
         )
         return out
 
     def _workers(self, options: AnalysisOptions) -> None:
-        """One and two workers, turn by turn, so that a busy machine slows both alike."""
+        """Compare one and two workers in alternating runs, so that other programs affect both."""
         self.report.title("two workers against one")
-        turns: dict[int, list[Measured]] = {1: [], 2: []}
-        for _ in range(_TURNS):
-            for count, kept in turns.items():
-                kept.append(measure(self.folder / "turns", self._out(), options, count))
-        clock = {count: max(m.steady for m in kept) for count, kept in turns.items()}
+        runs_by_workers: dict[int, list[RunFigures]] = {1: [], 2: []}
+        for _ in range(_N_ROUNDS):
+            for count, runs in runs_by_workers.items():
+                runs.append(measure(self.folder / "turns", self._out(), options, count))
+        clock = {count: max(m.steady_rate for m in runs) for count, runs in runs_by_workers.items()}
         cost = {
-            count: statistics.median(m.steady_seconds_a_drop for m in kept)
-            for count, kept in turns.items()
+            count: statistics.median(m.steady_seconds_per_drop for m in runs)
+            for count, runs in runs_by_workers.items()
         }
-        # By processor time: what two workers would do together if nobody else were there.
-        # What the two lose by waiting for work would show by the clock only.
+        # By processor time, the speed-up of two workers on a machine without other programs. Time
+        # lost by waiting for work affects only the elapsed time.
         speed_up = 2.0 * cost[1] / cost[2]
         self.met &= max(speed_up, clock[2] / clock[1]) >= _TARGET_SPEED_UP
         self.report.record(
-            drops=turns[1][0].summary.drops,
-            turns=_TURNS,
+            drops=runs_by_workers[1][0].summary.drops,
+            turns=_N_ROUNDS,
             speed_up_by_the_clock=clock[2] / clock[1],
             speed_up_by_processor_time=speed_up,
             target=_TARGET_SPEED_UP,
-            cores_used_by_others=statistics.mean(m.others for each in turns.values() for m in each),
+            cores_used_by_others=statistics.mean(
+                m.other_cores for each in runs_by_workers.values() for m in each
+            ),
         )
 
     def _killed(self, options: AnalysisOptions) -> None:
         self.report.title("a worker killed in the middle")
         place = self.folder / "turns"
-        whole, cut = self._out(), self._out()
-        quiet = measure(place, whole, options, self.jobs)
-        found = measure(place, cut, options, self.jobs, kill_after=quiet.summary.drops // 2)
-        same = moduli(whole) == moduli(cut)
+        undisturbed_out, disturbed_out = self._out(), self._out()
+        undisturbed = measure(place, undisturbed_out, options, self.jobs)
+        figures = measure(
+            place, disturbed_out, options, self.jobs, kill_after=undisturbed.summary.drops // 2
+        )
+        same = moduli(undisturbed_out) == moduli(disturbed_out)
         self.met &= same
         self.report.record(
-            drops=found.summary.drops,
-            failures=found.summary.failed,
+            drops=figures.summary.drops,
+            failures=figures.summary.failed,
             same_results=same,
-            seconds=found.summary.elapsed_s,
-            seconds_undisturbed=quiet.summary.elapsed_s,
+            seconds=figures.summary.elapsed_s,
+            seconds_undisturbed=undisturbed.summary.elapsed_s,
         )
 
-    def _again(self, out: Path, options: AnalysisOptions) -> None:
+    def _second_run(self, out: Path, options: AnalysisOptions) -> None:
         self.report.title("a second run over the large archive")
-        found = measure(self.folder / "declared", out, options, self.jobs)
-        summary = found.summary
-        nothing = summary.inverted == 0 and summary.parts == 0
-        self.met &= nothing
+        figures = measure(self.folder / "declared", out, options, self.jobs)
+        summary = figures.summary
+        is_idle = summary.inverted == 0 and summary.parts == 0
+        self.met &= is_idle
         self.report.record(
             sources=summary.sources,
             done_before=summary.done_before,
@@ -282,7 +286,7 @@ class _Bench:
 
 
 def moduli(archive: Path) -> list[tuple[str, int, float | None]]:
-    """Modulus of every drop, Pa, in the order of files and drops."""
+    """Return the modulus of every drop, Pa, in the order of files and drops."""
     from pyarrow import dataset
 
     columns = ["file", "drop", "modulus_pa"]

@@ -1,9 +1,9 @@
 """Many simulated drops at little cost: finite-element ground, many hammers, heights and noises.
 
-The ground's answer to a hat of force is computed once for each site (`simulators.effects`); other
+The ground's response to a hat of force is computed once for each site (`simulators.effects`); other
 moduli, viscosities and densities follow from it exactly by similarity. A hammer and a plate are
-stepped through time on it for every variant; heights only scale a drop, and every drop has noise
-and a converter of its own. Nothing of the inversion's model takes part.
+stepped through time on it for every variant; heights only scale a drop, and every drop has its
+own noise and converter. The model of the inversion is not used.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from simulators.effects.response import RESPONSE_DURATION_S, ground_response
 from simulators.effects.signals import signals_of
 from simulators.mesh import Ground
 
-DROPS_OF_A_POINT = 5
+DROPS_PER_POINT = 5
 _OFFSETS = (0.0, 0.3, 0.6)
 _RADIUS = 0.15
 _DENSITY = 1900.0
 _POISSON_RATIO = 0.35
-_FOLDER_FILES = 200
+_FILES_PER_FOLDER = 200
 
 
 @dataclass(frozen=True)
 class Site:
-    """Ground that finite elements are run for; depths in m."""
+    """Ground of a finite-element run; SI units."""
 
     modulus: float
     viscosity: float
@@ -56,30 +56,29 @@ def write_archive(
     sensors: int | None = None,
     seed: int = 0,
 ) -> list[float]:
-    """Trace files of so many drops, five to a point, and the true moduli, Pa, point by point.
+    """Write trace files of five drops per point; return the true modulus of each point, Pa.
 
     Parameters
     ----------
-    folder : gets a folder for every 200 files
-    drops : number, > 0
-    cache : folder for the finite elements' answers
-    depth_declared : whether the headers state the bedrock depth; otherwise it has to be fitted
-    sensors : number of them in every file; None: the centre alone in three files of four,
-        otherwise three
-    seed : of everything random
+    folder : contains a folder for every 200 files
+    drops : number of drops, > 0
+    cache : folder for the finite elements' responses
+    depth_declared : True if the headers declare the bedrock depth; otherwise it is fitted
+    sensors : number of sensors in every file; None: one in three files of four, otherwise three
+    seed : seed of all random numbers
     """
-    points = math.ceil(drops / DROPS_OF_A_POINT)
+    points = math.ceil(drops / DROPS_PER_POINT)
     variants = _variants(max(1, min(200, points)), cache, seed)
     truth = []
     for number in range(points):
         drop, modulus, depth, mass = variants[number % len(variants)]
         generator = np.random.default_rng([seed, number])
-        place = folder / f"area-{number // _FOLDER_FILES:04d}"
+        place = folder / f"area-{number // _FILES_PER_FOLDER:04d}"
         place.mkdir(parents=True, exist_ok=True)
-        count = min(DROPS_OF_A_POINT, drops - number * DROPS_OF_A_POINT)
-        kept = sensors or (3 if number % 4 == 3 else 1)
+        count = min(DROPS_PER_POINT, drops - number * DROPS_PER_POINT)
+        n_sensors = sensors or (3 if number % 4 == 3 else 1)
         heights = np.sort(generator.uniform(0.8, 1.0, count))
-        signals = [signals_of(drop.scaled(float(h)), kept, 0.015) for h in heights]
+        signals = [signals_of(drop.scaled(float(h)), n_sensors, 0.015) for h in heights]
         converter = Converter("velocity", float(generator.uniform(5e-4, 3e-3)), 0.0, 4, 16)
         header: dict[str, str | float | int] = {
             "pfwd-traces": 1,
@@ -91,7 +90,7 @@ def write_archive(
         if depth_declared:
             header["bedrock_depth_m"] = depth
         path = place / f"point-{number:06d}.csv"
-        write_signals(path, signals, _OFFSETS[:kept], header, converter, generator)
+        write_signals(path, signals, _OFFSETS[:n_sensors], header, converter, generator)
         truth.append(modulus)
     return truth
 
@@ -99,8 +98,8 @@ def write_archive(
 def _variants(
     count: int, cache: Path, seed: int
 ) -> list[tuple[SimulatedDrop, float, float, float]]:
-    """Drops on grounds of many moduli: each with modulus (Pa), depth (m) and plate mass (kg)."""
-    found = []
+    """Return drops on different grounds, each with modulus (Pa), depth (m) and plate mass (kg)."""
+    variants = []
     for number in range(count):
         generator = np.random.default_rng([seed, number, 1])
         site = SITES[number % len(SITES)]
@@ -112,10 +111,10 @@ def _variants(
         pulse = float(generator.uniform(0.010, 0.020))
         weight = float(generator.uniform(8.0, 14.0))
         hammer = Hammer(weight, weight * (math.pi / pulse) ** 2, 1.0)
-        whole = round(RESPONSE_DURATION_S * response.time_step / 5e-5 / response.time_step)
-        samples = min(math.ceil((2.5 * pulse + 0.025) / response.time_step), whole)
+        available = round(RESPONSE_DURATION_S * response.time_step / 5e-5 / response.time_step)
+        samples = min(math.ceil((2.5 * pulse + 0.025) / response.time_step), available)
         drop = strike(response, mass, hammer, samples)
         peak = float(generator.uniform(60e3, 180e3)) * math.pi * _RADIUS**2
         drop = drop.scaled(peak / float(np.max(drop.load)))
-        found.append((drop, response.ground.layers[0].modulus, site.depth, mass))
-    return found
+        variants.append((drop, response.ground.layers[0].modulus, site.depth, mass))
+    return variants

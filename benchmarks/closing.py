@@ -1,6 +1,7 @@
-"""The figures of docs/closing-the-loop.md: finite-element drops, measured drops, blind campaign.
+"""Figures of docs/closing-the-loop.md: finite-element drops, measured drops, blind campaign.
 
-The part with measured drops needs their folder (see `pfwd bench measured`) and is left out without.
+The part with measured drops needs their folder (see `pfwd bench measured`), otherwise it is
+omitted.
 """
 
 import argparse
@@ -27,7 +28,7 @@ GROUNDS = (
     (60e6, 80e3, 1900.0, 1.0),
     (90e6, 60e3, 2000.0, 1.5),
 )
-# What is put right, one after the other: settings, and the mass that is declared.
+# Corrections of the model, one after the other: settings, and the declared mass.
 STEPS = (
     (
         "the paper's model: half-sine, pressure of the static plate, force above the plate",
@@ -54,7 +55,7 @@ STEPS = (
 
 
 def run(arguments: list[str]) -> int:
-    """All parts; 0."""
+    """Run all parts; return the exit status."""
     parser = argparse.ArgumentParser(prog="pfwd bench closing", description=__doc__)
     parser.add_argument("--measured", type=Path, metavar="FOLDER", help="measured drops")
     parser.add_argument("--jobs", default="2", help="processes (2)")
@@ -76,15 +77,15 @@ def run(arguments: list[str]) -> int:
 
 
 def finite_elements(report: Reporter) -> None:
-    """Error of the modulus of finite-element drops, as the model is put right step by step."""
+    """Report the error of the modulus of finite-element drops after each correction."""
     report.title("finite-element drops, depth declared: error of the modulus in %")
     library, records = SurrogateLibrary(), [_drop(*ground) for ground in GROUNDS]
     for title, settings, mass in STEPS:
         errors = []
         for record, (modulus, *_) in zip(records, GROUNDS, strict=True):
             declared = replace(record, instrument=replace(record.instrument, plate_mass=mass))
-            found = invert(declared, settings, library)
-            errors.append(100 * (known(found.modulus_pa) / modulus - 1))
+            result = invert(declared, settings, library)
+            errors.append(100 * (known(result.modulus_pa) / modulus - 1))
         report.record(
             model=title,
             mean=float(np.mean(errors)),

@@ -1,9 +1,9 @@
-"""The stated intervals against the truth of finite-element drops over the whole parameter range.
+"""Coverage of the stated intervals on finite-element drops over the full parameter range.
 
-Every drop is simulated by axisymmetric finite elements that share nothing with the forward model,
-written with noise as a trace file that does not hold the truth, read back and inverted by least
-squares.  The same drops, free of noise and at their true parameters, give the forward model's own
-error, from which the inversion's error floor is taken.
+Every drop is simulated by axisymmetric finite elements, which share nothing with the forward model,
+written with noise as a trace file without the truth, read back and inverted by least squares.  The
+same drops without noise at their true parameters give the error of the forward model, which sets
+the error floor of the inversion.
 """
 
 import argparse
@@ -48,9 +48,9 @@ Group = Literal["depth declared", "depth unknown", "three sensors"]
 GROUPS: tuple[Group, ...] = ("depth declared", "depth unknown", "three sensors")
 
 TIME_STEP = 2e-4
-_SPEED = 4.0  # m/s, of the hammer
-_DEEPEST_DEFLECTION = 0.020  # m, what a geophone's stroke and the small strains allow
-# Sensors in plate radii; one layout for each Poisson's ratio keeps the surrogates few.
+_HAMMER_SPEED_M_S = 4.0  # m/s, of the hammer
+_MAX_DEFLECTION_M = 0.020  # limit of a geophone's stroke and of small strains
+# Sensors in plate radii; one layout per Poisson's ratio limits the number of surrogates.
 _OFFSET_RATIOS = {
     0.1: (0.0, 3.0, 6.0),
     0.25: (0.0, 2.0, 4.0),
@@ -63,7 +63,7 @@ TARGET_COVERAGE, TARGET_HALF_WIDTH = 0.95, 0.03
 
 @dataclass(frozen=True)
 class Case:
-    """The truth of one drop and how it is recorded, all SI."""
+    """True values of one drop and its recording, SI units."""
 
     number: int
     group: Group
@@ -82,20 +82,20 @@ class Case:
 
     @property
     def ground(self) -> Ground:
-        """The simulated ground."""
+        """Simulated ground."""
         return Ground.uniform(
             self.modulus, self.viscosity, self.density, self.poisson_ratio, self.depth
         )
 
     @property
     def plate(self) -> Plate:
-        """The plate, bonded to the ground."""
+        """Plate, bonded to the ground."""
         return Plate(self.radius, self.plate_mass)
 
     @property
     def hammer(self) -> Hammer:
-        """What makes a half-sine of this pulse and mean pressure on unyielding ground."""
-        return hammer_of(self.pressure * math.pi * self.radius**2, self.pulse, _SPEED)
+        """Hammer with this pulse and mean pressure on unyielding ground."""
+        return hammer_of(self.pressure * math.pi * self.radius**2, self.pulse, _HAMMER_SPEED_M_S)
 
     @property
     def offsets(self) -> tuple[float, ...]:
@@ -104,7 +104,7 @@ class Case:
 
     @property
     def problem(self) -> PlateProblem:
-        """The surrogate the inversion will want."""
+        """Problem of the surrogate for the inversion."""
         return PlateProblem("rigid-rough", self.poisson_ratio, self._ratios)
 
     @property
@@ -114,21 +114,21 @@ class Case:
 
 @dataclass(frozen=True)
 class ModelDifference:
-    """Forward model at the truth less finite elements, free of noise, over the sensor's peak."""
+    """Error of the forward model at the true parameters without noise, over the sensor's peak."""
 
     plate_rms: float
-    """Of the plate to the end of the contact."""
+    """Error of the plate until the end of the contact, rms."""
     plate_largest: float
-    """Of the plate over the whole record."""
+    """Largest error of the plate over the full record."""
     far_rms: float | None
-    """Of the worst sensor on the ground to the end of the contact; none: there is none."""
+    """Error of the worst sensor on the ground until the contact ends, rms; None: no sensor."""
     far_largest: float | None
-    """Of the sensors on the ground over the whole record."""
+    """Largest error of the sensors on the ground over the full record; None: no sensor."""
 
 
 @dataclass(frozen=True)
 class CoverageResult:
-    """What the inversion said of one case, and what the truth says of it; SI and fractions."""
+    """Result of the inversion of one case; SI units and fractions."""
 
     case: Case
     modulus: float
@@ -144,22 +144,22 @@ class CoverageResult:
 
     @property
     def error(self) -> float:
-        """Of the modulus, relative."""
+        """Relative error of the modulus."""
         return self.modulus / self.case.modulus - 1.0
 
     @property
     def half_width(self) -> float:
-        """Of the interval, over the modulus that was found."""
+        """Half width of the interval over the fitted modulus."""
         return (self.high - self.low) / (2.0 * self.modulus)
 
     @property
     def covered(self) -> bool:
-        """Whether the truth lies in the interval."""
+        """True if the interval contains the true modulus."""
         return self.low <= self.case.modulus <= self.high
 
 
 def draw_case(number: int, seed: int = 0) -> Case:
-    """One case of the range; the groups take turns."""
+    """Draw one case; the groups alternate with the number."""
     rng = np.random.default_rng([seed, number])
     while True:
         radius = round(float(rng.uniform(0.1, 0.3)), 2)
@@ -183,12 +183,12 @@ def draw_case(number: int, seed: int = 0) -> Case:
         if rng.uniform() < 0.1:
             case = replace(case, depth=math.inf)
         static = math.pi / 2 * (1 - case.poisson_ratio**2) * case.pressure * radius / case.modulus
-        if static < _DEEPEST_DEFLECTION:
+        if static < _MAX_DEFLECTION_M:
             return case
 
 
 def simulate(case: Case, resolution: Resolution | None = None) -> SimulatedDrop:
-    """The drop by finite elements, free of noise."""
+    """Return the drop by finite elements without noise."""
     pulse = case.hammer.pulse_duration
     simulator = DropSimulator(
         case.ground,
@@ -203,7 +203,7 @@ def simulate(case: Case, resolution: Resolution | None = None) -> SimulatedDrop:
 
 
 def recorded(case: Case, drop: SimulatedDrop) -> Record:
-    """The drop as the inversion gets it: through a trace file with noise and without the truth."""
+    """Return the drop after writing and reading a trace file with noise, without the truth."""
     motion = drop.ground_velocity if case.quantity == "velocity" else drop.ground_displacement
     recording = Recording(
         quantity=case.quantity,
@@ -220,13 +220,13 @@ def recorded(case: Case, drop: SimulatedDrop) -> Record:
 
 
 def model_error(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> ModelDifference:
-    """The forward model at the true parameters against the finite elements."""
+    """Return the error of the forward model at the true parameters."""
     peaks = np.max(np.abs(drop.ground_displacement), axis=1)
-    # As the inversion weighs them: a far sensor that hardly moves counts less.
-    left = _difference(case, drop, library) / np.hypot(peaks, 0.1 * peaks[0])[:, None]
+    # The weights of the inversion: a distant sensor with little motion counts less.
+    residual = _difference(case, drop, library) / np.hypot(peaks, 0.1 * peaks[0])[:, None]
     loaded = np.flatnonzero(drop.load > CONTACT_END_FRACTION * np.max(drop.load))
-    rms = np.sqrt(np.mean(left[:, : int(loaded[-1]) + 1] ** 2, axis=1))
-    largest = np.max(np.abs(left), axis=1)
+    rms = np.sqrt(np.mean(residual[:, : int(loaded[-1]) + 1] ** 2, axis=1))
+    largest = np.max(np.abs(residual), axis=1)
     if rms.size == 1:
         return ModelDifference(float(rms[0]), float(largest[0]), None, None)
     return ModelDifference(
@@ -235,7 +235,7 @@ def model_error(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> M
 
 
 def _difference(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> FloatArray:
-    """Forward model at the truth less the simulated displacement, (n_sensors, n - 1), m."""
+    """Return the model at the truth minus the simulated displacement, (n_sensors, n - 1), m."""
     model = ForwardModel(
         library.get(case.problem, case.depth / case.radius),
         Instrument(case.radius, case.plate_mass),
@@ -251,17 +251,17 @@ def _difference(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> F
 
 
 def analyse(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> CoverageResult:
-    """Write, read, invert, and only then compare with the truth."""
-    own = model_error(case, drop, library)
+    """Write, read and invert a drop, and compare with the truth."""
+    error = model_error(case, drop, library)
     try:
         result = invert(recorded(case, drop), Settings(method="least-squares"), library)
     except InversionError as err:
         nan = math.nan
-        return CoverageResult(case, nan, nan, nan, nan, False, (), False, nan, own, str(err))
-    return _outcome(case, result, own)
+        return CoverageResult(case, nan, nan, nan, nan, False, (), False, nan, error, str(err))
+    return _outcome(case, result, error)
 
 
-def _outcome(case: Case, result: InversionResult, own: ModelDifference) -> CoverageResult:
+def _outcome(case: Case, result: InversionResult, error: ModelDifference) -> CoverageResult:
     low, high = known(result.modulus_interval_pa)
     depth, warnings = result.bedrock_depth_m, result.warnings or ()
     return CoverageResult(
@@ -272,14 +272,14 @@ def _outcome(case: Case, result: InversionResult, own: ModelDifference) -> Cover
         depth=math.inf if depth is None else depth,
         explained=bool(result.explained),
         at_bound=result.at_bound or (),
-        depth_not_unique=any(one.code == "depth-not-unique" for one in warnings),
+        depth_not_unique=any(warning.code == "depth-not-unique" for warning in warnings),
         window_residual=known(result.window_residual_rms_over_peak),
-        model_error=own,
+        model_error=error,
     )
 
 
 def simulate_and_analyse(case: Case) -> CoverageResult:
-    """One case in a process of its own."""
+    """Simulate and invert one case, in a worker process."""
     with single_threaded_blas():
         return analyse(case, simulate(case), SurrogateLibrary())
 
@@ -290,7 +290,7 @@ def _build(problem: PlateProblem) -> None:
 
 
 def run(arguments: list[str]) -> int:
-    """Print coverage, widths and errors; 0, 1 where the target is missed."""
+    """Print coverage, widths and errors; return 0, or 1 if the target is missed."""
     parser = argparse.ArgumentParser(prog="pfwd bench coverage", description=__doc__)
     parser.add_argument("--cases", type=int, default=100, help="number of drops (100)")
     parser.add_argument("--refined", type=int, default=0, help="cases on a halved mesh too (0)")
@@ -300,9 +300,9 @@ def run(arguments: list[str]) -> int:
     options = parser.parse_args(arguments)
     report = Reporter(arguments)
     cases = [draw_case(number, options.seed) for number in range(options.cases)]
-    # Spawned on every platform alike: a forked copy of a threaded process may hang.
+    # Spawned on every platform, because a fork of a process with threads may hang.
     with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:
-        # First, so that the workers find them in the cache instead of each building them.
+        # Built first, so that the workers read them from the cache.
         list(pool.map(_build, dict.fromkeys(case.problem for case in cases)))
         outcomes = list(pool.map(simulate_and_analyse, cases))
         refined = list(pool.map(_refinement, _cheapest(cases, options.refined)))
@@ -312,15 +312,15 @@ def run(arguments: list[str]) -> int:
 def summarise(
     report: Reporter, outcomes: Sequence[CoverageResult], refined: Sequence[dict[str, object]] = ()
 ) -> int:
-    """Print the tables of a campaign; 0, or 1 where the target is missed."""
+    """Print the tables of a campaign; return 0, or 1 if the target is missed."""
     report.title(f"{len(outcomes)} finite-element drops, least squares, 95 % intervals")
     for group in GROUPS:
         _summary(report, group, [o for o in outcomes if o.case.group == group])
     met = _summary(report, "all", outcomes)
     report.title("forward model at the truth against finite elements (over the peak)")
     for name in ModelDifference.__dataclass_fields__:
-        found = [getattr(o.model_error, name) for o in outcomes]
-        values = [value for value in found if value is not None]
+        errors = [getattr(o.model_error, name) for o in outcomes]
+        values = [value for value in errors if value is not None]
         if values:
             report.record(model_error=name, drops=len(values), **_quantiles(values))
     if refined:
@@ -386,7 +386,7 @@ def _failure(outcome: CoverageResult) -> dict[str, object]:
 
 
 def _cheapest(cases: Sequence[Case], count: int) -> list[Case]:
-    """Cases of three sensors with the fewest waves in the ground: their meshes stay affordable."""
+    """Return the cases of three sensors with the smallest meshes."""
 
     def waves(case: Case) -> float:
         speed = case.ground.layers[0].shear_speed(math.pi / case.pulse)
@@ -398,7 +398,7 @@ def _cheapest(cases: Sequence[Case], count: int) -> list[Case]:
 
 
 def _refinement(case: Case) -> dict[str, object]:
-    """Change by refining, and the model's difference before and after, over each sensor's peak."""
+    """Return the change by refinement, and the model's error before and after, over the peak."""
     with single_threaded_blas():
         coarse, fine = simulate(case), simulate(case, Resolution().refined())
         library = SurrogateLibrary()

@@ -1,14 +1,13 @@
-"""One ground under unlike devices: do they agree on its modulus, and with the truth?
+"""Agreement of different devices on the modulus of one ground.
 
-Ten uniform grounds, with and without rock below, are struck by finite-element models of ten
-devices: other plates, masses, pulses, sensors, with a load cell or with a load that is only
-assumed.  Every drop passes through a trace file, which declares what an operator knows - plate,
-mass, Poisson's ratio - and nothing of the ground, and is inverted by the default method: with the
-depth of rock unknown, and once more with the depth (or that there is none) declared.  Set against
-each other: the modulus of the peak method and the inverted one, over the truth and over that of
-the first device.
+Ten uniform grounds, with and without rock below, are loaded by finite-element models of ten devices
+with different plates, masses, pulses and sensors, with a load cell or with an assumed load.  Every
+drop passes through a trace file, which declares plate, mass and Poisson's ratio and nothing of the
+ground.  It is inverted by the default method with an unknown and with a declared depth of rock.
+Moduli of the peak method and of the inversion are reported over the truth and over those of the
+first device.
 
-The finite elements are kept (--cache), so that a second run takes a minute.
+The finite-element drops are cached (--cache), so that a second run takes a minute.
 """
 
 import argparse
@@ -42,47 +41,47 @@ TARGET = 0.03
 """Largest deviation of a modulus on uniform ground, from the truth and from the first device."""
 
 _TIME_STEP = 1e-4
-_SPEED = 3.0  # m/s, of the hammer
-_NOISE = 0.002  # rms over the peak of each channel
+_HAMMER_SPEED_M_S = 3.0  # m/s, of the hammer
+_NOISE_OVER_PEAK = 0.002  # rms over the peak of each channel
 _CACHE_VERSION = 1
 
 
 def hammer_of(peak: float, pulse: float, speed: float) -> Hammer:
-    """The hammer whose half-sine on unyielding ground has this peak (N) and duration (s)."""
+    """Return the hammer with this peak (N) and pulse (s) on unyielding ground."""
     mass = peak * pulse / (math.pi * speed)
     return Hammer(mass, mass * (math.pi / pulse) ** 2, speed)
 
 
 @dataclass(frozen=True)
 class Device:
-    """A falling weight and what it records."""
+    """Device with its falling weight and its sensors."""
 
     name: str
     radius: float
-    """Of the plate, m."""
+    """Radius of the plate, m."""
     plate_mass: float
-    """Between load cell and ground, kg."""
+    """Mass between load cell and ground, kg."""
     pulse: float
-    """Of hammer and spring on unyielding ground, s."""
+    """Pulse of hammer and spring on unyielding ground, s."""
     pressure: float = 100e3
-    """Mean under the plate at the peak on unyielding ground, Pa."""
+    """Mean pressure under the plate at the peak on unyielding ground, Pa."""
     quantity: Literal["velocity", "displacement"] = "velocity"
     centre: Literal["plate", "ground"] = "plate"
-    """What the sensor stands on."""
+    """Object under the centre sensor."""
     offsets: tuple[float, ...] = (0.0,)
-    """Of the sensors from the centre, m."""
+    """Distances of the sensors from the centre, m."""
     load: Literal["cell", "assumed"] = "cell"
-    """Measured, or the half-sine of unyielding ground, whatever the ground is."""
+    """Measured by a load cell, or assumed as the half-sine on unyielding ground."""
 
     @property
     def peak(self) -> float:
-        """Nominal peak force, N: what unyielding ground would feel."""
+        """Nominal peak force, N, on unyielding ground."""
         return self.pressure * math.pi * self.radius**2
 
     @property
     def hammer(self) -> Hammer:
-        """The weight on its spring."""
-        return hammer_of(self.peak, self.pulse, _SPEED)
+        """Falling weight on its spring."""
+        return hammer_of(self.peak, self.pulse, _HAMMER_SPEED_M_S)
 
 
 DEVICES = (
@@ -101,25 +100,25 @@ DEVICES = (
 
 @dataclass(frozen=True)
 class Site:
-    """A uniform ground; SI units."""
+    """Uniform ground; SI units."""
 
     modulus: float
     viscosity: float
     poisson_ratio: float
     density: float
     depth: float
-    """Of the rock, m; infinite: none."""
+    """Depth of the rock, m; infinite: no rock."""
 
     @property
     def ground(self) -> Ground:
-        """For the simulator."""
+        """Ground of the simulator."""
         return Ground.uniform(
             self.modulus, self.viscosity, self.density, self.poisson_ratio, self.depth
         )
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Name for the report."""
         below = "no rock" if math.isinf(self.depth) else f"rock at {self.depth:g} m"
         return f"{self.modulus / 1e6:g} MPa, nu {self.poisson_ratio:g}, {below}"
 
@@ -144,7 +143,7 @@ DEPTHS: tuple[Depth, ...] = ("unknown", "declared")
 
 @dataclass(frozen=True)
 class Case:
-    """One device on one ground, and what its operator says of the rock."""
+    """One device on one ground, with the declaration of the rock."""
 
     device: Device
     site: Site
@@ -155,37 +154,37 @@ class Case:
 
 @dataclass(frozen=True)
 class Reading:
-    """What one device says of one ground; moduli in Pa, NaN where there is none."""
+    """Result of one device on one ground; moduli in Pa, NaN without a result."""
 
     case: Case
     peak: float
-    """Of the peak method."""
+    """Modulus of the peak method."""
     inverted: float
     low: float
     high: float
-    """95 % interval of the inverted one."""
+    """Limits of the 95 % interval of the inverted modulus."""
     explained: bool
-    """Whether the inversion says that its model explains the record."""
+    """True if the inversion reports that its model explains the record."""
 
     @property
     def covered(self) -> bool:
-        """Whether the interval holds the truth."""
+        """True if the interval contains the true modulus."""
         return self.low <= self.case.site.modulus <= self.high
 
 
 def simulate(case: Case) -> SimulatedDrop:
-    """The drop by finite elements, free of noise; read from the cache where it is there."""
+    """Return the drop by finite elements without noise, from the cache if possible."""
     device, site = case.device, case.site
     hammer = device.hammer
-    far = device.offsets[1:]
-    text = repr((_CACHE_VERSION, astuple(site), device.radius, device.plate_mass, hammer, *far))
+    offsets = device.offsets[1:]
+    text = repr((_CACHE_VERSION, astuple(site), device.radius, device.plate_mass, hammer, *offsets))
     path = None
     if case.cache is not None:
         path = case.cache / f"drop-{hashlib.sha256(text.encode()).hexdigest()[:24]}.npz"
         if path.is_file():
-            with np.load(path) as kept:
-                return SimulatedDrop(**{name: kept[name] for name in kept.files})
-    # A plate that follows soft ground stays under the hammer for longer than the pulse.
+            with np.load(path) as stored:
+                return SimulatedDrop(**{name: stored[name] for name in stored.files})
+    # On soft ground the plate stays in contact with the hammer longer than the pulse.
     duration = round(4.0 * device.pulse + 0.01, 3)
     plate = Plate(device.radius, device.plate_mass)
     simulator = DropSimulator(
@@ -201,9 +200,9 @@ def simulate(case: Case) -> SimulatedDrop:
 
 
 def recorded(device: Device, drop: SimulatedDrop) -> SimulatedDrop:
-    """What the device puts into its file: a load that it only assumes is not the true one.
+    """Return the drop as the device writes it, with the assumed load instead of the true one.
 
-    The assumed pulse begins at the first touch, which is more than such a device can know.
+    The assumed pulse begins exactly at the first touch, although a device cannot know that time.
     """
     if device.load == "cell":
         return drop
@@ -213,15 +212,15 @@ def recorded(device: Device, drop: SimulatedDrop) -> SimulatedDrop:
 
 
 def read(case: Case) -> Reading:
-    """Simulate, write, read, invert."""
+    """Simulate, write, read and invert one case."""
     device, site = case.device, case.site
     with single_threaded_blas():
         drop = recorded(device, simulate(case))
     motion = drop.ground_velocity if device.quantity == "velocity" else drop.ground_displacement
     recording = Recording(
         quantity=device.quantity,
-        load_noise=0.0 if device.load == "assumed" else _NOISE * float(np.max(drop.load)),
-        sensor_noise=_NOISE * float(np.max(np.abs(motion))),
+        load_noise=0.0 if device.load == "assumed" else _NOISE_OVER_PEAK * float(np.max(drop.load)),
+        sensor_noise=_NOISE_OVER_PEAK * float(np.max(np.abs(motion))),
     )
     seed = int.from_bytes(hashlib.sha256(f"{device.name} {site.name}".encode()).digest()[:4], "big")
     plate = Plate(device.radius, device.plate_mass)
@@ -233,8 +232,8 @@ def read(case: Case) -> Reading:
     options = AnalysisOptions()
     if case.depth == "declared":
         options = AnalysisOptions(bedrock_depth="none" if math.isinf(site.depth) else site.depth)
-    (found,) = analyse_point(point, options, SurrogateLibrary())
-    result = found.result
+    (analysis,) = analyse_point(point, options, SurrogateLibrary())
+    result = analysis.result
     if result is None:
         nan = math.nan
         return Reading(case, nan, nan, nan, nan, False)
@@ -244,7 +243,7 @@ def read(case: Case) -> Reading:
 
 
 def run(arguments: list[str]) -> int:
-    """Print the spread; 0, 1 where the target is missed."""
+    """Print the spread; return 0, or 1 if the target is missed."""
     parser = argparse.ArgumentParser(prog="pfwd bench devices", description=__doc__)
     parser.add_argument("--short", action="store_true", help="three grounds, six devices")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
@@ -260,9 +259,9 @@ def run(arguments: list[str]) -> int:
         for device, site in product(devices, sites)
         for depth in DEPTHS
     ]
-    # Spawned on every platform alike: a forked copy of a threaded process may hang.
+    # Spawned on every platform, because a fork of a process with threads may hang.
     with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:
-        # Both depths of a drop in one process: the second finds it in the cache.
+        # Both depths of a drop run in one process; the second reads it from the cache.
         readings = list(pool.map(read, cases, chunksize=len(DEPTHS)))
     status = 0
     for depth in DEPTHS:
@@ -271,7 +270,7 @@ def run(arguments: list[str]) -> int:
 
 
 def summarise(report: Reporter, readings: Sequence[Reading]) -> int:
-    """Print the tables of one depth; 0, or 1 where a device with a load cell misses the target."""
+    """Print the tables of one depth; 0, or 1 if a device with a load cell misses the target."""
     depth = readings[0].case.depth
     devices = list(dict.fromkeys(reading.case.device for reading in readings))
     sites = list(dict.fromkeys(reading.case.site for reading in readings))
@@ -287,13 +286,13 @@ def summarise(report: Reporter, readings: Sequence[Reading]) -> int:
     report.title(f"depth of rock {depth}: highest over lowest of the devices with a load cell")
     measuring = [device for device in devices if device.load == "cell"]
     for site in sites:
-        found = [by_case[device, site] for device in measuring]
+        of_site = [by_case[device, site] for device in measuring]
         report.record(
             ground=site.name,
             depth=depth,
-            devices=len(found),
-            peak_method=_spread([r.peak for r in found]),
-            inverted=_spread([r.inverted for r in found]),
+            devices=len(of_site),
+            peak_method=_spread([r.peak for r in of_site]),
+            inverted=_spread([r.inverted for r in of_site]),
         )
     return _verdict(report, [by_case[key] for key in product(measuring, sites)], first)
 
@@ -302,22 +301,22 @@ def _line(
     report: Reporter,
     over: str,
     device: Device,
-    found: Sequence[Reading],
+    readings: Sequence[Reading],
     first: Sequence[Reading] | None,
 ) -> None:
-    peak_base = [r.peak for r in first] if first else [r.case.site.modulus for r in found]
-    base = [r.inverted for r in first] if first else [r.case.site.modulus for r in found]
-    peak = [r.peak / b for r, b in zip(found, peak_base, strict=True)]
-    inverted = [r.inverted / b for r, b in zip(found, base, strict=True)]
+    peak_base = [r.peak for r in first] if first else [r.case.site.modulus for r in readings]
+    base = [r.inverted for r in first] if first else [r.case.site.modulus for r in readings]
+    peak = [r.peak / b for r, b in zip(readings, peak_base, strict=True)]
+    inverted = [r.inverted / b for r, b in zip(readings, base, strict=True)]
     more = {}
     if first is None:
         more = {
-            "truth_in_interval": f"{sum(r.covered for r in found)}/{len(found)}",
-            "explained": f"{sum(r.explained for r in found)}/{len(found)}",
+            "truth_in_interval": f"{sum(r.covered for r in readings)}/{len(readings)}",
+            "explained": f"{sum(r.explained for r in readings)}/{len(readings)}",
         }
     report.record(
         device=device.name,
-        depth=found[0].case.depth,
+        depth=readings[0].case.depth,
         over=over,
         peak_median=statistics.median(peak),
         peak_lowest=min(peak),
@@ -334,7 +333,7 @@ def _spread(values: Sequence[float]) -> float:
 
 
 def _verdict(report: Reporter, measured: Sequence[Reading], first: Sequence[Reading]) -> int:
-    """Whether every device with a load cell is near the truth and near the first device."""
+    """Report devices with a load cell beyond the target; return 1 if there are any."""
     reference = {r.case.site: r.inverted for r in first}
     deviations = []
     for reading in measured:

@@ -1,6 +1,6 @@
-"""The example files that ship with `pfwd`, made from finite elements by one command.
+"""Example files of `pfwd`, made from finite elements by one command.
 
-What was simulated stands in ``pfwd/scripting/data/README.md`` and in no header of a file.
+The true values are in ``pfwd/scripting/data/README.md`` and not in the headers of the files.
 """
 
 import argparse
@@ -23,25 +23,25 @@ from simulators.effects.channels import delayed
 from simulators.mesh import Ground, Plate
 from simulators.traces import Recording, write_traces
 
-FOLDER = Path(__file__).resolve().parents[1] / "pfwd" / "data"
+FOLDER = Path(__file__).resolve().parents[1] / "pfwd" / "scripting" / "data"
 
 PLATE = Plate(radius=0.15, mass=10.6)
 HAMMER = Hammer(mass=10.0, stiffness=5.6e5, velocity=3.0)
-"""A pulse of 13 ms with a peak of about 7 kN, the load of a light deflectometer."""
+"""Hammer with a pulse of 13 ms and a peak of about 7 kN, as of a light deflectometer."""
 POISSON_RATIO = 0.35
 DENSITY = 1900.0
 DURATION = 0.045
 TIME_STEP = 2.5e-4
-NOISE = 0.002
-"""Of the peak of each channel."""
-COUNTS = 2.0**-13
-"""Resolution over the peak: keeps the files small and is what a converter of 14 bits gives."""
+NOISE_OVER_PEAK = 0.002
+"""Root mean square of the noise over the peak of each channel."""
+RESOLUTION_OVER_PEAK = 2.0**-13
+"""Resolution over the peak, as of a converter of 14 bits; it keeps the files small."""
 SURVEY_TIME_STEP = 5e-4
 
 
 @dataclass(frozen=True)
 class Truth:
-    """The ground under one test point; what a file never says."""
+    """Ground under one test point, which the files do not declare."""
 
     modulus: float
     """Pa."""
@@ -52,7 +52,7 @@ class Truth:
 
     @property
     def ground(self) -> Ground:
-        """For the finite elements."""
+        """Ground of the finite elements."""
         return Ground.uniform(
             self.modulus, self.viscosity, DENSITY, POISSON_RATIO, self.bedrock_depth
         )
@@ -62,8 +62,8 @@ HALF_SPACE = Truth(60e6, 50e3)
 LAYER = Truth(45e6, 54e3, 0.9)
 THREE_SENSORS = Truth(80e6, 60e3, 1.4)
 UNEXPLAINED = Truth(50e6, 50e3)
-LAG = 5e-4
-"""s, by which the sensor of the example `unexplained` comes late."""
+LAG_S = 5e-4
+"""Lag of the sensor in the example `unexplained`, s."""
 SURVEY = {
     "km 0+000": Truth(62e6, 55e3),
     "km 0+025": Truth(48e6, 50e3),
@@ -73,45 +73,45 @@ SURVEY = {
 
 
 def run(arguments: list[str]) -> int:
-    """``--output FOLDER`` (default pfwd/scripting/data), ``--json``."""
+    """Make all files in ``--output FOLDER`` (default pfwd/scripting/data)."""
     parser = argparse.ArgumentParser(prog="pfwd bench example_files", description=__doc__)
     parser.add_argument("--output", type=Path, default=FOLDER, metavar="FOLDER")
     parser.add_argument("--json", action="store_true")
-    wanted = parser.parse_args(arguments)
-    wanted.output.mkdir(parents=True, exist_ok=True)
+    options = parser.parse_args(arguments)
+    options.output.mkdir(parents=True, exist_ok=True)
     report = Reporter(arguments)
     for name, make in TRACES.items():
-        path = wanted.output / f"{name}.csv"
+        path = options.output / f"{name}.csv"
         make(path)
         report.record(file=path.name, bytes=path.stat().st_size)
-    path = wanted.output / "survey.h5"
+    path = options.output / "survey.h5"
     make_survey(path)
     report.record(file=path.name, bytes=path.stat().st_size)
     return 0
 
 
 def half_space(path: Path) -> None:
-    """One drop, the centre sensor, no rock and declared so."""
+    """Write one drop with the centre sensor on a declared half-space."""
     declared = {"bedrock_depth_m": math.inf}
     _write(path, [simulate(HALF_SPACE, (0.0,))], declared)
 
 
 def layer(path: Path) -> None:
-    """Three drops from heights that differ a little, the centre sensor, the rock declared."""
+    """Write three drops from slightly different heights with the centre sensor on declared rock."""
     drop = simulate(LAYER, (0.0,))
     drops = [drop.scaled(factor) for factor in (1.0, 1.02, 0.99)]
     _write(path, drops, {"bedrock_depth_m": LAYER.bedrock_depth})
 
 
 def three_sensors(path: Path) -> None:
-    """One drop, sensors at 0, 0.3 and 0.6 m, the depth of the rock not declared."""
+    """Write one drop with sensors at 0, 0.3 and 0.6 m on undeclared rock."""
     _write(path, [simulate(THREE_SENSORS, (0.0, 0.3, 0.6))], {})
 
 
 def unexplained(path: Path) -> None:
-    """One drop whose sensor comes late, which the header does not say."""
+    """Write one drop with an undeclared lag of the sensor."""
     drop = simulate(UNEXPLAINED, (0.0,))
-    samples = LAG / TIME_STEP
+    samples = LAG_S / TIME_STEP
     late = SimulatedDrop(
         time=drop.time,
         load=drop.load,
@@ -134,7 +134,7 @@ TRACES: Mapping[str, Callable[[Path], None]] = {
 
 
 def make_survey(path: Path) -> None:
-    """Four points, a seating drop and a measured one at each, with positions and stored results."""
+    """Write a survey of four points with a seating and a measured drop, positions and results."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         files = []
@@ -164,7 +164,7 @@ def make_survey(path: Path) -> None:
 def simulate(
     truth: Truth, offsets: tuple[float, ...], time_step: float = TIME_STEP
 ) -> SimulatedDrop:
-    """One drop of the hammer on the ground of a point."""
+    """Return one drop of the hammer on the ground of a point."""
     simulator = DropSimulator(
         truth.ground, PLATE, offsets, DURATION, time_step, HAMMER.pulse_duration
     )
@@ -180,13 +180,13 @@ def _write(
     load = float(np.max(drops[0].load))
     velocity = float(np.max(np.abs(drops[0].ground_velocity)))
     recording = Recording(
-        load_noise=NOISE * load,
-        sensor_noise=NOISE * velocity,
-        load_resolution=COUNTS * load,
-        sensor_resolution=COUNTS * velocity,
+        load_noise=NOISE_OVER_PEAK * load,
+        sensor_noise=NOISE_OVER_PEAK * velocity,
+        load_resolution=RESOLUTION_OVER_PEAK * load,
+        sensor_resolution=RESOLUTION_OVER_PEAK * velocity,
     )
-    said = {"source": "simulated by finite elements", **declared}
-    write_traces(path, drops, PLATE, POISSON_RATIO, recording, seed, said)
+    header = {"source": "simulated by finite elements", **declared}
+    write_traces(path, drops, PLATE, POISSON_RATIO, recording, seed, header)
 
 
 def _store_results(survey: Path) -> None:

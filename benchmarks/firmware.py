@@ -1,4 +1,4 @@
-"""Sizes of the instrument's core on a Cortex-M3, for docs/build-an-instrument.md; fuzzing of it."""
+"""Sizes of the instrument's core on a Cortex-M3, for docs/build-an-instrument.md; fuzzing."""
 
 import argparse
 import tempfile
@@ -12,12 +12,12 @@ from benchmarks.output import Reporter
 from simulators.emulated import build_emulated, section_sizes
 from simulators.firmware import FirmwareError, Played, play_scenario
 
-MOST_CODE, MOST_MEMORY = 24 * 1024, 16 * 1024
-"""Bytes on a Cortex-M3, beside the ring."""
+MAX_CODE_BYTES, MAX_MEMORY_BYTES = 24 * 1024, 16 * 1024
+"""Limits on a Cortex-M3, without the ring of samples."""
 
 
 def run(arguments: list[str]) -> int:
-    """Compile for a Cortex-M3 and tell the sizes; 1 when one is too large, 2 without zig."""
+    """Compile for a Cortex-M3 and print the sizes; 1 if a size is too large, 2 without zig."""
     parser = argparse.ArgumentParser(prog="pfwd bench firmware")
     parser.add_argument("--fuzz", type=int, metavar="S", help="fuzz for so many seconds instead")
     parser.add_argument("--json", action="store_true")
@@ -42,23 +42,23 @@ def run(arguments: list[str]) -> int:
         )
     reporter.record(
         code=code,
-        code_limit=MOST_CODE,
+        code_limit=MAX_CODE_BYTES,
         memory=memory,
         stack=sizes[".stack"],
-        memory_limit=MOST_MEMORY,
+        memory_limit=MAX_MEMORY_BYTES,
         ring=ring,
     )
-    return 0 if code <= MOST_CODE and memory + sizes[".stack"] <= MOST_MEMORY else 1
+    return 0 if code <= MAX_CODE_BYTES and memory + sizes[".stack"] <= MAX_MEMORY_BYTES else 1
 
 
 def _fuzz(reporter: Reporter, seconds: int) -> int:
     reporter.title("the core under libFuzzer, address and undefined-behaviour sanitizers")
     try:
-        clean, tried, found = fuzz(seconds)
+        clean, tried, errors = fuzz(seconds)
     except FirmwareError as err:
         print(err)
         return 2
-    reporter.record(seconds=seconds, inputs=tried, found=found or "nothing")
+    reporter.record(seconds=seconds, inputs=tried, found=errors or "nothing")
     return 0 if clean else 1
 
 

@@ -1,4 +1,4 @@
-"""Fuzzing of the instrument's core: libFuzzer where clang has it, with both sanitizers."""
+"""Fuzzing of the instrument's core by libFuzzer, with both sanitizers."""
 
 import random
 import shutil
@@ -20,12 +20,12 @@ def fuzz(seconds: int, folder: Path | None = None) -> tuple[bool, int, str]:
     Returns
     -------
     bool, int, str
-        Whether nothing was found, how many inputs were tried, and what was found.
+        True without errors, the number of inputs, and the first errors.
 
     Raises
     ------
     FirmwareError
-        Where there is no clang with libFuzzer.
+        Without a clang that has libFuzzer.
     """
     clang = shutil.which("clang")
     if clang is None:
@@ -57,12 +57,13 @@ def fuzz(seconds: int, folder: Path | None = None) -> tuple[bool, int, str]:
         )
     tried = [line for line in ran.stderr.splitlines() if "number_of_executed_units" in line]
     count = int(tried[0].split()[-1]) if tried else 0
-    found = [line for line in ran.stderr.splitlines() if "ERROR" in line or "runtime error" in line]
-    return ran.returncode == 0, count, "; ".join(found[:3])
+    marks = ("ERROR", "runtime error")
+    errors = [line for line in ran.stderr.splitlines() if any(mark in line for mark in marks)]
+    return ran.returncode == 0, count, "; ".join(errors[:3])
 
 
 def seeds(count: int = 200) -> list[bytes]:
-    """Conversations of right messages in random order: a fuzzer does not guess a greeting."""
+    """Return sequences of valid messages in random order, as a fuzzer does not guess a greeting."""
     generator = random.Random(1)
     hello = b"\x01PFWD\x01\x02"
     armed = b"\x06" + struct.pack("<BBIHIII", 1, 0, 5000, 3, 100, 400, 100)
@@ -81,7 +82,7 @@ def seeds(count: int = 200) -> list[bytes]:
         b"\x08" + name,
         b"\x09" + name + struct.pack("<I", 500),
     ]
-    found = []
+    sequences = []
     for _ in range(count):
         parts = [hello, generator.choice([armed, b"\x03"])]
         parts += generator.choices(messages, k=generator.randrange(12))
@@ -92,8 +93,8 @@ def seeds(count: int = 200) -> list[bytes]:
                 text += _step("T", struct.pack("<I", generator.choice([1000, 50_000, 300_000])))
             if generator.random() < 0.2:
                 text += _step(generator.choice("LPRW"), generator.randbytes(2))
-        found.append(text)
-    return found
+        sequences.append(text)
+    return sequences
 
 
 def _step(letter: str, data: bytes) -> bytes:

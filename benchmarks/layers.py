@@ -1,7 +1,7 @@
-"""Layered ground: its accuracy, and what a solve and its derivatives cost on one core.
+"""Layered ground: accuracy, and cost of a solve and its derivatives on one core.
 
-Times are the least processor time of many repetitions with one thread in the linear algebra: what a
-quiet core would need, as nearly as a busy machine tells.
+Times are the smallest processor time of many repetitions with one thread in the linear algebra,
+which depends least on other programs.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ _PORTABLE = (0.0, 0.3, 0.6, 0.9)
 # 41 frequencies: a record of 60 ms up to 533 Hz.
 _TRANSFORM = DampedTransform(0.06, 533.0)
 _TIME = np.linspace(0.0, 0.06, 241)[1:]
-# ViscoWave, the layered program of the peers, for nine sensors: measured once beside an earlier
-# solver of this project and not run here.
+# ViscoWave, another layered program, with nine sensors: measured once together with an earlier
+# solver of this project, and not run here.
 _VISCOWAVE_MS = 50.9
 
 
 def run(arguments: list[str]) -> int:
-    """Print errors and times; 0."""
+    """Print errors and times; return 0."""
     parser = argparse.ArgumentParser(prog="pfwd bench layers", description=__doc__)
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--short", action="store_true", help="fewer grounds, no finite elements")
@@ -84,7 +84,7 @@ def run(arguments: list[str]) -> int:
         layers_inverted.speed(report)
         if options.records:
             layers_inverted.records(report, options.records)
-        layers_inverted.own_finite_elements(report, options.cases, options.seed, options.jobs)
+        layers_inverted.finite_elements(report, options.cases, options.seed, options.jobs)
         return 0
     with single_threaded_blas():
         _speed(report)
@@ -112,9 +112,9 @@ def _speed(report: Reporter) -> None:
     instrument = Instrument(_RADIUS)
     single = _milliseconds(lambda: transfer_function(surrogate, instrument, _TRANSFORM.s, grounds))
     report.record(what="surrogate of homogeneous ground, one sensor, one ground", ms=single)
-    many = Grounds(*(np.full(80, v) for v in (6e7, 5e4, 2000.0, 0.5)))
+    eighty_grounds = Grounds(*(np.full(80, v) for v in (6e7, 5e4, 2000.0, 0.5)))
     eighty = _milliseconds(
-        lambda: transfer_function(surrogate, instrument, _TRANSFORM.s, many, single=True)
+        lambda: transfer_function(surrogate, instrument, _TRANSFORM.s, eighty_grounds, single=True)
     )
     report.record(what="surrogate, one of 80 grounds in one call", ms=eighty / 80)
     report.record(what="ViscoWave (not run here), nine sensors", ms=_VISCOWAVE_MS)
@@ -148,7 +148,7 @@ def _nodes(setup: PlateSetup, ground: LayeredGrounds) -> int:
 
 
 def _pavement(media: int) -> LayeredGround:
-    """Asphalt, base, subbase and subgrade, fewer from the top."""
+    """Return asphalt, base, subbase and subgrade, or fewer of them."""
     above = (
         Medium(4e9, 4e6, 2350.0, 0.35, 0.15),
         Medium(4e8, 3e5, 2100.0, 0.35, 0.30),
@@ -158,15 +158,15 @@ def _pavement(media: int) -> LayeredGround:
 
 
 def _milliseconds(action: Callable[[], Any]) -> float:
-    """The least processor time of one call in at least a second."""
+    """Return the smallest processor time of one call during at least a second, ms."""
     action()
-    least, begun, count = math.inf, time.perf_counter(), 0
-    while count < 20 or time.perf_counter() - begun < 1.0:
+    shortest, start, count = math.inf, time.perf_counter(), 0
+    while count < 20 or time.perf_counter() - start < 1.0:
         before = time.process_time_ns()
         action()
-        least = min(least, time.process_time_ns() - before)
+        shortest = min(shortest, time.process_time_ns() - before)
         count += 1
-    return least * 1e-6
+    return shortest * 1e-6
 
 
 def _homogeneous(report: Reporter) -> None:
@@ -183,7 +183,7 @@ def _homogeneous(report: Reporter) -> None:
                 ground = LayeredGround(
                     (Medium(modulus, viscosity, 2000.0, nu, depth),), math.isfinite(depth)
                 )
-                found = displacement_per_force(
+                transfer = displacement_per_force(
                     PlateSetup(plate, _RADIUS, _PORTABLE), LayeredGrounds.of([ground]), s
                 )[0]
                 shear = (modulus + viscosity * s) / (2 + 2 * nu)
@@ -192,7 +192,7 @@ def _homogeneous(report: Reporter) -> None:
                 rule = QuadratureRule.for_poisson_ratio(nu, refine=2)
                 phi = plate_compliance(problem, z, np.full(z.size, depth / _RADIUS), rule).T
                 expected = _histories(phi / (shear * _RADIUS), 0.015)
-                worst = max(worst, _error(_histories(found, 0.015), expected))
+                worst = max(worst, _error(_histories(transfer, 0.015), expected))
         report.record(plate=plate, cases=12, worst=worst)
 
 
@@ -230,7 +230,7 @@ def _accuracy(report: Reporter, cases: int) -> None:
 
 
 def _drawn(rng: np.random.Generator, firm: bool, damped: bool) -> LayeredGround:
-    """Two to four media, on rock or not: a pavement, or soft layers in any order."""
+    """Return two to four media with or without rock: a pavement, or soft layers in any order."""
 
     def between(low: float, high: float) -> float:
         return math.exp(rng.uniform(math.log(low), math.log(high)))
@@ -255,17 +255,17 @@ def _drawn(rng: np.random.Generator, firm: bool, damped: bool) -> LayeredGround:
 
 
 def _histories(transfer: Array, duration: float) -> Array:
-    """Under a half-sine of 1 N, (n_sensors, n_times)."""
+    """Return the displacement under a half-sine of 1 N, (n_sensors, n_times), m."""
     s = _TRANSFORM.s
     pulse = np.pi * duration * (1 + np.exp(-s * duration)) / (s**2 * duration**2 + np.pi**2)
     result: Array = ((transfer * pulse) @ _TRANSFORM.synthesis(_TIME)).real
     return result
 
 
-def _error(found: Array, expected: Array) -> float:
+def _error(histories: Array, expected: Array) -> float:
     peak = np.max(np.abs(expected), axis=-1)
     peak = np.maximum(peak, 0.1 * np.max(peak))
-    return float(np.max(np.max(np.abs(found - expected), axis=-1) / peak))
+    return float(np.max(np.max(np.abs(histories - expected), axis=-1) / peak))
 
 
 _DROPS = {
@@ -341,10 +341,12 @@ def _records(report: Reporter, folder: Path) -> None:
         model = LayeredForwardModel(
             "rigid-rough", record.instrument, offsets, time_axis, record.load, time_axis[1:], 1600.0
         )
-        moved = model.displacement(LayeredGrounds.of([LayeredGround(media, rock is not None)]))[0]
+        displacement = model.displacement(
+            LayeredGrounds.of([LayeredGround(media, rock is not None)])
+        )[0]
         values = {}
-        for sensor, found in zip(record.sensors, moved, strict=True):
-            residual = np.gradient(found, time_axis[1]) - sensor.values[1:]
+        for sensor, predicted in zip(record.sensors, displacement, strict=True):
+            residual = np.gradient(predicted, time_axis[1]) - sensor.values[1:]
             rms = math.sqrt(np.mean(residual**2)) / np.max(np.abs(sensor.values))
             values[f"at_{sensor.offset:.2g}_m"] = 100 * float(rms)
         report.record(drop=name, kind=truth["kind"], noise=100 * truth["noise"], **values)

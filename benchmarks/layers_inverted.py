@@ -1,7 +1,7 @@
-"""Layered ground inverted from drops whose truth is known: errors, intervals, what they cost.
+"""Inversion of layered ground from simulated drops: errors, intervals, processor time.
 
-The drops are those of the simulators' finite elements on random grounds, with noise; the inversion
-sees the traces alone.  It is that of ``pfwd invert --layers``.
+The drops are finite-element drops on random grounds with noise. The inversion is that of ``pfwd
+invert --layers`` and has only the traces.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _BEFORE_S = 0.012
 
 @dataclass(frozen=True)
 class Case:
-    """A ground with the sensors on it."""
+    """Ground with its sensors."""
 
     number: int
     layers: tuple[Layer, ...]
@@ -46,23 +46,23 @@ class Case:
 
     @property
     def moduli(self) -> list[float]:
-        """From the top, Pa."""
+        """Moduli from the top, Pa."""
         return [layer.modulus for layer in self.layers]
 
     @property
     def rock_depth(self) -> float:
-        """m; inf: none."""
+        """Depth of the rock, m; inf: no rock."""
         return sum(layer.thickness for layer in self.layers) if self.rock else math.inf
 
 
 def cases(count: int, seed: int) -> list[Case]:
-    """Crusts, soft tops and three layers, half of them on declared rock; four sensors."""
+    """Return crusts, soft tops and three layers, half of them on declared rock; four sensors."""
     rng = np.random.default_rng(seed)
 
     def between(low: float, high: float) -> float:
         return math.exp(rng.uniform(math.log(low), math.log(high)))
 
-    found = []
+    cases_ = []
     for number in range(count):
         media, rock = (3 if number % 3 == 2 else 2), bool(number % 2)
         modulus = between(3e7, 1.2e8)
@@ -77,12 +77,12 @@ def cases(count: int, seed: int) -> list[Case]:
             for m, h in zip(moduli, [*above, last], strict=True)
         )
         offsets = (0.0, 0.3, 0.6, float(round(between(0.85, 1.2), 2)))
-        found.append(Case(number, layers, rock, offsets))
-    return found
+        cases_.append(Case(number, layers, rock, offsets))
+    return cases_
 
 
 def record_of_case(case: Case, seed: int = 5) -> Record:
-    """The drop as an instrument records it: noise, and nothing of the truth."""
+    """Return the record of an instrument with noise, without the truth."""
     drop = simulate_drop(
         Ground(case.layers, "rigid" if case.rock else "none"),
         Plate(_RADIUS, _MASS, "rough"),
@@ -116,15 +116,15 @@ def record_of_case(case: Case, seed: int = 5) -> Record:
 
 def _solved(case: Case) -> tuple[Case, InversionResult, InversionResult, float]:
     record = record_of_case(case)
-    begun = time.process_time()
+    start = time.process_time()
     every = invert(record, Settings(layers=len(case.layers)))
-    spent = time.process_time() - begun
+    spent = time.process_time() - start
     centre = invert(record, Settings(layers=len(case.layers), all_sensors=False))
     return case, every, centre, spent
 
 
-def own_finite_elements(report: Reporter, count: int, seed: int, jobs: int) -> None:
-    """Errors and intervals over random grounds of the simulators' finite elements."""
+def finite_elements(report: Reporter, count: int, seed: int, jobs: int) -> None:
+    """Report errors and intervals over random grounds of the simulators' finite elements."""
     report.title(
         f"{count} drops of the simulators' finite elements, four sensors, noise "
         f"{100 * _NOISE:g} %, true number of media (%)"
@@ -135,24 +135,24 @@ def own_finite_elements(report: Reporter, count: int, seed: int, jobs: int) -> N
             solved = list(pool.map(_solved, drawn))
     else:
         solved = [_solved(case) for case in drawn]
-    for what, place in (("subgrade", -1), ("top", 0)):
+    for quantity, place in (("subgrade", -1), ("top", 0)):
         errors, inside, widths, alone = [], [], [], []
         for case, every, centre, _ in solved:
-            truth, found = case.moduli[place], known(every.layers)[place]
-            errors.append(abs(known(found.modulus_pa) / truth - 1.0))
-            low, high = known(found.modulus_interval_pa)
+            truth, layer_result = case.moduli[place], known(every.layers)[place]
+            errors.append(abs(known(layer_result.modulus_pa) / truth - 1.0))
+            low, high = known(layer_result.modulus_interval_pa)
             inside.append(low <= truth <= high)
             widths.append(0.5 * math.log(high / low))
             low, high = known(known(centre.layers)[place].modulus_interval_pa)
             alone.append(low <= truth <= high)
         report.record(
-            what=what, **_summary(errors, inside, widths), centre_alone=100 * _share(alone)
+            what=quantity, **_summary(errors, inside, widths), centre_alone=100 * _fraction(alone)
         )
     errors, inside, widths = [], [], []
     for case, every, _, _ in solved:
-        for layer, found in zip(case.layers[:-1], known(every.layers)[:-1], strict=True):
-            errors.append(abs(known(found.thickness_m) / layer.thickness - 1.0))
-            low, high = known(found.thickness_interval_m)
+        for layer, layer_result in zip(case.layers[:-1], known(every.layers)[:-1], strict=True):
+            errors.append(abs(known(layer_result.thickness_m) / layer.thickness - 1.0))
+            low, high = known(layer_result.thickness_interval_m)
             inside.append(low <= layer.thickness <= high)
             widths.append(0.5 * math.log(high / low))
     report.record(what="thickness", **_summary(errors, inside, widths))
@@ -164,7 +164,7 @@ def own_finite_elements(report: Reporter, count: int, seed: int, jobs: int) -> N
 
 
 def _median(values: Sequence[float]) -> float | None:
-    """None of none: few cases may have no ground of three media among them."""
+    """Return the median; None without values, as a few cases may have no ground of three media."""
     return float(np.median(values)) if values else None
 
 
@@ -175,59 +175,59 @@ def _summary(
         "median": 100 * float(np.median(errors)),
         "p90": 100 * float(np.quantile(errors, 0.9)),
         "worst": 100 * max(errors),
-        "interval_holds": 100 * _share(inside),
+        "interval_holds": 100 * _fraction(inside),
         "half_width": 100 * float(np.median(widths)),
         "cases": len(errors),
     }
 
 
-def _share(said: Sequence[bool]) -> float:
-    return sum(said) / len(said)
+def _fraction(holds: Sequence[bool]) -> float:
+    return sum(holds) / len(holds)
 
 
 def speed(report: Reporter) -> None:
-    """Time of an inversion beside that of homogeneous ground in the same run."""
+    """Report the time of an inversion over that of homogeneous ground in the same run."""
     report.title("an inversion, as a ratio to that of homogeneous ground (processor time)")
     portable = replace(cases(3, 7)[2], offsets=(0.0, 0.3, 0.6, 0.9))
     trailer = replace(portable, offsets=(0.0, 0.2, 0.3, 0.45, 0.6, 0.9, 1.2, 1.5, 1.8))
     for name, case in (("4 sensors", portable), ("9 sensors", trailer)):
         record = record_of_case(case)
-        plain = _least(partial(invert, record, Settings()))
-        layered = _least(partial(invert, record, Settings(layers=3)))
+        plain = _shortest(partial(invert, record, Settings()))
+        layered = _shortest(partial(invert, record, Settings(layers=3)))
         report.record(
             sensors=name, homogeneous_s=plain, three_media_s=layered, ratio=layered / plain
         )
 
 
-def _least(action: Any) -> float:
+def _shortest(action: Any) -> float:
     action()
     times = []
     for _ in range(3):
-        begun = time.process_time()
+        start = time.process_time()
         action()
-        times.append(time.process_time() - begun)
+        times.append(time.process_time() - start)
     return min(times)
 
 
 def records(report: Reporter, folder: Path) -> None:
-    """Errors over drops of another program, with their truth."""
+    """Report errors over drops of another program, whose truth is in ``truth.json``."""
     report.title(f"drops of {folder.name}: found over true (%), and whether the interval holds it")
     for name, truth in json.loads((folder / "truth.json").read_text()).items():
         point = read_traces(folder / f"{name}.csv")
         record = record_of(point.drops[0], point.setup)
         depth = truth["rock_depth_m"]
         record = replace(record, bedrock_depth=math.inf if depth is None else depth)
-        found = invert(record, Settings(layers=len(truth["layers"])))
+        result = invert(record, Settings(layers=len(truth["layers"])))
         values: dict[str, Any] = {}
         for number, (layer, true) in enumerate(
-            zip(known(found.layers), truth["layers"], strict=True), 1
+            zip(known(result.layers), truth["layers"], strict=True), 1
         ):
             modulus = 1e6 * true["modulus_MPa"]
             low, high = known(layer.modulus_interval_pa)
             values[f"modulus_{number}"] = 100 * (known(layer.modulus_pa) / modulus - 1.0)
             values[f"holds_{number}"] = low <= modulus <= high
         for number, (layer, true) in enumerate(
-            zip(known(found.layers), truth["thickness_m"], strict=False), 1
+            zip(known(result.layers), truth["thickness_m"], strict=False), 1
         ):
             values[f"thickness_{number}"] = 100 * (known(layer.thickness_m) / true - 1.0)
         report.record(drop=name, kind=truth["kind"], sensors=len(record.sensors), **values)

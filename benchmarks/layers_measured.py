@@ -1,8 +1,8 @@
-"""Measured drops of several sensors: from homogeneous ground over layers to the instrument's terms.
+"""Measured drops of several sensors fitted by homogeneous ground, layers, and instrument effects.
 
-The fits are those that ``pfwd diagnose`` makes, with sets of effects that are given instead of
-searched; ``pfwd diagnose`` itself may go on from there. Residuals, after the drift of each sensor,
-in % of its own peak, root mean square over all sensors and drops of a point.
+The fits are those of ``pfwd diagnose`` with fixed sets of effects instead of a search. Residuals
+are the root mean square over all sensors and drops of a point after the drift of each sensor, in %
+of its peak.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ LADDER: tuple[tuple[str, tuple[tuple[str, ...], ...]], ...] = (
         ),
     ),
 )
-"""Step, and the sets of effects of which the one with most evidence stands for it."""
+"""Steps with their sets of effects; the set with the largest evidence represents its step."""
 
 
 def measured(report: Reporter, files: Sequence[Path], header: Path | None, jobs: int) -> None:
-    """The ladder of every point of files, and how sensors are predicted that were left out."""
+    """Report the ladder of every point in files, and the prediction of held-out sensors."""
     options = AnalysisOptions(header=None if header is None else str(header))
     points = [
         entry.records
@@ -51,30 +51,30 @@ def measured(report: Reporter, files: Sequence[Path], header: Path | None, jobs:
     report.title("measured drops of several sensors (residual in % of the peak, E of the subgrade)")
     if jobs > 1:
         with worker_pool(jobs) as pool:
-            found = list(pool.map(_ladder, points))
+            ladders = list(pool.map(_ladder, points))
     else:
-        found = [_ladder(records) for records in points]
-    for records, (steps, left_out, seconds) in zip(points, found, strict=True):
+        ladders = [_ladder(records) for records in points]
+    for records, (steps, errors, seconds) in zip(points, ladders, strict=True):
         sensors = len(records.records[0].sensors)
-        for step, whole, contact, modulus, names in steps:
+        for step, full, contact, modulus, names in steps:
             report.record(
                 point=records.name,
                 drops=len(records.records),
                 sensors=sensors,
                 step=step,
                 contact=100 * contact,
-                whole=100 * whole,
+                whole=100 * full,
                 modulus_mpa=1e-6 * modulus,
                 effects="+".join(names) or "-",
             )
         report.record(
             point=records.name,
-            left_out_median=100 * float(np.median(left_out)),
-            left_out_worst=100 * float(np.max(left_out)),
+            left_out_median=100 * float(np.median(errors)),
+            left_out_worst=100 * float(np.max(errors)),
             processor_s=seconds,
         )
     for step, _ in LADDER:
-        rows = [row for steps, _, _ in found for row in steps if row[0] == step]
+        rows = [row for steps, _, _ in ladders for row in steps if row[0] == step]
         report.record(
             what="median over points",
             step=step,
@@ -87,28 +87,28 @@ Step = tuple[str, float, float, float, tuple[str, ...]]
 
 
 def _ladder(records: PointRecords) -> tuple[list[Step], np.ndarray, float]:
-    begun = time.process_time()
+    start = time.process_time()
     with single_threaded_blas():
         point = Point(records, SurrogateLibrary())
         every = range(len(point.drops))
         steps = []
         for step, sets in LADDER:
             fits = [(names, fit_drops(point, frozenset(names), every, {})) for names in sets]
-            names, best = max(fits, key=lambda one: one[1].log_evidence)
+            names, best = max(fits, key=lambda named_fit: named_fit[1].log_evidence)
             steps.append(_step(step, names, best))
-        spent = time.process_time() - begun
-        look = point.drops[0].context.layers
-        assert look is not None
+        seconds = time.process_time() - start
+        estimate = point.drops[0].context.layers
+        assert estimate is not None
         rock = "bedrock" in steps[-1][4]
-        fit = look.fit(rock=rock, geophone=True, lag=True)
+        fit = estimate.fit(rock=rock, geophone=True, lag=True)
         sensors = [int(k) for k in fit.misfit.sensors]
         errors = left_out_errors(fit, np.random.default_rng(0), sensors)
-    return steps, errors, spent
+    return steps, errors, seconds
 
 
 def _step(step: str, names: tuple[str, ...], fit: Posterior) -> Step:
-    whole, contact = (
+    full, contact = (
         float(np.sqrt(np.mean(np.square(fit.residuals_over_peak(contact_only=only)))))
         for only in (False, True)
     )
-    return step, whole, contact, fit.model.modulus(fit.values), tuple(sorted(names))
+    return step, full, contact, fit.model.modulus(fit.values), tuple(sorted(names))

@@ -1,10 +1,9 @@
-"""A blind campaign: diagnose drops with undeclared effects, then compare with the truth.
+"""Blind campaign: diagnose drops with undeclared effects, then compare with the truth.
 
-The trace files come from `simulators.campaign`: finite elements and operators in time, nothing of
-the inversion.  They are diagnosed first, from their folder alone; only then is the truth read.
-A part of the grounds is no Kelvin-Voigt soil: constant-Q damping, or a modulus that grows with
-depth.  With --short every kind gets a few drops whose strengths are drawn from its range, which
-takes about ten minutes on two cores.
+The trace files are from `simulators.campaign`: finite elements and operators in time, without code
+of the inversion.  They are diagnosed from their folder before the truth is read.  Some grounds have
+constant-Q damping or a modulus that grows with depth instead of Kelvin-Voigt soil.  With --short
+every kind has a few drops of random strength, which takes about ten minutes on two cores.
 """
 
 import argparse
@@ -29,9 +28,9 @@ from simulators.effects.catalogue import CLEAN, EFFECTS
 
 DiagnosisRecord = Mapping[str, Any]
 
-# An effect counts where it moves the modulus or leaves a residual by more than this.
+# An effect matters if it changes the modulus or leaves a residual beyond these limits.
 MODULUS_SHIFT, RESIDUAL_OVER_NOISE = 0.01, 3.0
-# The pulse's shape is no effect on a fit to the measured load: such drops must pass as clean.
+# The shape of the pulse does not affect a fit to the measured load; such drops must be clean.
 HARMLESS = frozenset({CLEAN, "load_shape"})
 GROUPS = ("clean", "known", "unknown", "soil")
 CLIPPED = frozenset({"load-clipped", "sensor-clipped"})
@@ -42,11 +41,11 @@ CURVE_POINTS = 6
 
 @dataclass(frozen=True)
 class Judged:
-    """One point: the truth and its diagnosis."""
+    """Truth and diagnosis of one point."""
 
     case: Case
     record: DiagnosisRecord | None
-    """None: the file was refused."""
+    """Diagnosis; None: the file was refused."""
 
     @property
     def verdict(self) -> str:
@@ -69,26 +68,28 @@ class Judged:
             names |= {effect["name"], *effect["alternatives"]}
         if self.record and self.record.get("rejected"):
             names.add("false_trigger")
-        if self.record and any(one["code"] in CLIPPED for one in self.record["warning_codes"]):
+        if self.record and any(
+            warning["code"] in CLIPPED for warning in self.record["warning_codes"]
+        ):
             names.add("saturation")
         return names
 
     def signed_error(self, when: str) -> float | None:
-        """Relative error of the modulus `before` or `after`; none where there is no modulus."""
+        """Return the relative error of the modulus `before` or `after`; None without a modulus."""
         state = self.record[when] if self.record else None
         modulus = state["modulus_pa"] if state else None
         if modulus is None or math.isnan(modulus) or self.case.modulus_pa is None:
-            return None  # on a rig there is none
+            return None  # a rig has no modulus
         return float(modulus) / self.case.modulus_pa - 1
 
     def error(self, when: str) -> float | None:
-        """Absolute value of `signed_error`."""
+        """Return the absolute value of `signed_error`."""
         signed = self.signed_error(when)
         return None if signed is None else abs(signed)
 
     @property
     def held(self) -> bool | None:
-        """Whether the interval after holds the truth; none where either is missing."""
+        """True if the interval after contains the truth; None if either is missing."""
         interval = self._interval
         if interval is None or self.case.modulus_pa is None:
             return None
@@ -96,7 +97,7 @@ class Judged:
 
     @property
     def half_width(self) -> float | None:
-        """Half-width of the interval after over the modulus, or over its middle without one."""
+        """Half-width of the interval after over the modulus, or over its geometric centre."""
         interval = self._interval
         if interval is None or self.record is None:
             return None
@@ -113,32 +114,32 @@ class Judged:
 
     @property
     def unexplained_or_held(self) -> bool:
-        """Whether the diagnosis admits that it lacks the effect, or its interval allows for it."""
+        """True if the verdict is `unexplained` or `refused`, or the interval contains the truth."""
         return self.verdict in ("unexplained", "refused") or bool(self.held)
 
     @property
     def visible(self) -> bool:
-        """Whether the base model leaves more than noise."""
+        """True if the base model leaves more than noise."""
         before = self.record["before"] if self.record else None
         if before is None:
-            return True  # nothing could be fitted at all
+            return True  # no fit was possible
         residual = before["residual_over_noise"]
         return residual is not None and float(residual) > RESIDUAL_OVER_NOISE
 
     @property
     def matters(self) -> bool:
-        """Whether the effect or the noise moved the modulus, or the effect is visible."""
+        """True if effect or noise changed the modulus, or the effect is visible."""
         shift = self.error("before")
         return self.visible or (shift is not None and shift > MODULUS_SHIFT)
 
     @property
     def right(self) -> bool:
-        """Whether the effect is among those named."""
+        """True if the effect is among the named ones."""
         return self.case.effect in self.named
 
     @property
     def alarmed(self) -> bool:
-        """Whether the verdict is anything but clean."""
+        """True if the verdict is not clean."""
         return self.verdict != "clean"
 
 
@@ -187,9 +188,9 @@ def _campaign(
     """Build and diagnose one campaign."""
     begin = time.perf_counter()
     cache = options.cache or user_cache_path("pfwd", appauthor=False) / "finite-elements"
-    usual = 8 if not options.short else 2 if options.strengths else 4
+    default_drops = 8 if not options.short else 2 if options.strengths else 4
     choices = {
-        "per_case": options.cases or usual,
+        "per_case": options.cases or default_drops,
         "only": options.kinds,
         "drawn": options.short,
     } | choices
@@ -210,27 +211,27 @@ def _campaign(
 
 
 def by_library(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
-    """Return diagnoses by file name; a file that was refused has none."""
+    """Return diagnoses by file name, without those of refused files."""
     from pfwd.analysis.diagnosis.diagnose import diagnose_files
 
-    done = diagnose_files([str(file) for file in files], jobs=jobs)
+    diagnoses = diagnose_files([str(file) for file in files], jobs=jobs)
     return {
         Path(diagnosed.file).name: diagnosed.result.to_json()
-        for diagnosed in done
+        for diagnosed in diagnoses
         if diagnosed.result is not None
     }
 
 
 def by_command(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
-    """Diagnose by ``pfwd diagnose --json`` in a process of its own."""
+    """Diagnose by ``pfwd diagnose --json`` in another process."""
     program = "import sys; from tui.cli import main; sys.exit(main())"
     command = [sys.executable, "-c", program, "diagnose", "--json", "--jobs", str(jobs)]
-    done = subprocess.run(
+    completed = subprocess.run(
         [*command, *map(str, files)], stdout=subprocess.PIPE, text=True, check=False
     )
-    records = [json.loads(line) for line in done.stdout.splitlines()]
-    if done.returncode not in (0, 1) or not records:  # 1: some files were refused
-        raise RuntimeError(f"pfwd diagnose: expected records, exit status {done.returncode}")
+    records = [json.loads(line) for line in completed.stdout.splitlines()]
+    if completed.returncode not in (0, 1) or not records:  # 1: some files were refused
+        raise RuntimeError(f"pfwd diagnose: expected records, exit status {completed.returncode}")
     return {Path(record["file"]).name: record for record in records}
 
 
@@ -288,18 +289,22 @@ def _point(point: Judged) -> dict[str, Any]:
 def grouped(judged: Sequence[Judged]) -> dict[str, list[Judged]]:
     """Return the points by group; those on other than Kelvin-Voigt soil in groups of their own."""
     common = [point for point in judged if point.case.soil == "kelvin-voigt"]
-    other = [point for point in judged if point.case.soil != "kelvin-voigt"]
+    other_soil = [point for point in judged if point.case.soil != "kelvin-voigt"]
     parts = {
         "all": list(judged),
         "clean": _of_group(common, "clean"),
         "known effects": _of_group(common, "known"),
         "unknown effects": _of_group(common, "unknown"),
-        "constant-Q soil alone": [p for p in _of_group(other, "soil") if p.case.soil != "growth"],
-        "growth with depth alone": [p for p in _of_group(other, "soil") if p.case.soil == "growth"],
-        "other soil, known effects": _of_group(other, "known"),
-        "other soil, unknown effects": _of_group(other, "unknown"),
-        "other soil, all": other,
-        "unknown effect or other soil": [*_of_group(common, "unknown"), *other],
+        "constant-Q soil alone": [
+            p for p in _of_group(other_soil, "soil") if p.case.soil != "growth"
+        ],
+        "growth with depth alone": [
+            p for p in _of_group(other_soil, "soil") if p.case.soil == "growth"
+        ],
+        "other soil, known effects": _of_group(other_soil, "known"),
+        "other soil, unknown effects": _of_group(other_soil, "unknown"),
+        "other soil, all": other_soil,
+        "unknown effect or other soil": [*_of_group(common, "unknown"), *other_soil],
     }
     return {name: part for name, part in parts.items() if part}
 
@@ -309,7 +314,7 @@ def _of_group(judged: Sequence[Judged], group: str) -> list[Judged]:
 
 
 def _proportions(part: Sequence[Judged]) -> dict[str, Any]:
-    """Return what is reported of a kind or group; a point is one case, whatever its drops."""
+    """Return the figures of a kind or group; each point is one case."""
     return {
         "points": len(part),
         "drops": _drops(part),
@@ -350,37 +355,39 @@ def covered(judged: Sequence[Judged]) -> dict[str, list[Judged]]:
     closed = [point for point in judged if point.held is not None]
     verdicts = ("clean", "explained", "unexplained")
     parts = {"all": closed} | {v: [p for p in closed if p.verdict == v] for v in verdicts}
-    known = _of_group(closed, "known")
-    parts["known effects"] = known
-    parts["known effects, explained"] = [p for p in known if p.verdict == "explained"]
+    known_effects = _of_group(closed, "known")
+    parts["known effects"] = known_effects
+    parts["known effects, explained"] = [p for p in known_effects if p.verdict == "explained"]
     parts["unknown effects"] = _of_group(closed, "unknown")
     parts["other soil"] = [point for point in closed if point.case.soil != "kelvin-voigt"]
     return {name: part for name, part in parts.items() if part}
 
 
 def totals(judged: Sequence[Judged]) -> dict[str, float | int | None]:
-    """Return the figures by which the loop is judged, of points on Kelvin-Voigt soil."""
+    """Return the main figures of the campaign, of points on Kelvin-Voigt soil."""
     common = [point for point in judged if point.case.soil == "kelvin-voigt"]
     harmless = [point for point in common if point.case.effect in HARMLESS]
     real = [point for point in common if point.case.effect not in HARMLESS and point.matters]
-    known, unknown = _of_group(real, "known"), _of_group(real, "unknown")
-    shown = [point for point in known if point.visible]
-    visible = [point for point in unknown if point.visible]
-    corrected = [point for point in known if point.verdict == "explained"]
+    known_effects, unknown_effects = _of_group(real, "known"), _of_group(real, "unknown")
+    visible_known = [point for point in known_effects if point.visible]
+    visible_unknown = [point for point in unknown_effects if point.visible]
+    corrected = [point for point in known_effects if point.verdict == "explained"]
     return {
-        "known": _drops(known),
-        "right_named": _share(known, lambda point: point.right),
-        # what moves the modulus by little more than 1 % may leave nothing that noise would not
-        "known_visible": _drops(shown),
-        "visible_right_named": _share(shown, lambda point: point.right),
+        "known": _drops(known_effects),
+        "right_named": _share(known_effects, lambda point: point.right),
+        # an effect that changes the modulus by little more than 1 % may be invisible in the noise
+        "known_visible": _drops(visible_known),
+        "visible_right_named": _share(visible_known, lambda point: point.right),
         "clean": _drops(harmless),
         "false_alarms": _share(harmless, lambda point: point.alarmed),
-        "unknown": _drops(unknown),
-        "called_unexplained": _share(unknown, lambda point: point.verdict == "unexplained"),
-        # a clock or gain that is wrong throughout looks like other soil: nothing to be seen
-        "unknown_visible": _drops(visible),
-        "visible_called_unexplained": _share(visible, lambda point: point.verdict == "unexplained"),
-        **_errors(known),
+        "unknown": _drops(unknown_effects),
+        "called_unexplained": _share(unknown_effects, lambda point: point.verdict == "unexplained"),
+        # a constant error of clock or gain is equivalent to another soil, and invisible
+        "unknown_visible": _drops(visible_unknown),
+        "visible_called_unexplained": _share(
+            visible_unknown, lambda point: point.verdict == "unexplained"
+        ),
+        **_errors(known_effects),
         **{f"corrected_{name}": value for name, value in _errors(corrected).items()},
         "worse_anywhere": _share(judged, _worse),
     }

@@ -1,9 +1,9 @@
-"""Fit and prediction of measured drops by ``pfwd diagnose`` itself, side by side.
+"""Fit and held-out prediction of measured drops by ``pfwd diagnose``.
 
-Needs files of real devices; they are not part of the project.  Files of one device are one survey,
-as for the command.  By default the last drop of each point is predicted from its load, by a
-diagnosis of the survey without the last drops; beside it stands the preceding record, scaled by
-the peak loads.  Root mean squares over the peak, in %.
+Files of real devices are required, which are not part of the project.  Files of one device are one
+survey, as for the command.  By default the last drop of each point is predicted from its load, by a
+diagnosis of the survey without the last drops. It is compared with the preceding record, scaled by
+the peak loads.  Errors are root mean squares over the peak, in %.
 """
 
 import argparse
@@ -26,7 +26,7 @@ from pfwd.errors import SurveyError
 
 
 def run(arguments: list[str]) -> int:
-    """Diagnose, print; 0, 1 when there is nothing to read."""
+    """Diagnose and print; return 0, or 1 without readable files."""
     parser = argparse.ArgumentParser(prog="pfwd bench measured", description=__doc__)
     parser.add_argument("paths", nargs="+", type=Path, help="files of real devices, or folders")
     parser.add_argument("--header", type=Path, help="what the files do not declare")
@@ -51,23 +51,25 @@ def run(arguments: list[str]) -> int:
         print(f"pfwd bench measured: no measured drops in {where}", file=sys.stderr)
         return 1
     report = Reporter(arguments)
-    middles = {}
+    medians = {}
     for name, points in surveys.items():
-        begun = time.perf_counter()
-        done = diagnose_entries(points, None, options.jobs, options.leave_out, allow=options.allow)
-        found = [
+        start = time.perf_counter()
+        diagnoses = diagnose_entries(
+            points, None, options.jobs, options.leave_out, allow=options.allow
+        )
+        points_held_out = [
             (item.diagnosis, item.result.held_out)
-            for item in done
+            for item in diagnoses
             if item.diagnosis is not None and item.result is not None
         ]
-        middles[name] = tell(report, name, found, time.perf_counter() - begun)
+        medians[name] = report_survey(report, name, points_held_out, time.perf_counter() - start)
     if options.figures is not None:
-        draw(middles, options.figures / "measured-loop.svg")
+        draw(medians, options.figures / "measured-loop.svg")
     return 0
 
 
 def find_points(paths: Sequence[Path], options: AnalysisOptions) -> dict[str, list[DiagnosisPoint]]:
-    """Measured points by device; files that cannot be read are left to the command to refuse."""
+    """Return measured points by device; errors of unreadable files are printed."""
     files: list[Path] = []
     for path in paths:
         files += sorted(path.glob("*.csv")) if path.is_dir() else [path]
@@ -84,21 +86,21 @@ def find_points(paths: Sequence[Path], options: AnalysisOptions) -> dict[str, li
     return surveys
 
 
-def tell(
+def report_survey(
     report: Reporter,
     name: str,
-    found: Sequence[tuple[PointDiagnosis, HeldOut | None]],
+    diagnoses: Sequence[tuple[PointDiagnosis, HeldOut | None]],
     seconds: float,
 ) -> dict[str, float | None]:
     """Report every point of a survey, then the medians."""
-    report.title(f"{name}: {len(found)} points; rms over the peak in %, E in MPa")
-    points = [point for point, _ in found]
-    rows = [_row(point, held_out) for point, held_out in found]
+    report.title(f"{name}: {len(diagnoses)} points; rms over the peak in %, E in MPa")
+    points = [point for point, _ in diagnoses]
+    rows = [_row(point, held_out) for point, held_out in diagnoses]
     for point, row in zip(points, rows, strict=True):
         report.record(device=name, point=point.name, **row)
     keys = [key for key in rows[0] if key.endswith(("_whole", "_contact"))]
-    middle = {key: _median([row[key] for row in rows]) for key in keys}
-    report.record(device=name, what="median", seconds=seconds, **middle)
+    medians = {key: _median([row[key] for row in rows]) for key in keys}
+    report.record(device=name, what="median", seconds=seconds, **medians)
     for effect in sorted({effect.key for point in points for effect in point.effects}):
         named = [e for point in points for e in point.effects if e.key == effect]
         if named[0].scope != "device":
@@ -109,7 +111,7 @@ def tell(
             for name in named[0].values_by_name
         }
         report.record(device=name, effect=effect, points=len(named), **values)
-    return middle
+    return medians
 
 
 def _row(point: PointDiagnosis, held_out: HeldOut | None) -> dict[str, Any]:
@@ -146,8 +148,8 @@ def _median(values: Sequence[Any]) -> float | None:
     return float(np.median(numbers)) if numbers else None
 
 
-def draw(middles: Mapping[str, Mapping[str, float | None]], file: Path) -> None:
-    """Draw what is left of each device's points by the fit, and of what was held out."""
+def draw(medians: Mapping[str, Mapping[str, float | None]], file: Path) -> None:
+    """Draw the residual of each device's points in the fit and in the held-out prediction."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.4, 3.0), layout="constrained")
@@ -158,12 +160,12 @@ def draw(middles: Mapping[str, Mapping[str, float | None]], file: Path) -> None:
         ("held_out_whole", "with effects, held out"),
         ("scaled_record_whole", "preceding record, scaled"),
     )
-    places = np.arange(len(middles))
+    places = np.arange(len(medians))
     for index, (key, label) in enumerate(steps):
-        heights = [values[key] or 0.0 for values in middles.values()]
+        heights = [values[key] or 0.0 for values in medians.values()]
         bars = axes.bar(places + 0.2 * (index - 1.5), heights, 0.19, label=label)
         axes.bar_label(bars, fmt="%.2g", fontsize=7)
-    axes.set_xticks(places, list(middles))
+    axes.set_xticks(places, list(medians))
     axes.set_yscale("log")
     axes.set_ylabel("rms over the peak, %")
     axes.legend(fontsize=7, frameon=False)

@@ -1,8 +1,8 @@
-"""The random part of the uncertainty against many noisy copies of one finite-element drop.
+"""Random part of the uncertainty, tested with many noisy copies of one finite-element drop.
 
-The drop is recorded without noise once and with noise many times.  How often a copy's modulus lies
-within one and two of its own stated standard deviations from the modulus of the clean record says
-whether the stated deviation is right: 68 and 95 % for normal errors.
+The drop is recorded without noise once and with noise many times.  If the stated standard
+deviations are right and errors are normal, 68 and 95 % of the copies lie within one and two of
+their own deviations from the modulus of the clean record.
 """
 
 import argparse
@@ -27,7 +27,7 @@ _HAMMER = Hammer(mass=10.0, stiffness=5.6e5, velocity=4.2)
 _DEPTH, _POISSON_RATIO = 1.2, 0.35
 _OFFSETS = (0.0, 0.3, 0.6)
 _DURATION, _TIME_STEP, _PRE_TRIGGER = 0.05, 2e-4, 0.02
-_NOISE = 0.005  # of the peak of each kind of channel
+_NOISE_OVER_PEAK = 0.005  # of load and sensors
 _CORRELATION = 0.8  # between successive samples
 
 Quantity = Literal["velocity", "displacement"]
@@ -35,17 +35,17 @@ Quantity = Literal["velocity", "displacement"]
 
 @dataclass(frozen=True)
 class NoiseCase:
-    """One row of the result."""
+    """Setup of one row of the result."""
 
     noise: Literal["white", "correlated"]
     quantity: Quantity
     sensors: int
-    depth_known: bool
+    depth_declared: bool
 
     @property
     def name(self) -> str:
-        """For the report."""
-        depth = "known" if self.depth_known else "unknown"
+        """Name in the report."""
+        depth = "known" if self.depth_declared else "unknown"
         return f"{self.noise}, {self.quantity}, {self.sensors} sensor(s), depth {depth}"
 
 
@@ -59,7 +59,7 @@ SETUPS = (
 
 
 def clean_record(quantity: Quantity) -> Record:
-    """The drop without noise, all sensors, as the trace file would hold it."""
+    """Return the record of all sensors without noise."""
     ground = Ground.uniform(45e6, 54e3, 1900.0, _POISSON_RATIO, _DEPTH)
     simulator = DropSimulator(
         ground, _PLATE, _OFFSETS, _DURATION, _TIME_STEP, _HAMMER.pulse_duration
@@ -83,7 +83,7 @@ def clean_record(quantity: Quantity) -> Record:
 def noise_of(
     rng: np.random.Generator, kind: Literal["white", "correlated"], count: int
 ) -> FloatArray:
-    """Unit noise, white or autoregressive of first order."""
+    """Return unit noise, white or autoregressive of first order."""
     white = rng.standard_normal(count)
     if kind == "white":
         return white
@@ -95,12 +95,13 @@ def noise_of(
 
 
 def noisy(record: Record, kind: Literal["white", "correlated"], rng: np.random.Generator) -> Record:
-    """A copy with noise on the load and on every sensor."""
+    """Return a copy with noise on the load and on every sensor."""
     count = record.time.size
-    level = _NOISE * float(np.max(np.abs(record.sensors[0].values)))
+    level = _NOISE_OVER_PEAK * float(np.max(np.abs(record.sensors[0].values)))
     return replace(
         record,
-        load=record.load + _NOISE * float(np.max(record.load)) * noise_of(rng, kind, count),
+        load=record.load
+        + _NOISE_OVER_PEAK * float(np.max(record.load)) * noise_of(rng, kind, count),
         sensors=tuple(
             replace(sensor, values=sensor.values + level * noise_of(rng, kind, count))
             for sensor in record.sensors
@@ -109,7 +110,7 @@ def noisy(record: Record, kind: Literal["white", "correlated"], rng: np.random.G
 
 
 def run(arguments: list[str]) -> int:
-    """Print the shares within one and two standard deviations; 0."""
+    """Print the fractions within one and two standard deviations; return 0."""
     parser = argparse.ArgumentParser(prog="pfwd bench noise", description=__doc__)
     parser.add_argument("--cases", type=int, default=200, help="noisy copies of the drop (200)")
     parser.add_argument("--seed", type=int, default=0, help="of the noise (0)")
@@ -118,7 +119,7 @@ def run(arguments: list[str]) -> int:
     report = Reporter(arguments)
     library = SurrogateLibrary()
     clean: dict[Quantity, Record] = {q: clean_record(q) for q in ("velocity", "displacement")}
-    report.title(f"{options.cases} copies with noise of {100 * _NOISE:g} % of the peak")
+    report.title(f"{options.cases} copies with noise of {100 * _NOISE_OVER_PEAK:g} % of the peak")
     with single_threaded_blas():
         for setup in SETUPS:
             record = clean[setup.quantity]
@@ -135,14 +136,14 @@ def _report(
     seed: int,
     library: SurrogateLibrary,
 ) -> None:
-    depth: float | Literal["unknown"] = _DEPTH if setup.depth_known else "unknown"
+    depth: float | Literal["unknown"] = _DEPTH if setup.depth_declared else "unknown"
     settings = Settings(method="least-squares", bedrock_depth=depth)
     reference = known(invert(record, settings, library).modulus_pa)
     ratios, shifts, deviations = [], [], []
     for number in range(copies):
         rng = np.random.default_rng([seed, number])
-        found = invert(noisy(record, setup.noise, rng), settings, library)
-        modulus, deviation = known(found.modulus_pa), known(found.modulus_sd_pa)
+        result = invert(noisy(record, setup.noise, rng), settings, library)
+        modulus, deviation = known(result.modulus_pa), known(result.modulus_sd_pa)
         shifts.append(modulus / reference - 1.0)
         deviations.append(deviation / modulus)
         ratios.append((modulus - reference) / deviation)

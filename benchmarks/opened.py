@@ -1,10 +1,8 @@
-"""What ``pfwd open`` costs on a survey of 5,000 points: first paint, and the answer to every key.
+"""Response time of ``pfwd open`` on a survey of 5,000 points: first paint, and every key.
 
-The screen runs in a pseudo-terminal as it does for a person. The answer to a key is there when the
-last line of what it shows is on the terminal; the time to the last byte that it makes the program
-write is given beside it, because the toolkit paints some of a page twice, and the second time
-changes nothing that is seen. POSIX only: Windows has no such terminal that a program could stand
-behind.
+The screen runs in a pseudo-terminal. The response to a key ends when the last line of the new page
+is on the terminal. The time to the last byte is reported too, because the toolkit paints part of a
+page twice without a visible change. POSIX only: Windows has no pseudo-terminals of this kind.
 """
 
 import argparse
@@ -23,12 +21,12 @@ from benchmarks.screen import Terminal
 from pfwd_device.recording import SurveyWriter
 
 POINTS, DROPS = 5_000, 2
-LATEST_PAINT, LATEST_ANSWER = 1.0, 0.050
-"""s."""
-QUIET = 0.15
-"""s without a byte after which an answer is over."""
-LONGEST = 120.0
-"""s until everything is judged."""
+MAX_PAINT_S, MAX_RESPONSE_S = 1.0, 0.050
+"""Limits of the first paint and of the response to a key, s."""
+QUIET_S = 0.15
+"""Time without a byte after which a response has ended, s."""
+READY_TIMEOUT_S = 120.0
+"""Time within which all points must be judged, s."""
 
 KEYS: dict[str, tuple[str, bytes, str]] = {
     "down": ("\x1b[B", b"", ""),
@@ -44,12 +42,12 @@ KEYS: dict[str, tuple[str, bytes, str]] = {
     "points": ("1", b"verdict", ""),
     "drops of a point": ("\r", b"deflection as recorded", "1"),
 }
-"""What is typed in this order; the last of what it shows (empty: the last byte); what is typed to
-come back, which is not counted."""
+"""Keys in the order of use, by name: the key, the last text of its page (empty: the last byte), and
+the key to return, which is not measured."""
 
 
 def run(arguments: list[str]) -> int:
-    """``--points N`` (default 5000), ``--repeats N`` of every key (default 5)."""
+    """Measure ``--points N`` (5000) with ``--repeats N`` of every key (5)."""
     parser = argparse.ArgumentParser(prog="pfwd bench opened")
     parser.add_argument("--points", type=int, default=POINTS)
     parser.add_argument("--repeats", type=int, default=5)
@@ -71,21 +69,21 @@ def run(arguments: list[str]) -> int:
         for name in ("never opened before", "opened before"):
             paint, points, judged = opening(survey, args.points, size)
             report.record(part=name, paint_s=paint, points_s=points, judged_s=judged)
-            good &= paint <= LATEST_PAINT
-        for name, answers in answers_to_keys(survey, size, args.repeats).items():
-            middle = statistics.median(painted for painted, _ in answers)
+            good &= paint <= MAX_PAINT_S
+        for name, responses in response_times(survey, size, args.repeats).items():
+            median = statistics.median(painted for painted, _ in responses)
             report.record(
                 part=f"key: {name}",
-                middle_s=middle,
-                largest_s=max(painted for painted, _ in answers),
-                last_byte_s=statistics.median(last for _, last in answers),
+                middle_s=median,
+                largest_s=max(painted for painted, _ in responses),
+                last_byte_s=statistics.median(last for _, last in responses),
             )
-            good &= middle <= LATEST_ANSWER
+            good &= median <= MAX_RESPONSE_S
     return 0 if good else 1
 
 
 def build(survey: Path, points: int, templates: list[Template]) -> None:
-    """A survey of so many points along a line, with positions, results and some notes."""
+    """Write a survey of points along a line, with positions and results."""
     with SurveyWriter.open(survey, storage=UnsyncedStorage(), publish=False) as writer:
         writer.note_event("job", {"target": 45e6})
         for place in range(points):
@@ -108,26 +106,26 @@ def build(survey: Path, points: int, templates: list[Template]) -> None:
 
 
 def opening(survey: Path, points: int, size: tuple[int, int]) -> tuple[float, float, float]:
-    """Seconds until the frame, the first points, and all of them judged are on the terminal."""
+    """Return the times until the frame, the first points, and all verdicts are shown, s."""
     terminal = _opened(survey, size)
-    seen: list[float] = []
+    times: list[float] = []
     try:
         for text in (b"Profile", f"{points} points".encode(), b"page 1 of"):
             while text not in terminal.text:
                 _in_time(terminal)
                 terminal.read(0.01)
-            seen.append(time.monotonic() - terminal.started)
+            times.append(time.monotonic() - terminal.started)
         _until_quiet(terminal, 3.0)
-        return seen[0], seen[1], time.monotonic() - terminal.started - 3.0
+        return times[0], times[1], time.monotonic() - terminal.started - 3.0
     finally:
         terminal.close()
 
 
-def answers_to_keys(
+def response_times(
     survey: Path, size: tuple[int, int], repeats: int
 ) -> dict[str, list[tuple[float, float]]]:
-    """Seconds from a key to its page and to the last byte that it brings, by what the key does."""
-    found: dict[str, list[tuple[float, float]]] = {name: [] for name in KEYS}
+    """Return the times from a key to its page and to the last byte, s, by name of the key."""
+    responses: dict[str, list[tuple[float, float]]] = {name: [] for name in KEYS}
     terminal = _opened(survey, size)
     try:
         while b"page 1 of" not in terminal.text:
@@ -135,13 +133,13 @@ def answers_to_keys(
             terminal.read(0.01)
         _until_quiet(terminal, 3.0)
         for _ in range(repeats):
-            for name, (key, shown, back) in KEYS.items():
-                found[name].append(_answer(terminal, key, shown))
+            for name, (key, awaited, back) in KEYS.items():
+                responses[name].append(_respond(terminal, key, awaited))
                 if back:
-                    _answer(terminal, back, b"")
+                    _respond(terminal, back, b"")
     finally:
         terminal.close()
-    return found
+    return responses
 
 
 def _opened(survey: Path, size: tuple[int, int]) -> Terminal:
@@ -149,8 +147,8 @@ def _opened(survey: Path, size: tuple[int, int]) -> Terminal:
 
 
 def _in_time(terminal: Terminal) -> None:
-    if time.monotonic() - terminal.started > LONGEST:
-        raise RuntimeError(f"pfwd open: not ready within {LONGEST:g} s")
+    if time.monotonic() - terminal.started > READY_TIMEOUT_S:
+        raise RuntimeError(f"pfwd open: not ready within {READY_TIMEOUT_S:g} s")
 
 
 def _until_quiet(terminal: Terminal, seconds: float) -> None:
@@ -158,17 +156,17 @@ def _until_quiet(terminal: Terminal, seconds: float) -> None:
         _in_time(terminal)
 
 
-def _answer(terminal: Terminal, key: str, shown: bytes) -> tuple[float, float]:
-    """Seconds to ``shown``, and to the last byte."""
+def _respond(terminal: Terminal, key: str, awaited: bytes) -> tuple[float, float]:
+    """Press a key; return the times to the awaited text and to the last byte, s."""
     terminal.text = b""
-    begun = last = time.monotonic()
+    start = last = time.monotonic()
     painted = math.inf
     terminal.press(key)
-    while terminal.read(QUIET if last > begun else 1.0):
+    while terminal.read(QUIET_S if last > start else 1.0):
         last = time.monotonic()
-        if not shown or (painted == math.inf and shown in terminal.text):
-            painted = last - begun
-    return painted, last - begun
+        if not awaited or (painted == math.inf and awaited in terminal.text):
+            painted = last - start
+    return painted, last - start
 
 
 if __name__ == "__main__":

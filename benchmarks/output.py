@@ -1,4 +1,4 @@
-"""Lines for people or for machines."""
+"""Output of benchmarks as text or as JSON."""
 
 import json
 import math
@@ -11,7 +11,7 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class Proportion:
-    r"""A share of independent cases with its 95 % limits.
+    r"""Fraction of independent cases with its 95 % limits.
 
     .. math:: \frac{p + z^2/2n \pm z \sqrt{p (1 - p)/n + z^2/4n^2}}{1 + z^2/n}, \quad z = 1.96
 
@@ -23,24 +23,24 @@ class Proportion:
 
     @classmethod
     def among(cls, items: Sequence[Item], holds: Callable[[Item], bool]) -> "Proportion":
-        """Return the share of the items that fulfil a condition."""
+        """Return the fraction of the items that fulfil a condition."""
         return cls(sum(holds(item) for item in items), len(items))
 
     @property
     def share(self) -> float | None:
-        """Of 1; none of no cases."""
+        """Fraction, 0 to 1; None without cases."""
         return self.count / self.of if self.of else None
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Lower and upper limit, of 1."""
+        """Lower and upper limit, 0 to 1."""
         if not self.of:
             return 0.0, 1.0
         p, n, z = self.count / self.of, self.of, 1.96
-        middle = p + z**2 / (2 * n)
+        centre = p + z**2 / (2 * n)
         half = z * math.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
-        return max((middle - half) / (1 + z**2 / n), 0.0), min(
-            (middle + half) / (1 + z**2 / n), 1.0
+        return max((centre - half) / (1 + z**2 / n), 0.0), min(
+            (centre + half) / (1 + z**2 / n), 1.0
         )
 
     def __str__(self) -> str:
@@ -50,24 +50,24 @@ class Proportion:
         return f"{self.count}/{self.of} = {self.share:.0%} ({low:.0%} to {high:.0%})"
 
     def to_json(self) -> dict[str, float | None]:
-        """Return counts, share and limits."""
+        """Return counts, fraction and limits."""
         low, high = self.limits
         return {"count": self.count, "of": self.of, "share": self.share, "low": low, "high": high}
 
 
 class Reporter:
-    """Prints records as aligned text, or with ``--json`` as one object a line."""
+    """Printer of records as text, or with ``--json`` as one object per line."""
 
     def __init__(self, arguments: list[str]) -> None:
         self.as_json = "--json" in arguments
 
     def title(self, text: str) -> None:
-        """A heading, for people only."""
+        """Print a heading, except with ``--json``."""
         if not self.as_json:
             print(f"\n{text}\n{'-' * len(text)}", flush=True)
 
     def record(self, **values: Any) -> None:
-        """One record; floats get four significant digits for people."""
+        """Print one record; text has four significant digits."""
         if self.as_json:
             print(json.dumps({key: _as_json(value) for key, value in values.items()}), flush=True)
         else:

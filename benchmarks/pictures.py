@@ -1,7 +1,7 @@
-"""The pictures of the documentation, made by one command from a replay.
+"""Pictures of the documentation, drawn from a replay.
 
-A simulated instrument is measured at three points, the survey is replayed on the screen, and the
-screen is drawn as it stands. Nothing in a picture is made by hand.
+A simulated instrument measures three points, the survey is replayed on the screen, and the screen
+is drawn.
 """
 
 import argparse
@@ -31,20 +31,20 @@ from tui.screen.settings import ScreenSettings
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 POINTS = {"km 12+300": 58e6, "km 12+325": 39e6, "km 12+350": 47e6}
-"""Names and moduli of the simulated ground, Pa."""
+"""Names of the points and moduli of their ground, Pa."""
 TARGET = 45e6
 DROPS = 6
 RATE = 8.0
-"""Times real time; the simulated drops do not depend on it."""
-QUIET = 160.0
-"""s that the instrument rests after the last drop: longer than SAFE is shown, at that rate."""
-LONGEST = 180.0
-"""s for one replay with all its searches."""
+"""Speed over real time; the simulated drops do not depend on it."""
+QUIET_S = 160.0
+"""Time that the instrument streams after the last drop, s, longer than SAFE is shown."""
+READY_TIMEOUT_S = 180.0
+"""Time for one replay with all its searches, s."""
 CLOCK = datetime.datetime(2026, 5, 4, 14, 32, 7)
 
 
 def run(arguments: list[str]) -> int:
-    """``--output FOLDER`` (default docs/pictures), ``--format`` svg or png."""
+    """Draw into ``--output FOLDER`` (docs/pictures) with ``--format`` svg or png."""
     parser = argparse.ArgumentParser(prog="pfwd bench pictures")
     parser.add_argument("--output", type=Path, default=FOLDER)
     parser.add_argument("--format", choices=["svg", "png"], default="svg")
@@ -60,7 +60,7 @@ def run(arguments: list[str]) -> int:
             name: partial(_draw, survey, size, settings, script)
             for name, (size, settings, script) in PICTURES.items()
         }
-        draws["done"] = partial(_draw_done, Path(folder) / "live" / survey.name)
+        draws["done"] = partial(_draw_complete_point, Path(folder) / "live" / survey.name)
         draws["open"] = partial(_draw_opened, survey, "points")
         draws["open-drops"] = partial(_draw_opened, survey, "drops")
         for name, draw in draws.items():
@@ -73,7 +73,7 @@ def run(arguments: list[str]) -> int:
 
 
 def _measure(survey: Path) -> None:
-    """Three points, three seating and three measured drops each."""
+    """Measure three points with three seating and three measured drops each."""
     for name, modulus in POINTS.items():
         scenario = {"base": "default", "soil": {"modulus": modulus}}
         plan = SessionPlan(
@@ -103,7 +103,7 @@ async def _page(app: PfwdApp, pilot: Any, *keys: str) -> None:
 
 
 async def _wait(pilot: Any, holds: Callable[[], bool]) -> None:
-    for _ in range(int(LONGEST / 0.1)):
+    for _ in range(int(READY_TIMEOUT_S / 0.1)):
         if holds():
             return
         await pilot.pause(0.1)
@@ -154,19 +154,19 @@ def _draw(
     source = ReplaySource(survey, 0.0, AnalysisOptions(), paused=running)
     pace = source.pace
     assert pace is not None
-    whole = len(POINTS) * DROPS
+    n_drops = len(POINTS) * DROPS
     source.title = survey.name
     app = PfwdApp(source, settings, TARGET, BRAILLE, save=lambda _: True, local_time=lambda: CLOCK)
 
     async def body() -> None:
         async with app.run_test(size=size) as pilot:
-            if running:  # as it looks while it runs: the last but one drop has just come
-                for count in range(1, whole - 1):
+            if running:  # the last but one drop has just been measured
+                for count in range(1, n_drops - 1):
                     pace.step()
                     await _wait(pilot, lambda count=count: _safe(app) >= count)  # type: ignore[misc]
                 pace.speed = 1.0
                 pace.step()
-                await _wait(pilot, lambda: _safe(app) >= whole - 1 and _final(app))
+                await _wait(pilot, lambda: _safe(app) >= n_drops - 1 and _final(app))
                 pace.go_on()
             else:
                 await _wait(pilot, lambda: app.state.ended is not None)
@@ -178,11 +178,11 @@ def _draw(
     asyncio.run(body())
 
 
-def _draw_done(survey: Path, path: Path) -> None:
-    """A point that is done, while the instrument is still there."""
+def _draw_complete_point(survey: Path, path: Path) -> None:
+    """Draw a complete point while the instrument is still connected."""
     size = 80, 24
     name, modulus = next(iter(POINTS.items()))
-    scenario = {"base": "default", "soil": {"modulus": modulus}, "drops": {"quiet": QUIET}}
+    scenario = {"base": "default", "soil": {"modulus": modulus}, "drops": {"quiet": QUIET_S}}
     stations = tuple(Station(f"km 12+{300 + 25 * n}", 12_300.0 + 25 * n) for n in range(4))
     plan = SessionPlan(
         point=name,
@@ -211,7 +211,7 @@ def _draw_done(survey: Path, path: Path) -> None:
 
 
 def _draw_opened(survey: Path, tab: str, path: Path) -> None:
-    """What ``pfwd open`` shows."""
+    """Draw the screen of ``pfwd open``."""
     size = 120, 24
     app = OpenApp(OpenedSurvey(survey), ScreenSettings(), BRAILLE)
 

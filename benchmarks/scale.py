@@ -1,10 +1,10 @@
-"""What a survey of many drops costs: every command as users run it, on 2,500 and on 10,000 drops.
+"""Cost of commands on surveys of 2,500 and 10,000 drops.
 
-The survey is made by the project's own writer, from drops that a simulated instrument recorded,
-without waiting for the disk. Making it is no part of the figures. A figure is the smallest of
-several runs; the processor time of a command, its children with it, stands beside it, because
-other programs may use the machine meanwhile. The limits are those of an idle machine. POSIX only:
-elsewhere a program is not told what its children used.
+The survey is written by the project's writer from recorded drops of a simulated instrument, without
+waiting for the disk; this time is not part of the figures. A figure is the smallest of several
+runs. The processor time of a command and its children is reported too, as it depends less on other
+programs. The limits are those of an idle machine. POSIX only: Windows does not report the resources
+of children.
 """
 
 import argparse
@@ -31,33 +31,33 @@ DROPS = (2_500, 10_000)
 SHORT = (250, 1_000)
 DROPS_PER_POINT = 10_000 / 1_700
 REPEATS = 3
-NOTES = 50
-"""A note on every so many drops."""
+DROPS_PER_NOTE = 50
+"""Number of drops between two notes."""
 
-LARGEST_RATIO = 1.3
-"""Of the cost per drop between the surveys; what a command costs with one drop is taken off."""
+MAX_RATIO = 1.3
+"""Largest ratio of the cost per drop between the surveys, after subtracting that of one drop."""
 
 SPARE_BYTES = 2 * 10**9
-"""Left free on the disk."""
+"""Free space on the disk that must remain, bytes."""
 
 BYTES_OF_A_DROP = 200_000
-"""On the disk: record, file and result, and as much again for what is exported."""
+"""Space of one drop on the disk, bytes: record, file and result, and as much for exports."""
 
-TIMEOUT = 600.0
-"""s for one command."""
+TIMEOUT_S = 600.0
+"""Time for one command, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A command that is measured."""
+    """Command with its limits."""
 
     name: str
     arguments: Callable[[Path, Path], list[str]]
-    """From the survey and a folder for what is exported."""
+    """Arguments from the survey and a folder for exports."""
     seconds: float
-    """At most, for the larger survey."""
+    """Longest time for the larger survey, s."""
     megabytes: float | None = None
-    """At most, of the largest process; None: not said."""
+    """Largest memory of a process; None: no limit."""
     repeats: int = REPEATS
 
 
@@ -73,8 +73,8 @@ CASES = (
     Case("export h5", lambda survey, out: _export(survey, out, "h5"), 60.0, 200.0, 1),
 )
 
-LATEST_PAINT = 2.0
-"""s from ``pfwd live`` or ``pfwd replay --live`` to a page that can be read."""
+MAX_PAINT_S = 2.0
+"""Longest time from ``pfwd live`` or ``pfwd replay --live`` to a readable page, s."""
 
 
 def _export(survey: Path, out: Path, form: str) -> list[str]:
@@ -82,7 +82,7 @@ def _export(survey: Path, out: Path, form: str) -> list[str]:
 
 
 def run(arguments: list[str]) -> int:
-    """Build, measure, compare; 0 when everything is as it should be."""
+    """Build, measure and compare; return 0 if all limits are met."""
     parser = argparse.ArgumentParser(prog="pfwd bench scale")
     parser.add_argument("--drops", type=int, nargs=2, metavar="N", help="of the two surveys")
     parser.add_argument("--repeats", type=int, default=REPEATS, help="of each command")
@@ -100,10 +100,10 @@ def run(arguments: list[str]) -> int:
         return 2
     report = Reporter(arguments)
     with tempfile.TemporaryDirectory(prefix="pfwd-bench-", dir=args.folder) as folder:
-        free, wanted = shutil.disk_usage(folder).free, larger * BYTES_OF_A_DROP + SPARE_BYTES
-        if free < wanted:
+        free, required = shutil.disk_usage(folder).free, larger * BYTES_OF_A_DROP + SPARE_BYTES
+        if free < required:
             print(
-                f"pfwd bench scale: expected {wanted / 1e9:.1f} GB free in {folder}, got "
+                f"pfwd bench scale: expected {required / 1e9:.1f} GB free in {folder}, got "
                 f"{free / 1e9:.1f} GB; name another folder with --folder",
                 file=sys.stderr,
             )
@@ -114,12 +114,12 @@ def run(arguments: list[str]) -> int:
 def _run(report: Reporter, folder: Path, counts: tuple[int, ...], args: argparse.Namespace) -> int:
     survey = folder / "survey"
     templates = recorded_drops(folder / "recorded")
-    found: dict[str, list[Cost]] = {}
+    costs_by_name: dict[str, list[Cost]] = {}
     for before, drops in zip((0, *counts), counts, strict=False):
-        begun = time.monotonic()
+        start = time.monotonic()
         build(survey, before, drops, templates)
         if drops > 1:
-            seconds = time.monotonic() - begun
+            seconds = time.monotonic() - start
             report.title(f"{drops} drops at {point_number(drops)} points (s)")
             size = sum(path.stat().st_size for path in survey.rglob("*") if path.is_file())
             report.record(part="survey", drops=drops, megabytes=size / 1e6, made_in_s=seconds)
@@ -128,7 +128,7 @@ def _run(report: Reporter, folder: Path, counts: tuple[int, ...], args: argparse
                 continue
             repeats = min(case.repeats, args.repeats)
             costs = [measure(case.arguments(survey, folder)) for _ in range(repeats)]
-            found.setdefault(case.name, []).append(best := _best(costs))
+            costs_by_name.setdefault(case.name, []).append(best := _best(costs))
             if drops > 1:
                 report.record(part=case.name, drops=drops, **dataclasses.asdict(best))
         if drops > 1:
@@ -137,21 +137,23 @@ def _run(report: Reporter, folder: Path, counts: tuple[int, ...], args: argparse
                     continue
                 painted = [first_paint(command) for _ in range(args.repeats)]
                 cost = Cost(min(painted), 0.0, 0.0)
-                found.setdefault(name, []).append(cost)
+                costs_by_name.setdefault(name, []).append(cost)
                 report.record(part=name, drops=drops, seconds=cost.seconds, largest=max(painted))
     report.record(part="machine", cores=os.cpu_count(), load=os.getloadavg()[0])
-    return _judge(report, found, counts)
+    return _judge(report, costs_by_name, counts)
 
 
-def _judge(report: Reporter, found: Mapping[str, list["Cost"]], counts: tuple[int, ...]) -> int:
+def _judge(
+    report: Reporter, costs_by_name: Mapping[str, list["Cost"]], counts: tuple[int, ...]
+) -> int:
     report.title("cost per drop, what one drop costs taken off, and the limits")
     good = True
     limits = {case.name: case for case in CASES}
-    for name, costs in found.items():
+    for name, costs in costs_by_name.items():
         case = limits.get(name)
         seconds = costs[-1].seconds
-        whole = counts[-1] == DROPS[-1]  # the limits are said for these
-        fine = not whole or seconds <= (case.seconds if case else LATEST_PAINT)
+        is_full_size = counts[-1] == DROPS[-1]  # the limits are for this size
+        fine = not is_full_size or seconds <= (case.seconds if case else MAX_PAINT_S)
         values: dict[str, Any] = {"part": f"{name}, flat", "seconds": seconds}
         if case is not None:
             first, *rest = costs
@@ -161,7 +163,7 @@ def _judge(report: Reporter, found: Mapping[str, list["Cost"]], counts: tuple[in
             ]
             ratio = each[-1] / each[0] if each[0] > 0 else float("inf")
             values |= {"each_ms": each[-1] * 1e3, "ratio": ratio}
-            fine &= ratio <= LARGEST_RATIO
+            fine &= ratio <= MAX_RATIO
             if case.megabytes is not None:
                 values["megabytes"] = costs[-1].megabytes
                 fine &= costs[-1].megabytes <= case.megabytes
@@ -170,19 +172,19 @@ def _judge(report: Reporter, found: Mapping[str, list["Cost"]], counts: tuple[in
     return 0 if good else 1
 
 
-# What a command costs.
+# Cost of a command.
 
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Of a command."""
+    """Cost of a command."""
 
     seconds: float
-    """From its start to its end."""
+    """Elapsed time, s."""
     processor: float
-    """s, user and system, its children with it."""
+    """Processor time of the command and its children, user and system, s."""
     megabytes: float
-    """The most that one of its processes had in memory at a time."""
+    """Largest memory of one of its processes."""
 
 
 def _best(costs: list[Cost]) -> Cost:
@@ -196,8 +198,7 @@ def _best(costs: list[Cost]) -> Cost:
 PFWD = [sys.executable, "-P", "-c", "from tui.cli import main; raise SystemExit(main())"]
 
 
-# A process of its own, and a small one: what the system says of a child's memory is at least what
-# whoever started it had.
+# A small process in between, as the reported memory of a child is at least that of its parent.
 _MEASURING = """
 import json, os, subprocess, sys, time
 begun = time.monotonic()
@@ -211,27 +212,31 @@ print(json.dumps([child.returncode, seconds, processor, used.ru_maxrss]))
 
 
 def measure(arguments: list[str]) -> Cost:
-    """Run ``pfwd`` with these arguments; RuntimeError when it fails."""
+    """Run ``pfwd`` with arguments; raise RuntimeError if it fails."""
     command = [sys.executable, "-I", "-S", "-c", _MEASURING, *PFWD, *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT, check=True)
-    status, seconds, processor, largest = json.loads(done.stdout)
+    completed = subprocess.run(
+        command, capture_output=True, text=True, timeout=TIMEOUT_S, check=True
+    )
+    status, seconds, processor, largest = json.loads(completed.stdout)
     if status != 0:
-        raise RuntimeError(f"pfwd {' '.join(arguments)}: status {status}: {done.stderr[:1000]}")
+        raise RuntimeError(
+            f"pfwd {' '.join(arguments)}: status {status}: {completed.stderr[:1000]}"
+        )
     unit = 1.0 if sys.platform == "darwin" else 1024.0  # bytes there, kB elsewhere
     return Cost(seconds, processor, largest * unit / 1e6)
 
 
 def paints(survey: Path) -> dict[str, list[str]]:
-    """The commands with a screen, by name."""
+    """Return the commands with a screen, by name."""
     return {
-        # Nobody answers there: what is measured is how long the survey takes to be ready.
+        # No instrument is at this address; the time is that of reading the survey.
         "first paint of live": ["live", "socket://127.0.0.1:9", "-o", str(survey)],
         "first paint of replay --live": ["replay", str(survey), "--live"],
     }
 
 
 def first_paint(arguments: list[str]) -> float:
-    """Seconds from the command to a page that can be read."""
+    """Return the time from the command to a readable page, s."""
     from benchmarks.screen import PAINTED, Terminal
 
     terminal = Terminal([*PFWD, *arguments], (120, 40))
@@ -245,12 +250,12 @@ def first_paint(arguments: list[str]) -> float:
         terminal.close()
 
 
-# The survey.
+# Survey.
 
 
 @dataclass(frozen=True, slots=True)
 class Template:
-    """A recorded drop."""
+    """Recorded drop with its rebounds and results."""
 
     record: DropRecord
     rebounds: tuple[Rebound, ...]
@@ -258,12 +263,12 @@ class Template:
 
 
 def recorded_drops(folder: Path) -> list[Template]:
-    """Three drops of the scenario `default`, as ``pfwd demo`` records and inverts them."""
+    """Return three drops of the scenario `default`, recorded and inverted by ``pfwd demo``."""
     from pfwd_device.recording import read_survey
 
     options = ["--scenario", "default", "--drops", "3", "--lines", "-o", str(folder)]
     command = [*PFWD, "demo", *options]
-    subprocess.run(command, check=True, capture_output=True, timeout=TIMEOUT)
+    subprocess.run(command, check=True, capture_output=True, timeout=TIMEOUT_S)
     return [
         Template(dataclasses.replace(record, rebounds=()), record.rebounds, drop.read_results())
         for drop in read_survey(folder).drops
@@ -272,26 +277,26 @@ def recorded_drops(folder: Path) -> list[Template]:
 
 
 class UnsyncedStorage(Storage):
-    """Does not wait for the disk: what is lost with the power is made anew."""
+    """Storage that does not wait for the disk."""
 
     def sync(self, descriptor: int) -> None:
-        """Nothing."""
+        """Do not wait."""
 
     def sync_directory(self, path: Path) -> None:
-        """Nothing."""
+        """Do not wait."""
 
 
 class QuickPublisher:
-    """Writes the files of drops without reading them back."""
+    """Publisher that writes the files of drops without reading them back."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self.records: dict[int, DropRecord] = {}
-        """By survey-wide number, those whose file is still to be made."""
+        """Records without a file, by their number in the survey."""
         self.survey = b""
 
     def ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Make the file of a drop."""
+        """Write the file of a drop."""
         number = int(request["number"])
         layout = Layout(self._folder)
         path = layout.drop_file(number)
@@ -302,16 +307,16 @@ class QuickPublisher:
         return {**facts, "number": number}
 
     def close(self) -> None:
-        """Nothing runs."""
+        """Nothing has to be closed."""
 
 
 def point_number(number: int) -> int:
-    """The point that the drop with this number within the survey belongs to, from 1."""
+    """Return the number of the point, from 1, of a drop by its number in the survey."""
     return int((number - 1) / DROPS_PER_POINT) + 1
 
 
 def build(survey: Path, before: int, drops: int, templates: list[Template]) -> None:
-    """Go on with a survey of `before` drops until it has `drops`."""
+    """Continue a survey of `before` drops until it has `drops`."""
     publisher = QuickPublisher(survey)
     with SurveyWriter.open(survey, storage=UnsyncedStorage(), publisher=publisher) as writer:
         publisher.survey = bytes.fromhex(writer.survey_id)
@@ -324,9 +329,9 @@ def build(survey: Path, before: int, drops: int, templates: list[Template]) -> N
             writer.publish(saved)
             for result in template.results:
                 writer.save_result(saved, {**result, "drop": record.drop.number, "record": saved})
-            if number % NOTES == 0:
+            if number % DROPS_PER_NOTE == 0:
                 writer.edit("note", f"said of drop {number}", number=saved)
-        writer.close(TIMEOUT)
+        writer.close(TIMEOUT_S)
 
 
 def _records(

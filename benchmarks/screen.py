@@ -1,7 +1,7 @@
-"""What the live screen costs: first paint, updates, processor time, and that nothing is lost by it.
+"""Cost of the live screen: first paint, updates, processor time, lost samples.
 
-The screen runs in a pseudo-terminal as it does for a person, the simulated instrument beside it in
-real time. POSIX only: Windows has no such terminal that a program could stand behind.
+The screen runs in a pseudo-terminal, and the simulated instrument in another process in real time.
+POSIX only: Windows has no pseudo-terminals of this kind.
 """
 
 import argparse
@@ -21,20 +21,20 @@ from benchmarks.output import Reporter
 from simulators.instrument import serve
 
 CASES = {"8 x 50 kHz": "eight-channels", "4 x 10 kHz": "typical"}
-FEWEST_UPDATES = 10.0
-"""Per second."""
-LARGEST_SHARE = 0.25
-"""Of a core, at 4 x 10 kHz."""
-LATEST_PAINT, LATEST_MODULUS = 1.0, 0.3
-"""s."""
-LONGEST_BUILD = 240.0
-"""s until the model's table of a sensor layout that nobody measured with before is there."""
-WARM_UP = 5.0
-"""s that are not measured: libraries load, the model's table is read."""
+MIN_UPDATES_PER_S = 10.0
+"""Smallest number of updates per second."""
+MAX_CORES = 0.25
+"""Largest processor time over elapsed time at 4 x 10 kHz."""
+MAX_PAINT_S, MAX_MODULUS_DELAY_S = 1.0, 0.3
+"""Limits of the first paint and of the delay of a modulus, s."""
+BUILD_TIMEOUT_S = 240.0
+"""Time within which the response table of a new sensor layout is built, s."""
+WARM_UP_S = 5.0
+"""Time before the measurement, in which libraries and the response table are loaded, s."""
 
 
 def run(arguments: list[str]) -> int:
-    """``--seconds S`` of each case (default 20), ``--columns`` and ``--rows`` of the terminal."""
+    """Measure ``--seconds S`` of each case (20) on ``--columns`` and ``--rows``."""
     parser = argparse.ArgumentParser(prog="pfwd bench screen")
     parser.add_argument("--seconds", type=float, default=20.0, help="of each case")
     parser.add_argument("--columns", type=int, default=120)
@@ -50,20 +50,20 @@ def run(arguments: list[str]) -> int:
     report.title(f"first paint of pfwd replay --live, {size[0]} x {size[1]}")
     paints = [first_paint(size) for _ in range(3)]
     report.record(part="first paint", seconds=min(paints), largest=max(paints))
-    good &= min(paints) <= LATEST_PAINT
+    good &= min(paints) <= MAX_PAINT_S
     for name, scenario in CASES.items():
         report.title(f"{name}, {args.seconds:g} s of real time")
-        found = measure_case(scenario, args.seconds, size)
-        report.record(part=name, **found)
-        good &= found["lost"] == 0 and found["updates_per_s"] >= FEWEST_UPDATES
-        good &= found["first_modulus_s"] <= LATEST_MODULUS
+        figures = measure_case(scenario, args.seconds, size)
+        report.record(part=name, **figures)
+        good &= figures["lost"] == 0 and figures["updates_per_s"] >= MIN_UPDATES_PER_S
+        good &= figures["first_modulus_s"] <= MAX_MODULUS_DELAY_S
         if name == "4 x 10 kHz":
-            good &= found["core"] <= LARGEST_SHARE
+            good &= figures["core"] <= MAX_CORES
     return 0 if good else 1
 
 
 class Terminal:
-    """A pseudo-terminal with a program in it; what that writes is read and counted."""
+    """Pseudo-terminal with a program, whose output is read and counted."""
 
     def __init__(self, command: list[str], size: tuple[int, int]) -> None:
         import fcntl
@@ -71,7 +71,7 @@ class Terminal:
 
         self.master, slave = os.openpty()
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
-        # A parent's size, as a runner of tests sets it, would win over that of this terminal.
+        # The size in a parent's variables would have priority over that of this terminal.
         inherited = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES")}
         environment = {
             **inherited,
@@ -89,12 +89,12 @@ class Terminal:
         self.writes = 0
 
     def read(self, timeout: float) -> bool:
-        """Whether something came within so many seconds."""
+        """Read output for up to a number of seconds; return whether there was any."""
         if not select.select([self.master], [], [], timeout)[0]:
             return False
         try:
             data = os.read(self.master, 1 << 16)
-        except OSError:  # the other side has gone
+        except OSError:  # the program has ended
             return False
         self.bytes += len(data)
         self.writes += 1
@@ -102,7 +102,7 @@ class Terminal:
         return bool(data)
 
     def press(self, keys: str) -> None:
-        """Type something."""
+        """Type keys."""
         os.write(self.master, keys.encode())
 
     def close(self) -> None:
@@ -122,9 +122,9 @@ PAINTED = re.compile(rb"PFWD.*measured", re.DOTALL)
 
 
 def first_paint(size: tuple[int, int]) -> float:
-    """Seconds from the command to a page that can be read."""
+    """Return the time from the command to a readable page, s."""
     with tempfile.TemporaryDirectory(prefix="pfwd-bench-") as folder:
-        # Whether there is a recording is found out after the first paint.
+        # The program checks for a recording only after the first paint.
         terminal = Terminal([*PFWD, "replay", folder, "--live"], size)
         try:
             while not PAINTED.search(terminal.text):
@@ -137,29 +137,29 @@ def first_paint(size: tuple[int, int]) -> float:
 
 
 def measure_case(scenario: str, seconds: float, size: tuple[int, int]) -> dict[str, Any]:
-    """Figures of one flood, as the program in the terminal measured itself."""
+    """Return the figures of one scenario, measured by the program in the terminal."""
     with (
         tempfile.TemporaryDirectory(prefix="pfwd-bench-") as folder,
         serve({"base": scenario}, rate=1.0) as instrument,
     ):
-        told = Path(folder) / "figures.json"
+        figures_file = Path(folder) / "figures.json"
         command = [sys.executable, "-m", "benchmarks.screen", instrument.url, folder]
-        terminal = Terminal([*command, str(told), str(seconds)], size)
+        terminal = Terminal([*command, str(figures_file), str(seconds)], size)
         try:
-            until = time.monotonic() + seconds + LONGEST_BUILD + 30
+            until = time.monotonic() + seconds + BUILD_TIMEOUT_S + 30
             while terminal.process.poll() is None and time.monotonic() < until:
                 terminal.read(0.1)
         finally:
             terminal.close()
-        if not told.is_file():
+        if not figures_file.is_file():
             end = terminal.text[-400:].decode(errors="replace")
             raise RuntimeError(f"the screen ended with {terminal.process.returncode}: {end}")
-        found = json.loads(told.read_text(encoding="utf-8"))
-        return {**found, "terminal_kb_per_s": terminal.bytes / 1e3 / (seconds + WARM_UP)}
+        figures = json.loads(figures_file.read_text(encoding="utf-8"))
+        return {**figures, "terminal_kb_per_s": terminal.bytes / 1e3 / (seconds + WARM_UP_S)}
 
 
-def child(url: str, folder: str, told: str, seconds: float) -> None:
-    """The screen in this process; it ends by itself and writes what it cost."""
+def measure_in_this_process(url: str, folder: str, figures_file: str, seconds: float) -> None:
+    """Run the screen in this process for a while and write its figures."""
     import asyncio
 
     from pfwd.session.plan import SessionPlan
@@ -168,28 +168,28 @@ def child(url: str, folder: str, told: str, seconds: float) -> None:
     from tui.screen.settings import ScreenSettings
 
     class Measured(PfwdApp):
-        """Looks at itself."""
+        """Application that measures its own cost."""
 
         def on_ready(self) -> None:
-            """Wait until it is warm, measure, leave."""
+            """Start the measurement."""
             self.run_worker(self._measure(), exit_on_error=True)
 
         async def _measure(self) -> None:
             while not self.state.device.connected:
                 await asyncio.sleep(0.1)
-            await asyncio.sleep(WARM_UP)
-            until = time.monotonic() + LONGEST_BUILD
+            await asyncio.sleep(WARM_UP_S)
+            until = time.monotonic() + BUILD_TIMEOUT_S
             while time.monotonic() < until and not self._moduli():
                 await asyncio.sleep(0.2)
             before = self._lost()
-            seen = {id(one) for one in self.state.drops_in_order()}
+            earlier = {id(drop) for drop in self.state.drops_in_order()}
             wall, cpu, drawn = time.monotonic(), time.process_time(), self.drawn
             samples = self.runner.trace.samples
             await asyncio.sleep(seconds)
             wall, cpu = time.monotonic() - wall, time.process_time() - cpu
-            drops = [one for one in self.state.drops_in_order() if id(one) not in seen]
-            delays = [one.delay for one in drops if one.delay is not None]
-            found = {
+            drops = [drop for drop in self.state.drops_in_order() if id(drop) not in earlier]
+            delays = [drop.delay for drop in drops if drop.delay is not None]
+            figures = {
                 "updates_per_s": (self.drawn - drawn) / wall,
                 "core": cpu / wall,
                 "samples_per_s": (self.runner.trace.samples - samples) / wall,
@@ -199,11 +199,11 @@ def child(url: str, folder: str, told: str, seconds: float) -> None:
                 "first_modulus_s": sorted(delays)[len(delays) // 2] if delays else 99.0,
                 "slowest_modulus_s": max(delays, default=99.0),
             }
-            Path(told).write_text(json.dumps(found), encoding="utf-8")
+            Path(figures_file).write_text(json.dumps(figures), encoding="utf-8")
             self.exit(0)
 
         def _moduli(self) -> bool:
-            return any(one.modulus is not None for one in self.state.drops_in_order())
+            return any(drop.modulus is not None for drop in self.state.drops_in_order())
 
         def _lost(self) -> float:
             counters = self.state.session.counters()
@@ -215,4 +215,4 @@ def child(url: str, folder: str, told: str, seconds: float) -> None:
 
 
 if __name__ == "__main__":
-    child(sys.argv[1], sys.argv[2], sys.argv[3], float(sys.argv[4]))
+    measure_in_this_process(sys.argv[1], sys.argv[2], sys.argv[3], float(sys.argv[4]))

@@ -1,4 +1,4 @@
-"""Analysis times on one core, and the literal method of the paper in the same run."""
+"""Analysis times on one core, and those of the published method in the same run."""
 
 import statistics
 import time
@@ -24,7 +24,7 @@ _BATCH = 80
 
 
 def run(arguments: list[str]) -> int:
-    """Print the times; 0."""
+    """Print the times; return 0."""
     report = Reporter(arguments)
     record = _centre_record()
     library = SurrogateLibrary()
@@ -55,7 +55,7 @@ def run(arguments: list[str]) -> int:
 
 
 def _centre_record() -> Record:
-    """The centre sensor of a simulated drop (finite elements, noise)."""
+    """Return the centre sensor of a simulated drop (finite elements, noise)."""
     from simulators.demo import demo_drops
 
     with TemporaryDirectory() as folder:
@@ -75,12 +75,12 @@ def _analysis_time(
 
 
 def _surrogate_solves(record: Record, library: SurrogateLibrary) -> float:
-    """Displacement histories of 8,000 grounds in batches of 80, depth unknown to them."""
+    """Return the time of 8,000 displacement histories in batches of 80, of any depth, s."""
     drop = prepare(record)
     surrogate = library.get(PlateProblem("rigid-rough", record.poisson_ratio), None)
-    wanted = drop.time[drop.window][::3]
+    times = drop.time[drop.window][::3]
     model = ForwardModel(
-        surrogate, record.instrument, drop.time, drop.load, wanted, SEARCH_BAND_HZ, single=True
+        surrogate, record.instrument, drop.time, drop.load, times, SEARCH_BAND_HZ, single=True
     )
     rng = np.random.default_rng(0)
     grounds = Grounds(
@@ -107,7 +107,7 @@ def _median(action: Callable[[], None], runs: int) -> float:
     action()
     seconds = []
     for _ in range(runs):
-        begun = time.perf_counter()
+        start = time.perf_counter()
         action()
-        seconds.append(time.perf_counter() - begun)
+        seconds.append(time.perf_counter() - start)
     return statistics.median(seconds)

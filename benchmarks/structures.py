@@ -1,9 +1,9 @@
-r"""Which structure the points of an instrument show, and whether rock is really rock.
+r"""Log evidence of ground structures at the points of an instrument, and of causes other than rock.
 
-Prints the log evidence of the candidate structures, summed over the points, and with
-``--hypotheses`` that of three causes in the instrument which could stand behind what looks like
-rock: a mass that swings on the plate, a carrier of the sensor that swings, and a load cell that
-rings. Each is tried in the place of rock and beside it, by the last drop of each point.
+The log evidence of the candidate structures is summed over the points. With ``--hypotheses`` three
+causes in the instrument with an effect like rock are compared: a mass that swings on the plate, a
+resonance of the sensor's carrier, and a ringing load cell. Each is fitted to the last drop of each
+point with and without rock.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ from inversion.threads import single_threaded_blas
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.spawning import worker_pool
 
-# What the drops of the published survey show beside the question.
-_BESIDE: Structure = frozenset(
+# Effects of the published survey that are part of every fit.
+_COMMON_EFFECTS: Structure = frozenset(
     {"sensor_lag", "plate_inertia", "stress_dependence", "hysteretic_unloading"}
     | {"geophone_response", "rebound"}
 )
@@ -48,7 +48,7 @@ _ITERATIONS = 8
 
 
 class _Resonance(Effect):
-    """A mode of the instrument between 15 and 200 Hz."""
+    """Mode of the instrument between 15 and 200 Hz."""
 
     scope = "device"
     parameters = (
@@ -59,19 +59,21 @@ class _Resonance(Effect):
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
         """Return the strength and the logarithms of frequency and damping."""
         strength = self.parameters[0]
-        own = Coordinate("strength", 0.0, 0.3, strength.lower, strength.upper, strength.starts)
-        return own, *CarrierResonance().coordinates(drop)[1:]
+        strength_coordinate = Coordinate(
+            "strength", 0.0, 0.3, strength.lower, strength.upper, strength.starts
+        )
+        return strength_coordinate, *CarrierResonance().coordinates(drop)[1:]
 
 
 class LoadCellResonance(_Resonance):
-    """The load cell rings: the ground feels another load than the recorded one."""
+    """Ringing of the load cell, so that the load on the ground differs from the recorded one."""
 
     name = "ringing_load_cell"
 
     def compliance(
         self, compliance: ComplexArray, s: ComplexArray, values: Values, drop: DropContext
     ) -> ComplexArray:
-        """Over the recorded load."""
+        """Return displacement over recorded load."""
         omega, damping = 2.0 * math.pi * values["frequency"], values["damping"]
         mode = s**2 / (s**2 + 2.0 * damping * omega * s + omega**2)
         result: ComplexArray = compliance * (1.0 + values["strength"] * mode)
@@ -79,7 +81,7 @@ class LoadCellResonance(_Resonance):
 
 
 class SwingingMass(_Resonance):
-    """A mass on a spring stands on the plate, as a frame on its buffers; strength in 100 kg."""
+    """Mass on a spring on the plate, like a frame on its buffers; strength in 100 kg."""
 
     name = "swinging_mass"
     parameters = (
@@ -90,7 +92,7 @@ class SwingingMass(_Resonance):
     def compliance(
         self, compliance: ComplexArray, s: ComplexArray, values: Values, drop: DropContext
     ) -> ComplexArray:
-        """With the force that the mass returns to the plate."""
+        """Return the compliance with the force of the mass on the plate."""
         omega, damping = 2.0 * math.pi * values["frequency"], values["damping"]
         spring = 2.0 * damping * omega * s + omega**2
         mass = 100.0 * values["strength"] * spring / (s**2 + spring)
@@ -109,7 +111,7 @@ def hypothesis_evidence(records: PointRecords) -> dict[str, float]:
     with single_threaded_blas():
         for rock in (frozenset[str](), _ROCK):
             for hypothesis in (None, *HYPOTHESES):
-                effects = effects_of(_BESIDE | rock)
+                effects = effects_of(_COMMON_EFFECTS | rock)
                 names = [*sorted(rock), *([hypothesis.name] if hypothesis else [])]
                 if hypothesis is not None:
                     effects = (*effects, hypothesis)
@@ -129,7 +131,7 @@ def _best_of_starts(point: Point, effects: Sequence[Effect]) -> Posterior:
 
 
 def candidate_evidence(records: PointRecords) -> dict[str, float]:
-    """Return the log evidence of the candidate structures by their names: all are fitted."""
+    """Return the log evidence of all candidate structures by their names."""
     point = Point(records, SurrogateLibrary())
     candidates = candidate_structures([model.context for model in point.drops])
     fits = {s: fit_briefly(point, s, len(point.drops) - 1, {}) for s in candidates}
@@ -141,7 +143,7 @@ def candidate_evidence(records: PointRecords) -> dict[str, float]:
 
 
 def run(arguments: list[str]) -> int:
-    """Fit, print; 0, 1 when there is nothing to read."""
+    """Fit and print; return 0, or 1 without readable files."""
     parser = argparse.ArgumentParser(prog="pfwd bench structures", description=__doc__)
     parser.add_argument("paths", nargs="+", type=Path, help="files of real devices, or folders")
     parser.add_argument("--header", type=Path, help="what the files do not declare")
@@ -168,7 +170,7 @@ def run(arguments: list[str]) -> int:
 
 
 def summed(rows: Sequence[Mapping[str, float]]) -> dict[str, dict[str, float]]:
-    """Return, by structure, the evidence over all points below the best, and where it is best."""
+    """Return the evidence below the best and the number of points where it is best, by name."""
     names = set.intersection(*(set(row) for row in rows))
     totals = {name: sum(row[name] for row in rows) for name in names}
     best = max(totals.values())

@@ -1,7 +1,7 @@
-"""A terminal screen as a picture, cell by cell, looking alike on every machine.
+"""Picture of a terminal screen, drawn cell by cell and identical on every machine.
 
-Letters come from the font that matplotlib brings; dots, blocks and lines are drawn as shapes, since
-few fonts have the dots. Nothing of a browser or a terminal is needed.
+Letters are from the font in matplotlib. Dots, blocks and lines are drawn as shapes, since few fonts
+have the dots. Neither a browser nor a terminal is needed.
 """
 
 import re
@@ -14,10 +14,10 @@ from rich.color import Color
 from rich.style import Style
 
 CELL_WIDTH, CELL_HEIGHT = 8.0, 17.0
-"""Pixels."""
+"""Size of a cell, pixels."""
 
 FONT_SIZE = CELL_WIDTH * 2048 / 1233
-"""Pixels; the letters of DejaVu Sans Mono are 1233 of 2048 units wide: as wide as a cell then."""
+"""Size of the font, pixels; letters of DejaVu Sans Mono are 1233 of 2048 units wide, as a cell."""
 
 DOTS = ((0x01, 0, 0), (0x02, 0, 1), (0x04, 0, 2), (0x40, 0, 3),
         (0x08, 1, 0), (0x10, 1, 1), (0x20, 1, 2), (0x80, 1, 3))  # fmt: skip
@@ -31,14 +31,14 @@ STROKES = {
     "┤": (1, 0, 1, 1),
     "┼": (1, 1, 1, 1),
 }
-"""Whether a line goes to the left, to the right, up, down."""
+"""Directions of the lines from the centre (left, right, up, down), 1 if there is one."""
 
 FOREGROUND, BACKGROUND = "#e6e6e6", "#101418"
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Letters of one style in a row."""
+    """Adjacent letters of one style in a line."""
 
     column: int
     text: str
@@ -49,14 +49,16 @@ class Run:
 
 
 def runs_of(segments: Iterable[tuple[str, Style | None]]) -> list[Run]:
-    """The runs of a line of styled text."""
+    """Return the runs of a line of styled text."""
     runs, column = [], 0
     for text, style in segments:
-        look = style or Style()
-        fore, back = _hex(look.color, FOREGROUND), _hex(look.bgcolor, BACKGROUND)
-        if look.reverse:
+        text_style = style or Style()
+        fore, back = _hex(text_style.color, FOREGROUND), _hex(text_style.bgcolor, BACKGROUND)
+        if text_style.reverse:
             fore, back = back, fore
-        runs.append(Run(column, text, fore, back, bool(look.bold), bool(look.underline)))
+        runs.append(
+            Run(column, text, fore, back, bool(text_style.bold), bool(text_style.underline))
+        )
         column += len(text)
     return runs
 
@@ -69,7 +71,7 @@ def _hex(color: Color | None, default: str) -> str:
 
 
 def save_picture(lines: Sequence[Sequence[Run]], columns: int, path: Path) -> None:
-    """Write a picture, by the ending of its name: .svg or .png."""
+    """Write a picture as .svg or .png, by the ending of its name."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -97,10 +99,10 @@ def save_picture(lines: Sequence[Sequence[Run]], columns: int, path: Path) -> No
 
 
 def _shorter(svg: str) -> str:
-    """The same picture with coordinates to a tenth and short names of letters."""
+    """Return the picture with coordinates to a tenth and short names of letters."""
 
-    def rounded(found: re.Match[str]) -> str:
-        return re.sub(r"-?\d+\.\d+", _tenth, found[0])
+    def rounded(match: re.Match[str]) -> str:
+        return re.sub(r"-?\d+\.\d+", _tenth, match[0])
 
     svg = re.sub(r' d="[^"]*"|translate\([^)]*\)', rounded, svg)
     svg = svg.replace("DejaVuSansMono-", "g")
@@ -120,7 +122,7 @@ def _commonest(lines: Sequence[Sequence[Run]]) -> str | None:
 
 
 class _Shapes:
-    """Rectangles by colour, drawn as one path each: a picture has thousands."""
+    """Rectangles by colour; each colour is drawn as one path, as a picture has thousands."""
 
     def __init__(self, axes: Any) -> None:
         self._axes = axes
@@ -128,11 +130,11 @@ class _Shapes:
         self._above: dict[str, list[tuple[float, float, float, float]]] = {}
 
     def add(self, color: str, x: float, y: float, w: float, h: float, *, below: bool) -> None:
-        """One more."""
+        """Add a rectangle."""
         (self._below if below else self._above).setdefault(color, []).append((x, y, w, h))
 
     def finish(self) -> None:
-        """Draw them."""
+        """Draw the rectangles."""
         from matplotlib.patches import PathPatch
         from matplotlib.path import Path as Outline
 
@@ -172,21 +174,21 @@ def _draw_run(shapes: _Shapes, axes: Any, run: Run, row: int, ground: Any) -> No
 
 
 def _words(shapes: _Shapes, run: Run, x: float, y: float) -> list[tuple[int, str]]:
-    """Column and letters of what is text in a run; the rest is drawn as shapes."""
-    found: list[tuple[int, str]] = []
+    """Return column and letters of the text in a run; other letters are drawn as shapes."""
+    words: list[tuple[int, str]] = []
     for place, letter in enumerate(run.text):
         drawn = _shape(shapes, letter, run.foreground, x + place * CELL_WIDTH, y)
         if drawn or letter == " ":
             continue
-        if found and found[-1][0] + len(found[-1][1]) == place:
-            found[-1] = found[-1][0], found[-1][1] + letter
+        if words and words[-1][0] + len(words[-1][1]) == place:
+            words[-1] = words[-1][0], words[-1][1] + letter
         else:
-            found.append((place, letter))
-    return found
+            words.append((place, letter))
+    return words
 
 
 def _shape(shapes: _Shapes, letter: str, color: str, x: float, y: float) -> bool:
-    """Whether a letter is one of those that are drawn."""
+    """Draw a letter as a shape; return whether it is one."""
     w, h = CELL_WIDTH, CELL_HEIGHT
     code = ord(letter)
     if 0x2800 <= code < 0x2900:
@@ -201,20 +203,20 @@ def _shape(shapes: _Shapes, letter: str, color: str, x: float, y: float) -> bool
         shapes.add(color, x, y + h * (1 - part), w, h * part, below=False)
         return True
     if letter in STROKES:
-        left, right, up, down = STROKES[letter]
-        middle = x + w / 2, y + h / 2
-        if left or right:
-            start, end = (x if left else middle[0]), (x + w if right else middle[0])
-            shapes.add(color, start, middle[1] - 0.5, end - start, 1.0, below=False)
-        if up or down:
-            start, end = (y if up else middle[1]), (y + h if down else middle[1])
-            shapes.add(color, middle[0] - 0.5, start, 1.0, end - start, below=False)
+        to_left, to_right, to_top, to_bottom = STROKES[letter]
+        centre = x + w / 2, y + h / 2
+        if to_left or to_right:
+            start, end = (x if to_left else centre[0]), (x + w if to_right else centre[0])
+            shapes.add(color, start, centre[1] - 0.5, end - start, 1.0, below=False)
+        if to_top or to_bottom:
+            start, end = (y if to_top else centre[1]), (y + h if to_bottom else centre[1])
+            shapes.add(color, centre[0] - 0.5, start, 1.0, end - start, below=False)
         return True
     return False
 
 
 def runs_of_app(app: Any) -> list[list[Run]]:
-    """What an application of Textual shows now."""
+    """Return the lines on the screen of a Textual application."""
     lines = []
     for strip in app.screen._compositor.render_strips():
         lines.append(runs_of((segment.text, segment.style) for segment in strip))

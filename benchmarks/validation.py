@@ -1,8 +1,9 @@
-"""The 48 cases of the published study by finite elements, inverted by its method and by this one.
+"""The 48 cases of the published study by finite elements, inverted by its method and this
+project's.
 
-Ground, hammer and plate are those of the study; its errors stand beside ours where its transcribed
-tables are at hand.  A ladder of variants, each one step away from the one before, then shows what
-the published method's systematic error is made of.
+Ground, hammer and plate are those of the study. Its errors are reported too if its transcribed
+tables are available.  A ladder of variants, each with one change, shows the parts of the systematic
+error of the published method.
 """
 
 import argparse
@@ -27,7 +28,7 @@ from inversion import (
     SurrogateLibrary,
     invert,
 )
-from inversion.records import known as known_value
+from inversion.records import known as value_of
 from inversion.threads import single_threaded_blas
 from pfwd.analysis.analyse import record_of, settings_of
 from pfwd.analysis.options import AnalysisOptions
@@ -40,8 +41,8 @@ MODULI = (30e6, 40e6, 50e6, 60e6)
 VISCOSITIES = (0.0, 54e3, 134e3)
 DEPTHS = (0.5, 1.0, 2.0, 3.0)
 POISSON_RATIO = 0.35
-# The study does not say how heavy its plate is.  Its Table 1 (837.6 um and a mean pressure of
-# 146.5 kPa on 30 MPa, 54 kPa s, 1 m) asks for 25 to 35 kg.
+# The study does not state the mass of its plate.  Its Table 1 (837.6 um and a mean pressure of
+# 146.5 kPa on 30 MPa, 54 kPa s, 1 m) implies 25 to 35 kg.
 PLATE = Plate(radius=0.15, mass=30.0)
 HAMMER = Hammer(mass=10.0, stiffness=5.6e5, velocity=4.2)
 _DURATION, _TIME_STEP = 0.04, 2.5e-4
@@ -50,9 +51,13 @@ _TABLES = Path(__file__).resolve().parents[2] / "shared" / "seed"
 Depth = Literal["given", "unknown", "none"]
 
 PUBLISHED, HALF_SPACE, ELASTIC = "published", "published, half-space", "published, elastic"
-PEAK, KNOWN, UNKNOWN = "peak values", "default, depth known", "default, depth unknown"
-# The published method reads the load cell as the force on the ground; with this added it is given
-# that force itself, as the study may have had it from its finite elements.
+PEAK, DEPTH_DECLARED, DEPTH_UNKNOWN = (
+    "peak values",
+    "default, depth known",
+    "default, depth unknown",
+)
+# The published method takes the load cell for the force on the ground. Variants with this suffix
+# have the true force on the ground, as the study may have had it from its finite elements.
 ON_CONTACT = ", contact force"
 _PUBLISHED_OPTIONS: dict[str, dict[str, Any]] = {
     PUBLISHED: {},
@@ -63,10 +68,10 @@ METHODS = (
     *_PUBLISHED_OPTIONS,
     *(name + ON_CONTACT for name in _PUBLISHED_OPTIONS),
     PEAK,
-    KNOWN,
-    UNKNOWN,
+    DEPTH_DECLARED,
+    DEPTH_UNKNOWN,
 )
-# Each rung one change away from the one above it, least squares from the second on.
+# Each rung has one change from the one above, with least squares from the second on.
 LADDER = (
     "1 published (genetic search on its own fitness)",
     "2 least squares on the same model and data",
@@ -86,7 +91,7 @@ _PRINTED = {
 
 @dataclass(frozen=True)
 class Case:
-    """One ground of the study, SI."""
+    """Ground of the study, SI units."""
 
     modulus: float
     viscosity: float
@@ -94,13 +99,13 @@ class Case:
 
     @property
     def key(self) -> tuple[float, float, float]:
-        """As the tables name it: kPa s, m, MPa."""
+        """Key of the case in the tables: kPa s, m, MPa."""
         return self.viscosity / 1e3, self.depth, self.modulus / 1e6
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A modulus (Pa) with its relative error and the coefficient of determination."""
+    """Modulus (Pa) with its relative error and the coefficient of determination."""
 
     modulus: float
     error: float
@@ -110,7 +115,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class CaseReport:
-    """Everything found about one case."""
+    """Results of all methods for one case."""
 
     case: Case
     peak_deflection: float
@@ -120,12 +125,12 @@ class CaseReport:
 
 
 def all_cases() -> list[Case]:
-    """The study's 48, in the order of its tables."""
+    """Return the 48 cases in the order of the study's tables."""
     return [Case(e, n, h) for n, h, e in product(VISCOSITIES, DEPTHS, MODULI)]
 
 
 def simulate(case: Case) -> SimulatedDrop:
-    """The drop by finite elements: plate bonded, Kelvin-Voigt in shear and volume."""
+    """Return the finite-element drop of a bonded plate, Kelvin-Voigt in shear and volume."""
     ground = Ground.uniform(
         case.modulus, case.viscosity, poisson_ratio=POISSON_RATIO, bedrock_depth=case.depth
     )
@@ -134,25 +139,27 @@ def simulate(case: Case) -> SimulatedDrop:
 
 
 def study(case: Case) -> CaseReport:
-    """Simulate one case and invert it in every way."""
+    """Simulate one case and invert it by all methods."""
     with single_threaded_blas():
         return examine(case, simulate(case), SurrogateLibrary())
 
 
 def examine(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> CaseReport:
-    """Invert one simulated drop in every way."""
+    """Invert one simulated drop by all methods."""
     on_ground = replace(drop, load=drop.contact_force)
     results = {}
     for name, choices in _PUBLISHED_OPTIONS.items():
         results[name] = _published(case, drop, library, **choices)
         results[name + ON_CONTACT] = _published(case, on_ground, library, **choices)
-    known = _invert(case, drop, library, AnalysisOptions(), case.depth)
-    unknown = _invert(case, drop, library, AnalysisOptions(bedrock_depth="unknown"), case.depth)
-    results |= {KNOWN: known, UNKNOWN: unknown}
+    declared_depth = _invert(case, drop, library, AnalysisOptions(), case.depth)
+    unknown_depth = _invert(
+        case, drop, library, AnalysisOptions(bedrock_depth="unknown"), case.depth
+    )
+    results |= {DEPTH_DECLARED: declared_depth, DEPTH_UNKNOWN: unknown_depth}
     methods = {name: _finding(case, result) for name, result in results.items()}
-    peak = known_value(known.peak_modulus_pa)
+    peak = value_of(declared_depth.peak_modulus_pa)
     methods[PEAK] = Finding(peak, peak / case.modulus - 1.0, None, None)
-    rungs = [results[PUBLISHED], *_steps(case, drop, library), known]
+    rungs = [results[PUBLISHED], *_steps(case, drop, library), declared_depth]
     area = math.pi * PLATE.radius**2
     return CaseReport(
         case,
@@ -171,7 +178,7 @@ def _published(
 
 
 def _steps(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> Iterable[InversionResult]:
-    """Rungs two to five of the ladder."""
+    """Yield rungs two to five of the ladder."""
     options = AnalysisOptions(published=True, bedrock_depth=case.depth)
     record, settings = _through_file(drop, PLATE, options, None)
     settings = replace(settings, method="least-squares")
@@ -198,7 +205,7 @@ def _invert(
 def _through_file(
     drop: SimulatedDrop, plate: Plate, options: AnalysisOptions, declared_depth: float | None
 ) -> tuple[Record, Settings]:
-    """Record and settings as the command line would have them."""
+    """Return record and settings of the command line."""
     declared = {} if declared_depth is None else {"bedrock_depth_m": declared_depth}
     with TemporaryDirectory() as folder:
         path = Path(folder) / "drop.csv"
@@ -210,15 +217,15 @@ def _through_file(
 
 
 def _finding(case: Case, result: InversionResult) -> Finding:
-    modulus = known_value(result.modulus_pa)
-    low, high = known_value(result.modulus_interval_pa)
+    modulus = value_of(result.modulus_pa)
+    low, high = value_of(result.modulus_interval_pa)
     return Finding(
         modulus, modulus / case.modulus - 1.0, result.r_squared, low <= case.modulus <= high
     )
 
 
 def run(arguments: list[str]) -> int:
-    """Print both sides' errors and the ladder, draw the figures if asked; 0."""
+    """Print the errors of both sides and the ladder, draw figures by request; return 0."""
     parser = argparse.ArgumentParser(prog="pfwd bench validation", description=__doc__)
     parser.add_argument("--cases", type=int, default=48, help="number of cases, spread (48)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
@@ -238,7 +245,7 @@ def run(arguments: list[str]) -> int:
 
 
 def _build_surrogates() -> None:
-    """Once, so that the workers find them in the cache instead of each building them."""
+    """Build the surrogates, so that the workers read them from the cache."""
     library = SurrogateLibrary()
     with single_threaded_blas():
         for plate in ("published", "averaged", "rigid-rough"):
@@ -249,16 +256,16 @@ Printed = dict[str, dict[tuple[float, float, float], float]]
 
 
 def printed_errors(folder: Path) -> Printed:
-    """The study's errors (fractions) by method and case; empty where its tables are absent."""
-    found: Printed = {}
+    """Return the study's errors (fractions) by method and case; empty without its tables."""
+    errors: Printed = {}
     for method, (number, column) in _PRINTED.items():
         path = folder / f"table{number}.csv"
         if path.is_file():
             with path.open(encoding="utf-8") as file:
-                found[method] = {
+                errors[method] = {
                     _key(row): float(row[column]) / 100 for row in csv.DictReader(file)
                 }
-    return found
+    return errors
 
 
 def _key(row: dict[str, str]) -> tuple[float, float, float]:
@@ -266,7 +273,7 @@ def _key(row: dict[str, str]) -> tuple[float, float, float]:
 
 
 def summarise(report: Reporter, reports: Sequence[CaseReport], printed: Printed) -> None:
-    """Every case, then means by viscosity and depth, then the ladder."""
+    """Print every case, then means by viscosity and depth, then the ladder."""
     report.title("error of the modulus by case, %")
     for case_report in reports:
         viscosity, depth, modulus = case_report.case.key
@@ -304,7 +311,7 @@ def _means(part: Sequence[CaseReport], method: str, printed: Printed) -> dict[st
         "largest": 100 * max(abs(f.error) for f in findings),
     }
     covered = [f.covered for f in findings if f.covered is not None]
-    if covered and method in (KNOWN, UNKNOWN):
+    if covered and method in (DEPTH_DECLARED, DEPTH_UNKNOWN):
         values["covered"] = sum(covered) / len(covered)
     table = printed.get(method.removesuffix(ON_CONTACT), {})
     theirs = [table[case_report.case.key] for case_report in part if case_report.case.key in table]
@@ -344,8 +351,8 @@ _STYLES = {
     HALF_SPACE: ("#7b3f8c", "s"),
     ELASTIC: ("#8a6d00", "^"),
     PEAK: ("#444444", "D"),
-    KNOWN: ("#0b3c5d", "v"),
-    UNKNOWN: ("#3d7a2a", "x"),
+    DEPTH_DECLARED: ("#0b3c5d", "v"),
+    DEPTH_UNKNOWN: ("#3d7a2a", "x"),
 }
 
 
@@ -360,8 +367,8 @@ def _draw_depths(path: Path, reports: Sequence[CaseReport], printed: Printed) ->
             ours = _by_depth(part, lambda case_report, m=method: case_report.methods[m].error)  # type: ignore[misc]
             axis.plot(*ours, color=colour, marker=mark, label=method)
             table = printed.get(method, {})
-            known = [case_report for case_report in part if case_report.case.key in table]
-            theirs = _by_depth(known, lambda case_report, t=table: t[case_report.case.key])  # type: ignore[misc]
+            with_table = [case_report for case_report in part if case_report.case.key in table]
+            theirs = _by_depth(with_table, lambda case_report, t=table: t[case_report.case.key])  # type: ignore[misc]
             axis.plot(*theirs, color=colour, marker=mark, ls=":", alpha=0.6, mfc="none")
         axis.axhline(0.0, color="black", lw=0.6)
         axis.set_title(f"{viscosity / 1e3:g} kPa s")
@@ -384,26 +391,26 @@ def _by_depth(
 
 
 def _draw_fits(path: Path, case: Case = Case(40e6, 54e3, 1.0)) -> None:
-    """Measured and fitted displacement of one case, and what each method leaves."""
+    """Draw measured and fitted displacement of one case with the residuals of each method."""
     from matplotlib.figure import Figure
 
     library = SurrogateLibrary()
     drop = simulate(case)
-    shown = {
+    results = {
         PUBLISHED: _published(case, drop, library),
         HALF_SPACE: _published(case, drop, library, bedrock_depth="none"),
         ELASTIC: _published(case, drop, library, elastic=True),
-        KNOWN: _invert(case, drop, library, AnalysisOptions(), case.depth),
+        DEPTH_DECLARED: _invert(case, drop, library, AnalysisOptions(), case.depth),
     }
     figure = Figure(figsize=(9, 6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    for method, result in shown.items():
-        history, colour = known_value(result.history), _STYLES[method][0]
-        modulus = known_value(result.modulus_pa) / 1e6
+    for method, result in results.items():
+        history, colour = value_of(result.history), _STYLES[method][0]
+        modulus = value_of(result.modulus_pa) / 1e6
         time = 1e3 * history.time
         upper.plot(time, 1e6 * history.predicted[0], color=colour, label=f"{method}: {modulus:.1f}")
         lower.plot(time, 1e6 * history.residual[0], color=colour)
-    first = known_value(shown[KNOWN].history)
+    first = value_of(results[DEPTH_DECLARED].history)
     upper.plot(
         1e3 * first.time, 1e6 * first.observed[0], "k.", ms=3, label="finite elements: 40 MPa"
     )

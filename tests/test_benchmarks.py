@@ -87,7 +87,7 @@ def test_validation_reports_methods_and_rungs(capsys: pytest.CaptureFixture[str]
     records = lines(capsys)
     overall = {r["method"]: r for r in records if r.get("cases") == "all"}
     assert set(overall) == set(validation.METHODS)
-    assert abs(float(str(overall[validation.KNOWN]["mean"]))) < 0.5
+    assert abs(float(str(overall[validation.DEPTH_DECLARED]["mean"]))) < 0.5
     assert [r["rung"] for r in records if "rung" in r] == list(validation.LADDER)
 
 

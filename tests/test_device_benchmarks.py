@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from benchmarks import archive_drops, devices
-from benchmarks.__main__ import main
+from benchmarks.__main__ import CAMPAIGNS, PARTS, QUICK, main
 from benchmarks.devices import DEVICES, SITES, Case, Reading
 from benchmarks.output import Reporter
 from pfwd.files.traces import read_traces
 from simulators.drop import SimulatedDrop
+
+TOP = Path(__file__).resolve().parents[1]
 
 
 def reading(
@@ -31,6 +33,13 @@ def summary(
 ) -> tuple[int, list[dict[str, Any]]]:
     status = devices.summarise(Reporter(["--json"]), readings)
     return status, [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+
+
+def test_the_help_lists_the_parts_that_exist() -> None:
+    modules = (TOP / "benchmarks").glob("*.py")
+    parts = {path.stem for path in modules if "\ndef run(" in path.read_text(encoding="utf-8")}
+    assert set(PARTS) == parts | set(CAMPAIGNS)
+    assert set(QUICK) <= parts
 
 
 def test_the_devices_cover_what_is_asked_of_them() -> None:

@@ -92,7 +92,7 @@ def test_the_limits_are_those_that_were_promised() -> None:
         "check": (8.0, None),
         "export h5": (60.0, 200.0),
     }
-    assert (scale.LATEST_PAINT, scale.LARGEST_RATIO, scale.DROPS) == (2.0, 1.3, (2_500, 10_000))
+    assert (scale.MAX_PAINT_S, scale.MAX_RATIO, scale.DROPS) == (2.0, 1.3, (2_500, 10_000))
 
 
 @pytest.mark.parametrize("wrong", [["--drops", "5", "5"], ["--drops", "0", "5"], ["--drops", "x"]])

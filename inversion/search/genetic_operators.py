@@ -127,8 +127,7 @@ def contrast_fitness(misfit: FloatArray) -> FloatArray:
     within each population, m the median of :math:`f - f_{\min}`.  The form of Eq. 16 with a
     floor that follows the population, so that neither an offset nor the unit of the misfit
     changes the selection.  With Q = -f instead, which favours the best less, the rotated
-    Rastrigin function in four genes is found 68 instead of 105 times in 200 searches
-    (benchmarks/search.py).
+    Rastrigin function in four genes is found 68 instead of 105 times in 200 searches.
     """
     finite = np.isfinite(misfit)
     if not finite.all():
