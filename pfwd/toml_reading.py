@@ -1,8 +1,11 @@
 """Reads TOML of which nobody knows where it is from: what would take minutes is refused first."""
 
+import os
 import re
 import tomllib
 from typing import Any
+
+from pfwd_device.errors import refusal
 
 LARGEST_TOML = 1_000_000
 """Characters of a file; headers, maps and setups have a few thousand. Each takes some 2 us."""
@@ -14,6 +17,8 @@ MOST_KEY_PARTS = 16
 LONGEST_INTEGER = 64
 """Digits behind 0x, 0o or 0b: as many as the 64 bits of TOML have. Longer ones cannot be written
 out again."""
+
+Path = str | os.PathLike[str]
 
 _STRINGS = re.compile(
     r'"""(?:[^\\"]|\\.|"(?!""))*+"{3,5}'
@@ -47,3 +52,39 @@ def parse_toml(text: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except RecursionError as err:
         raise ValueError("nesting without end") from err
+
+
+def read_toml_text(
+    path: Path, error: type[Exception], max_length: int = LARGEST_TOML, *, where: str = ""
+) -> str:
+    """Return the text of a TOML file that a user names.
+
+    Parameters
+    ----------
+    path : path of the file
+    error : type of exception
+        Class of the errors that are raised.
+    max_length : int
+        Characters; a longer file is refused.
+    where : str
+        Option and file, for messages; empty: the file.
+    """
+    file = where or os.fspath(path)
+    try:
+        with open(path, encoding="utf-8-sig") as stream:
+            text = stream.read(max_length + 1)
+    except OSError as err:
+        raise error(refusal(file, "a readable TOML file", err.strerror or str(err))) from err
+    except UnicodeDecodeError as err:
+        raise error(refusal(file, "UTF-8 text", "other bytes")) from err
+    if len(text) > max_length:
+        raise error(refusal(file, f"at most {max_length} characters", "more"))
+    return text
+
+
+def parse_user_toml(text: str, file: str, error: type[Exception]) -> dict[str, Any]:
+    """Return the tables of a TOML text; the error names the file."""
+    try:
+        return parse_toml(text)
+    except ValueError as err:  # also numbers without end
+        raise error(refusal(file, "TOML", str(err))) from err

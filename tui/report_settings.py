@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pfwd.errors import OptionError, quote, refusal
-from pfwd.toml_reading import parse_toml
+from pfwd.toml_reading import parse_user_toml, read_toml_text
 from tui.screen.settings import settings_file
 
 NAME = "report.toml"
@@ -38,10 +38,7 @@ def load_report_settings(path: Path | None = None) -> ReportSettings:
     file = path or settings_file().with_name(NAME)
     if not file.is_file():
         return ReportSettings()
-    try:
-        values = parse_toml(file.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError) as err:
-        raise OptionError(refusal(str(file), "a TOML file", quote(str(err)))) from err
+    values = parse_user_toml(read_toml_text(file, OptionError), str(file), OptionError)
     for key, value in values.items():
         if key not in KEYS or not isinstance(value, str):
             raise OptionError(refusal(str(file), 'company = "..." or logo = "..."', quote(key)))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 from inversion.notices import Notice, from_sentence
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.toml import toml_line
-from pfwd.toml_reading import LARGEST_TOML, parse_toml
+from pfwd.toml_reading import parse_toml, parse_user_toml, read_toml_text
 from pfwd_device.schema import (
     AnyOf,
     Choice,
@@ -316,15 +316,7 @@ def read_header_file(path: str | os.PathLike[str]) -> Declarations:
     TraceError
         If the file cannot be read or is not TOML.
     """
-    file = os.fspath(path)
-    try:
-        with open(file, encoding="utf-8-sig") as stream:
-            text = stream.read(LARGEST_TOML + 1)
-    except OSError as err:
-        raise TraceError(refusal(file, "a readable TOML file", err.strerror or str(err))) from err
-    except UnicodeDecodeError as err:
-        raise TraceError(refusal(file, "UTF-8 text", "other bytes")) from err
-    return parse_header(text, file)
+    return parse_header(read_toml_text(path, TraceError), os.fspath(path))
 
 
 def parse_header(text: str, file: str) -> Declarations:
@@ -345,10 +337,7 @@ def parse_header(text: str, file: str) -> Declarations:
     TraceError
         If it is not TOML.
     """
-    try:
-        table = parse_toml(text)
-    except ValueError as err:  # also for numbers of any length
-        raise TraceError(refusal(file, "TOML", str(err))) from err
+    table = parse_user_toml(text, file, TraceError)
     lines: dict[str, int] = {}
     for number, line in enumerate(text.split("\n"), start=1):
         if (match := _KEY.match(line)) is not None:

@@ -7,7 +7,7 @@ from typing import Any
 from pfwd.errors import OptionError, quote, refusal
 from pfwd.procedures.profile import CHECKS, Procedure, Quantity, Target
 from pfwd.procedures.profile import Number as SourcedNumber
-from pfwd.toml_reading import parse_toml
+from pfwd.toml_reading import parse_user_toml, read_toml_text
 from pfwd_device.schema import Array, Choice, Flag, Key, Number, Table, TableReader, Text
 
 PROFILE_FORMAT_KEY = "pfwd-procedure"
@@ -122,15 +122,7 @@ def read_procedure(path: str | os.PathLike[str], *, enforce_unverified: bool = F
         names the place.
     """
     file = os.fspath(path)
-    try:
-        with open(file, encoding="utf-8-sig") as stream:
-            text = stream.read(MAX_PROFILE_LENGTH + 1)
-    except OSError as err:
-        raise OptionError(refusal(file, "a readable TOML file", err.strerror or str(err))) from err
-    except UnicodeDecodeError as err:
-        raise OptionError(refusal(file, "UTF-8 text", "other bytes")) from err
-    if len(text) > MAX_PROFILE_LENGTH:
-        raise OptionError(refusal(file, f"at most {MAX_PROFILE_LENGTH} characters", "more"))
+    text = read_toml_text(file, OptionError, MAX_PROFILE_LENGTH)
     return parse_procedure(text, file, enforce_unverified=enforce_unverified)
 
 
@@ -182,10 +174,7 @@ def parse_procedure(
 
 def _table_of(text: str, where: str) -> dict[str, Any]:
     """Return the content of a profile without the version of its format."""
-    try:
-        table = parse_toml(text)
-    except ValueError as err:  # also numbers without end
-        raise OptionError(refusal(where, "TOML", str(err))) from err
+    table = parse_user_toml(text, where, OptionError)
     version = table.pop(PROFILE_FORMAT_KEY, None)
     if type(version) is not int or version != FORMAT_VERSION:
         hint = "a file of a newer version needs a newer program"

@@ -23,6 +23,7 @@ from pfwd.files.header import (
     setup_from,
 )
 from pfwd.procedures import Procedure, find_procedure, parse_procedure, read_procedure
+from pfwd.toml_reading import read_toml_text
 from pfwd_device.drop import nearest_first
 from pfwd_device.errors import RecordingError, SetupError
 from pfwd_device.identity import UNIT_OF_ROLE, ChannelIdentity, Identity, Role
@@ -250,15 +251,7 @@ def read_setup_file(path: str | os.PathLike[str]) -> MeasuringSetup:
         key.
     """
     file = os.fspath(path)
-    try:
-        with open(file, encoding="utf-8-sig") as stream:
-            text = stream.read(MAX_FILE_CHARACTERS + 1)
-    except OSError as err:
-        raise TraceError(refusal(file, "a readable TOML file", err.strerror or str(err))) from err
-    except UnicodeDecodeError as err:
-        raise TraceError(refusal(file, "UTF-8 text", "other bytes")) from err
-    if len(text) > MAX_FILE_CHARACTERS:
-        raise TraceError(refusal(file, f"at most {MAX_FILE_CHARACTERS} characters", "more"))
+    text = read_toml_text(file, TraceError, MAX_FILE_CHARACTERS)
     return parse_setup(text, file)
 
 

@@ -17,7 +17,7 @@ from pfwd.errors import OptionError, refusal
 from pfwd.files.disk import replaced_at_once
 from pfwd.files.output_path import require_writable
 from pfwd.files.toml import toml_line
-from pfwd.toml_reading import LARGEST_TOML, parse_toml
+from pfwd.toml_reading import parse_user_toml, read_toml_text
 
 _SUFFIX = {"kg": "_kg", "s": "_s", "Hz": "_hz", "m/s": "_m_s", "m": "_m", "N/m": "_n_m"}
 """Of a key, by the unit of its value."""
@@ -117,13 +117,7 @@ def read_device(path: str | os.PathLike[str]) -> tuple[DeviceValues, DeviceValue
         If it cannot be read, or names an effect or a parameter that is not known.
     """
     where = f"--device {os.fspath(path)}"
-    try:
-        with open(path, encoding="utf-8") as stream:
-            table = parse_toml(stream.read(LARGEST_TOML + 1))
-    except OSError as err:
-        raise OptionError(refusal(where, "a TOML file", err.strerror or str(err))) from err
-    except ValueError as err:
-        raise OptionError(refusal(where, "TOML", str(err))) from err
+    table = parse_user_toml(read_toml_text(path, OptionError, where=where), where, OptionError)
     values: DeviceValues = {}
     deviations: DeviceValues = {}
     for name, entries in table.items():

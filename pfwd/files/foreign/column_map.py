@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from pfwd.errors import TraceError, quote, refusal
 from pfwd.files.foreign.units import DISPLACEMENT_UNITS, FORCE_UNITS, TIME_UNITS, VELOCITY_UNITS
 from pfwd.files.header import Declaration, Declarations
-from pfwd.toml_reading import LARGEST_TOML, parse_toml
+from pfwd.toml_reading import parse_user_toml, read_toml_text
 from pfwd_device.drop import Quantity
 from pfwd_device.schema import (
     AnyOf,
@@ -113,19 +113,7 @@ def read_map(path: str | os.PathLike[str]) -> ColumnMap:
         If it cannot be read, a key is missing or unknown, or a value is outside its range.
     """
     file = os.fspath(path)
-    try:
-        with open(file, "rb") as stream:
-            data = stream.read(LARGEST_TOML + 1)
-        if len(data) > LARGEST_TOML:
-            raise TraceError(refusal(file, "a column map", "a file of over 1 MB"))
-        table = parse_toml(data.decode("utf-8-sig"))
-    except OSError as err:
-        raise TraceError(refusal(file, "a readable TOML file", err.strerror or str(err))) from err
-    except ValueError as err:
-        if isinstance(err, TraceError):
-            raise
-        raise TraceError(refusal(file, "TOML", quote(str(err)))) from err
-    return parse_map(table, file)
+    return parse_map(parse_user_toml(read_toml_text(file, TraceError), file, TraceError), file)
 
 
 _COLUMN_POSITION = AnyOf((Text(min_length=1), Integer(1)), "a name, or a position from 1")

@@ -122,7 +122,7 @@ def test_a_wrong_device_file_is_refused(text: str, message: str, tmp_path: Path)
 
 
 def test_a_device_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(OptionError, match="a TOML file"):
+    with pytest.raises(OptionError, match=r"--device .*a readable TOML file"):
         read_device_file(tmp_path / "none.toml")
 
 
