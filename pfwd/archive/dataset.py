@@ -26,8 +26,7 @@ from typing import TYPE_CHECKING, Any
 from inversion.records import is_number
 from pfwd.analysis.result_columns import nested_cells, result_columns
 from pfwd.errors import OptionError, SurveyError, refusal
-from pfwd.files.disk import disk_errors, replaced_durably
-from pfwd.files.output_path import refuse_inside_survey
+from pfwd.files.output_path import disk_errors, refuse_inside_survey, replaced_durably
 
 if TYPE_CHECKING:
     from pfwd.analysis.results import DiagnosisResult, DropResult

@@ -24,11 +24,12 @@ from typing import TextIO
 from filelock import FileLock, Timeout
 
 from pfwd.errors import OptionError, refusal
-from pfwd.files.disk import disk_errors, sync
 from pfwd.files.output_path import (
+    disk_errors,
     refuse_inside_survey,
     refuse_special_file,
     require_writable,
+    sync,
 )
 
 

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pfwd.errors import OptionError, SurveyError, refusal
-from pfwd.files.disk import replaced_durably
+from pfwd.files.output_path import replaced_durably
 
 MAX_PHOTO_BYTES = 20_000_000
 """Largest picture; the largest ones of a phone have half of it."""

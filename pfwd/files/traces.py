@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from inversion.notices import Notice
 from pfwd.errors import TraceError, quote, refusal
-from pfwd.files.disk import replaced_at_once
 from pfwd.files.header import (
     TRACES_FORMAT_KEY,
     TRACES_FORMAT_VERSION,
@@ -36,6 +35,7 @@ from pfwd.files.header import (
     setup_from,
     setup_warnings,
 )
+from pfwd.files.output_path import replaced_at_once
 from pfwd.toml_reading import LARGEST_TOML
 from pfwd_device import Channel, Drop, Quantity
 from pfwd_device.recording import SurveyDrop

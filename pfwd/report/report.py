@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pfwd.errors import OptionError, refusal
-from pfwd.files.disk import replaced_at_once
-from pfwd.files.output_path import require_writable
+from pfwd.files.output_path import replaced_at_once, require_writable
 from pfwd.report.blocks import Heading
 from pfwd.report.certificate_blocks import read_logo
 from pfwd.report.composing import compose

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from pfwd.files.disk import replaced_at_once
+from pfwd.files.output_path import replaced_at_once
 
 
 @dataclass(frozen=True, slots=True)

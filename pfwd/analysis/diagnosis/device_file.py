@@ -14,8 +14,7 @@ from inversion.records import known
 from pfwd.analysis.diagnosis.diagnose import Diagnosed
 from pfwd.analysis.diagnosis.points import DeviceValues
 from pfwd.errors import OptionError, refusal
-from pfwd.files.disk import replaced_at_once
-from pfwd.files.output_path import require_writable
+from pfwd.files.output_path import replaced_at_once, require_writable
 from pfwd.files.toml import toml_line
 from pfwd.toml_reading import parse_user_toml, read_toml_text
 

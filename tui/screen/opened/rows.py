@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pfwd.errors import DeviceError, SurveyError
-from pfwd.files.disk import replaced_at_once
 from pfwd.files.folders import refuse_no_survey
+from pfwd.files.output_path import replaced_at_once
 
 if TYPE_CHECKING:
     # Loaded when the survey is read: the frame is painted before.
