@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 
 POUND_FORCE_N = 4.4482216152605
-"""Exact by the international definitions of pound and standard gravity."""
+"""A pound-force, exact by the definitions of the pound and of standard gravity."""
 
 INCH_M = 0.0254
-"""Exact."""
+"""An inch, exact."""
 
 TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 FORCE_UNITS: Mapping[str, float] = {
