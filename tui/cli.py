@@ -34,17 +34,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError):
             stream.reconfigure(errors=SPELLING)  # type: ignore[union-attr]
-    args = build_parser().parse_args(argv)
-    if args.command is None:
-        print(FIRST_STEPS)
-        return SUCCESS
+    command = ""
     # Warnings of plug-ins are printed at the end, as messages.
     warnings.simplefilter("ignore", pfwd_plugins.PluginWarning)
     # On a disk without locks the file itself is the lock; a user need not know.
     warnings.filterwarnings("ignore", message="flock not supported", category=UserWarning)
     try:
         with stopped_by_signals(), children_shielded():
-            status = int(command_module(args.command).run(args))
+            # Parsing imports the module of the command, which must not be interrupted either.
+            args = build_parser().parse_args(argv)
+            command = args.command
+            if command is None:
+                print(FIRST_STEPS)
+                return SUCCESS
+            status = int(command_module(command).run(args))
         sys.stdout.flush()  # so that a closed pipe raises here
     except KeyboardInterrupt:
         say("stopped")
@@ -57,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return SUCCESS
         if os.environ.get("PFWD_DEBUG"):
             raise
-        say(_explain(err, args.command))
+        say(_explain(err, command))
         status = USAGE if isinstance(err, OptionError) else REFUSED
     for remark in pfwd_plugins.remarks():
         say(remark)
