@@ -47,31 +47,36 @@ from tui.screen.session.diagnosis import Diagnoses
 from tui.screen.session.drop_fits import DropFits
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.event_log import log_event
-from tui.screen.session.replay_pace import change_speed, one_more, pace_text, pause_or_go_on
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.screen_events import (
-    ContentsRead,
-    DiagnosisDone,
+    DiagnosisFinished,
     DropRead,
-    Refitted,
+    Refit,
     ScreenEvent,
     SessionEnded,
+    SurveyRead,
 )
-from tui.screen.session.sources import SessionSource
+from tui.screen.session.sources import (
+    SessionSource,
+    change_speed,
+    pace_text,
+    pause_or_go_on,
+    step_drop,
+)
 from tui.screen.session.state import SessionState
-from tui.screen.session.stations import Whereabouts
+from tui.screen.session.stations import ReceiverStatus
 from tui.screen.session.status import StatusWord, status_of
 from tui.screen.session.survey_edits import SurveyEdits
 from tui.screen.settings import ScreenSettings, save_settings
 from tui.screen.units import UNITS_BY_NAME, Units
 
-UPDATES = 12.0
+UPDATES_PER_S = 12.0
 """Per second; a timer that is late now and then still gives ten."""
 
-LAST_WAIT = 25.0
+LEAVE_TIMEOUT_S = 25.0
 """s that leaving waits for the last analyses."""
 
-MESSAGE_SHOWN = 8.0
+MESSAGE_S = 8.0
 """s."""
 
 SOUNDS: Mapping[Verdict, tuple[float, ...]] = {
@@ -139,10 +144,10 @@ class PfwdApp(App[int]):
         self.state.waits_for_first_modulus = source.plan.options is not None
         self.state.recorded = source.pace is not None
         self.runner = SessionRunner(source)
-        self.runner.also_tell(log_event)
-        self.edits = SurveyEdits(source, self.runner, self.say, self._in_thread)
-        self.fits = DropFits(source, self.runner, self.state, self.say, self._in_thread)
-        self.diagnoses = Diagnoses(source, self.runner, self.state, self.say)
+        self.runner.add_listener(log_event)
+        self.edits = SurveyEdits(source, self.runner, self.show_message, self._in_thread)
+        self.fits = DropFits(source, self.runner, self.state, self.show_message, self._in_thread)
+        self.diagnoses = Diagnoses(source, self.runner, self.state, self.show_message)
         self.glyphs = glyphs or glyphs_of_terminal()
         self.drawn = 0
         """How often the page was drawn."""
@@ -186,24 +191,26 @@ class PfwdApp(App[int]):
         """What is going on."""
         now = time.monotonic()
         at = self.runner.pulse_at
-        return status_of(self.state, now, None if at is None else now - at, self.here())
+        return status_of(self.state, now, None if at is None else now - at, self.coordinates())
 
-    def position(self) -> Whereabouts | None:
+    def position(self) -> ReceiverStatus | None:
         """Where the instrument stands and how sure that is, for the head; None: no receiver."""
         receiver = self.source.plan.position
         if not isinstance(receiver, PositionReceiver):
             return None
         fix = receiver.latest()
         if fix is None:
-            return Whereabouts(f"GPS no fix: {receiver.record().get('fault')}", "", good=False)
+            return ReceiverStatus(
+                f"GPS no fix: {receiver.record().get('fault')}", "", is_good=False
+            )
         seen = "" if fix.satellites is None else f" {fix.satellites} sat"
         good = receiver.warning() is None
         poor = "" if good else f" HDOP {fix.hdop:g}"
         quality = FIX_NAMES.get(fix.quality, "fix")
         place = f"{fix.latitude:.5f}, {fix.longitude:.5f}"
-        return Whereabouts(f"GPS {quality}{seen}{poor}", place, good)
+        return ReceiverStatus(f"GPS {quality}{seen}{poor}", place, good)
 
-    def here(self) -> tuple[float, float] | None:
+    def coordinates(self) -> tuple[float, float] | None:
         """Latitude and longitude now, degrees; None: not known."""
         receiver = self.source.plan.position
         fix = receiver.latest() if isinstance(receiver, PositionReceiver) else None
@@ -217,11 +224,11 @@ class PfwdApp(App[int]):
         """What is under way besides measuring."""
         if self.diagnoses.file:
             return f"diagnosing {Path(self.diagnoses.file).name} ..."
-        return "fitting ..." if self.fits.busy else ""
+        return "fitting ..." if self.fits.n_running else ""
 
-    def say(self, text: str) -> None:
+    def show_message(self, text: str) -> None:
         """One line for the operator, for a while."""
-        self._message = clean(text), time.monotonic() + MESSAGE_SHOWN
+        self._message = clean(text), time.monotonic() + MESSAGE_S
 
     # Life.
 
@@ -229,7 +236,7 @@ class PfwdApp(App[int]):
         """Show the first page, then start what is slow."""
         self.theme = self.look.theme.name
         self.push_screen(MeasurePage())
-        self.set_interval(1 / UPDATES, self._tick)
+        self.set_interval(1 / UPDATES_PER_S, self._tick)
         self.call_after_refresh(self._begin)
         # The loop of Windows takes no signals, and none does outside the main thread: there the
         # program ends by its keys.
@@ -261,7 +268,7 @@ class PfwdApp(App[int]):
             if self.state.session is None and not self.source.writes:
                 self.runner.put(Notice(str(err), serious=True))
             return
-        self.runner.put(ContentsRead(points, drops=self.source.writes))
+        self.runner.put(SurveyRead(points, drops=self.source.writes))
 
     def _tick(self) -> None:
         come = self.runner.take()
@@ -288,19 +295,19 @@ class PfwdApp(App[int]):
                 self._ring(2 if one.screening.status == "rejected" else 1)
                 if (one.point, one.number) in self._unsafe:
                     self._unsafe.discard((one.point, one.number))
-                    self.say(f"drop {one.number} is safe now")
+                    self.show_message(f"drop {one.number} is safe now")
             case DropNotSaved(point, number, reason):
                 self._ring(2)
                 self._unsafe.add((point, number))
-                self.say(f"drop {number} is NOT SAFE: {reason}")
+                self.show_message(f"drop {number} is NOT SAFE: {reason}")
             case SurveyFilesChanged(text, safe):
                 if not safe:
                     self._ring(2)
-                self.say(text)
+                self.show_message(text)
             case DropNotPublished():
-                self.say(event.text)
+                self.show_message(event.text)
             case Notice(text):
-                self.say(text)
+                self.show_message(text)
             case CalibrationChanged():
                 self._on_calibration(event)
             case PointDiagnosed(name, result):
@@ -313,15 +320,15 @@ class PfwdApp(App[int]):
                 self.fits.on_read(one)
             case SessionEnded(_, error):
                 if error:
-                    self.say(error)
-            case Refitted(_, number, label, result):
+                    self.show_message(error)
+            case Refit(_, number, label, result):
                 self.fits.on_refitted(number, label, result, self.units)
-            case DiagnosisDone():
+            case DiagnosisFinished():
                 self.diagnoses.on_diagnosed(event, self.units)
 
     def _on_calibration(self, event: CalibrationChanged) -> None:
         """Ask before anything is recorded with another calibration."""
-        self.say(event.text)
+        self.show_message(event.text)
         if not event.waits or event == self._asked_calibration:
             return
         self._ring(2)
@@ -330,7 +337,7 @@ class PfwdApp(App[int]):
         def answer(sure: bool | None) -> None:
             self._asked_calibration = None
             if sure:
-                self.runner.ask(lambda session: session.accept_calibration(event))
+                self.runner.request(lambda session: session.accept_calibration(event))
             else:
                 self._end_by_signal()
 
@@ -357,7 +364,7 @@ class PfwdApp(App[int]):
         if self.source.pace is not None or not progress.complete or progress.next_kind is not None:
             self._sounded.pop(state.point, None)
             return
-        if any(drop.waits or not drop.final for drop in state.current_drops.values()):
+        if any(drop.awaits_modulus or not drop.final for drop in state.current_drops.values()):
             return
         if self._sounded.get(state.point) != progress.verdict.value:
             self._sounded[state.point] = progress.verdict.value
@@ -377,7 +384,7 @@ class PfwdApp(App[int]):
     def open_drop(self, drop: DropState | None, *, refit: bool = False) -> None:
         """Show everything about a drop."""
         if drop is None:
-            self.say("there is no drop yet")
+            self.show_message("there is no drop yet")
             return
         self.shown_drop = drop.point, drop.number
         self.action_page("drop")
@@ -394,7 +401,7 @@ class PfwdApp(App[int]):
     def on_paste(self, event: events.Paste) -> None:
         """What is pasted is no row of keys: it goes into a field, or nowhere."""
         event.stop()
-        self.say("pasted text is not taken for keys")
+        self.show_message("pasted text is not taken for keys")
 
     def action_help(self) -> None:
         """Help for this page."""
@@ -421,7 +428,7 @@ class PfwdApp(App[int]):
         self.settings = dataclasses.replace(self.settings, **values)
         self.theme = self.look.theme.name
         if not self._save(self.settings):
-            self.say("the settings could not be saved; they hold until you leave")
+            self.show_message("the settings could not be saved; they hold until you leave")
         self.redraw()
 
     def redraw(self) -> None:
@@ -445,7 +452,7 @@ class PfwdApp(App[int]):
     def action_ring(self) -> None:
         """Bell on or off."""
         self.change(bell=not self.settings.bell)
-        self.say("bell on" if self.settings.bell else "bell off")
+        self.show_message("bell on" if self.settings.bell else "bell off")
 
     # A replay.
 
@@ -458,7 +465,7 @@ class PfwdApp(App[int]):
     def action_step(self) -> None:
         """One drop more."""
         if self.source.pace is not None:
-            one_more(self.source.pace)
+            step_drop(self.source.pace)
             self.redraw()
 
     def action_speed(self, step: int) -> None:
@@ -490,19 +497,19 @@ class PfwdApp(App[int]):
 
     def _danger(self) -> str:
         """What would be lost by leaving now."""
-        if self.state.held:
-            return f"{self.state.held} drop(s) are only in memory and would be lost. Leave?"
+        if self.state.n_unsaved:
+            return f"{self.state.n_unsaved} drop(s) are only in memory and would be lost. Leave?"
         return str(getattr(self.screen, "unsaved", "") or "")
 
     async def _leave(self) -> None:
         self._leaving = True
-        self.say("ending: the last drop is made safe; q again leaves at once")
+        self.show_message("ending: the last drop is made safe; q again leaves at once")
         self.redraw()
         pace = self.source.pace
         if pace is not None:
             pace.go_on()
         loop = asyncio.get_running_loop()
-        await loop.run_in_executor(None, lambda: self.runner.stop(LAST_WAIT))
+        await loop.run_in_executor(None, lambda: self.runner.stop(LEAVE_TIMEOUT_S))
         self._finish()
 
     def _finish(self) -> None:
@@ -514,13 +521,13 @@ class PfwdApp(App[int]):
 
     def restart(self, plan: SessionPlan, url: str) -> None:
         """Go on with another plan: the session ends when the drop in hand is safe."""
-        self.say("the session begins anew with this setup")
+        self.show_message("the session begins anew with this setup")
         self.run_worker(self._restart(plan, url), exclusive=True, group="restart")
 
     async def _restart(self, plan: SessionPlan, url: str) -> None:
         loop = asyncio.get_running_loop()
-        if not await loop.run_in_executor(None, lambda: self.runner.stop(LAST_WAIT)):
-            self.say("the session has not ended yet; the setup was not taken")
+        if not await loop.run_in_executor(None, lambda: self.runner.stop(LEAVE_TIMEOUT_S)):
+            self.show_message("the session has not ended yet; the setup was not taken")
             return
         self.source.plan = plan
         if url:

@@ -83,7 +83,7 @@ def leaving_lines(state: "SessionState", source: SessionSource) -> list[str]:
     said = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
     stood = f" ({said})" if said else ""
     measured = f"{counted(len(points), 'point')}, {counted(drops, 'drop')}{stood}"
-    safe = f"; {state.held} NOT SAFE" if state.held else ", all on the disk"
+    safe = f"; {state.n_unsaved} NOT SAFE" if state.n_unsaved else ", all on the disk"
     return [
         f"{folder}: {measured}{safe}",
         f"next: {', or '.join(next_commands(folder))}",

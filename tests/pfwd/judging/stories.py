@@ -36,7 +36,7 @@ from pfwd.session.stored_drops import point_event, read_point_event
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from pfwd_device.recording.storage import Storage
 from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
-from tui.screen.session.screen_events import SessionBegan
+from tui.screen.session.screen_events import SessionStarted
 from tui.screen.session.state import SessionState
 
 POINTS = ("1", "2")
@@ -132,7 +132,7 @@ class Told:
 
     def _begin(self) -> None:
         self.view, self.state = SurveyView(), SessionState()
-        self.state.take(SessionBegan(None, "1"))
+        self.state.take(SessionStarted(None, "1"))
         self._said: list[PointView] = []
         self._complete = CompletePoints(self._said.append, analysed=True)
         self._largest = dict.fromkeys(POINTS, 0.0)

@@ -27,7 +27,7 @@ from tests.tui.screen.scripted import (
 )
 from tui.log_file import close_log, open_log
 from tui.screen.session.event_log import log_event
-from tui.screen.session.screen_events import ContentsRead, DiagnosisDone, Refitted, SessionEnded
+from tui.screen.session.screen_events import DiagnosisFinished, Refit, SessionEnded, SurveyRead
 
 HOSTILE = [
     "[/",
@@ -83,9 +83,9 @@ def events(text: str) -> list[Any]:
         saved(1, marks=(text,)),
         analysed(1, warnings=[text], at_bound=[text], model=text, plate=text, method=text),
         saved(2, status="rejected", reason=text),
-        ContentsRead((point,), drops=True),
-        Refitted("7", 1, text, result(refit=text), None),
-        DiagnosisDone("survey", (DiagnosisResult.from_json(record),)),
+        SurveyRead((point,), drops=True),
+        Refit("7", 1, text, result(refit=text), None),
+        DiagnosisFinished("survey", (DiagnosisResult.from_json(record),)),
         Notice(text, serious=True),
         InstrumentLost(text, NOON.replace(tzinfo=datetime.UTC)),
         SessionEnded(None, text, 2.0, no_device=True),
@@ -124,7 +124,7 @@ def test_dialogs_and_the_setup_page_take_it_as_text(text: str) -> None:
         await pilot.pause()
         page: Any = app.screen
         page._found([(text, "/dev/ttyUSB9", True)])
-        app.say(text)
+        app.show_message(text)
         page.draw()
         await pilot.pause()
         assert harmless(app.text.replace("\n", ""))

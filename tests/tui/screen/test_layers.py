@@ -29,9 +29,9 @@ from tui.screen.drawing.lines import text_of, width_of
 from tui.screen.pages.drop import DropPage
 from tui.screen.pages.drop_view import DropPageState, drop_lines, text_lines
 from tui.screen.pages.layer_texts import layer_lines, sensor_lines
-from tui.screen.session.drop_fits import DropFits, Refits
+from tui.screen.session.drop_fits import DropFits, RefitWorker
 from tui.screen.session.drop_state import DropState
-from tui.screen.session.screen_events import SessionBegan
+from tui.screen.session.screen_events import SessionStarted
 from tui.screen.session.state import SessionState
 from tui.screen.units import SI, US
 
@@ -84,7 +84,7 @@ def drop_of(make_drop: Callable[..., Drop], found: DropResult, *places: float) -
 
 def page(drop: DropState, width: int, height: int, **more: Any) -> list[str]:
     state = SessionState(clock=lambda: 1.0)
-    state.take(SessionBegan(Session(), "7"))
+    state.take(SessionStarted(Session(), "7"))
     shown = DropPageState(drop, state, SI, BRAILLE, "", DropPage.KEYS, **more)
     lines = drop_lines(shown, width, height)
     assert len(lines) == height
@@ -140,7 +140,7 @@ def test_residuals_stand_by_sensor_and_the_left_out_by_name(
     assert sensor_lines(None, OFFSETS, SI) == []
 
 
-class Asking(Refits):
+class Asking(RefitWorker):
     """Keeps the options of what is asked for."""
 
     def __init__(self) -> None:

@@ -16,9 +16,9 @@ from tui.screen.drawing.glyphs import ASCII, BRAILLE, Glyphs
 from tui.screen.drawing.lines import text_of, width_of
 from tui.screen.pages.measure import MeasurePage
 from tui.screen.pages.measure_view import MeasureView, measure_lines
-from tui.screen.session.screen_events import SessionBegan
+from tui.screen.session.screen_events import SessionStarted
 from tui.screen.session.state import SessionState
-from tui.screen.session.stations import Whereabouts
+from tui.screen.session.stations import ReceiverStatus
 from tui.screen.session.status import status_of
 from tui.screen.units import SI, US, Units
 
@@ -28,7 +28,7 @@ SIZES = [(80, 24), (120, 40), (200, 60)]
 
 def view(*events: Any, units: Units = SI, glyphs: Glyphs = BRAILLE, **more: Any) -> MeasureView:
     state = SessionState(target=45e6, clock=lambda: 1.0)
-    state.take(SessionBegan(Session(), "7"))
+    state.take(SessionStarted(Session(), "7"))
     for event in events:
         state.take(event)
     rest = np.zeros((500, 2))
@@ -161,7 +161,7 @@ def test_next_action_and_keys_are_always_there() -> None:
 def test_the_receiver_and_the_lot_are_seen_on_small_terminals_too(size: tuple[int, int]) -> None:
     stations = tuple(Station(f"12+3{n}0", 12_300.0 + 10 * n) for n in range(4))
     job = Job(procedure=plain_procedure(), target=45e6, stations=stations)
-    where = Whereabouts("GPS RTK fixed 11 sat", "48.13740, 11.57550", good=True)
+    where = ReceiverStatus("GPS RTK fixed 11 sat", "48.13740, 11.57550", good=True)
     shown = text(view(JobReported(job), ready(), status(), position=where), size)
     assert "GPS RTK fixed 11 sat" in shown
     assert "0 of 4 stations" in shown, "the point that is measured is not done yet"

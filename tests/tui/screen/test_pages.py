@@ -37,7 +37,7 @@ from tests.tui.screen.scripted import (
     whole_point,
 )
 from tui.screen.pages.diagnosis import device_lines
-from tui.screen.session.screen_events import ContentsRead, DiagnosisDone, Refitted
+from tui.screen.session.screen_events import DiagnosisFinished, Refit, SurveyRead
 from tui.screen.settings import ScreenSettings
 from tui.screen.units import Units
 
@@ -236,7 +236,7 @@ def test_a_calibration_that_was_accepted_beforehand_is_only_named() -> None:
     play(App(), script)
 
 
-def contents() -> ContentsRead:
+def contents() -> SurveyRead:
     first = [stored_drop(n, result(40e6 + n * 1e6), record=n) for n in range(1, 4)]
     points = (
         PointView(
@@ -248,7 +248,7 @@ def contents() -> ContentsRead:
         ),
         PointView("7"),
     )
-    return ContentsRead(points, drops=True)
+    return SurveyRead(points, drops=True)
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -375,7 +375,7 @@ def test_a_refit_stands_beside_the_result_that_counts() -> None:
         await told(app, pilot, *whole_point())
         await pilot.press("3")
         trial = result(39e6, refit="half-space")
-        await told(app, pilot, Refitted("7", 6, "half-space", trial, curves()))
+        await told(app, pilot, Refit("7", 6, "half-space", trial, curves()))
         drop = app.state.drops["7"][6]
         assert drop.modulus == 47.6e6
         assert ("result", 6, trial) in app.source.session.asked  # type: ignore[attr-defined]
@@ -505,7 +505,7 @@ def test_the_diagnosis_page_shows_the_ladder_and_the_device(
         assert "Enter diagnoses" in app.text
         other = {**RECORD, "point": "8", "verdict": "clean"}  # the screen has no drops of it
         results = tuple(map(DiagnosisResult.from_json, (RECORD, other)))
-        await told(app, pilot, DiagnosisDone(str(tmp_path), results))
+        await told(app, pilot, DiagnosisFinished(str(tmp_path), results))
         for part in ("EXPLAINED", "55.2", "47.3", "geophone_response", "effects of the device"):
             assert part in app.text
         await pilot.press("1")
@@ -520,7 +520,9 @@ def test_the_diagnosis_page_shows_the_ladder_and_the_device(
 def test_a_diagnosis_that_fails_is_one_sentence(tmp_path: Path) -> None:
     async def script(app: App, pilot: Any) -> None:
         await pilot.press("4")
-        await told(app, pilot, DiagnosisDone(str(tmp_path), (), "the diagnosis failed: no table"))
+        await told(
+            app, pilot, DiagnosisFinished(str(tmp_path), (), "the diagnosis failed: no table")
+        )
         assert "the diagnosis failed: no table" in app.text
 
     play(App(QuietSource(tmp_path)), script)
@@ -760,7 +762,7 @@ def test_what_is_said_is_whole_on_every_page(size: tuple[int, int]) -> None:
         await told(app, pilot, *whole_point())
         for key in "234":
             await pilot.press(key)
-            app.say(said)
+            app.show_message(said)
             app.redraw()
             await pilot.pause()
             assert said in " ".join(app.text.split()), f"page {key}"
@@ -772,8 +774,8 @@ def test_the_points_page_uses_its_room_and_knows_where_the_points_are() -> None:
     async def script(app: App, pilot: Any) -> None:
         stored, place = saved_drop(7), {"latitude": 48.1374, "longitude": 11.5755}
         view = dataclasses.replace(stored.view, metadata={"position": place})
-        here = dataclasses.replace(stored, view=view)
-        await told(app, pilot, *whole_point(), DropSaved(here))
+        coordinates = dataclasses.replace(stored, view=view)
+        await told(app, pilot, *whole_point(), DropSaved(coordinates))
         await pilot.press("2")
         await pilot.pause()
         assert "48.137400, 11.575500" in app.text

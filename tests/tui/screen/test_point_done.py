@@ -68,7 +68,7 @@ def test_how_the_point_stands_fills_the_screen(
     async def script(app: App, pilot: Any) -> None:
         job = JobReported(Job(procedure=app.state.procedure, target=target))
         await told(app, pilot, job, *whole_point())
-        app.state.last.came = time.monotonic() - 60  # type: ignore[union-attr]
+        app.state.last.saved_at = time.monotonic() - 60  # type: ignore[union-attr]
         app.redraw()
         await pilot.pause()
         assert word in app.text
@@ -124,7 +124,7 @@ def test_not_safe_is_taken_back_once_it_is() -> None:
 def test_a_key_means_the_drop_that_was_seen() -> None:
     async def script(app: App, pilot: Any) -> None:
         await told(app, pilot, ready(), saved(1), analysed(1))
-        app.state.last.came = time.monotonic() - 60  # type: ignore[union-attr]
+        app.state.last.saved_at = time.monotonic() - 60  # type: ignore[union-attr]
         await told(app, pilot, saved(2), analysed(2))  # while the finger was on its way
         await pilot.press("d")
         assert app.message == "drop 2 has just landed: d again discards it"
@@ -180,7 +180,7 @@ def test_a_point_that_is_done_says_where_the_next_one_is() -> None:
     for event in (JobReported(LOT), *whole_point(point="12+300")):
         state.take(event)
     assert status_of(state, 100.0).action == "next: 12+320, 20 m ahead; there press n"
-    near = status_of(state, 100.0, here=(48.1, 11.50058))
+    near = status_of(state, 100.0, coordinates=(48.1, 11.50058))
     assert near.action == "next: 12+340, 1 m ahead; there press n"
     state.take(JobReported(Job(procedure=E_LWD, step_m=20.0)))
     assert status_of(state, 100.0).action == "next: 12+320, 20 m ahead; there press n"

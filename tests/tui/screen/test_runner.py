@@ -14,7 +14,7 @@ from pfwd.session.plan import Ending, SessionPlan
 from tests.tui.screen.scripted import QuietSource, Session, samples
 from tui.screen.session import runner as runner_module
 from tui.screen.session.runner import SessionRunner
-from tui.screen.session.screen_events import SessionBegan, SessionEnded
+from tui.screen.session.screen_events import SessionEnded, SessionStarted
 
 
 class Failing(QuietSource):
@@ -60,13 +60,13 @@ def test_a_port_that_is_not_there_is_tried_again_until_it_is() -> None:
     assert first.no_device
     assert first.error == str(error)
     assert isinstance(second, SessionEnded)
-    assert isinstance(third, SessionBegan)
+    assert isinstance(third, SessionStarted)
 
 
 def test_a_survey_that_another_program_writes_is_tried_again() -> None:
     first, second, *_ = events_of(Failing(RecordingError("another program writes it")), 2)
     assert (first.retry is not None, first.no_device) == (True, False)
-    assert isinstance(second, SessionBegan)
+    assert isinstance(second, SessionStarted)
 
 
 def test_data_that_are_refused_end_it_with_one_sentence() -> None:
@@ -130,14 +130,14 @@ def test_a_display_that_fails_does_not_end_the_measurement(
     (told,) = runner.take()
     assert isinstance(told, Notice)
     assert "ValueError" in caplog.text
-    runner.also_tell(broken)
+    runner.add_listener(broken)
     runner._listen(Ready())
     assert runner.take() == [Ready()]
 
 
 def test_nothing_is_asked_of_a_session_that_is_not_there() -> None:
     runner = SessionRunner(QuietSource())
-    assert not runner.ask(lambda session: session.set_point("8"))
+    assert not runner.request(lambda session: session.set_point("8"))
     assert not runner.trigger()
 
 

@@ -38,10 +38,10 @@ from tests.tui.screen.scripted import (
     whole_point,
 )
 from tui.screen.pages.drop_texts import verdict_of
-from tui.screen.session.screen_events import ContentsRead, SessionBegan, SessionEnded
+from tui.screen.session.diagnosis import verdict_text
+from tui.screen.session.screen_events import SessionEnded, SessionStarted, SurveyRead
 from tui.screen.session.state import SessionState
-from tui.screen.session.status import SAFE_SHOWN, status_of
-from tui.screen.session.verdicts import verdict_text
+from tui.screen.session.status import SAFE_WORD_S, status_of
 from tui.screen.units import SI
 
 
@@ -54,7 +54,7 @@ class Clock:
 
 def state_after(*events: Any, target: float | None = None) -> SessionState:
     state = SessionState(target=target, clock=Clock())
-    state.take(SessionBegan(Session(), "7"))
+    state.take(SessionStarted(Session(), "7"))
     for event in events:
         state.take(event)
     return state
@@ -74,7 +74,7 @@ def test_the_device_is_what_it_says() -> None:
 def test_a_drop_is_there_when_it_is_saved_and_has_a_modulus_when_it_is_analysed() -> None:
     state = state_after(ready(), saved(1))
     drop = state.drops["7"][1]
-    assert drop.waits
+    assert drop.awaits_modulus
     assert drop.peak_load == pytest.approx(9900, rel=1e-3)
     assert drop.peak_deflection == pytest.approx(6.4e-4, rel=0.06)  # from where the load begins
     state.take(analysed(1, full=False))
@@ -128,7 +128,7 @@ def test_the_target_of_the_point_wins() -> None:
 
 def test_a_chosen_procedure_judges() -> None:
     state = SessionState(find_procedure("tp-bf-stb-b8.3"), clock=Clock())
-    state.take(SessionBegan(Session(), "7"))
+    state.take(SessionStarted(Session(), "7"))
     for event in whole_point():
         state.take(event)
     value = state.progress.value
@@ -168,7 +168,7 @@ def test_the_survey_is_taken_over_and_what_is_newer_wins() -> None:
     contents = PointView(
         "7", (first, second), 45e6, title="km 3", place={"latitude": 1.0, "longitude": 2.0}
     )
-    state = state_after(saved(2), ContentsRead((contents,), drops=True))
+    state = state_after(saved(2), SurveyRead((contents,), drops=True))
     drops = state.drops["7"]
     assert drops[1].modulus == 30e6
     assert drops[2].saved is not None
@@ -178,7 +178,7 @@ def test_the_survey_is_taken_over_and_what_is_newer_wins() -> None:
 
 def test_in_a_replay_drops_come_one_by_one() -> None:
     contents = PointView("7", (stored_drop(1, DropResult(modulus_pa=30e6), record=11),))
-    state = state_after(ContentsRead((contents,), drops=False))
+    state = state_after(SurveyRead((contents,), drops=False))
     assert state.current_drops == {}
 
 
@@ -208,7 +208,7 @@ def test_every_state_has_its_word() -> None:
     assert word(state, later=0.1) == "COMPUTING"
     state.take(analysed(1, full=False, kind="seating"))
     assert word(state, later=0.3) == "SAFE"
-    assert word(state, later=SAFE_SHOWN + 0.1) == "READY"
+    assert word(state, later=SAFE_WORD_S + 0.1) == "READY"
     state.take(saved(2, status="rejected", reason="false trigger"))
     assert word(state) == "REPEAT"
     state.take(InstrumentLost("unplugged", NOON))

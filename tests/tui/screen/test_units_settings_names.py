@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from pfwd.judging.stations import next_name
-from tui.screen.session.names import point_name_error
+from tui.screen.session.stations import point_name_error
 from tui.screen.settings import ScreenSettings, load_settings, save_settings
 from tui.screen.units import SI, US, format_number, percent
 

@@ -11,8 +11,8 @@ from pfwd.analysis.results import DiagnosisResult
 from pfwd.analysis.worker.tasks import DiagnosisTask, TaskOutcome
 from tests.tui.screen.scripted import saved_drop
 from tui.screen.session.diagnosis import Diagnoser
-from tui.screen.session.drop_fits import Refits
-from tui.screen.session.screen_events import DiagnosisDone, Refitted
+from tui.screen.session.drop_fits import RefitWorker
+from tui.screen.session.screen_events import DiagnosisFinished, Refit
 
 PATIENCE = 120.0
 
@@ -26,7 +26,7 @@ class Told(list[Any]):
 
     def __call__(self, event: Any) -> None:
         self.append(event)
-        if isinstance(event, Refitted | DiagnosisDone):
+        if isinstance(event, Refit | DiagnosisFinished):
             self.changed.set()
 
     def last(self) -> Any:
@@ -36,10 +36,10 @@ class Told(list[Any]):
 
 def test_a_drop_is_fitted_with_other_settings_in_a_process_of_its_own() -> None:
     told = Told()
-    refits = Refits(told)
+    refits = RefitWorker(told)
     try:
         options = AnalysisOptions(model="half-space", method="least-squares")
-        refits.ask(saved_drop(4), options, options.label)
+        refits.start(saved_drop(4), options, options.label)
         found = told.last()
     finally:
         refits.close()

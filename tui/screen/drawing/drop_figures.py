@@ -17,7 +17,7 @@ from pfwd.session.live_trace import Envelope
 from tui.screen.drawing.lines import TextRole
 from tui.screen.drawing.plot import Curve, Figure
 from tui.screen.session.drop_state import DropState
-from tui.screen.session.screen_events import Refitted
+from tui.screen.session.screen_events import Refit
 from tui.screen.units import Units, format_number, percent
 
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ def drop_figures(
     units: Units,
     span: tuple[float, float] | None = None,
     sensor: int = 0,
-    refit: Refitted | None = None,
+    refit: Refit | None = None,
 ) -> list[Figure]:
     """Return the plots of load, deflection and residual; without a fit the first two.
 
@@ -63,7 +63,7 @@ def drop_figures(
 
 
 def curves_of(
-    drop: DropState, refit: Refitted | None
+    drop: DropState, refit: Refit | None
 ) -> tuple[TimeHistories | None, DropResult | None]:
     """Return the curves and the result of a drop, or of one of its refits."""
     return (drop.curves, drop.result) if refit is None else (refit.curves, refit.result)
@@ -199,7 +199,7 @@ def _raw(
 
 
 def spectrum_figure(
-    drop: DropState, units: Units, sensor: int = 0, refit: Refitted | None = None
+    drop: DropState, units: Units, sensor: int = 0, refit: Refit | None = None
 ) -> Figure | None:
     """Return the amplitude spectra of deflection and residual; None without a fit."""
     curves, _ = curves_of(drop, refit)
@@ -238,7 +238,7 @@ def spectrum_figure(
     )
 
 
-def bowl_figure(drop: DropState, units: Units, refit: Refitted | None = None) -> Figure | None:
+def bowl_figure(drop: DropState, units: Units, refit: Refit | None = None) -> Figure | None:
     """Return measured and modelled peaks by offset; None for a single sensor."""
     curves, _ = curves_of(drop, refit)
     if curves is None or len(curves.offsets) < 2:

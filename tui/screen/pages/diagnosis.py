@@ -124,7 +124,7 @@ class DiagnosisPage(Page):
         """Diagnose the survey."""
         folder = self.pfwd.source.survey
         if folder is None:
-            self.pfwd.say("there is no survey that could be diagnosed")
+            self.pfwd.show_message("there is no survey that could be diagnosed")
             return
         self.pfwd.diagnoses.start(str(folder))
         self.draw()

@@ -12,7 +12,7 @@ from tui.screen.pages.drop_view import PANELS, DropPageState, drop_lines
 from tui.screen.pages.page import Page
 from tui.screen.pages.refit_dialog import RefitDialog
 from tui.screen.session.drop_state import DropState
-from tui.screen.session.screen_events import Refitted
+from tui.screen.session.screen_events import Refit
 
 ZOOM = 1.6
 STEPS = 100
@@ -88,7 +88,7 @@ class DropPage(Page):
         return state.drops.get(point, {}).get(number)
 
     @property
-    def refit(self) -> Refitted | None:
+    def refit(self) -> Refit | None:
         """The refit that is shown; None: the result that counts."""
         drop = self.drop
         if drop is None or not 0 < self.shown <= len(drop.refits):
@@ -122,7 +122,7 @@ class DropPage(Page):
         key = drop.point, drop.number
         if key in self._asked or (drop.curves is not None and drop.saved is not None):
             return
-        if drop.waits or (drop.saved is not None and drop.status == "rejected"):
+        if drop.awaits_modulus or (drop.saved is not None and drop.status == "rejected"):
             return
         if drop.saved is not None and drop.results and not drop.final:
             return  # its own answer comes
@@ -205,7 +205,7 @@ class DropPage(Page):
         self.shown = (self.shown + 1) % (len(drop.refits) + 1) if drop is not None else 0
         refit = self.refit
         if refit is not None and refit.curves is None:
-            self.pfwd.say("the curves of this fit are not kept; r makes them again")
+            self.pfwd.show_message("the curves of this fit are not kept; r makes them again")
         self.draw()
 
     def action_text(self, rows: int) -> None:
@@ -221,7 +221,7 @@ class DropPage(Page):
         """Ask which effects are behind the residual."""
         drop = self.drop
         if drop is None or drop.saved is None or not drop.saved.file:
-            self.pfwd.say("there is no file of this drop yet")
+            self.pfwd.show_message("there is no file of this drop yet")
             return
         self.pfwd.diagnoses.start(drop.saved.file)
 
@@ -229,10 +229,10 @@ class DropPage(Page):
         """Ask for the settings."""
         drop = self.drop
         if drop is None or drop.saved is None:
-            self.pfwd.say("the drop is being read; try again in a moment")
+            self.pfwd.show_message("the drop is being read; try again in a moment")
             return
         if drop.saved.screening.status == "rejected":
-            self.pfwd.say("a rejected drop cannot be fitted")
+            self.pfwd.show_message("a rejected drop cannot be fitted")
             return
         self.app.push_screen(RefitDialog(), self._refit)
 

@@ -36,7 +36,7 @@ from tui.screen.pages.drop_texts import beside_modulus, remark, uncertainty_of, 
 from tui.screen.pages.layer_texts import effective_text, has_layers, layer_lines, sensor_lines
 from tui.screen.pages.measure_view import key_line
 from tui.screen.session.drop_state import DropState
-from tui.screen.session.screen_events import Refitted
+from tui.screen.session.screen_events import Refit
 from tui.screen.session.state import SessionState
 from tui.screen.units import NO_VALUE, Units, format_number, percent
 
@@ -56,7 +56,7 @@ class DropPageState:
     glyphs: Glyphs
     message: str
     keys: Sequence[tuple[str, str]]
-    refit: Refitted | None = None
+    refit: Refit | None = None
     span: tuple[float, float] | None = None
     cursor: float | None = None
     panel: str = ""

@@ -11,7 +11,7 @@ from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
-from tui.screen.session.stations import Whereabouts
+from tui.screen.session.stations import ReceiverStatus
 from tui.screen.session.status import StatusWord
 from tui.screen.session.survey_edits import SurveyEdits
 from tui.screen.settings import ScreenSettings
@@ -49,10 +49,10 @@ class Host(Protocol):
     def word(self) -> StatusWord:
         """What is going on."""
 
-    def position(self) -> Whereabouts | None:
+    def position(self) -> ReceiverStatus | None:
         """Where the instrument stands; None: no receiver."""
 
-    def here(self) -> tuple[float, float] | None:
+    def coordinates(self) -> tuple[float, float] | None:
         """Latitude and longitude now, degrees."""
 
     def pace_text(self) -> str:
@@ -64,7 +64,7 @@ class Host(Protocol):
     def restart(self, plan: SessionPlan, url: str) -> None:
         """Measure with another plan or instrument."""
 
-    def say(self, text: str) -> None:
+    def show_message(self, text: str) -> None:
         """Show a sentence until the next key."""
 
     def change(self, **values: Any) -> None:

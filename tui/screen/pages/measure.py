@@ -12,11 +12,10 @@ from tui.screen.pages.dialogs import TextDialog
 from tui.screen.pages.measure_view import PANELS, TALL, WIDE, MeasureView, measure_lines
 from tui.screen.pages.page import Page
 from tui.screen.session.drop_state import DropState
-from tui.screen.session.names import point_name_error, point_name_question
-from tui.screen.session.stations import next_station
+from tui.screen.session.stations import next_station, point_name_error, point_name_question
 from tui.screen.widgets.lines_view import LinesView
 
-JUST_LANDED = 0.7
+MIN_VIEW_S = 0.7
 """s; a person does not see a new drop and press a key sooner, so the key was meant for another."""
 
 
@@ -104,7 +103,7 @@ class MeasurePage(Page):
             app.message,
             app.diagnoses.verdicts.get(app.state.point, ""),
             app.position(),
-            app.here(),
+            app.coordinates(),
         )
         self._shown = self.drop
         return measure_lines(view, width, height)
@@ -143,16 +142,16 @@ class MeasurePage(Page):
         One that has just landed was not seen yet by who pressed the key: it is asked for again.
         """
         drop, self._asked_for = self._shown, self._asked_for
-        fresh = drop is not None and drop.came > 0
+        fresh = drop is not None and drop.saved_at > 0
         if (
             drop is not None
             and fresh
             and self.chosen is None
-            and time.monotonic() - drop.came < JUST_LANDED
+            and time.monotonic() - drop.saved_at < MIN_VIEW_S
             and self._asked_for is not drop
         ):
             self._asked_for = drop
-            self.pfwd.say(f"drop {drop.number} has just landed: d again discards it")
+            self.pfwd.show_message(f"drop {drop.number} has just landed: d again discards it")
             return
         self._asked_for = None
         self.pfwd.edits.discard(drop)
@@ -168,16 +167,16 @@ class MeasurePage(Page):
     def action_record_now(self) -> None:
         """Record a drop whatever the load does."""
         if self.pfwd.source.pace is not None or not self.pfwd.runner.trigger():
-            self.pfwd.say("there is no instrument that could be recorded")
+            self.pfwd.show_message("there is no instrument that could be recorded")
 
     def action_next_point(self) -> None:
         """Ask for the name of the next point."""
         if not self.pfwd.source.writes or self.pfwd.source.pace is not None:
-            self.pfwd.say("a replay has its own points")
+            self.pfwd.show_message("a replay has its own points")
             return
         state = self.pfwd.state
         known = {point.shown_name for point in state.points.values()}
-        station = next_station(state.job, known, self.pfwd.here())
+        station = next_station(state.job, known, self.pfwd.coordinates())
         proposed = next_name(state.current.shown_name, known, state.job.step_m)
         if station is not None:
             proposed = station.station.name
@@ -195,8 +194,8 @@ class MeasurePage(Page):
     def _begin_point(self, name: str | None) -> None:
         if name is None:
             return
-        if not self.pfwd.runner.ask(lambda session: session.set_point(name)):
-            self.pfwd.say("no session runs; the point was not begun")
+        if not self.pfwd.runner.request(lambda session: session.set_point(name)):
+            self.pfwd.show_message("no session runs; the point was not begun")
 
     def on_lines_view_clicked(self, event: LinesView.Clicked) -> None:
         """A click on a drop chooses it."""

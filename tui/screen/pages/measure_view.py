@@ -54,7 +54,7 @@ from tui.screen.pages.drop_texts import (
 from tui.screen.pages.layer_texts import effective_text, has_layers, top_and_subgrade
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.state import SessionState
-from tui.screen.session.stations import Whereabouts, lot_progress, next_station
+from tui.screen.session.stations import ReceiverStatus, lot_progress, next_station
 from tui.screen.session.status import StatusWord
 from tui.screen.units import NO_VALUE, Units, judged_quantity
 
@@ -91,9 +91,9 @@ class MeasureView:
     """The last thing that was said."""
     verdict: str = ""
     """Of the diagnosis of this point, when it was made."""
-    position: Whereabouts | None = None
+    position: ReceiverStatus | None = None
     """What the receiver says; None: there is none."""
-    here: tuple[float, float] | None = None
+    coordinates: tuple[float, float] | None = None
     """Latitude and longitude now, degrees."""
 
     @property
@@ -233,7 +233,7 @@ def head_lines(view: MeasureView, width: int) -> list[Line]:
         if device.due is not None:
             pieces.append(piece(6, f"cal. until {device.due}"))
         if view.position is not None:
-            sure: TextRole = "good" if view.position.good else "warn"
+            sure: TextRole = "good" if view.position.is_good else "warn"
             pieces.append(piece(1, cell(view.position.fix, sure)))
             if view.position.place:
                 pieces.append(piece(2, cell(view.position.place, sure)))
@@ -311,7 +311,7 @@ def _lot_pieces(view: MeasureView) -> list[Piece]:
     if not progress:
         return []
     names = {point.shown_name for point in points}
-    coming = next_station(state.job, names, view.here, state.current.shown_name)
+    coming = next_station(state.job, names, view.coordinates, state.current.shown_name)
     found = [piece(1, progress)]
     if coming is not None:
         found.append(piece(2, cell(coming.text, "strong")))
@@ -584,7 +584,7 @@ def drop_table(view: MeasureView, width: int, rows: int) -> list[Line]:
             drops[at],
             view.units,
             chosen=drops[at].number == view.chosen,
-            left_out=view.state.why_left_out(drops[at]),
+            left_out=view.state.exclusion_reason(drops[at]),
         )
         for at in shown
     ]

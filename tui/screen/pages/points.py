@@ -36,7 +36,7 @@ from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
 from tui.screen.pages.setup_form import typed_target_fault
 from tui.screen.session.drop_state import DropState
-from tui.screen.session.names import point_name_error, point_name_question
+from tui.screen.session.stations import point_name_error, point_name_question
 from tui.screen.units import NO_VALUE, Units, judged_quantity
 from tui.screen.widgets.lines_view import LinesView
 
@@ -128,7 +128,9 @@ class PointsPage(Page):
         body = self._points if self.drop is None else self._drops
         title = line(cell(f" Points of {shorten(self.pfwd.source.title, width - 30)} ", "title"))
         where = self.pfwd.position()
-        shown = [] if where is None else [cell(f"  {where.text}", "good" if where.good else "warn")]
+        shown = (
+            [] if where is None else [cell(f"  {where.text}", "good" if where.is_good else "warn")]
+        )
         head = head_with_message(line(*title, *shown), self.pfwd.message, width)
         room = height - len(head) - 1
         return [*head, *pad_rows(body(width, room), room), key_line(self.KEYS, width)]
@@ -182,7 +184,7 @@ class PointsPage(Page):
                 drops[number],
                 units,
                 chosen=False,
-                left_out=state.why_left_out(drops[number]),
+                left_out=state.exclusion_reason(drops[number]),
             )
             for number in shown
         ]
@@ -249,7 +251,7 @@ class PointsPage(Page):
             self.point = point.name
             self.drop = max(self.drops, default=None)
             if self.drop is None:
-                self.pfwd.say("this point has no drops yet")
+                self.pfwd.show_message("this point has no drops yet")
             self.draw()
             return
         self.pfwd.open_drop(self.drops.get(self.drop))
@@ -270,7 +272,7 @@ class PointsPage(Page):
             return
         what = "restore" if point.discarded else "discard"
         if self.pfwd.edits.add(Edit(what, None), point=point.name):
-            self.pfwd.say(f"point {point.shown_name}: {what}; d again takes it back")
+            self.pfwd.show_message(f"point {point.shown_name}: {what}; d again takes it back")
 
     def action_target(self) -> None:
         """What the point has to reach."""
@@ -314,7 +316,7 @@ class PointsPage(Page):
         """The drop belongs to another point."""
         drop = None if self.drop is None else self.drops.get(self.drop)
         if drop is None:
-            self.pfwd.say("enter goes into the point; there w moves the chosen drop")
+            self.pfwd.show_message("enter goes into the point; there w moves the chosen drop")
             return
 
         def take(name: str | None) -> None:

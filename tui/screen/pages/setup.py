@@ -321,7 +321,7 @@ class SetupPage(Page):
         if app.source.pace is None and (not same or url != app.source.url):
             app.restart(plan, url)
         else:
-            app.edits.say_of_job(said_of_job(values).news(job))
+            app.edits.change_job(said_of_job(values).news(job))
         for text in remarks:
             app.runner.put(Notice(text, serious=True))
         app.action_page("measure")

@@ -1,1 +1,1 @@
-"""Where events come from, and what they add up to; no widget."""
+"""Sources of sessions, their events, and the state that results from them; no widgets."""

@@ -1,4 +1,4 @@
-"""The instrument as the screen shows it."""
+"""State of the instrument on the screen."""
 
 import datetime
 from collections.abc import Mapping
@@ -9,33 +9,33 @@ from pfwd.session.events import InstrumentReady
 
 @dataclass(slots=True)
 class Device:
-    """The instrument and its link."""
+    """Instrument and its link."""
 
     url: str = ""
     serial_number: str = ""
     model: str = ""
     firmware: str = ""
     rate: float | None = None
-    """Hz."""
+    """Sampling rate, Hz."""
     due: datetime.date | None = None
-    """The first calibration that expires."""
+    """Date on which the first calibration of a channel expires."""
     battery: float | None = None
-    """V."""
+    """Battery, V."""
     temperature: float | None = None
     lost_samples: int = 0
     overruns_before: float | None = None
-    """What the instrument had lost before this session; None: it has not said."""
+    """Lost samples that the instrument counted before this session; None: not reported yet."""
     connected: bool = False
     lost_reason: str = ""
     ready: bool = False
-    """The load at rest is known."""
+    """True once the load at rest is known."""
     battery_low: bool = False
     check_faults: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
 
 def device_of(event: InstrumentReady, before: Device) -> Device:
-    """The instrument that has just said who it is; what is counted goes on from `before`."""
+    """Return the state of an instrument that has identified itself; counters continue."""
     identity = event.identity
     dues = [channel.due for channel in identity.channels if channel.due is not None]
     return Device(
@@ -54,15 +54,15 @@ def device_of(event: InstrumentReady, before: Device) -> Device:
 
 
 def lost_samples(counters: Mapping[str, float | None], overruns_before: float = 0) -> int:
-    """Samples that did not arrive since the session began, wherever they were lost.
+    """Return the samples lost since the session began, in the instrument and on the way.
 
     Parameters
     ----------
     counters : mapping
     overruns_before : float
-        What the instrument had counted before: its counter goes on from when it was switched on.
+        Counter of the instrument at the begin of the session; it counts from power-up.
     """
     lost, overruns = (counters.get(name) or 0 for name in ("samples_lost", "instrument_overruns"))
-    # A counter below what it was has begun anew.
+    # A smaller counter than before means that the instrument was restarted.
     new = overruns - overruns_before if overruns >= overruns_before else overruns
     return int(lost + new)

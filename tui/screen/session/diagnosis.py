@@ -9,15 +9,14 @@ import threading
 from collections.abc import Callable
 
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.results import DiagnosisResult
+from pfwd.analysis.results import DiagnosisResult, FittedState
 from pfwd.analysis.worker.tasks import DiagnosisTask, TaskOutcome
 from pfwd.analysis.worker.worker import end_process, request, start_process
 from tui.screen.session.runner import SessionRunner
-from tui.screen.session.screen_events import DiagnosisDone
+from tui.screen.session.screen_events import DiagnosisFinished
 from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
-from tui.screen.session.verdicts import verdict_text
-from tui.screen.units import Units
+from tui.screen.units import Units, percent
 
 
 class Diagnoser:
@@ -26,11 +25,11 @@ class Diagnoser:
     Parameters
     ----------
     tell : callable
-        Receives `DiagnosisDone`, in a thread of its own.
+        Receives `DiagnosisFinished`, in a thread of its own.
     """
 
-    def __init__(self, tell: Callable[[DiagnosisDone], None]) -> None:
-        self._tell = tell
+    def __init__(self, on_result: Callable[[DiagnosisFinished], None]) -> None:
+        self._on_result = on_result
         self._process: subprocess.Popen[bytes] | None = None
         self._lock = threading.Lock()
         self.file = ""
@@ -58,7 +57,7 @@ class Diagnoser:
         error = ""
         if outcome.fault is not None and not outcome.diagnoses:
             error = f"the diagnosis of {file} failed: {outcome.fault}"
-        self._tell(DiagnosisDone(file, outcome.diagnoses, error))
+        self._on_result(DiagnosisFinished(file, outcome.diagnoses, error))
 
     def _outcome(self, task: DiagnosisTask) -> TaskOutcome:
         try:
@@ -79,10 +78,10 @@ class Diagnoses:
     ----------
     source : SessionSource
     runner : SessionRunner
-        Told what was found.
+        Receives the result as an event.
     state : SessionState
     say : callable
-        Takes one line for the operator.
+        Shows one line to the operator.
     """
 
     def __init__(
@@ -90,35 +89,35 @@ class Diagnoses:
         source: SessionSource,
         runner: SessionRunner,
         state: SessionState,
-        say: Callable[[str], None],
+        show_message: Callable[[str], None],
     ) -> None:
-        self._source, self._state, self._say = source, state, say
+        self._source, self._state, self._show_message = source, state, show_message
         self._diagnoser = Diagnoser(runner.put)
         self.verdicts: dict[str, str] = {}
-        """By point."""
+        """Sentence of the diagnosis by point."""
 
     @property
     def file(self) -> str:
-        """What is being diagnosed; empty: nothing."""
+        """Path of the file that is being diagnosed; empty: none."""
         return self._diagnoser.file
 
     def start(self, file: str) -> None:
-        """Ask what is behind the residuals of a survey or a drop; the answer comes as an event."""
+        """Diagnose a survey or a drop file; the result comes as an event."""
         if self._diagnoser.start(file):
-            self._say("the diagnosis runs; measuring goes on")
+            self._show_message("the diagnosis runs; measuring goes on")
         else:
-            self._say("a diagnosis is under way; 4 and k stop it")
+            self._show_message("a diagnosis is under way; 4 and k stop it")
 
     def stop(self) -> None:
-        """End it."""
+        """Stop the diagnosis that runs."""
         self._diagnoser.stop()
 
-    def on_diagnosed(self, event: DiagnosisDone, units: Units) -> None:
-        """Say that it is done, and keep the verdicts."""
+    def on_diagnosed(self, event: DiagnosisFinished, units: Units) -> None:
+        """Show that the diagnosis has ended, and store the verdicts."""
         if event.error:
-            self._say(event.error)
+            self._show_message(event.error)
             return
-        self._say("the diagnosis is done: 4 shows it")
+        self._show_message("the diagnosis is done: 4 shows it")
         if event.file != str(self._source.survey):
             return
         for result in event.results:
@@ -127,6 +126,29 @@ class Diagnoses:
                     self.verdicts[point.name] = verdict_text(result, units)
 
     def on_point(self, name: str, result: DiagnosisResult, units: Units) -> None:
-        """Keep what was found of a point while it is measured, and say it."""
+        """Store and show the diagnosis of a point that is being measured."""
         self.verdicts[name] = verdict_text(result, units)
-        self._say(f"diagnosis: {self.verdicts[name]}")
+        self._show_message(f"diagnosis: {self.verdicts[name]}")
+
+
+def verdict_text(result: DiagnosisResult, units: Units) -> str:
+    """Return the diagnosis of a point in one sentence, or why there is none."""
+    if result.after is None and not result.effects:
+        reason = next(iter(result.warnings or ()), "no reason was given")
+        return f"not made: {reason}"
+    before, after = result.before or FittedState(), result.after or FittedState()
+    old, new = (units.text("modulus", state.modulus_pa) for state in (before, after))
+    part = percent(after.residual_rms_over_peak)
+    effects = ", ".join(str(effect.name).replace("_", " ") for effect in result.effects or ())
+    if result.verdict == "unexplained" and result.corrected:
+        unit = units.unit("modulus")
+        return f"EXPLAINED to {part} of the peak by {effects}: {old} → {new} {unit}"
+    match result.verdict:
+        case "clean":
+            return f"CLEAN: residual {part} of the peak, noise only"
+        case "explained":
+            unit = units.unit("modulus")
+            return f"EXPLAINED by {effects}: {old} → {new} {unit}, residual {part}"
+        case _:
+            hint = f"; best guess {effects}" if effects else ""
+            return f"UNEXPLAINED: residual {part} of the peak{hint}; repeat the drop"

@@ -1,7 +1,4 @@
-"""Traces, curves and further fits of single drops, beside the session.
-
-A drop is fitted anew, with other settings or for its curves, in a process of its own.
-"""
+"""Traces, curves and further fits of single drops, in a process besides the session."""
 
 import dataclasses
 import threading
@@ -18,46 +15,46 @@ from pfwd.session.events import Notice, SavedDrop, TableBuilding
 from pfwd.session.stored_drops import add_result, recorded_drop, stored_results
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.runner import SessionRunner
-from tui.screen.session.screen_events import DropRead, Refitted
+from tui.screen.session.screen_events import DropRead, Refit
 from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
 from tui.screen.units import Units
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _AskedFit:
-    """A fit under way."""
+class _PendingFit:
+    """Fit that is under way."""
 
     saved: SavedDrop
     label: str
 
 
-class Refits:
-    """Takes drops, tells `Refitted`.
+class RefitWorker:
+    """Fits of single drops, one after the other, in a process of their own.
 
     Parameters
     ----------
     tell : callable
-        Told what comes of it, in a thread of its own.
+        Receives each fit and the progress of tables, in a thread of its own.
     """
 
-    def __init__(self, tell: Callable[[Refitted | TableBuilding], None]) -> None:
-        self._tell = tell
+    def __init__(self, on_result: Callable[[Refit | TableBuilding], None]) -> None:
+        self._on_result = on_result
         self._worker: InversionWorker | None = None
         self._lock = threading.Lock()
-        self._asked: dict[int, _AskedFit] = {}
+        self._pending: dict[int, _PendingFit] = {}
 
     @property
-    def busy(self) -> int:
-        """How many are under way."""
-        return len(self._asked)
+    def n_running(self) -> int:
+        """Number of fits under way."""
+        return len(self._pending)
 
-    def ask(self, saved: SavedDrop, options: AnalysisOptions, label: str) -> None:
-        """Fit a drop; an empty label: for its curves alone."""
+    def start(self, saved: SavedDrop, options: AnalysisOptions, label: str) -> None:
+        """Fit a drop; with an empty label only to get its curves."""
         if self._worker is None:
             self._worker = InversionWorker(self._take)
         urgency = Urgency.FULL if label else Urgency.QUICK
-        with self._lock:  # the answer must not come before its number is noted
+        with self._lock:  # the result must not come before its number is stored
             number = self._worker.analyse(
                 urgency,
                 saved.drop,
@@ -66,41 +63,41 @@ class Refits:
                 options,
                 saved.file,
             )
-            self._asked[number] = _AskedFit(saved, label)
+            self._pending[number] = _PendingFit(saved, label)
 
     def close(self) -> None:
-        """End the process."""
+        """Stop the process."""
         if self._worker is not None:
             self._worker.close()
 
     def _take(self, answer: TaskResponse | Building) -> None:
         if isinstance(answer, Building):
-            self._tell(TableBuilding(answer.what, answer.fraction))
+            self._on_result(TableBuilding(answer.what, answer.fraction))
             return
         with self._lock:
-            asked = self._asked.pop(answer.task.number)
-        label = asked.label
+            fit = self._pending.pop(answer.task.number)
+        label = fit.label
         result = answer.result
         if result is not None and label:
             result = dataclasses.replace(result, refit=label)
         fault = answer.fault or ""
-        point, number = asked.saved.point, asked.saved.number
-        self._tell(Refitted(point, number, label, result, answer.curves, fault))
+        point, number = fit.saved.point, fit.saved.number
+        self._on_result(Refit(point, number, label, result, answer.curves, fault))
 
 
 class DropFits:
-    """Reads drops, fits them anew and keeps what comes of it.
+    """Reading, fitting with other settings, and storing of single drops.
 
     Parameters
     ----------
     source : SessionSource
     runner : SessionRunner
-        Told what was read and fitted; its session is asked to keep results.
+        Receives what was read and fitted; its session stores the results.
     state : SessionState
     say : callable
-        Takes one line for the operator.
+        Shows one line to the operator.
     in_thread : callable
-        Runs something slow, in a group of that name.
+        Runs slow work in a thread, in a named group.
     """
 
     def __init__(
@@ -108,32 +105,32 @@ class DropFits:
         source: SessionSource,
         runner: SessionRunner,
         state: SessionState,
-        say: Callable[[str], None],
+        show_message: Callable[[str], None],
         in_thread: Callable[[Callable[[], None], str], None],
     ) -> None:
         self._source, self._runner, self._state = source, runner, state
-        self._say, self._in_thread = say, in_thread
-        self._refits = Refits(runner.put)
+        self._show_message, self._in_thread = show_message, in_thread
+        self._refits = RefitWorker(runner.put)
         self._reading: set[str] = set()
 
     @property
-    def busy(self) -> int:
-        """How many fits are under way."""
-        return self._refits.busy
+    def n_running(self) -> int:
+        """Number of fits under way."""
+        return self._refits.n_running
 
     def close(self) -> None:
-        """End the process that fits."""
+        """Stop the process that fits."""
         self._refits.close()
 
     def fetch(self, drop: DropState) -> None:
-        """Read the traces of a drop, or compute its curves; they come as events."""
+        """Read the traces of a drop, or compute its curves; both come as events."""
         if drop.saved is not None:
             options = self._source.plan.options or AnalysisOptions()
             if not options.published:
                 options = dataclasses.replace(options, method="least-squares")
-            # The curves belong to the result that is shown, not to what is asked of new drops.
+            # The curves belong to the result on the screen, not to the options of new drops.
             options = with_layers_of(options, drop.result)
-            self._refits.ask(drop.saved, options, "")
+            self._refits.start(drop.saved, options, "")
             return
         folder, record = self._source.survey, drop.record
         key = f"{drop.point}/{drop.number}"
@@ -143,7 +140,7 @@ class DropFits:
         self._in_thread(lambda: self._read_drop(folder, record), "drop")
 
     def on_read(self, saved: SavedDrop) -> None:
-        """The traces of a drop have come; it may be read again."""
+        """Allow a drop to be read again, after its traces have come."""
         self._reading.discard(f"{saved.point}/{saved.number}")
 
     def _read_drop(self, folder: Path, record: int) -> None:
@@ -156,22 +153,22 @@ class DropFits:
         self._runner.put(DropRead(recorded, results))
 
     def refit(self, saved: SavedDrop, options: AnalysisOptions, label: str) -> None:
-        """Fit a drop with other settings; the result that counts stays."""
-        self._say(f"fitting drop {saved.number}: {label}")
-        self._refits.ask(saved, options, label)
+        """Fit a drop with other settings; the result in force stays."""
+        self._show_message(f"fitting drop {saved.number}: {label}")
+        self._refits.start(saved, options, label)
 
     def on_refitted(self, number: int, label: str, result: DropResult | None, units: Units) -> None:
-        """Say what a further fit has found, and keep it."""
+        """Show and store the result of a fit with other settings."""
         if not label or result is None:
             return
         if result.modulus_pa is None and not result.layers:
-            self._say(f"drop {number} could not be fitted so: {result.reason}")
+            self._show_message(f"drop {number}, {label}: no fit, {result.reason}")
             return
-        # Layers may leave the lowest one's modulus open.
-        known = result.effective_modulus_pa if result.modulus_pa is None else result.modulus_pa
-        what = "effective " if result.modulus_pa is None else ""
-        shown = what + units.with_unit("modulus", known)
-        self._say(f"drop {number}, {label}: {shown}; m goes through the results")
+        # The modulus of the lowest layer may be undetermined.
+        is_effective = result.modulus_pa is None
+        modulus = result.effective_modulus_pa if is_effective else result.modulus_pa
+        text = ("effective " if is_effective else "") + units.with_unit("modulus", modulus)
+        self._show_message(f"drop {number}, {label}: {text}; m goes through the results")
         drop = next(
             (
                 candidate
@@ -183,7 +180,7 @@ class DropFits:
         record = drop.record if drop is not None else None
         if record is None:
             return
-        if self._source.writes and self._runner.ask(lambda it: it.keep_result(record, result)):
+        if self._source.writes and self._runner.request(lambda it: it.keep_result(record, result)):
             return
         folder = self._source.survey
         if folder is not None:
@@ -193,7 +190,7 @@ class DropFits:
         try:
             add_result(folder, record, result)
         except (SurveyError, DeviceError, OSError) as err:
-            self._runner.put(Notice(f"the new result could not be kept: {err}", serious=True))
+            self._runner.put(Notice(f"the new result could not be stored: {err}", serious=True))
 
 
 def _has_refit(drop: DropState, number: int, result: DropResult) -> bool:

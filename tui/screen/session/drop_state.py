@@ -1,59 +1,60 @@
-"""What the screen knows of a drop beside its view."""
+"""State of a drop on the screen, and its changes by events."""
 
 import math
 from dataclasses import dataclass, field
 
 from pfwd.analysis.results import DropResult, TimeHistories
+from pfwd.analysis.sensor_fits import sensor_fits
 from pfwd.judging import DropView
 from pfwd.session.drop_metadata import SATURATED
-from pfwd.session.events import SavedDrop
-from tui.screen.session.screen_events import Refitted
+from pfwd.session.events import DropAnalysed, DropSaved, Edited, SavedDrop
+from tui.screen.session.screen_events import DropRead, Refit
 
 
 @dataclass(slots=True)
 class DropState:
-    """A drop on the screen."""
+    """Drop on the screen: its view, traces, results and further fits."""
 
     point: str
     number: int
     view: DropView | None = None
-    """The drop as all readers have it; None: it is not safe yet."""
+    """Drop as all readers have it; None: it is not on the disk yet."""
     status: str = "measured"
     reason: str = ""
     safe: bool = True
     saved: SavedDrop | None = None
-    """With its traces; None: they are read when it is opened."""
+    """Drop with its traces; None: they are read when the drop is opened."""
     curves: TimeHistories | None = None
-    """Measured and fitted, of the last answer; None: they are computed when it is opened."""
+    """Measured and fitted curves; None: they are computed when the drop is opened."""
     results: list[DropResult] = field(default_factory=list)
-    """Every answer, in order; the first is never lost."""
-    refits: list[Refitted] = field(default_factory=list)
-    """With other settings; the point's mean knows nothing of them."""
+    """All results, in order."""
+    refits: list[Refit] = field(default_factory=list)
+    """Fits with other settings; the mean of the point ignores them."""
     final: bool = False
-    """Whether the answer that was waited for is there."""
+    """True once the last result has come."""
     rebounds: list[float] = field(default_factory=list)
     """Peak loads of the bounces, N."""
     fault: str = ""
-    """Why there is no modulus; empty: there is one, or it is waited for."""
+    """Reason why there is no modulus; empty: there is one, or it is being computed."""
     identical: bool | None = None
-    came: float = 0.0
-    """Monotonic clock when it was safe, s."""
+    saved_at: float = 0.0
+    """Monotonic clock when the drop was stored, s; 0: read from the survey."""
     delay: float | None = None
-    """s from its last sample to the first modulus."""
+    """Time from the last sample to the first modulus, s."""
 
     @property
     def record(self) -> int | None:
-        """Number within the survey; None: it is not saved."""
+        """Number within the survey; None: the drop is not stored."""
         return None if self.view is None else self.view.record
 
     @property
     def discarded(self) -> bool:
-        """Whether a person discarded or moved it."""
+        """True if the operator discarded or moved the drop."""
         return self.view is not None and self.view.discarded is not None
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes of persons."""
+        """Notes of the operator."""
         return () if self.view is None else self.view.notes
 
     @property
@@ -63,45 +64,146 @@ class DropState:
 
     @property
     def peak_load(self) -> float:
-        """Peak load, N; of a rejected drop as recorded; NaN: unknown."""
+        """Peak load, N, of a rejected drop as recorded; NaN: unknown."""
         peaks = None if self.view is None else self.view.peaks
-        known = (
+        candidates = (
             None if self.view is None else self.view.own.peak_load,
             None if peaks is None else peaks.load,
             None if self.result is None else self.result.peak_load_or_half_sine_n,
         )
-        return next((peak for peak in known if peak is not None), math.nan)
+        return next((peak for peak in candidates if peak is not None), math.nan)
 
     @property
     def peak_deflection(self) -> float:
         """Peak deflection of the centre, m; NaN: unknown.
 
-        The declared response of the geophone is taken out, except of a rejected drop.
+        The declared response of the geophone is removed, except for a rejected drop.
         """
         peaks = None if self.view is None else self.view.peaks
-        known = (
+        candidates = (
             None if self.view is None else self.view.own.peak_deflection,
             None if peaks is None else peaks.centre,
         )
-        return next((peak for peak in known if peak is not None), math.nan)
+        return next((peak for peak in candidates if peak is not None), math.nan)
 
     @property
     def result(self) -> DropResult | None:
-        """The last answer."""
+        """Last result."""
         return self.results[-1] if self.results else None
 
     @property
     def modulus(self) -> float | None:
-        """Pa."""
+        """Modulus of the last result, Pa; None: there is none."""
         value = self.result.modulus_pa if self.result else None
         return value if value is not None and math.isfinite(value) else None
 
     @property
     def saturated(self) -> bool:
-        """Whether a channel was at the end of the converter's range."""
+        """True if a channel reached the end of the converter's range."""
         return any(mark.startswith(SATURATED) for mark in self.marks)
 
     @property
-    def waits(self) -> bool:
-        """Whether a first modulus is still to come."""
+    def awaits_modulus(self) -> bool:
+        """True while the first modulus is being computed."""
         return self.safe and not self.results and self.status != "rejected"
+
+
+def saved_drop(event: DropSaved, saved_at: float) -> DropState:
+    """Return the state of a drop that has just been stored."""
+    saved = event.saved
+    return DropState(
+        saved.point,
+        saved.number,
+        saved.view,
+        status=saved.screening.status,
+        reason=saved.screening.reason or "",
+        saved=saved,
+        identical=event.identical,
+        saved_at=saved_at,
+    )
+
+
+def add_result(drop: DropState, event: DropAnalysed) -> None:
+    """Add a result that came while measuring."""
+    failed = event.result.modulus_pa is None and not event.result.layers
+    if failed and drop.results:
+        # The quick result stays in force when the full search has failed.
+        drop.final = drop.final or event.final
+        return
+    drop.results.append(event.result)
+    drop.final = drop.final or event.final
+    if drop.delay is None:
+        drop.delay = event.delay
+    if failed:
+        drop.fault = event.result.reason or "the analysis failed"
+    if event.curves is not None:
+        drop.curves = event.curves
+
+
+def add_read(drop: DropState, event: DropRead) -> None:
+    """Add traces and results that were read from the survey."""
+    saved = event.saved
+    drop.saved, drop.view = saved, drop.view or saved.view
+    main = [result for result in event.results if not result.is_trial]
+    if not drop.results:
+        drop.status, drop.reason = saved.screening.status, saved.screening.reason or ""
+        drop.results = main
+    labels = {refit.label for refit in drop.refits}
+    for result in event.results:
+        label = result.refit or ""
+        if label and label not in labels:
+            drop.refits.append(Refit(saved.point, saved.number, label, result, None))
+
+
+def add_refit(drop: DropState, event: Refit) -> None:
+    """Add a fit with other settings, or the curves of the result in force."""
+    if event.label:
+        drop.refits = [refit for refit in drop.refits if refit.label != event.label]
+        drop.refits.append(event)
+    elif event.curves is not None:
+        drop.curves = event.curves
+        if not drop.results and event.result is not None:
+            drop.results.append(event.result)
+
+
+def add_stored(drop: DropState, stored: DropView) -> None:
+    """Set the stored result of a drop that has no other."""
+    result = stored.sound_result
+    if result is not None and not drop.results:
+        drop.results = [result]
+        drop.status = result.status or "measured"
+        drop.reason = result.reason or ""
+    elif result is None and drop.saved is None:
+        drop.status, drop.reason = "rejected", "no result; open it to see why"
+
+
+def excluded_sensor_numbers(drop: DropState) -> tuple[int, ...]:
+    """Return the numbers, from 1, of the sensors excluded from the fit.
+
+    Dead sensors are known from the record, others once the drop is fitted.
+    """
+    if drop.saved is None:
+        return ()
+    channels = drop.saved.drop.channels
+    excluded = set(drop.saved.screening.left_out)
+    if drop.curves is not None and len(drop.curves.offsets) > 1:
+        excluded |= {channel.offset for channel in channels} - set(map(float, drop.curves.offsets))
+    return tuple(number for number, channel in enumerate(channels, 1) if channel.offset in excluded)
+
+
+def edit_drop(drop: DropState, event: Edited) -> None:
+    """Reset the reason of a restored drop, which may be that it was moved."""
+    if event.what == "restore":
+        drop.reason = "" if drop.saved is None else drop.saved.screening.reason or ""
+
+
+def sensor_residuals(drop: DropState) -> dict[int, float]:
+    """Return the residual of every sensor during contact over its peak, by number from 1."""
+    if drop.saved is None or drop.curves is None:
+        return {}
+    numbers = {channel.offset: n for n, channel in enumerate(drop.saved.drop.channels, 1)}
+    return {
+        numbers[fit.offset]: fit.contact
+        for fit in sensor_fits(drop.curves)
+        if fit.offset in numbers
+    }

@@ -1,4 +1,4 @@
-"""The events of a session as lines of the log file; the screen has no room for all of them."""
+"""Events of a session as lines of the log file; the screen has no room for all of them."""
 
 import logging
 
@@ -25,7 +25,7 @@ log = logging.getLogger("pfwd.session")
 
 
 def log_event(event: ScreenEvent) -> None:
-    """Write an event, if it is worth a line."""
+    """Write an event to the log; live samples and progress are not logged."""
     match event:
         case InstrumentReady(url, identity, setup):
             log.info("%s %s at %s", identity.model, identity.serial_number, url)

@@ -1,4 +1,4 @@
-"""Runs the session in a thread of its own; what it tells waits in a mailbox until it is drawn."""
+"""Session in a thread of its own; its events wait in a mailbox until they are drawn."""
 
 import contextlib
 import logging
@@ -11,13 +11,13 @@ from typing import Any
 from pfwd.errors import DeviceError, RecordingError, SurveyError
 from pfwd.session.events import LiveSamples, Notice, SessionEvent
 from pfwd.session.live_trace import LiveTrace
-from tui.screen.session.screen_events import ScreenEvent, SessionBegan, SessionEnded
+from tui.screen.session.screen_events import ScreenEvent, SessionEnded, SessionStarted
 from tui.screen.session.sources import SessionSource
 
 log = logging.getLogger("pfwd.screen")
 
-RETRY = 2.0
-"""s until a port that could not be opened is tried again."""
+RETRY_S = 2.0
+"""Time until a port that could not be opened is tried again, s."""
 
 
 class SessionRunner:
@@ -41,20 +41,20 @@ class SessionRunner:
 
     @property
     def running(self) -> bool:
-        """Whether there is a session, or will be when the port opens."""
+        """True while a session runs, or waits for its port to open."""
         return self._thread is not None and self._thread.is_alive()
 
     @property
     def waiting(self) -> int:
-        """Events that nobody has taken yet."""
+        """Number of events in the mailbox."""
         return len(self._mailbox)
 
-    def also_tell(self, listener: Callable[[ScreenEvent], None]) -> None:
-        """Tell another one every event but samples, in the session's thread: the log."""
+    def add_listener(self, listener: Callable[[ScreenEvent], None]) -> None:
+        """Call a listener with every event but samples, in the session's thread."""
         self._listeners.append(listener)
 
     def start(self) -> None:
-        """Begin; nothing happens while it runs."""
+        """Start the session, unless it runs already."""
         if self.running:
             return
         self._stopping.clear()
@@ -62,7 +62,7 @@ class SessionRunner:
         self._thread.start()
 
     def stop(self, timeout: float | None = None) -> bool:
-        """End the session when the drop in hand is safe; whether it has ended in time."""
+        """End the session when the current drop is stored; return whether it ended in time."""
         self._stopping.set()
         session = self._session
         if session is not None:
@@ -71,36 +71,36 @@ class SessionRunner:
             self._thread.join(timeout)
         return not self.running
 
-    def ask(self, request: Callable[[Any], None]) -> bool:
-        """Have something done in the session's thread; whether there is a session."""
+    def request(self, action: Callable[[Any], None]) -> bool:
+        """Run an action in the session's thread; return whether there is a session."""
         session = self._session
         if session is None:
             return False
-        session.ask(request)
+        session.ask(action)
         return True
 
     def trigger(self) -> bool:
-        """Record a drop now; whether there is a session."""
+        """Record a drop now; return whether there is a session."""
         session = self._session
         if session is not None:
             session.trigger()
         return session is not None
 
     def put(self, event: ScreenEvent) -> None:
-        """Add an event from elsewhere; from any thread."""
+        """Add an event to the mailbox; may be called from any thread."""
         self._mailbox.append(event)
 
     def take(self) -> list[ScreenEvent]:
-        """What has come since."""
-        found = []
+        """Return the events in the mailbox and empty it."""
+        events = []
         while self._mailbox:
-            found.append(self._mailbox.popleft())
-        return found
+            events.append(self._mailbox.popleft())
+        return events
 
     def _run(self) -> None:
         while True:
             ended = self._once()
-            self._tell(ended)
+            self._send(ended)
             if ended.retry is None or self._stopping.wait(ended.retry):
                 return
 
@@ -108,11 +108,11 @@ class SessionRunner:
         try:
             ending = self.source.run(self._listen, self._attached)
         except RecordingError as err:
-            # Room on the disk may be made, another program may let go of the survey.
-            return SessionEnded(None, str(err), None if self._stopping.is_set() else RETRY)
+            # The disk may get room again, another program may close the survey.
+            return SessionEnded(None, str(err), None if self._stopping.is_set() else RETRY_S)
         except DeviceError as err:
-            # The cable is not in yet, or another program has the port: both pass.
-            retry = RETRY if self.source.url and not self._stopping.is_set() else None
+            # The cable is not plugged in yet, or another program uses the port.
+            retry = RETRY_S if self.source.url and not self._stopping.is_set() else None
             return SessionEnded(None, str(err), retry, no_device=True)
         except SurveyError as err:
             return SessionEnded(None, str(err))
@@ -130,7 +130,7 @@ class SessionRunner:
     @contextlib.contextmanager
     def _attached(self, session: Any) -> Iterator[None]:
         self._session = session
-        self._tell(SessionBegan(session, session.point if self.source.writes else ""))
+        self._send(SessionStarted(session, session.point if self.source.writes else ""))
         if self._stopping.is_set():
             session.stop()
         yield
@@ -139,14 +139,14 @@ class SessionRunner:
         if isinstance(event, LiveSamples):
             self._watch(event)
             return
-        self._tell(event)
+        self._send(event)
 
-    def _tell(self, event: ScreenEvent) -> None:
+    def _send(self, event: ScreenEvent) -> None:
         self._mailbox.append(event)
         for listener in self._listeners:
             try:
                 listener(event)
-            except Exception:  # whoever listens must not end a measurement
+            except Exception:  # a listener must not end a measurement
                 log.exception("a listener failed")
 
     def _watch(self, event: LiveSamples) -> None:

@@ -1,4 +1,4 @@
-"""What the screen is told besides the events of the session: its begin and end, what was read."""
+"""Events of the screen besides those of the session: its start and end, and what was read."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,8 +10,8 @@ from pfwd.session.plan import Ending
 
 
 @dataclass(frozen=True, slots=True)
-class SessionBegan:
-    """The session runs; what has to be asked of it goes to `session`."""
+class SessionStarted:
+    """The session runs; `session` receives requests."""
 
     session: Any = field(repr=False)
     point: str
@@ -22,56 +22,56 @@ class SessionEnded:
     """The session is over."""
 
     ending: Ending | None
-    """None: it failed."""
+    """Way in which the session ended; None: by an error."""
     error: str = ""
-    """Why, in one sentence."""
+    """Error in one sentence."""
     retry: float | None = None
-    """s until it is tried again; None: it is not."""
+    """Time until the next attempt, s; None: there is none."""
     no_device: bool = False
-    """Whether it failed at the port."""
+    """True if the port could not be opened."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class ContentsRead:
-    """The survey as it is on the disk."""
+class SurveyRead:
+    """Survey as it is on the disk."""
 
     points: tuple[PointView, ...]
     drops: bool
-    """Whether its drops are shown too: in a replay they come one by one."""
+    """True to show the drops too; in a replay they come one by one."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DropRead:
-    """A drop of the survey with its traces and all its results."""
+    """Drop of the survey with its traces and all its results."""
 
     saved: SavedDrop
     results: tuple[DropResult, ...]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Refitted:
-    """A drop that was fitted anew, with other settings or for its curves alone."""
+class Refit:
+    """Fit of a drop with other settings, or to get its curves."""
 
     point: str
     number: int
     label: str
-    """Which settings; empty: for the curves."""
+    """Settings of the fit in words; empty: to get the curves."""
     result: DropResult | None
     curves: TimeHistories | None
     fault: str = ""
-    """Why there is no result."""
+    """Reason why there is no result."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class DiagnosisDone:
-    """What the diagnosis of a file has found."""
+class DiagnosisFinished:
+    """Result of the diagnosis of a file."""
 
     file: str
     results: tuple[DiagnosisResult, ...]
-    """One a point."""
+    """Diagnoses, one for each point."""
     error: str = ""
 
 
 ScreenEvent = (
-    SessionEvent | SessionBegan | SessionEnded | ContentsRead | DropRead | Refitted | DiagnosisDone
+    SessionEvent | SessionStarted | SessionEnded | SurveyRead | DropRead | Refit | DiagnosisFinished
 )

@@ -1,4 +1,4 @@
-"""Where a session comes from: an instrument, a simulated one, a recording. The rest cannot tell."""
+"""Sources of a session with the same interface: an instrument, a simulated one, a recording."""
 
 import contextlib
 import tempfile
@@ -15,31 +15,31 @@ from pfwd.session.setup_file import MeasuringSetup
 
 
 class SessionSource(Protocol):
-    """One way to have a session."""
+    """Source of a session."""
 
     title: str
-    """For the head of the screen."""
+    """Title in the head of the screen."""
     survey: Path | None
     """Folder of the survey that is written, or replayed."""
     writes: bool
-    """Whether drops are new here, hence whether a session edits the survey itself."""
+    """True if the session records new drops and edits the survey itself."""
     pace: Pace | None
-    """Of a replay; None: it cannot be paused."""
+    """Speed of a replay; None: the source cannot be paused."""
     plan: SessionPlan
     url: str
-    """Of the instrument; empty for a replay."""
+    """Address of the instrument; empty for a replay."""
 
     def run(self, listener: Listener, control: Control) -> Ending:
         """Run a session to its end."""
         ...
 
     def close(self) -> None:
-        """Leave nothing behind."""
+        """Release what the source has started."""
         ...
 
 
 class LiveSource:
-    """An instrument.
+    """Session with an instrument.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class LiveSource:
     survey : path of a folder
     plan : SessionPlan
     spare : path of a folder, optional
-        For drops that the survey's own does not take.
+        For drops that cannot be stored in the survey.
     """
 
     writes = True
@@ -60,33 +60,33 @@ class LiveSource:
         self.title = survey.name or str(survey)
 
     def run(self, listener: Listener, control: Control) -> Ending:
-        """Measure until it is told to stop."""
+        """Measure until a stop is requested."""
         assert self.survey is not None
         return measure(
             self.url, self.survey, listener, self.plan, control=control, spare=self._spare
         )
 
     def close(self) -> None:
-        """Nothing is left."""
+        """Nothing to release."""
 
 
 class DemoSource:
-    """A simulated instrument in a process of its own.
+    """Session with a simulated instrument in a process of its own.
 
     Parameters
     ----------
     scenario : str or mapping
-        As `simulators.instrument.serve` takes it.
+        Scenario of `simulators.instrument.serve`.
     survey : path of a folder, optional
         None: a new temporary one.
     plan : SessionPlan
     drops : int, optional
-        After which it has nothing more.
+        Number of drops that are simulated.
     seed : int
     rate : float
-        Times real time.
+        Speed as a multiple of real time.
     firmware : bool
-        The compiled core of an instrument plays the drops.
+        Simulate with the compiled core of an instrument.
     """
 
     writes = True
@@ -108,7 +108,7 @@ class DemoSource:
         self.plan, self.url = plan, ""
         self.title = "demo"
         self.truth: list[dict[str, Any]] = []
-        """What was simulated, once it has ended."""
+        """Simulated drops, once the instrument has ended."""
         self._settings: dict[str, Any] = {
             "scenario": scenario,
             "drops": drops,
@@ -118,7 +118,7 @@ class DemoSource:
         self._instrument: Any = None
 
     def run(self, listener: Listener, control: Control) -> Ending:
-        """Start the instrument if it does not run, and measure with it."""
+        """Start the instrument unless it runs, and measure with it."""
         from simulators.firmware import serve_firmware
         from simulators.instrument import serve
 
@@ -130,7 +130,7 @@ class DemoSource:
         return measure(self.url, self.survey, listener, self.plan, control=control)
 
     def close(self) -> None:
-        """End the instrument and hear what it simulated."""
+        """Stop the instrument and store what it simulated."""
         from simulators.mesh import SimulationError
 
         if self._instrument is None:
@@ -143,24 +143,24 @@ class DemoSource:
 
 
 class ReplaySource:
-    """A recording.
+    """Replay of a recording.
 
     Parameters
     ----------
     recording : path of a survey or a capture
     speed : float
-        Times real time.
+        Speed as a multiple of real time.
     options : AnalysisOptions, optional
         None: nothing is inverted.
     setup : MeasuringSetup, optional
     output : path, optional
         Survey to record into.
     drops : int, optional
-        End after so many.
+        Number of drops to replay.
     spare : path of a folder, optional
-        For drops that the output does not take.
+        For drops that cannot be stored in the output.
     paused : bool
-        Begin paused.
+        Start paused.
     """
 
     url = ""
@@ -201,4 +201,38 @@ class ReplaySource:
         )
 
     def close(self) -> None:
-        """Nothing is left."""
+        """Nothing to release."""
+
+
+REPLAY_SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
+"""Speeds of a replay as multiples of real time."""
+
+
+def pace_text(pace: Pace | None) -> str:
+    """Return the speed of a replay in words; empty without a replay."""
+    if pace is None:
+        return ""
+    speed = "as fast as possible" if pace.speed == 0 else f"{pace.speed:g} x"
+    return f"PAUSED ({speed})" if pace.paused else f"speed {speed}"
+
+
+def pause_or_go_on(pace: Pace) -> None:
+    """Pause a replay, or continue it."""
+    if pace.paused:
+        pace.go_on()
+    else:
+        pace.pause()
+
+
+def step_drop(pace: Pace) -> None:
+    """Replay one more drop, then pause."""
+    if not pace.paused:
+        pace.pause()
+    pace.step()
+
+
+def change_speed(pace: Pace, step: int) -> None:
+    """Change the speed of a replay by steps of `REPLAY_SPEEDS`."""
+    speed = pace.speed or REPLAY_SPEEDS[-1]
+    nearest = min(range(len(REPLAY_SPEEDS)), key=lambda k: abs(REPLAY_SPEEDS[k] - speed))
+    pace.speed = REPLAY_SPEEDS[min(max(nearest + step, 0), len(REPLAY_SPEEDS) - 1)]

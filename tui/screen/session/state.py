@@ -1,4 +1,4 @@
-"""What the events of a session add up to: device, points, drops. No widget, no thread."""
+"""State of a session after its events: device, points, drops. No widget, no thread."""
 
 import datetime
 import time
@@ -38,48 +38,48 @@ from pfwd.session.events import (
 from pfwd.session.live_view import apply_event, with_stored
 from pfwd.session.plan import Ending
 from tui.screen.session.device_state import Device, device_of, lost_samples
-from tui.screen.session.drop_changes import (
-    add_answer,
+from tui.screen.session.drop_state import (
+    DropState,
     add_read,
     add_refit,
+    add_result,
     add_stored,
     edit_drop,
+    excluded_sensor_numbers,
     saved_drop,
     sensor_residuals,
-    sensors_left_out,
 )
-from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import (
-    ContentsRead,
-    DiagnosisDone,
+    DiagnosisFinished,
     DropRead,
-    Refitted,
+    Refit,
     ScreenEvent,
-    SessionBegan,
     SessionEnded,
+    SessionStarted,
+    SurveyRead,
 )
 
-MOST_NOTICES = 200
-"""Lines that the screen remembers; the log has all."""
+MAX_NOTICES = 200
+"""Number of messages in the help page; the log has all."""
 
-MOST_CURVES = 40
-"""Drops whose traces stay in memory; older ones are read from the survey when they are opened."""
+MAX_DROPS_WITH_TRACES = 40
+"""Number of drops whose traces stay in memory; others are read again when they are opened."""
 
-_JUDGED = (JobReported, PointReported, DropSaved, DropAnalysed, PointDiagnosed, Edited)
-"""Events that change how a point stands."""
+_JUDGING_EVENTS = (JobReported, PointReported, DropSaved, DropAnalysed, PointDiagnosed, Edited)
+"""Events that can change the verdict of a point."""
 
 
 class SessionState:
-    """Everything the screens show of a session.
+    """State of a session as all pages show it.
 
     Parameters
     ----------
     procedure : Procedure, optional
-        None: seating drops as they are declared, then measured ones.
+        By default the declared number of seating drops, then measured drops.
     target : float, optional
-        Of points that have none, Pa.
+        Target of points without their own, Pa.
     clock : callable
-        Monotonic, s.
+        Monotonic clock, s.
     """
 
     def __init__(
@@ -89,43 +89,43 @@ class SessionState:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.view = SurveyView(Job(procedure=procedure or plain_procedure(), target=target))
-        """The survey, judged by its own job once that is known."""
+        """Survey, judged by its own job once that is known."""
         self.device = Device()
         self.drops: dict[str, dict[int, DropState]] = {}
         """Drops by the name of their point and by their number."""
         self.point = ""
         self.last: DropState | None = None
-        """The newest drop."""
-        self.notices: deque[tuple[datetime.datetime, Notice]] = deque(maxlen=MOST_NOTICES)
+        """Newest drop."""
+        self.notices: deque[tuple[datetime.datetime, Notice]] = deque(maxlen=MAX_NOTICES)
         self.building: TableBuilding | None = None
         self.setup: Any = None
-        self.diagnoses: dict[str, DiagnosisDone] = {}
-        """By file."""
+        self.diagnoses: dict[str, DiagnosisFinished] = {}
+        """Requested diagnoses by file."""
         self.diagnosed: dict[str, DiagnosisResult] = {}
-        """By point: what was found while it is measured, with the drops that it had then."""
+        """Diagnoses made while measuring, by point."""
         self.session: Any = None
-        """The session that runs; None: none does."""
+        """Session that runs; None: there is none."""
         self.ended: SessionEnded | None = None
         self.drops_remaining: int | None = None
-        """How many more drops the disk takes, once that is few."""
+        """Number of drops for which the disk has room, once that is low."""
         self.files_trouble = ""
-        """Why the survey's own folder does not hold everything; empty: it does."""
+        """Reason why drops are not in the folder of the survey; empty: all are."""
         self.recorded = False
-        """Whether drops come from a recording: then nobody has to lift a weight."""
+        """True if drops come from a recording."""
         self.version = 0
-        """Grows with every change, so that what is drawn is only drawn anew when it has to be."""
+        """Counter of changes; the page is drawn again when it has grown."""
         self.waits_for_first_modulus = True
         self._clock = clock
         self._with_traces: deque[DropState] = deque()
 
     @property
     def points(self) -> Mapping[str, PointView]:
-        """Points by the name that their drops have."""
+        """Points by the name in their drops."""
         return self.view.points
 
     @property
     def current(self) -> PointView:
-        """Point that drops come to; its name is empty until the session has one."""
+        """Point that is being measured; its name is empty before the first point."""
         return self.points.get(self.point) or PointView(self.point, job=self.job)
 
     @property
@@ -139,68 +139,70 @@ class SessionState:
 
     @property
     def job(self) -> Job:
-        """What the survey is measured by."""
+        """Job of the survey: procedure, target, stations."""
         return self.view.job
 
     @property
     def procedure(self) -> Procedure:
-        """The procedure in force."""
+        """Procedure in force."""
         return self.job.procedure_in_force
 
     def advice(self, drop: DropState | None) -> list[str]:
-        """What is to be done about a drop, and about its point once that is done."""
+        """Return the advice on a drop, and on its point once that is complete."""
         if drop is None or drop.point not in self.points or drop.discarded:
             return []
         point = self.points[drop.point]
         facts = point.drop(drop.number)
         if facts is None:
             return []
-        others = [other for other in point.drops if other.number != drop.number]
+        further_drops = [view for view in point.drops if view.number != drop.number]
         result = drop.result
         residual = None
         if result is not None and result.explained is False and not drop.saturated:
             residual = result.contact_residual_rms_over_peak
-        found = advice_on_drop(
+        advice = advice_on_drop(
             self.job,
             facts,
-            others,
+            further_drops,
             contact_residual=residual,
-            survey_residuals=() if residual is None else self._usual_residuals(drop),
+            survey_residuals=() if residual is None else self._survey_residuals_without(drop),
             sensor_residuals=sensor_residuals(drop),
-            excluded_sensors=sensors_left_out(drop),
+            excluded_sensors=excluded_sensor_numbers(drop),
             saturated=drop.saturated,
         )
         progress = point.progress
         if progress.complete:
-            loads = {known.facts.number: known.facts.peak_load for known in (facts, *others)}
-            found += advice_on_point(progress, loads)
-        asked = [
-            known
-            for done in self.diagnoses.values()
-            for known in done.results
-            if str(known.point) in (point.name, point.shown_name)
+            views = (facts, *further_drops)
+            loads = {view.facts.number: view.facts.peak_load for view in views}
+            advice += advice_on_point(progress, loads)
+        diagnoses = [
+            result
+            for diagnosis in self.diagnoses.values()
+            for result in diagnosis.results
+            if str(result.point) in (point.name, point.shown_name)
         ]
-        live = self.diagnosed.get(point.name)
-        diagnosed = [
+        if point.name in self.diagnosed:
+            diagnoses.append(self.diagnosed[point.name])
+        on_effects = [
             text
-            for known in (asked if live is None else [*asked, live])
-            for effect in known.effects or ()
+            for result in diagnoses
+            for effect in result.effects or ()
             if (text := of_effect(str(effect.name))) is not None
         ]
-        return list(dict.fromkeys([*(advice.text for advice in found), *diagnosed]))
+        return list(dict.fromkeys([*(item.text for item in advice), *on_effects]))
 
-    def _usual_residuals(self, but: DropState) -> list[float]:
-        """What the fits of the other drops leave during the contact, over their peaks."""
+    def _survey_residuals_without(self, excluded: DropState) -> list[float]:
+        """Return the contact residuals of all drops but one, over their peaks."""
         return [
-            left
+            residual
             for drop in self.drops_in_order()
-            if drop is not but and drop.status != "rejected" and not drop.discarded
+            if drop is not excluded and drop.status != "rejected" and not drop.discarded
             if drop.result is not None
-            and (left := drop.result.contact_residual_rms_over_peak) is not None
+            and (residual := drop.result.contact_residual_rms_over_peak) is not None
         ]
 
     def value_of(self, drop: DropState | None) -> PointValue | None:
-        """What the procedure judges, of one drop."""
+        """Return the judged quantity of a drop; None: not known."""
         if drop is None:
             return None
         point = self.points.get(drop.point)
@@ -209,11 +211,11 @@ class SessionState:
 
     @property
     def progress(self) -> PointProgress:
-        """Of the point that is measured."""
+        """Progress of the point that is being measured."""
         return self.current.progress
 
-    def why_left_out(self, drop: DropState) -> str:
-        """Why a drop takes no part in the mean of its point; empty: it does, or is no candidate."""
+    def exclusion_reason(self, drop: DropState) -> str:
+        """Return why a measured drop is excluded from the mean of its point; empty: it is not."""
         if drop.status != "measured" or drop.discarded:
             return ""
         owner = self.points.get(drop.point)
@@ -223,13 +225,13 @@ class SessionState:
         )
 
     @property
-    def held(self) -> int:
-        """How many drops the disk has not taken."""
+    def n_unsaved(self) -> int:
+        """Number of drops that are not on the disk."""
         return sum(not drop.safe for drop in self.drops_in_order())
 
     @property
     def exit_status(self) -> int:
-        """What the program ends with when it is left now."""
+        """Exit status of the program if it ended now."""
         ended = self.ended
         if ended is None:
             return 0
@@ -238,10 +240,10 @@ class SessionState:
         return {Ending.DONE: 0, Ending.UNSAVED: 1, Ending.LOST: 3}[ended.ending]
 
     def take(self, event: ScreenEvent) -> None:
-        """Add an event."""
+        """Update the state by an event."""
         self.version += 1
         changed = None
-        if isinstance(event, _JUDGED):
+        if isinstance(event, _JUDGING_EVENTS):
             self.view, changed = apply_event(self.view, event)
         self._take(event)
         if isinstance(event, JobReported):
@@ -313,24 +315,24 @@ class SessionState:
             case BatteryLow():
                 self.device.battery_low = True
                 self._on_notice(event)
-            case StorageLow(drops_remaining=left):
-                self.drops_remaining = left
+            case StorageLow(drops_remaining=count):
+                self.drops_remaining = count
                 self._on_notice(event)
             case Notice():
                 self._on_notice(event)
-            case SessionBegan():
+            case SessionStarted():
                 self._on_began(event)
             case SessionEnded():
                 self.session, self.ended = None, event
                 self.device.connected = self.device.ready = False
                 self.building = None
-            case ContentsRead():
+            case SurveyRead():
                 self._on_contents(event)
             case DropRead():
                 self._on_read(event)
-            case Refitted():
+            case Refit():
                 self._on_refitted(event)
-            case DiagnosisDone(file, _, error):
+            case DiagnosisFinished(file, _, error):
                 self.diagnoses[file] = event
                 if error:
                     self._on_notice(Notice(error, serious=True))
@@ -345,15 +347,15 @@ class SessionState:
         }
 
     def drop_of_record(self, record: int) -> DropState | None:
-        """By its number within the survey."""
+        """Return a drop by its number within the survey."""
         return next((drop for drop in self.drops_in_order() if drop.record == record), None)
 
     def drops_in_order(self) -> Iterable[DropState]:
-        """All of them."""
+        """Yield all drops, point by point."""
         for point in self.points.values():
             yield from self.drops_of(point).values()
 
-    def _on_began(self, event: SessionBegan) -> None:
+    def _on_began(self, event: SessionStarted) -> None:
         self.session, self.ended = event.session, None
         self.device.lost_reason = ""
         if event.point:
@@ -393,7 +395,7 @@ class SessionState:
 
     def _remember(self, drop: DropState) -> None:
         self._with_traces.append(drop)
-        while len(self._with_traces) > MOST_CURVES:
+        while len(self._with_traces) > MAX_DROPS_WITH_TRACES:
             old = self._with_traces.popleft()
             if old is not self.last and old.record is not None:
                 old.saved = old.curves = None
@@ -404,7 +406,7 @@ class SessionState:
         self.point, self.last = event.point, drop
 
     def _on_analysed(self, event: DropAnalysed) -> None:
-        add_answer(self._drop(event.saved.point, event.saved.number), event)
+        add_result(self._drop(event.saved.point, event.saved.number), event)
 
     def _on_rebound(self, event: Rebounded) -> None:
         drop = self._drop(event.point, event.number)
@@ -415,7 +417,7 @@ class SessionState:
         add_read(drop, event)
         self._remember(drop)
 
-    def _on_refitted(self, event: Refitted) -> None:
+    def _on_refitted(self, event: Refit) -> None:
         drop = self._drop(event.point, event.number)
         if event.fault:
             self._on_notice(Notice(f"drop {event.number}: {event.fault}", serious=True))
@@ -427,16 +429,16 @@ class SessionState:
         if drop is not None:
             edit_drop(drop, event)
 
-    def _on_contents(self, event: ContentsRead) -> None:
+    def _on_contents(self, event: SurveyRead) -> None:
         self.view = with_stored(self.view, event.points, is_replayed=not event.drops)
         for stored in event.points:
             for drop in stored.drops:
-                shown = self.drops.get(stored.name, {}).get(drop.number)
-                if shown is None and event.drops:
-                    shown = self._drop(stored.name, drop.number)
-                    shown.final = True
-                if shown is not None:
-                    add_stored(shown, drop)
+                state = self.drops.get(stored.name, {}).get(drop.number)
+                if state is None and event.drops:
+                    state = self._drop(stored.name, drop.number)
+                    state.final = True
+                if state is not None:
+                    add_stored(state, drop)
             if event.drops:
                 drops = self.drops_of(stored)
                 self.drops[stored.name] = {number: drops[number] for number in sorted(drops)}

@@ -1,46 +1,48 @@
-"""Which station of the job comes next, and how far it is."""
+"""Next station of the job, its distance, and the names of points typed on the screen."""
 
 import math
 from collections.abc import Collection
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from pfwd.errors import OptionError
 from pfwd.judging import Job, Station
-from pfwd.judging.stations import chainage_of
+from pfwd.judging.stations import chainage_of, similar_name
+from pfwd.session.plan import SessionPlan
 
-EARTH_RADIUS = 6_371_000.0
-"""m; a sphere is good to half a percent of a distance."""
+EARTH_RADIUS_M = 6_371_000.0
+"""A sphere gives distances to half a percent."""
 
 
-class Whereabouts(NamedTuple):
-    """What the receiver says, for the head of a page."""
+class ReceiverStatus(NamedTuple):
+    """Position of the receiver as text, for the head of a page."""
 
     fix: str
-    """How good it is, with the number of satellites."""
+    """Quality of the position, with the number of satellites."""
     place: str
-    """Latitude and longitude; empty: there is no fix."""
-    good: bool
-    """Whether the position can be taken as it is."""
+    """Latitude and longitude; empty: there is no position."""
+    is_good: bool
+    """True if the position is precise enough to be stored without a warning."""
 
     @property
     def text(self) -> str:
-        """All of it."""
+        """Quality and place in one text."""
         return f"{self.fix} {self.place}".rstrip()
 
 
 @dataclass(frozen=True, slots=True)
 class NextStation:
-    """A station that is to be measured."""
+    """Next station to be measured."""
 
     station: Station
     distance: float | None
-    """From here, m; None: not known."""
+    """Distance from the present position, m; None: not known."""
     ahead: bool | None
-    """Along the line; None: not known."""
+    """True if the station lies ahead along the line; None: not known."""
 
     @property
     def text(self) -> str:
-        """For people."""
+        """Name, distance and direction of the station."""
         if self.distance is None:
             return f"next: {self.station.name}"
         side = "" if self.ahead is None else " ahead" if self.ahead else " back"
@@ -49,35 +51,37 @@ class NextStation:
 
 def next_station(
     job: Job,
-    done: Collection[str],
-    here: tuple[float, float] | None = None,
+    measured: Collection[str],
+    coordinates: tuple[float, float] | None = None,
     current: str = "",
 ) -> NextStation | None:
-    """The first station that is not measured yet: the nearest one where the position is known.
+    """Return the first station without a point, or the nearest one if the position is known.
 
     Parameters
     ----------
     job : Job
-    done : collection of str
-        Names of points that are there.
+    measured : collection of str
+        Names of existing points.
     here : latitude and longitude in degrees, optional
     current : str
-        Name of the point that is measured, by whose chainage the way is told without a receiver.
+        Name of the present point; without a receiver its chainage gives the distance.
     """
-    left = [station for station in job.stations if station.name not in done]
-    if not left:
+    open_stations = [station for station in job.stations if station.name not in measured]
+    if not open_stations:
         return None
-    standing = job.station(current)
-    along = standing.chainage_m if standing is not None else chainage_of(current)
+    current_station = job.station(current)
+    along = current_station.chainage_m if current_station is not None else chainage_of(current)
     placed = [
-        (distance(here, (station.latitude, station.longitude)), station)
-        for station in left
-        if here is not None and station.latitude is not None and station.longitude is not None
+        (distance(coordinates, (station.latitude, station.longitude)), station)
+        for station in open_stations
+        if coordinates is not None
+        and station.latitude is not None
+        and station.longitude is not None
     ]
     if placed:
-        found, station = min(placed, key=lambda pair: pair[0])
-        return NextStation(station, found, _ahead(along, station))
-    station = left[0]
+        metres, station = min(placed, key=lambda pair: pair[0])
+        return NextStation(station, metres, _ahead(along, station))
+    station = open_stations[0]
     if along is None or station.chainage_m is None:
         return NextStation(station, None, None)
     return NextStation(station, abs(station.chainage_m - along), _ahead(along, station))
@@ -89,18 +93,41 @@ def _ahead(along: float | None, station: Station) -> bool | None:
     return station.chainage_m >= along
 
 
-def distance(here: tuple[float, float] | None, there: tuple[float | None, float | None]) -> float:
-    """Between two places in degrees, m; infinite where one is not known."""
-    if here is None or there[0] is None or there[1] is None:
+def distance(start: tuple[float, float] | None, end: tuple[float | None, float | None]) -> float:
+    """Return the distance of two places in degrees, m; infinite if one is not known."""
+    if start is None or end[0] is None or end[1] is None:
         return math.inf
-    first, other = math.radians(here[0]), math.radians(there[0])
-    across = math.radians(there[1] - here[1]) * math.cos((first + other) / 2)
-    return EARTH_RADIUS * math.hypot(other - first, across)
+    latitude, end_latitude = math.radians(start[0]), math.radians(end[0])
+    east = math.radians(end[1] - start[1]) * math.cos((latitude + end_latitude) / 2)
+    return EARTH_RADIUS_M * math.hypot(end_latitude - latitude, east)
 
 
-def lot_progress(job: Job, done: Collection[str]) -> str:
-    """How many stations of the lot are measured; empty: there is no list."""
+def lot_progress(job: Job, measured: Collection[str]) -> str:
+    """Return the number of measured stations in words; empty without a list of stations."""
     if not job.stations:
         return ""
-    count = sum(station.name in done for station in job.stations)
+    count = sum(station.name in measured for station in job.stations)
     return f"{count} of {len(job.stations)} stations"
+
+
+def point_name_error(name: str) -> str:
+    """Return why no point can have this name; empty: it can."""
+    try:
+        SessionPlan(point=name)
+    except OptionError:
+        return "1 to 64 characters"
+    return ""
+
+
+def point_name_question(name: str, names: Collection[str]) -> str:
+    """Return the question to confirm before a point of this name begins; empty: none.
+
+    Parameters
+    ----------
+    name : str
+        Name as typed.
+    names : collection of str
+        Names of points and stations.
+    """
+    similar = similar_name(name, names)
+    return "" if similar is None else f"{name.strip()} is new, but {similar} exists. Begin it?"

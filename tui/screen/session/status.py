@@ -1,4 +1,4 @@
-"""The one word that is read from afar, and what to do next."""
+"""Status of the measurement in one word, to be read from metres away, and what to do next."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -9,37 +9,37 @@ from pfwd.session.plan import Ending
 from tui.screen.session.state import SessionState
 from tui.screen.session.stations import next_station
 
-SAFE_SHOWN = 2.0
-"""s that SAFE stays before READY: long enough to look up, shorter than lifting the weight."""
+SAFE_WORD_S = 2.0
+"""Time that SAFE stays before READY: long enough to look up, shorter than lifting the weight."""
 
-PULSE_SHOWN = 1.5
-"""s after a pulse within which its drop has to be found; a knock below the threshold is none."""
+PULSE_WORD_S = 1.5
+"""Time after a pulse within which its drop is detected; a knock below the threshold is none."""
 
-FEW_DROPS = 60
-"""Ten points: time to make room, and no reason to stop at once."""
+LOW_DISK_DROPS = 60
+"""Room for ten points: time to free the disk, and no reason to stop at once."""
 
-REBOUNDS = 1.5
-"""s after a drop in which its bounces are looked for; see `DetectionSettings.rebound_window`."""
+REBOUND_WINDOW_S = 1.5
+"""Time after a drop in which its rebounds are recorded; see `DetectionSettings.rebound_window`."""
 
 
 @dataclass(frozen=True, slots=True)
 class StatusWord:
-    """What is going on."""
+    """Status word with an instruction."""
 
     word: str
     action: str
-    """What to do next, or what is waited for."""
+    """Instruction: what to do next, or what the program waits for."""
     role: Literal["ready", "busy", "alarm"]
-    """How it is painted."""
+    """Role of the text, for its colours."""
 
 
 def status_of(
     state: SessionState,
     now: float,
     pulse_age: float | None = None,
-    here: tuple[float, float] | None = None,
+    coordinates: tuple[float, float] | None = None,
 ) -> StatusWord:
-    """The state as a word, most urgent first.
+    """Return the most urgent status of a session.
 
     Parameters
     ----------
@@ -47,20 +47,18 @@ def status_of(
     now : float
         Monotonic clock, s.
     pulse_age : float, optional
-        s since the load was last above the threshold; None: it was not.
+        Time since the load was last above the threshold, s; None: never.
     here : latitude and longitude in degrees, optional
     """
-    for find in (_trouble, _drop_in_hand):
-        found = find(state, now, pulse_age)
-        if found is not None:
-            return found
-    return _waiting(state, here)
+    return (
+        _trouble(state) or _latest_drop(state, now, pulse_age) or _next_action(state, coordinates)
+    )
 
 
-def _trouble(state: SessionState, now: float, pulse_age: float | None) -> StatusWord | None:
+def _trouble(state: SessionState) -> StatusWord | None:
     device = state.device
-    if state.held:
-        text = f"{_drops(state.held)} only in memory: make room on the disk, leave this open"
+    if state.n_unsaved:
+        text = f"{_drops(state.n_unsaved)} only in memory: make room on the disk, leave this open"
         return StatusWord("NOT SAFE", text, "alarm")
     if state.files_trouble:
         return StatusWord("NOT SAFE", state.files_trouble, "alarm")
@@ -91,19 +89,19 @@ def _ended(state: SessionState) -> StatusWord:
     return StatusWord("END", "nothing more comes; look at the points (2), or leave (q)", "ready")
 
 
-def _drop_in_hand(state: SessionState, now: float, pulse_age: float | None) -> StatusWord | None:
+def _latest_drop(state: SessionState, now: float, pulse_age: float | None) -> StatusWord | None:
     last = state.last
-    fresh = last is not None and last.came > 0
+    fresh = last is not None and last.saved_at > 0
     bounced = False
-    if pulse_age is not None and pulse_age < PULSE_SHOWN:
-        # A bounce soon after a drop is no new one: that drop is safe already.
-        bounced = fresh and last is not None and now - pulse_age - last.came < REBOUNDS
+    if pulse_age is not None and pulse_age < PULSE_WORD_S:
+        # A rebound soon after a drop is no new drop: that drop is stored already.
+        bounced = fresh and last is not None and now - pulse_age - last.saved_at < REBOUND_WINDOW_S
         if not bounced:
             return StatusWord("DROP", "let it bounce", "busy")
     if not fresh or last is None:
         return None
-    age = now - last.came
-    if last.waits and state.waits_for_first_modulus:
+    age = now - last.saved_at
+    if last.awaits_modulus and state.waits_for_first_modulus:
         return StatusWord("COMPUTING", f"drop {last.number} is on the disk", "busy")
     if last.status == "rejected" and not last.discarded:
         return StatusWord(
@@ -111,7 +109,7 @@ def _drop_in_hand(state: SessionState, now: float, pulse_age: float | None) -> S
         )
     if last.fault and not last.discarded and state.job.quantity is Quantity.MODULUS:
         return StatusWord("REPEAT", f"drop {last.number} has no modulus: {last.fault}", "alarm")
-    if age < SAFE_SHOWN:
+    if age < SAFE_WORD_S:
         return StatusWord("SAFE", _safe_text(state), "ready")
     if bounced:
         return StatusWord("SETTLING", "let it bounce", "busy")
@@ -124,16 +122,16 @@ def _safe_text(state: SessionState) -> str:
     progress = state.progress
     if progress.seating_wanted is None or progress.measured_wanted is None:
         return f"drop {last.number} on disk"
-    whole = progress.seating_wanted + progress.measured_wanted
-    return f"drop {last.number} of {whole} on disk" if last.number <= whole else "on disk"
+    total = progress.seating_wanted + progress.measured_wanted
+    return f"drop {last.number} of {total} on disk" if last.number <= total else "on disk"
 
 
-def _waiting(state: SessionState, here: tuple[float, float] | None) -> StatusWord:
+def _next_action(state: SessionState, coordinates: tuple[float, float] | None) -> StatusWord:
     device = state.device
     if state.recorded:
         return StatusWord("REPLAY", "the next recorded drop follows", "busy")
     if state.progress.next_kind is None and state.current_drops:
-        return StatusWord("POINT DONE", _where_next(state, here), "ready")
+        return StatusWord("POINT DONE", _where_next(state, coordinates), "ready")
     if state.building is not None:
         part = f"{100 * state.building.fraction:.0f} %"
         return StatusWord("COMPUTING", f"the model's table, once for this plate: {part}", "busy")
@@ -147,16 +145,16 @@ def _waiting(state: SessionState, here: tuple[float, float] | None) -> StatusWor
         return StatusWord("WAITING", "nothing comes yet", "busy")
     if device.check_faults:
         return StatusWord("CHECK", f"{device.check_faults[0]}", "alarm")
-    if state.drops_remaining is not None and state.drops_remaining < FEW_DROPS:
+    if state.drops_remaining is not None and state.drops_remaining < LOW_DISK_DROPS:
         text = f"room for about {state.drops_remaining} more drops; lift the weight"
         return StatusWord("DISK LOW", text, "alarm")
     return StatusWord("READY", f"lift the weight: {_next(state)}", "ready")
 
 
-def _where_next(state: SessionState, here: tuple[float, float] | None) -> str:
+def _where_next(state: SessionState, coordinates: tuple[float, float] | None) -> str:
     job, now = state.job, state.current.shown_name
     names = {point.shown_name for point in state.points.values()}
-    coming = next_station(job, names, here, now)
+    coming = next_station(job, names, coordinates, now)
     if coming is not None:
         return f"{coming.text}; there press n"
     if job.stations:
@@ -173,9 +171,8 @@ def _next(state: SessionState) -> str:
     return _count("measured", progress.measured_done, progress.measured_wanted)
 
 
-def _count(kind: str, done: int, wanted: int | None) -> str:
-    whole = "" if wanted is None else f" of {wanted}"
-    return f"{kind} drop {done + 1}{whole}"
+def _count(kind: str, count: int, total: int | None) -> str:
+    return f"{kind} drop {count + 1}" + ("" if total is None else f" of {total}")
 
 
 def _drops(count: int) -> str:

@@ -1,4 +1,4 @@
-"""What the operator says of drops and points: to the session, or into the survey; taken back."""
+"""Edits of drops, points and job by the operator, and their undo."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,107 +16,112 @@ from tui.screen.session.sources import SessionSource
 
 @dataclass(frozen=True, slots=True)
 class Undo:
-    """How to take something back."""
+    """Edit that reverts an earlier one."""
 
-    what: str
+    description: str
+    """Edit that is reverted, in words."""
     edit: Edit
     drop: DropState
 
 
 class SurveyEdits:
-    """Edits, and those that can be taken back.
+    """Edits through the session that runs, or into the folder of the survey.
 
     Parameters
     ----------
     source : SessionSource
     runner : SessionRunner
-        Whose session is asked first; told what was edited without one.
+        Its session makes the edit if one runs; otherwise it receives the edit as an event.
     say : callable
-        Takes one line for the operator.
+        Shows one line to the operator.
     in_thread : callable
-        Runs something slow, in a group of that name.
+        Runs slow work in a thread, in a named group.
     """
 
     def __init__(
         self,
         source: SessionSource,
         runner: SessionRunner,
-        say: Callable[[str], None],
+        show_message: Callable[[str], None],
         in_thread: Callable[[Callable[[], None], str], None],
     ) -> None:
         self._source, self._runner = source, runner
-        self._say, self._in_thread = say, in_thread
+        self._show_message, self._in_thread = show_message, in_thread
         self._undo: list[Undo] = []
 
     def discard(self, drop: DropState | None) -> None:
-        """Mark a drop as not to be used, or take that back."""
+        """Discard a drop, or restore a discarded one."""
         if drop is None or drop.record is None:
-            self._say("there is no drop that could be discarded")
+            self._show_message("there is no drop that could be discarded")
             return
-        what = "restore" if drop.discarded else "discard"
-        back = Edit("discard" if drop.discarded else "restore")
+        kind = "restore" if drop.discarded else "discard"
+        revert = Edit("discard" if drop.discarded else "restore")
         value = None if drop.discarded else "by the operator"
-        if self.add(Edit(what, value), drop=drop):
-            self._undo.append(Undo(f"{what} of drop {drop.number}", back, drop))
-            done = "discarded; u takes it back" if what == "discard" else "restored"
-            self._say(f"drop {drop.number} {done}")
+        if self.add(Edit(kind, value), drop=drop):
+            self._undo.append(Undo(f"{kind} of drop {drop.number}", revert, drop))
+            text = "discarded; u takes it back" if kind == "discard" else "restored"
+            self._show_message(f"drop {drop.number} {text}")
 
     def undo(self) -> None:
-        """Take the last discard, restore or move back."""
+        """Revert the last discard, restore or move."""
         if not self._undo:
-            self._say("there is nothing to take back")
+            self._show_message("there is nothing to take back")
             return
         last = self._undo.pop()
         if self.add(last.edit, drop=last.drop):
-            self._say(f"taken back: {last.what}")
+            self._show_message(f"taken back: {last.description}")
 
     def add(self, edit: Edit, *, drop: DropState | None = None, point: str | None = None) -> bool:
-        """Say something of a drop or point of the survey; whether it could be tried."""
+        """Edit a drop or a point; return whether there is a survey to edit."""
         number = None if drop is None else drop.record
-        if self._source.writes and self._runner.ask(
+        if self._source.writes and self._runner.request(
             lambda session: session.edit(edit, point=point, number=number)
         ):
             return True
         folder = self._source.survey
         if folder is None:
-            self._say("there is no survey that could be edited")
+            self._show_message("there is no survey that could be edited")
             return False
         self._in_thread(lambda: self._edit_folder(folder, edit, drop, point), "edit")
         return True
 
     def move(self, drop: DropState | None, to: str) -> None:
-        """Move a drop to the point where it belongs."""
+        """Move a drop to another point."""
         if drop is None or drop.record is None:
-            self._say("there is no drop that could be moved")
+            self._show_message("there is no drop that could be moved")
             return
         if drop.discarded:
-            self._say(f"drop {drop.number} is discarded; d restores it, then it can be moved")
+            self._show_message(
+                f"drop {drop.number} is discarded; d restores it, then it can be moved"
+            )
             return
         if drop.point == to:
-            self._say(f"drop {drop.number} is at point {to} already")
+            self._show_message(f"drop {drop.number} is at point {to} already")
             return
         record = drop.record
-        if self._source.writes and self._runner.ask(lambda it: it.move_drop(record, to)):
+        if self._source.writes and self._runner.request(lambda it: it.move_drop(record, to)):
             self._undo.append(Undo(f"move of drop {drop.number} to {to}", Edit("restore"), drop))
-            self._say(f"drop {drop.number} is moved to {to}; u takes it back")
+            self._show_message(f"drop {drop.number} is moved to {to}; u takes it back")
             return
-        self._say("a recording is edited with pfwd edit --move")
+        self._show_message("a recording is edited with pfwd edit --move")
 
-    def say_of_job(self, request: JobRequest) -> None:
-        """Say something of what the survey is measured by."""
+    def change_job(self, request: JobRequest) -> None:
+        """Change procedure, target, stations or operator of the survey."""
         if not request:
-            self._say("nothing was changed")
+            self._show_message("nothing was changed")
             return
-        if self._source.writes and self._runner.ask(lambda session: session.change_job(request)):
-            self._say("taken")
+        if self._source.writes and self._runner.request(
+            lambda session: session.change_job(request)
+        ):
+            self._show_message("the setup is in force")
             return
         folder = self._source.survey
         if folder is None:
-            self._say("there is no survey that could keep it")
+            self._show_message("there is no survey to store it in")
             return
-        self._in_thread(lambda: self._keep_job(folder, request), "job")
+        self._in_thread(lambda: self._store_job(folder, request), "job")
 
-    def _keep_job(self, folder: Path, request: JobRequest) -> None:
+    def _store_job(self, folder: Path, request: JobRequest) -> None:
         try:
             add_events(folder, request.events())
             job = job_of_folder(folder)
