@@ -298,7 +298,7 @@ from tests.tui.screen.scripted import App, play, ready, told
 
 
 async def script(app, pilot):
-    app.say("all is well")
+    app.show_message("all is well")
     await told(app, pilot, ready())
     await pilot.press("6")
     await pilot.pause(0.2)
@@ -315,7 +315,7 @@ def test_a_page_is_shown_by_its_key(folder: Path) -> None:
     (folder / "page.py").write_text(script)
     done = python(folder, "page.py")
     assert done.returncode == 0, done.stderr
-    assert "Said lately" in done.stdout
+    assert "Last messages" in done.stdout
 
 
 def test_the_catalogue_of_texts_that_is_copied_is_there() -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from pfwd.files.photos import photos_of
 from pfwd.judging.job import target_text
 from tui.output import counted
-from tui.screen.opened.rows import PointRow, shares, shown_value
+from tui.screen.opened.rows import PointRow, display_value, shares
 from tui.screen.units import format_number
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def _overview_row(folder: str, row: PointRow) -> dict[str, str]:
         "address": point_address(row.name),
         "title": row.title,
         "remark": "; ".join(filter(None, remarks)),
-        "value": "-" if row.value is None else f"{format_number(shown_value(row))}{mark} {unit}",
+        "value": "-" if row.value is None else f"{format_number(display_value(row))}{mark} {unit}",
         "interval": (
             f"{format_number((row.low or 0) / scale)} to {format_number((row.high or 0) / scale)}"
             if has_interval

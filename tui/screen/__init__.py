@@ -1,5 +1,5 @@
-"""The live screen: what a measuring session does, shown and steered from a terminal.
+"""Terminal screen of a measuring session and of a recorded survey.
 
-It adds no science and never holds up the session, which runs in a thread of its own: events wait in
-a mailbox, samples are reduced to their least and largest values before they come here.
+The screen adds no science and never delays the session, which runs in a thread of its own. Its
+events wait in a mailbox; samples arrive reduced to the range in each interval.
 """

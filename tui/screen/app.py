@@ -1,4 +1,4 @@
-"""The application: one session, its state, the pages that show it."""
+"""Application of the live screen: a session, its state, and the pages that show it."""
 
 import asyncio
 import contextlib
@@ -37,7 +37,6 @@ from pfwd.session.plan import SessionPlan
 from pfwd.session.position import FIX_NAMES, PositionReceiver
 from tui.output import clean
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
-from tui.screen.looks import LOOKS, Look
 from tui.screen.pages import PAGES, make_page
 from tui.screen.pages.dialogs import Question
 from tui.screen.pages.help import HelpPage
@@ -68,16 +67,17 @@ from tui.screen.session.stations import ReceiverStatus
 from tui.screen.session.status import StatusWord, status_of
 from tui.screen.session.survey_edits import SurveyEdits
 from tui.screen.settings import ScreenSettings, save_settings
+from tui.screen.themes import THEMES, ScreenTheme
 from tui.screen.units import UNITS_BY_NAME, Units
 
 UPDATES_PER_S = 12.0
-"""Per second; a timer that is late now and then still gives ten."""
+"""Updates of the page; with late timers at least ten a second remain."""
 
 LEAVE_TIMEOUT_S = 25.0
-"""s that leaving waits for the last analyses."""
+"""Time that leaving waits for the last analyses, s."""
 
 MESSAGE_S = 8.0
-"""s."""
+"""Time that a message is shown, s."""
 
 SOUNDS: Mapping[Verdict, tuple[float, ...]] = {
     Verdict.PASS: (0.0, 0.15, 0.3),
@@ -85,25 +85,25 @@ SOUNDS: Mapping[Verdict, tuple[float, ...]] = {
     Verdict.UNDECIDED: (0.0, 0.15, 0.8, 0.95),
     Verdict.NONE: (0.0, 0.15),
 }
-"""When the bell rings for a point that is done, s: three quick ones, three slow ones, two pairs;
-told apart without a look. A drop rings once, a rejected one twice."""
+"""Times at which the bell rings for a complete point, s; each verdict has its own rhythm. A drop
+rings once, a rejected drop twice."""
 
 
 class PfwdApp(App[int]):
-    """The live screen.
+    """Application of the live screen.
 
     Parameters
     ----------
     source : SessionSource
     settings : ScreenSettings, optional
     target : float, optional
-        Of points that have none, Pa.
+        Target of points without their own, Pa.
     glyphs : Glyphs, optional
-        None: what the terminal is likely to have.
+        By default those of the terminal.
     save : callable, optional
-        Keeps changed settings.
+        Stores changed settings.
     local_time : callable, optional
-        For pictures that look alike.
+        Clock of the head line; a test sets it.
     """
 
     CSS_PATH = str(Path(__file__).with_name("screen.tcss"))  # of a subclass elsewhere too
@@ -150,51 +150,51 @@ class PfwdApp(App[int]):
         self.diagnoses = Diagnoses(source, self.runner, self.state, self.show_message)
         self.glyphs = glyphs or glyphs_of_terminal()
         self.drawn = 0
-        """How often the page was drawn."""
+        """Number of times that a page was drawn."""
         self._save = save
         self._local_time = local_time
         self._leaving = False
         self._asking = False
         self._message = ("", 0.0)
         self._unsafe: set[tuple[str, int]] = set()
-        self._asked_calibration: CalibrationChanged | None = None
+        self._open_calibration: CalibrationChanged | None = None
         self._sounded: dict[str, str] = {}
         self._drawn_for: tuple[Any, ...] = ()
-        self.shown_drop: tuple[str, int] | None = None
+        self.selected_drop: tuple[str, int] | None = None
         """Point and number of the drop that the drop page shows."""
-        for look in LOOKS.values():
-            self.register_theme(look.theme)
+        for screen_theme in THEMES.values():
+            self.register_theme(screen_theme.theme)
 
-    # What the pages ask.
+    # Interface for the pages.
 
     @property
-    def look(self) -> Look:
-        """The theme."""
-        return LOOKS[self.settings.theme]
+    def screen_theme(self) -> ScreenTheme:
+        """Colours of the chosen theme."""
+        return THEMES[self.settings.theme]
 
     @property
     def units(self) -> Units:
-        """Of the screen."""
+        """Units on the screen."""
         return UNITS_BY_NAME[self.settings.units]
 
     @property
     def message(self) -> str:
-        """What was said last, as long as it is news."""
+        """Last message; empty after some seconds."""
         text, until = self._message
         return text if time.monotonic() < until else ""
 
     def clock(self) -> str:
-        """The time of day."""
+        """Return the time of day."""
         return self._local_time().strftime("%H:%M:%S")
 
     def word(self) -> StatusWord:
-        """What is going on."""
+        """Return the status of the measurement."""
         now = time.monotonic()
         at = self.runner.pulse_at
         return status_of(self.state, now, None if at is None else now - at, self.coordinates())
 
     def position(self) -> ReceiverStatus | None:
-        """Where the instrument stands and how sure that is, for the head; None: no receiver."""
+        """Return the position of the receiver as text; None: there is no receiver."""
         receiver = self.source.plan.position
         if not isinstance(receiver, PositionReceiver):
             return None
@@ -203,43 +203,43 @@ class PfwdApp(App[int]):
             return ReceiverStatus(
                 f"GPS no fix: {receiver.record().get('fault')}", "", is_good=False
             )
-        seen = "" if fix.satellites is None else f" {fix.satellites} sat"
-        good = receiver.warning() is None
-        poor = "" if good else f" HDOP {fix.hdop:g}"
+        satellites = "" if fix.satellites is None else f" {fix.satellites} sat"
+        is_good = receiver.warning() is None
+        precision = "" if is_good else f" HDOP {fix.hdop:g}"
         quality = FIX_NAMES.get(fix.quality, "fix")
         place = f"{fix.latitude:.5f}, {fix.longitude:.5f}"
-        return ReceiverStatus(f"GPS {quality}{seen}{poor}", place, good)
+        return ReceiverStatus(f"GPS {quality}{satellites}{precision}", place, is_good)
 
     def coordinates(self) -> tuple[float, float] | None:
-        """Latitude and longitude now, degrees; None: not known."""
+        """Return the present latitude and longitude, degrees; None: not known."""
         receiver = self.source.plan.position
         fix = receiver.latest() if isinstance(receiver, PositionReceiver) else None
         return None if fix is None else (fix.latitude, fix.longitude)
 
     def pace_text(self) -> str:
-        """How fast a replay goes."""
+        """Return the speed of a replay in words."""
         return pace_text(self.source.pace)
 
     def busy_text(self) -> str:
-        """What is under way besides measuring."""
+        """Return the work under way besides measuring; empty: none."""
         if self.diagnoses.file:
             return f"diagnosing {Path(self.diagnoses.file).name} ..."
         return "fitting ..." if self.fits.n_running else ""
 
     def show_message(self, text: str) -> None:
-        """One line for the operator, for a while."""
+        """Show a line to the operator for some seconds."""
         self._message = clean(text), time.monotonic() + MESSAGE_S
 
-    # Life.
+    # Start and events.
 
     def on_mount(self) -> None:
-        """Show the first page, then start what is slow."""
-        self.theme = self.look.theme.name
+        """Show the first page, then start the session."""
+        self.theme = self.screen_theme.theme.name
         self.push_screen(MeasurePage())
         self.set_interval(1 / UPDATES_PER_S, self._tick)
         self.call_after_refresh(self._begin)
-        # The loop of Windows takes no signals, and none does outside the main thread: there the
-        # program ends by its keys.
+        # Neither the event loop of Windows nor a loop outside the main thread has signal handlers:
+        # there the program ends by its keys.
         with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
             loop = asyncio.get_running_loop()
             loop.add_signal_handler(signal.SIGTERM, self._end_by_signal)
@@ -252,7 +252,7 @@ class PfwdApp(App[int]):
         self.run_worker(self._leave(), exclusive=True, group="leave")
 
     def read_contents(self) -> None:
-        """Read the survey in a thread."""
+        """Read the stored survey in a thread."""
         folder = self.source.survey
         if folder is None or not folder.is_dir():
             return
@@ -271,11 +271,11 @@ class PfwdApp(App[int]):
         self.runner.put(SurveyRead(points, drops=self.source.writes))
 
     def _tick(self) -> None:
-        come = self.runner.take()
-        for event in come:
+        new_events = self.runner.take()
+        for event in new_events:
             self._take(event)
         judging = (DropAnalysed, DropSaved, Edited, PointDiagnosed)
-        if any(isinstance(event, judging) for event in come):
+        if any(isinstance(event, judging) for event in new_events):
             self._sound_verdict()
         # While the application ends, the clock may tick once more without a screen.
         page = self.screen if self.screen_stack else None
@@ -291,11 +291,11 @@ class PfwdApp(App[int]):
     def _take(self, event: ScreenEvent) -> None:
         self.state.take(event)
         match event:
-            case DropSaved(one):
-                self._ring(2 if one.screening.status == "rejected" else 1)
-                if (one.point, one.number) in self._unsafe:
-                    self._unsafe.discard((one.point, one.number))
-                    self.show_message(f"drop {one.number} is safe now")
+            case DropSaved(saved):
+                self._ring(2 if saved.screening.status == "rejected" else 1)
+                if (saved.point, saved.number) in self._unsafe:
+                    self._unsafe.discard((saved.point, saved.number))
+                    self.show_message(f"drop {saved.number} is safe now")
             case DropNotSaved(point, number, reason):
                 self._ring(2)
                 self._unsafe.add((point, number))
@@ -313,11 +313,11 @@ class PfwdApp(App[int]):
             case PointDiagnosed(name, result):
                 self.diagnoses.on_point(name, result, self.units)
             case Edited(value=value):
-                if moved_to(value) is not None:  # a drop is there or gone at another point
+                if moved_to(value) is not None:  # two points have changed
                     self.read_contents()
                 self.diagnoses.verdicts.pop(self.state.point, None)
-            case DropRead(one):
-                self.fits.on_read(one)
+            case DropRead(saved):
+                self.fits.on_read(saved)
             case SessionEnded(_, error):
                 if error:
                     self.show_message(error)
@@ -327,15 +327,15 @@ class PfwdApp(App[int]):
                 self.diagnoses.on_diagnosed(event, self.units)
 
     def _on_calibration(self, event: CalibrationChanged) -> None:
-        """Ask before anything is recorded with another calibration."""
+        """Ask for a decision before drops are recorded with another calibration."""
         self.show_message(event.text)
-        if not event.waits or event == self._asked_calibration:
+        if not event.waits or event == self._open_calibration:
             return
         self._ring(2)
-        self._asked_calibration = event
+        self._open_calibration = event
 
         def answer(sure: bool | None) -> None:
-            self._asked_calibration = None
+            self._open_calibration = None
             if sure:
                 self.runner.request(lambda session: session.accept_calibration(event))
             else:
@@ -348,7 +348,7 @@ class PfwdApp(App[int]):
         self._sound(tuple(0.25 * count for count in range(times)))
 
     def _sound(self, at: tuple[float, ...]) -> None:
-        """Ring the bell at these times from now, s."""
+        """Ring the bell at times from now, s."""
         if not self.settings.bell:
             return
         for seconds in at:
@@ -358,7 +358,7 @@ class PfwdApp(App[int]):
                 self.bell()
 
     def _sound_verdict(self) -> None:
-        """A sound of its own for each verdict, once the point is done and nothing is computed."""
+        """Ring the verdict once the point is complete and all its results have come."""
         state = self.state
         progress = state.progress
         if self.source.pace is not None or not progress.complete or progress.next_kind is not None:
@@ -373,7 +373,7 @@ class PfwdApp(App[int]):
     # Pages.
 
     def action_page(self, name: str) -> None:
-        """Go to a page; the measure page stays below all others."""
+        """Go to a page; the measure page stays below all other pages."""
         if isinstance(self.screen, Page) and name == self.screen.NAME:
             return
         while len(self.screen_stack) > 2:
@@ -382,11 +382,11 @@ class PfwdApp(App[int]):
             self.push_screen(make_page(name))
 
     def open_drop(self, drop: DropState | None, *, refit: bool = False) -> None:
-        """Show everything about a drop."""
+        """Open the page of a drop."""
         if drop is None:
             self.show_message("there is no drop yet")
             return
-        self.shown_drop = drop.point, drop.number
+        self.selected_drop = drop.point, drop.number
         self.action_page("drop")
         if refit:
             page = self.screen
@@ -395,26 +395,26 @@ class PfwdApp(App[int]):
                 self.call_after_refresh(start)
 
     def action_undo(self) -> None:
-        """Take the last discard, restore or move back."""
+        """Revert the last discard, restore or move."""
         self.edits.undo()
 
     def on_paste(self, event: events.Paste) -> None:
-        """What is pasted is no row of keys: it goes into a field, or nowhere."""
+        """Refuse pasted text outside a field: it would act as a row of keys."""
         event.stop()
-        self.show_message("pasted text is not taken for keys")
+        self.show_message("pasted text is ignored: it is not typed as keys")
 
     def action_help(self) -> None:
-        """Help for this page."""
+        """Show the help of this page."""
         if isinstance(self.screen, Page) and not isinstance(self.screen, HelpPage):
             self.push_screen(HelpPage(self.screen))
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
-        """The command palette: every key of this page and of all pages."""
-        seen = set()
+        """Yield the commands of the palette: every key of this page and of all pages."""
+        listed = set()
         for node, binding, enabled, _ in screen.active_bindings.values():
-            if not binding.description or not enabled or binding.description in seen:
+            if not binding.description or not enabled or binding.description in listed:
                 continue
-            seen.add(binding.description)
+            listed.add(binding.description)
             yield SystemCommand(
                 binding.description,
                 f"key {binding.key}",
@@ -424,52 +424,52 @@ class PfwdApp(App[int]):
     # Settings.
 
     def change(self, **values: Any) -> None:
-        """Change settings, keep them, and show it."""
+        """Change settings, store them, and draw the page again."""
         self.settings = dataclasses.replace(self.settings, **values)
-        self.theme = self.look.theme.name
+        self.theme = self.screen_theme.theme.name
         if not self._save(self.settings):
             self.show_message("the settings could not be saved; they hold until you leave")
         self.redraw()
 
     def redraw(self) -> None:
-        """Draw the page on top anew."""
+        """Draw the page on top again."""
         self._drawn_for = ()
         if isinstance(self.screen, Page):
             self.screen.draw()
 
     def action_theme(self) -> None:
-        """The other theme."""
+        """Switch the theme."""
         self.change(theme="daylight" if self.settings.theme == "dark" else "dark")
 
     def action_large(self) -> None:
-        """Large type, or not."""
+        """Switch between normal and large type."""
         self.change(large=not self.settings.large)
 
     def action_units(self) -> None:
-        """The other units."""
+        """Switch the units."""
         self.change(units="us" if self.settings.units == "si" else "si")
 
     def action_ring(self) -> None:
-        """Bell on or off."""
+        """Switch the bell."""
         self.change(bell=not self.settings.bell)
         self.show_message("bell on" if self.settings.bell else "bell off")
 
     # A replay.
 
     def action_pause(self) -> None:
-        """Pause a replay, or go on."""
+        """Pause a replay, or continue it."""
         if self.source.pace is not None:
             pause_or_go_on(self.source.pace)
             self.redraw()
 
     def action_step(self) -> None:
-        """One drop more."""
+        """Replay one more drop."""
         if self.source.pace is not None:
             step_drop(self.source.pace)
             self.redraw()
 
     def action_speed(self, step: int) -> None:
-        """Faster or slower."""
+        """Change the speed of a replay."""
         if self.source.pace is not None:
             change_speed(self.source.pace, step)
             self.redraw()
@@ -477,8 +477,8 @@ class PfwdApp(App[int]):
     # Leaving.
 
     def action_leave(self) -> None:
-        """Leave; asks only when something would be lost."""
-        if self._leaving:  # a second time: at once, what was acknowledged is safe
+        """Leave; with drops that are not stored, only after a question."""
+        if self._leaving:  # pressed again: leave at once, acknowledged drops are safe
             self._finish()
             return
         if self._asking:
@@ -496,7 +496,7 @@ class PfwdApp(App[int]):
             self._end_by_signal()
 
     def _danger(self) -> str:
-        """What would be lost by leaving now."""
+        """Return the question before leaving would lose data; empty: none."""
         if self.state.n_unsaved:
             return f"{self.state.n_unsaved} drop(s) are only in memory and would be lost. Leave?"
         return str(getattr(self.screen, "unsaved", "") or "")
@@ -520,19 +520,19 @@ class PfwdApp(App[int]):
         self.exit(self.state.exit_status)
 
     def restart(self, plan: SessionPlan, url: str) -> None:
-        """Go on with another plan: the session ends when the drop in hand is safe."""
-        self.show_message("the session begins anew with this setup")
+        """Start a new session with another plan, once the current drop is stored."""
+        self.show_message("the session starts again with this setup")
         self.run_worker(self._restart(plan, url), exclusive=True, group="restart")
 
     async def _restart(self, plan: SessionPlan, url: str) -> None:
         loop = asyncio.get_running_loop()
         if not await loop.run_in_executor(None, lambda: self.runner.stop(LEAVE_TIMEOUT_S)):
-            self.show_message("the session has not ended yet; the setup was not taken")
+            self.show_message("the session has not ended yet; the setup was not changed")
             return
         self.source.plan = plan
         if url:
             self.source.url = url
-        said = JobRequest(procedure=plan.setup.procedure).over(plan.job)
-        self.state.take(JobReported(self.state.job.with_request(said.news(self.state.job))))
+        request = JobRequest(procedure=plan.setup.procedure).over(plan.job)
+        self.state.take(JobReported(self.state.job.with_request(request.news(self.state.job))))
         self.runner.start()
         self.redraw()

@@ -1,4 +1,4 @@
-"""Shows a session on the terminal until the operator leaves."""
+"""Function that shows a session on the terminal until the operator leaves."""
 
 import contextlib
 import logging
@@ -24,23 +24,22 @@ def show(
     moduli: dict[int, float] | None = None,
     remarks: Sequence[str] = (),
 ) -> int:
-    """Run the screen; the exit status.
+    """Run the screen and return the exit status.
 
     Parameters
     ----------
     source : SessionSource
     command : str
-        Name of the command, for a message.
+        Name of the command, for messages.
     moduli : dict, optional
-        Filled with the moduli that were found, Pa, by number of the drop
-        within the survey.
+        Filled with the fitted moduli, Pa, by the number of the drop within the survey.
     remarks : sequence of str
-        What the operator has to know of the options, shown first and kept among the notices.
+        Messages on the options, shown first and listed in the help.
     """
     if not on_terminal():
         say(
-            f"{command}: expected a terminal to fill, got a pipe or a file; pfwd log and pfwd "
-            "replay without --live print lines"
+            f"{command}: expected a terminal, got a pipe or a file; use pfwd log, or pfwd replay "
+            "without --live"
         )
         return USAGE
     from tui.screen.app import PfwdApp
@@ -67,7 +66,7 @@ def show(
 
 
 def leaving_lines(state: "SessionState", source: SessionSource) -> list[str]:
-    """What was measured and where it is, and what to do next; empty for what was looked at."""
+    """Return a summary of a measured survey and the next commands; empty after a replay."""
     folder = source.survey
     if folder is None or not source.writes:
         return []
@@ -80,9 +79,9 @@ def leaving_lines(state: "SessionState", source: SessionSource) -> list[str]:
         for point in points
         if (progress := point.progress).verdict is not Verdict.NONE
     )
-    said = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
-    stood = f" ({said})" if said else ""
-    measured = f"{counted(len(points), 'point')}, {counted(drops, 'drop')}{stood}"
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in sorted(verdicts.items()))
+    verdict_text = f" ({counts})" if counts else ""
+    measured = f"{counted(len(points), 'point')}, {counted(drops, 'drop')}{verdict_text}"
     safe = f"; {state.n_unsaved} NOT SAFE" if state.n_unsaved else ", all on the disk"
     return [
         f"{folder}: {measured}{safe}",
@@ -92,10 +91,7 @@ def leaving_lines(state: "SessionState", source: SessionSource) -> list[str]:
 
 @contextlib.contextmanager
 def _logged(source: SessionSource) -> Iterator[None]:
-    """The log goes into a survey that is written; nothing is added to one that is only looked at.
-
-    Nothing may be printed meanwhile: it would stand in the middle of the screen.
-    """
+    """Write the log into a survey that is recorded, and nothing to the terminal meanwhile."""
     silent = logging.NullHandler()
     logging.getLogger().addHandler(silent)
     handler = None

@@ -135,7 +135,7 @@ def test_residuals_stand_by_sensor_and_the_left_out_by_name(
     assert found[1].split() == ["centre", "0", "%,", "0", "%", "in", "contact"]
     assert found[2].split()[:2] == ["300", "mm"]
     assert found[3].split()[:2] == ["-300", "mm"]
-    assert found[4].strip() == "600 mm  left out of the fit"
+    assert found[4].strip() == "600 mm  excluded from the fit"
     assert sensor_lines(drop.curves, (0.0,), SI) == []
     assert sensor_lines(None, OFFSETS, SI) == []
 
@@ -147,7 +147,7 @@ class Asking(RefitWorker):
         super().__init__(lambda _: None)
         self.options: list[AnalysisOptions] = []
 
-    def ask(self, stored: SavedDrop, options: AnalysisOptions, label: str) -> None:
+    def start(self, stored: SavedDrop, options: AnalysisOptions, label: str) -> None:
         self.options.append(options)
 
 
@@ -182,7 +182,7 @@ def test_a_fit_that_leaves_the_subgrade_open_is_no_failure() -> None:
     assert said == [
         "drop 1, 2 layers: effective 71.0 MPa; m goes through the results",
         "drop 1, 2 layers: 47.3 MPa; m goes through the results",
-        "drop 1 could not be fitted so: no pulse",
+        "drop 1, 2 layers: no fit, no pulse",
     ]
 
 
@@ -224,7 +224,7 @@ def test_the_measure_page_says_whose_modulus_it_is(size: tuple[int, int]) -> Non
     shown = text(view(ready(), saved(1), analysed(1, **LAYERS)), size)
     assert "subgrade  47.3 (46.7 to 47.9) MPa" in shown
     assert "top       120 (110 to 131) MPa, 0.25 m" in shown
-    assert "lowest of 2 media, half-space" in shown
+    assert "lowest of 2 layers, ground without rock" in shown
     shown = text(view(ready(), saved(1), analysed(1, **NOT_KNOWN)), size)
     assert "subgrade  not known (40.0 to 410) MPa" in shown
     assert "subgrade" not in text(view(ready(), saved(1), analysed(1)), size)

@@ -95,9 +95,21 @@ def test_the_page_fills_just_the_terminal(case: str, size: tuple[int, int], larg
 @pytest.mark.parametrize("large", [False, True])
 def test_the_modulus_stands_with_all_it_rests_on(size: tuple[int, int], large: bool) -> None:
     shown = text(view(*whole_point(), large=large, chosen=6), size)
-    for part in ("MPa", "layer", "rigid-rough plate", "radius 150 mm", "Poisson's ratio 0.35"):
+    for part in (
+        "MPa",
+        "ground over rock",
+        "rigid plate without slip",
+        "radius 150 mm",
+    ):
         assert part in shown
-    for part in ("± for 95 %", "POINT DONE", "(3/3)", "target 45.0 MPa", "mean of 3"):
+    for part in (
+        "Poisson's ratio 0.35",
+        "± for 95 %",
+        "POINT DONE",
+        "(3/3)",
+        "target 45.0 MPa",
+        "mean of 3",
+    ):
         assert part in shown
     assert "47.6" in shown  # of the last drop, in the table
 
@@ -106,7 +118,7 @@ def test_the_modulus_stands_with_all_it_rests_on(size: tuple[int, int], large: b
 def test_bounds_and_unexplained_residuals_are_told_in_words(size: tuple[int, int]) -> None:
     shown = " ".join(text(view(*CASES["bound"]), size).replace("│", " ").split())
     assert "UNEXPLAINED" in shown
-    assert "AT BOUND" in shown
+    assert "AT THE LIMIT" in shown
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -161,7 +173,7 @@ def test_next_action_and_keys_are_always_there() -> None:
 def test_the_receiver_and_the_lot_are_seen_on_small_terminals_too(size: tuple[int, int]) -> None:
     stations = tuple(Station(f"12+3{n}0", 12_300.0 + 10 * n) for n in range(4))
     job = Job(procedure=plain_procedure(), target=45e6, stations=stations)
-    where = ReceiverStatus("GPS RTK fixed 11 sat", "48.13740, 11.57550", good=True)
+    where = ReceiverStatus("GPS RTK fixed 11 sat", "48.13740, 11.57550", is_good=True)
     shown = text(view(JobReported(job), ready(), status(), position=where), size)
     assert "GPS RTK fixed 11 sat" in shown
     assert "0 of 4 stations" in shown, "the point that is measured is not done yet"

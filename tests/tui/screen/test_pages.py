@@ -344,7 +344,7 @@ def test_the_drop_page_shows_everything_of_a_drop(size: tuple[int, int]) -> None
         await pilot.press("enter")
         await pilot.pause()
         shown = " ".join(app.text.replace("│", " ").split())
-        for part in ("Drop 6 of point 7", "result that counts", "modulus 47.60 ± 0.60 MPa"):
+        for part in ("Drop 6 of point 7", "result in force", "modulus 47.60 ± 0.60 MPa"):
             assert part in shown
         seen = shown
         for _ in range(8):
@@ -384,7 +384,7 @@ def test_a_refit_stands_beside_the_result_that_counts() -> None:
         assert "refit: half-space" in app.text
         await pilot.press("m")
         await pilot.pause()
-        assert "result that counts" in app.text
+        assert "result in force" in app.text
 
     play(App(), script)
 
@@ -638,7 +638,7 @@ def test_leaving_a_changed_setup_asks_and_an_unchanged_one_does_not() -> None:
         app.screen.query_one("#operator", Input).value = "Ada"
         await pilot.press("escape")
         await pilot.pause()
-        assert "not taken" in app.text
+        assert "not in force yet" in app.text
         await pilot.press("enter")
         assert app.screen.NAME == "setup"  # type: ignore[attr-defined]
         await pilot.press("escape", "y")
@@ -792,6 +792,6 @@ def test_leaving_a_changed_procedure_asks() -> None:
         await pilot.pause()
         await pilot.press("escape")
         await pilot.pause()
-        assert "not taken" in app.text
+        assert "not in force yet" in app.text
 
     play(App(), script)

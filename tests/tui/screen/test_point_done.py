@@ -76,7 +76,7 @@ def test_how_the_point_stands_fills_the_screen(
         assert "mean of 3 drops" in app.text
         assert app.text.count("████") > 10
         await pilot.press("up")
-        assert "noise alone" in app.text, "a drop that is looked at is shown"
+        assert "ground over rock" in app.text, "a chosen drop is shown"
 
     play(quiet(), script, size)
 
@@ -127,7 +127,7 @@ def test_a_key_means_the_drop_that_was_seen() -> None:
         app.state.last.saved_at = time.monotonic() - 60  # type: ignore[union-attr]
         await told(app, pilot, saved(2), analysed(2))  # while the finger was on its way
         await pilot.press("d")
-        assert app.message == "drop 2 has just landed: d again discards it"
+        assert app.message == "drop 2 has just come: d again discards it"
         assert not [asked for asked in app.source.session.asked if asked[0] == "discard"]
         await pilot.press("d")
         assert [asked[3] for asked in app.source.session.asked if asked[0] == "discard"] == [2]
@@ -139,7 +139,7 @@ def test_what_is_pasted_is_no_row_of_keys() -> None:
     async def script(app: App, pilot: Any) -> None:
         await told(app, pilot, ready(), saved(1), analysed(1))
         app.post_message(events.Paste("dqn"))
-        await until(pilot, lambda: app.message == "pasted text is not taken for keys")
+        await until(pilot, lambda: app.message == "pasted text is ignored: it is not typed as keys")
         assert app.is_running
         assert app.source.session.asked == []
 

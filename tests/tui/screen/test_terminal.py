@@ -108,7 +108,7 @@ def test_what_is_to_be_known_of_the_options_stands_among_the_notices(tmp_path: P
         with terminal(*command, "--point", "12+36", size=(120, 80)) as shown:
             wait(shown, lambda: "READY" in text(shown))
             shown.press("?")
-            wait(shown, lambda: "Said lately" in text(shown))
+            wait(shown, lambda: "Last messages" in text(shown))
             wait(shown, lambda: "! lot.csv: columns not used: 'lane'" in text(shown))
             wait(shown, lambda: "! point 12+36 is new, but 12+360 exists" in text(shown))
             shown.press("\x03")  # q belongs to the help page
@@ -215,7 +215,7 @@ def test_a_server_sends_the_measure_page(tmp_path: Path) -> None:
             client.ws_connect(f"{url}/ws?width=120&height=40") as link,
         ):
             until = time.monotonic() + 20
-            while b"rigid-rough" not in data and time.monotonic() < until:
+            while b"rigid plate" not in data and time.monotonic() < until:
                 message = await link.receive(timeout=10)
                 data += message.data if isinstance(message.data, bytes) else b""
         return data
@@ -223,7 +223,7 @@ def test_a_server_sends_the_measure_page(tmp_path: Path) -> None:
     with served(tmp_path / "survey") as url:
         shown = asyncio.run(received(url))
     assert b"PFWD" in shown
-    assert b"rigid-rough" in shown
+    assert b"rigid plate" in shown
 
 
 @pytest.mark.slow

@@ -48,7 +48,7 @@ def test_a_drop_is_fitted_with_other_settings_in_a_process_of_its_own() -> None:
     assert found.result.refit == found.label
     assert found.result.model == "half-space"
     assert found.curves is not None
-    assert refits.busy == 0
+    assert refits.n_running == 0
 
 
 def test_labels_name_what_differs() -> None:

@@ -7,7 +7,7 @@ from tui.screen.drawing.lines import Cell, Line, TextRole, cell, line
 from tui.screen.drawing.plot import tick_text, ticks
 from tui.screen.units import format_number
 
-MIN_BAR_COLUMNS = 2
+MIN_PROFILE_BAR_COLUMNS = 2
 """Smallest width of a bar with its gap, columns."""
 
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
@@ -53,7 +53,7 @@ def profile_lines(
     widest = max([3, *(len(bar.name) for bar in bars)])
     step = max(4, min(widest + 1, 12))
     if len(bars) * step > room:  # narrower bars rather than a part of the points
-        step = max(MIN_BAR_COLUMNS, min(step, room // len(bars)))
+        step = max(MIN_PROFILE_BAR_COLUMNS, min(step, room // len(bars)))
     max_bars = max(1, room // step)
     chosen = next((place for place, bar in enumerate(bars) if bar.chosen), len(bars) - 1)
     first = min(max(0, chosen - max_bars // 2), max(0, len(bars) - max_bars))

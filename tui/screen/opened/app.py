@@ -1,4 +1,4 @@
-"""``pfwd open`` on the screen: points, profile, map, drops, comparison and job of a survey."""
+"""Application of ``pfwd open``: points, profile, map, drops, comparison and job of a survey."""
 
 import contextlib
 import shlex
@@ -20,32 +20,31 @@ from tui.output import clean, counted, say
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
 from tui.screen.drawing.lines import Line, cell, line
 from tui.screen.drawing.plot import stacked_plots
-from tui.screen.looks import LOOKS
-from tui.screen.opened.keys import KeysLine
+from tui.screen.lines_view import LinesView
 from tui.screen.opened.plots import map_lines, overlay_figures, profile_lines
 from tui.screen.opened.rows import (
     ORDERS,
     OpenedSurvey,
     PointRow,
+    display_value,
     in_order,
     matching,
     pages,
     shares,
-    shown_value,
 )
-from tui.screen.opened.table import PlainTable
+from tui.screen.opened.widgets import KeysLine, PlainTable
 from tui.screen.pages.dialogs import TextDialog
 from tui.screen.settings import ScreenSettings
+from tui.screen.themes import THEMES
 from tui.screen.units import format_number
-from tui.screen.widgets.lines_view import LinesView
 
-PAGE = 48
-"""Rows of the table at a time: more than a terminal shows, and filled within 50 ms."""
+TABLE_PAGE_ROWS = 48
+"""Rows of a page of the table: more than a terminal shows, and filled within 50 ms."""
 
-MOST_WINDOW, LEAST_WINDOW = 100_000, 8
-"""Points of the profile at once."""
+MAX_PROFILE_POINTS, MIN_PROFILE_POINTS = 100_000, 8
+"""Largest and smallest number of points in the profile."""
 
-_COLUMNS = (
+_TABLE_COLUMNS = (
     ("point", "title"),
     ("drops", ""),
     ("judged", "value"),
@@ -57,31 +56,31 @@ _COLUMNS = (
     ("diagnosed", ""),
     ("notes", ""),
 )
-"""Titles, and by what a click on one sorts; empty: by nothing."""
+"""Titles of the table, and the key by which a click on the title sorts; empty: none."""
 
 
 class Plot(LinesView):
-    """A plot that is drawn for the room that it has."""
+    """Plot that is drawn for its size."""
 
     def __init__(self, name: str) -> None:
         super().__init__(id=name)
 
     def on_resize(self, _event: events.Resize) -> None:
-        """Another size."""
+        """Draw the plots for another size."""
         app = self.app
         if isinstance(app, OpenApp):
             app.draw_plots()
 
 
 class OpenApp(App[int]):
-    """A survey that is looked at.
+    """Application that shows a recorded survey.
 
     Parameters
     ----------
     survey : OpenedSurvey
     settings : ScreenSettings, optional
     glyphs : Glyphs, optional
-        None: what the terminal is likely to have.
+        By default those of the terminal.
     """
 
     TITLE = "PFWD"
@@ -131,30 +130,29 @@ class OpenApp(App[int]):
         self.settings = settings or ScreenSettings()
         self.glyphs = glyphs or glyphs_of_terminal()
         self.order, self.falling = ORDERS[0], False
-        self.wanted = ""
+        self.filter_text = ""
         self.page = 0
         self.chosen = ""
-        """Name of the point that is looked at."""
+        """Name of the chosen point."""
         self.marked: list[str] = []
-        """Names of points to be compared, at most two."""
-        self.window = MOST_WINDOW
-        """Points of the profile."""
-        self.shown: list[PointRow] = []
-        """What the filter lets through, in order."""
+        """Names of the points to compare, at most two."""
+        self.window = MAX_PROFILE_POINTS
+        """Number of points in the profile."""
+        self.visible_rows: list[PointRow] = []
+        """Rows that match the filter, in order."""
         self.ready = False
-        """Whether everything is read and judged."""
-        """One sentence for each point whose verdict this version changed."""
+        """True once everything is read and judged."""
         self._places: dict[str, int] = {}
         self._overlays: dict[str, tuple[Sequence[Any], Sequence[str]]] = {}
-        """Curves and faults of the plots of drops, to be drawn for another size too."""
+        """Curves and faults of the plots of drops, by plot, to be drawn again for another size."""
         self._counts = ""
-        """How many points stand how; empty: to be counted."""
+        """Number of points in each state, in words; empty: to be counted."""
         self.animation_level = "none"  # a tab is shown at once
-        for look in LOOKS.values():
-            self.register_theme(look.theme)
+        for theme in THEMES.values():
+            self.register_theme(theme.theme)
 
     def compose(self) -> ComposeResult:
-        """A line, the tabs, the keys."""
+        """Yield the head, the filter, the tabs, the message and the keys."""
         yield Label("", id="head", markup=False)
         yield Input(placeholder="name, note, pass, fail, undecided, <40, >60", id="filter")
         with TabbedContent(id="tabs"):
@@ -176,10 +174,10 @@ class OpenApp(App[int]):
         yield KeysLine()
 
     def on_mount(self) -> None:
-        """Show the frame first, then read."""
-        self.theme = LOOKS[self.settings.theme].theme.name
+        """Show the empty table first, then read the survey."""
+        self.theme = THEMES[self.settings.theme].theme.name
         table = self.query_one("#points-table", PlainTable)
-        for title, key in _COLUMNS:
+        for title, key in _TABLE_COLUMNS:
             table.add_column(title, key=key or title)
         drops = self.query_one("#drops-table", PlainTable)
         for title in ("drop", "counts as", "load kN", "deflection mm", "E MPa", "residual", "why"):
@@ -197,24 +195,25 @@ class OpenApp(App[int]):
     def _read(self) -> None:
         try:
             if self.opened.from_cache() is not None:
-                self._tell(self._show_rows)
-                kept = list(self.opened.rows)
+                self._call(self._show_rows)
+                cached = list(self.opened.rows)
                 self.opened.read()
-                self.opened.rows = kept
+                self.opened.rows = cached
             else:
                 self.opened.read()
-                self._tell(self._show_rows)
-                self.opened.judge(lambda rows: self._tell(self._update, rows))
+                self._call(self._show_rows)
+                self.opened.judge(lambda rows: self._call(self._update, rows))
         except (SurveyError, DeviceError, OSError) as err:
-            self._tell(self.say, str(err))
+            self._call(self.show_message, str(err))
             return
-        self._tell(self._done)
+        self._call(self._show_all)
 
-    def _tell(self, take: Any, *values: Any) -> None:
+    def _call(self, function: Any, *values: Any) -> None:
+        """Call a function in the thread of the application."""
         with contextlib.suppress(RuntimeError):  # the application has ended
-            self.call_from_thread(take, *values)
+            self.call_from_thread(function, *values)
 
-    def _done(self) -> None:
+    def _show_all(self) -> None:
         self.ready = True
         self._counts = ""
         self._show_rows()
@@ -222,18 +221,18 @@ class OpenApp(App[int]):
         changed = self.opened.changed_verdicts
         if changed:
             more = f" ({len(changed)} changed; all are listed when you leave)"
-            self.say(changed[0] + (more if len(changed) > 1 else ""))
+            self.show_message(changed[0] + (more if len(changed) > 1 else ""))
 
     # The table of points.
 
     def _show_rows(self) -> None:
-        """Filter, sort and fill the page."""
-        self.shown = in_order(
-            matching(self.opened.rows, self.wanted), self.order, falling=self.falling
+        """Filter and sort the rows and fill the table."""
+        self.visible_rows = in_order(
+            matching(self.opened.rows, self.filter_text), self.order, falling=self.falling
         )
-        self.page = min(self.page, pages(len(self.shown), PAGE) - 1)
+        self.page = min(self.page, pages(len(self.visible_rows), TABLE_PAGE_ROWS) - 1)
         table = self.query_one("#points-table", PlainTable)
-        part = self.shown[self.page * PAGE : (self.page + 1) * PAGE]
+        part = self.visible_rows[self.page * TABLE_PAGE_ROWS : (self.page + 1) * TABLE_PAGE_ROWS]
         table.fill([(row.name, _cells(row)) for row in part])
         self._places = {row.name: place for place, row in enumerate(part)}
         if self.chosen in self._places:
@@ -244,38 +243,38 @@ class OpenApp(App[int]):
         self.draw_plots()
 
     def _update(self, rows: Sequence[PointRow]) -> None:
-        """Some rows are judged now."""
+        """Update rows that have been judged."""
         self._counts = ""
-        if self.wanted or self.order != ORDERS[0]:
+        if self.filter_text or self.order != ORDERS[0]:
             self._show_rows()
             return
         table = self.query_one("#points-table", PlainTable)
-        known = {row.name: row for row in rows}
-        self.shown = [known.get(row.name, row) for row in self.shown]
+        judged = {row.name: row for row in rows}
+        self.visible_rows = [judged.get(row.name, row) for row in self.visible_rows]
         for row in rows:
             if row.name in self._places:
                 table.change(row.name, _cells(row))
         self._head()
         self.draw_plots()
 
-    def _head(self, said: str = "") -> None:
+    def _head(self, message: str = "") -> None:
         rows = self.opened.rows
         if not self._counts:
             self._counts = ", ".join(f"{count} {state}" for state, count in shares(rows))
         counts = self._counts
-        sheet = pages(len(self.shown), PAGE)
+        sheet = pages(len(self.visible_rows), TABLE_PAGE_ROWS)
         parts = [self.opened.folder.name or ".", counted(len(rows), "point"), counts]
-        if len(self.shown) != len(rows):
-            parts.append(f"{len(self.shown)} by the filter")
+        if len(self.visible_rows) != len(rows):
+            parts.append(f"{len(self.visible_rows)} by the filter")
         if sheet > 1:
             parts.append(f"page {self.page + 1} of {sheet} (n, b)")
         if self.order != ORDERS[0]:
             parts.append(f"by {self.order.removesuffix('_m')}{' falling' if self.falling else ''}")
-        text = said or " · ".join(part for part in parts if part)
+        text = message or " · ".join(part for part in parts if part)
         self.query_one("#head", Label).update(Content(clean(text)), layout=False)
 
-    def say(self, text: str) -> None:
-        """One line for the reader."""
+    def show_message(self, text: str) -> None:
+        """Show a line to the reader."""
         self.query_one("#said", Label).update(Content(clean(text)), layout=False)
 
     @on(DataTable.RowHighlighted, "#points-table")
@@ -300,36 +299,36 @@ class OpenApp(App[int]):
         self._show_rows()
 
     def action_sort(self) -> None:
-        """By the next column; the same one twice is the other way round with a click."""
+        """Sort by the next column."""
         place = ORDERS.index(self.order)
         self.order, self.falling = ORDERS[(place + 1) % len(ORDERS)], False
         self._show_rows()
 
     def action_filter(self) -> None:
-        """Type what is to be seen."""
+        """Show the field of the filter."""
         field = self.query_one("#filter", Input)
         field.add_class("shown")
         field.focus()
 
     @on(Input.Changed, "#filter")
     def _on_filter(self, event: Input.Changed) -> None:
-        self.wanted = event.value
+        self.filter_text = event.value
         self.page = 0
         self._show_rows()
 
     @on(Input.Submitted, "#filter")
-    def _on_filter_taken(self) -> None:
+    def _on_filter_submitted(self) -> None:
         self.query_one("#points-table", PlainTable).focus()
 
     def action_page(self, step: int) -> None:
-        """Another page of a long list."""
-        last = pages(len(self.shown), PAGE) - 1
+        """Go to another page of the table."""
+        last = pages(len(self.visible_rows), TABLE_PAGE_ROWS) - 1
         self.page = min(max(0, self.page + step), last)
         self.chosen = ""
         self._show_rows()
 
     def action_to_points(self) -> None:
-        """From the filter, or to the points."""
+        """Close the filter and go to the points."""
         field = self.query_one("#filter", Input)
         if field.has_class("shown"):
             field.remove_class("shown")
@@ -343,23 +342,23 @@ class OpenApp(App[int]):
         tabs = self.query_one("#tabs", TabbedContent)
         if tabs.active == name:
             self.call_after_refresh(self.draw_plots)
-        # Else it is drawn once it is activated, and not twice.
+        # Another tab is drawn once it is activated.
         tabs.active = name
-        # The toolkit moves its bar a frame after the page; these tabs stay where they are.
+        # The toolkit moves its bar one frame after the page.
         tab, bar = tabs.get_tab(name), tabs.query_one(Underline)
         bar.highlight_start, bar.highlight_end = tab.virtual_region.shrink(
             tab.styles.gutter
         ).column_span
-        # At once and within the same frame: a focus that is lost with its page paints a second one.
+        # Within the same frame: a focus that is lost with its page would paint a second frame.
         self.screen.set_focus(
             self.query_one(f"#{name}-table", PlainTable) if name in ("points", "drops") else None
         )
 
     @property
     def tab(self) -> str:
-        """The one that is shown; "" when all is taken down, which rows may still speak into."""
+        """Name of the tab on the screen; empty while the application ends."""
         tabs = self.query("#tabs").results(TabbedContent)
-        return next((str(shown.active) for shown in tabs), "")
+        return next((str(content.active) for content in tabs), "")
 
     @on(TabbedContent.TabActivated)
     def _on_tab(self) -> None:
@@ -368,58 +367,58 @@ class OpenApp(App[int]):
         self.call_after_refresh(self.draw_plots)
 
     def draw_plots(self) -> None:
-        """Draw what is seen now."""
+        """Draw the plots of the tab on the screen."""
         match self.tab:
             case "profile":
                 view = self.query_one("#profile-plot", Plot)
                 first, count, place = self._profile_window()
                 size = (view.size.width, view.size.height)
                 self._show(
-                    view, profile_lines(self.shown, (first, count), place, size, self.glyphs)
+                    view, profile_lines(self.visible_rows, (first, count), place, size, self.glyphs)
                 )
             case "map":
                 view = self.query_one("#map-plot", Plot)
-                lines = map_lines(self.shown, self.chosen, view.size.width, view.size.height)
+                lines = map_lines(self.visible_rows, self.chosen, view.size.width, view.size.height)
                 self._show(view, lines)
             case "drops" | "compare":
                 self._draw_overlay(f"#{self.tab}-plot")
 
     def _show(self, view: LinesView, lines: Sequence[Line]) -> None:
-        view.show(lines, LOOKS[self.settings.theme], self.glyphs)
+        view.show(lines, THEMES[self.settings.theme], self.glyphs)
 
     def _profile_window(self) -> tuple[int, int, int]:
-        names = [row.name for row in self.shown]
+        names = [row.name for row in self.visible_rows]
         place = names.index(self.chosen) if self.chosen in names else 0
         count = min(self.window, max(1, len(names)))
         first = min(max(0, place - count // 2), max(0, len(names) - count))
         return first, count, place
 
     def action_zoom(self, factor: float) -> None:
-        """Fewer or more points of the profile."""
-        now = min(self.window, max(LEAST_WINDOW, len(self.shown)))
-        self.window = max(LEAST_WINDOW, min(MOST_WINDOW, round(now * factor)))
+        """Show fewer or more points in the profile."""
+        now = min(self.window, max(MIN_PROFILE_POINTS, len(self.visible_rows)))
+        self.window = max(MIN_PROFILE_POINTS, min(MAX_PROFILE_POINTS, round(now * factor)))
         self.draw_plots()
 
     def action_step(self, step: int) -> None:
-        """The neighbour of the chosen point, on profile and map."""
-        names = [row.name for row in self.shown]
+        """Choose the neighbour of the chosen point, on profile and map."""
+        names = [row.name for row in self.visible_rows]
         if names:
             place = names.index(self.chosen) if self.chosen in names else 0
             self.chosen = names[min(max(0, place + step), len(names) - 1)]
             self.draw_plots()
 
     def _at_cursor(self) -> None:
-        """Choose the row of the cursor now: its message may come after the next key."""
+        """Choose the row of the cursor now; its message may come after the next key."""
         table = self.query_one("#points-table", PlainTable)
         if self.tab == "points" and table.is_valid_row_index(table.cursor_row):
             key = table.coordinate_to_cell_key(table.cursor_coordinate).row_key.value
             self.chosen = key or self.chosen
 
     def action_open(self) -> None:
-        """The drops of the chosen point."""
+        """Show the drops of the chosen point."""
         self._at_cursor()
         if self.opened.survey is None:
-            self.say("the survey is still being read")
+            self.show_message("the survey is still being read")
             return
         if self.tab == "drops":
             self._fill_drops()
@@ -431,7 +430,7 @@ class OpenApp(App[int]):
         table = self.query_one("#drops-table", PlainTable)
         table.fill([])
         if point is None:
-            self.say("choose a point first" if self.opened.survey else "still being read")
+            self.show_message("choose a point first" if self.opened.survey else "still being read")
             return
         progress = point.progress
         kinds = dict(progress.kinds)
@@ -451,32 +450,34 @@ class OpenApp(App[int]):
             )
             rows.append((str(number), cells))
         table.fill(rows)
-        self.say(f"point {point.shown_name}: {progress.verdict.word}, {progress.verdict_reason}")
+        self.show_message(
+            f"point {point.shown_name}: {progress.verdict.word}, {progress.verdict_reason}"
+        )
         self._overlay("#drops-plot", [(str(drop.number), drop.source) for drop in point.drops])
 
     def _overlay(self, where: str, drops: Sequence[tuple[str, Any]]) -> None:
         def draw() -> None:
-            found, faults = overlay_figures(drops)
-            self._tell(self._show_overlay, where, found, faults)
+            figures, faults = overlay_figures(drops)
+            self._call(self._show_overlay, where, figures, faults)
 
         self.run_worker(draw, thread=True, group=where, exclusive=True, exit_on_error=False)
 
-    def _show_overlay(self, where: str, found: Sequence[Any], faults: Sequence[str]) -> None:
-        self._overlays[where] = found, faults
+    def _show_overlay(self, where: str, figures: Sequence[Any], faults: Sequence[str]) -> None:
+        self._overlays[where] = figures, faults
         self._draw_overlay(where)
 
     def _draw_overlay(self, where: str) -> None:
-        found, faults = self._overlays.get(where, ((), ()))
+        figures, faults = self._overlays.get(where, ((), ()))
         view = self.query_one(where, Plot)
         width, height = view.size.width, view.size.height
         lines: list[Line] = [line(cell(f" {text}", "warn")) for text in faults[:2]]
-        if found and height > 8 and width > 30:
+        if figures and height > 8 and width > 30:
             room = height - len(lines)
-            lines += stacked_plots(found, width, room, self.glyphs, shares=(2, 3))
+            lines += stacked_plots(figures, width, room, self.glyphs, shares=(2, 3))
         self._show(view, lines)
 
     def action_compare(self) -> None:
-        """Mark a point; the second one is set beside the first."""
+        """Mark a point; with a second marked point show the comparison."""
         self._at_cursor()
         if not self.chosen or self.opened.survey is None:
             return
@@ -485,9 +486,11 @@ class OpenApp(App[int]):
         else:
             self.marked = [*self.marked, self.chosen][-2:]
         if len(self.marked) < 2:
-            self.say(f"marked: {', '.join(self.marked) or 'none'}; c on another one compares")
+            self.show_message(
+                f"marked: {', '.join(self.marked) or 'none'}; c on another one compares"
+            )
             return
-        self.say(" and ".join(self.marked))
+        self.show_message(" and ".join(self.marked))
         self._fill_comparison()
         self.action_tab("compare")
 
@@ -500,7 +503,7 @@ class OpenApp(App[int]):
             return
         compared = (("point", 0), ("judged", 2), ("95 %", 3), ("verdict", 5), ("E MPa", 6))
         rows = [(title, (title, *(_cells(row)[at] for row in pair))) for title, at in compared]
-        values = [shown_value(row) for row in pair]
+        values = [display_value(row) for row in pair]
         if values[0] > 0 and values[1] > 0:
             ratio = f"{values[1] / values[0]:.3f}"
             rows.append(("ratio", ("second / first", "", ratio)))
@@ -523,42 +526,45 @@ class OpenApp(App[int]):
     # Files.
 
     def action_report(self) -> None:
-        """A report, as HTML or PDF."""
+        """Write a report, as HTML or PDF."""
         self._ask_file("Report into (.html or .pdf)", f"{self.opened.folder.name}.html", "report")
 
     def action_export(self) -> None:
-        """A table of all drops."""
+        """Write a table of all drops."""
         self._ask_file("Export into (.csv)", f"{self.opened.folder.name}.csv", "export")
 
-    def _ask_file(self, title: str, proposal: str, what: str) -> None:
+    def _ask_file(self, title: str, proposal: str, command: str) -> None:
         def take(path: str | None) -> None:
             if path:
                 self.run_worker(
-                    lambda: self._make(what, path), thread=True, group="file", exit_on_error=False
+                    lambda: self._make(command, path),
+                    thread=True,
+                    group="file",
+                    exit_on_error=False,
                 )
 
         def check(text: str) -> str:
-            return "" if text.strip() else "a file"
+            return "" if text.strip() else "expected the name of a file"
 
         self.push_screen(TextDialog(title, proposal, check=check), take)
 
-    def _make(self, what: str, path: str) -> None:
-        more = ["--format", "table"] if what == "export" else []
-        words = [what, str(self.opened.folder), "-o", path, *more]
-        self._tell(self.say, f"pfwd {shlex.join(words)} ...")
+    def _make(self, command: str, path: str) -> None:
+        more = ["--format", "table"] if command == "export" else []
+        words = [command, str(self.opened.folder), "-o", path, *more]
+        self._call(self.show_message, f"pfwd {shlex.join(words)} ...")
         code = "from tui.cli import main; raise SystemExit(main())"
         try:
             child = start_text_child("-c", code, *words, stdin=subprocess.DEVNULL)
             out, err = child.communicate()
         except OSError as err_:
-            self._tell(self.say, f"{path}: {err_}")
+            self._call(self.show_message, f"{path}: {err_}")
             return
         last = (err or out).strip().splitlines()[-1:] or [""]
-        said = f"{path} is there" if child.returncode == 0 else last[0].removeprefix("pfwd: ")
-        self._tell(self.say, said)
+        text = f"{path} is written" if child.returncode == 0 else last[0].removeprefix("pfwd: ")
+        self._call(self.show_message, text)
 
     def action_leave(self) -> None:
-        """Leave; nothing can be lost."""
+        """Leave."""
         self.exit(0)
 
 
@@ -579,7 +585,7 @@ def mark(is_marked: bool) -> str:
 
 
 def _cells(row: PointRow) -> tuple[str, ...]:
-    value = shown_value(row)
+    value = display_value(row)
     unit = "mm" if row.unit == "m" else "MPa"
     scale = 1e-3 if row.unit == "m" else 1e6
     ends = ""
@@ -600,7 +606,7 @@ def _cells(row: PointRow) -> tuple[str, ...]:
 
 
 def show_survey(folder: str | Path, settings: ScreenSettings) -> int:
-    """Show a survey until the reader leaves; the exit status."""
+    """Show a survey until the reader leaves; return the exit status."""
     app = OpenApp(OpenedSurvey(folder), settings)
     app.run()
     for text in app.opened.changed_verdicts:

@@ -1,4 +1,4 @@
-"""Profile, map and overlays of an opened survey as lines of text, which the toolkit lacks."""
+"""Profile, map and overlays of an opened survey as lines of text."""
 
 import math
 from collections.abc import Sequence
@@ -11,15 +11,15 @@ from pfwd.errors import DeviceError
 from tui.screen.drawing.glyphs import Glyphs
 from tui.screen.drawing.lines import Cell, Line, TextRole, cell, line
 from tui.screen.drawing.plot import Curve, Figure, plot_lines
-from tui.screen.opened.rows import PointRow, shown_value
+from tui.screen.opened.rows import PointRow, display_value
 
-ROLES: dict[str, TextRole] = {"PASS": "good", "FAIL": "bad", "UNDECIDED": "warn"}
-MARKS = {"PASS": "o", "FAIL": "x", "UNDECIDED": "?"}
-"""Nothing is told by colour alone."""
+STATE_ROLES: dict[str, TextRole] = {"PASS": "good", "FAIL": "bad", "UNDECIDED": "warn"}
+STATE_MARKS = {"PASS": "o", "FAIL": "x", "UNDECIDED": "?"}
+"""Marks of the states on the map: colour alone is not enough."""
 
 OVERLAY_ROLES: tuple[TextRole, ...] = ("measured", "fitted", "load", "residual", "good", "bad")
-MOST_OVERLAID = 12
-"""Drops; more are a grey block."""
+MAX_OVERLAID_DROPS = 12
+"""Number of drops in an overlay; more curves cannot be distinguished."""
 
 
 def profile_figure(
@@ -77,7 +77,7 @@ def profile_lines(
     figure = profile_figure(rows, *window, chosen, unit)
     lines = plot_lines(figure, width, max(3, height - 2), glyphs)
     row = rows[min(chosen, len(rows) - 1)]
-    value = shown_value(row)
+    value = display_value(row)
     shown = "no value" if math.isnan(value) else f"{value:.3g} {unit}"
     said = f" {row.title}: {shown}  {row.state}"
     return [*lines, line(cell(said, "strong")), line(cell(" left/right moves, +/- zooms", "dim"))]
@@ -116,8 +116,8 @@ def map_lines(rows: Sequence[PointRow], chosen: str, width: int, height: int) ->
             elif found.name == chosen:
                 cells.append(cell("@", "cursor"))
             else:
-                mark = MARKS.get(found.state, "·")
-                cells.append(cell(mark, ROLES.get(found.state, "text")))
+                mark = STATE_MARKS.get(found.state, "·")
+                cells.append(cell(mark, STATE_ROLES.get(found.state, "text")))
         lines.append(_joined(cells))
     bar = max(1, round((width - 2) / 5))
     text = (
@@ -149,7 +149,7 @@ def overlay_figures(drops: Sequence[tuple[str, Any]]) -> tuple[list[Figure], lis
     drops : sequence of name and SurveyDrop
     """
     loads, depths, faults = [], [], []
-    for place, (name, kept) in enumerate(drops[:MOST_OVERLAID]):
+    for place, (name, kept) in enumerate(drops[:MAX_OVERLAID_DROPS]):
         role = OVERLAY_ROLES[place % len(OVERLAY_ROLES)]
         dashed = place >= len(OVERLAY_ROLES)
         try:

@@ -1,4 +1,4 @@
-"""The points of a survey as rows: how each stands, sorted and filtered; nothing is inverted."""
+"""Points of a survey as rows with their verdicts, sorted and filtered; nothing is inverted."""
 
 import dataclasses
 import json
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
     from pfwd.judging import Job, PointView
 
 CACHE_VERSION = 4
-"""To be raised when rows have other fields, or are judged otherwise."""
+"""Version of the cache, to be raised when rows have other fields or are judged otherwise."""
 
-LARGEST_CACHE = 50_000_000
-"""Bytes; 5,000 points take 1.5 MB."""
+MAX_CACHE_BYTES = 50_000_000
+"""Largest cache that is read, bytes; 5,000 points take 1.5 MB."""
 
 
 @dataclass(frozen=True, slots=True)
 class PointRow:
-    """A point as a row."""
+    """Row of a point."""
 
     name: str
-    """As its drops name it."""
+    """Name of the point in its drops."""
     title: str
     drops: int
     chainage_m: float | None = None
@@ -40,7 +40,7 @@ class PointRow:
     notes: str = ""
     discarded: bool = False
     judged: bool = False
-    """Whether what follows is known yet."""
+    """True once the fields below are known."""
     quantity: str = ""
     unit: str = ""
     value: float | None = None
@@ -51,19 +51,19 @@ class PointRow:
     """pass, fail, undecided or none."""
     reason: str = ""
     modulus: float | None = None
-    """The modulus of the point that counts, Pa."""
+    """Modulus of the point in force, Pa."""
     modulus_marked: bool = False
-    """Whether the data do not support the modulus."""
+    """True if the data do not support the modulus."""
     value_marked: bool = False
-    """Whether nothing can be decided by the value."""
+    """True if the value allows no verdict."""
     measured: int = 0
-    """Drops that are averaged."""
+    """Number of averaged drops."""
     diagnosed: str = ""
-    """What the diagnosis that holds says of the modulus; empty: there is none."""
+    """Verdict of the diagnosis in force, and the use of the modulus; empty: there is none."""
 
     @property
     def state(self) -> str:
-        """How it stands, in a word."""
+        """State of the point in a word."""
         if self.discarded:
             return "DISCARDED"
         if not self.judged:
@@ -72,7 +72,7 @@ class PointRow:
 
 
 class OpenedSurvey:
-    """A survey with its points as rows.
+    """Survey with its points as rows.
 
     Parameters
     ----------
@@ -81,22 +81,22 @@ class OpenedSurvey:
     Raises
     ------
     SurveyError, RecordingError
-        If it is none.
+        If the folder is no survey.
     """
 
     def __init__(self, folder: str | os.PathLike[str]) -> None:
         refuse_no_survey(folder)
         self.folder = Path(folder)
         self.survey: Any = None
-        """Once it is read."""
+        """Content of the survey, once it is read."""
         self.job: Any = None
-        """Once it is read."""
+        """Job of the survey, once it is read."""
         self.rows: list[PointRow] = []
         self.changed_verdicts: list[str] = []
         """One sentence for each judged point whose verdict this version changed."""
 
     def read(self) -> list[PointRow]:
-        """Its points as rows: judged where the cache knows them, else to be judged.
+        """Read the survey and return its points as rows that are not judged yet.
 
         Raises
         ------
@@ -111,17 +111,17 @@ class OpenedSurvey:
         return self.rows
 
     def from_cache(self) -> list[PointRow] | None:
-        """The rows as they were judged last, if nothing was written since; None: they are not."""
+        """Return the rows of the cache; None: there is none, or the survey has changed since."""
         try:
             path = self._cache()
-            if path.stat().st_size > LARGEST_CACHE:
+            if path.stat().st_size > MAX_CACHE_BYTES:
                 return None
-            said = json.loads(path.read_text(encoding="utf-8"))
-            if said["key"] != self._key():
+            cache = json.loads(path.read_text(encoding="utf-8"))
+            if cache["key"] != self._key():
                 return None
-            self.rows = [PointRow(**row) for row in said["rows"]]
+            self.rows = [PointRow(**row) for row in cache["rows"]]
         except (OSError, ValueError, KeyError, TypeError, RecursionError):
-            return None  # read anew
+            return None  # the survey is read again
         return self.rows
 
     def judge(self, tell: Callable[[Sequence[PointRow]], None], *, at_once: int = 50) -> None:
@@ -156,7 +156,7 @@ class OpenedSurvey:
                 tell(part)
                 part = []
         tell(part)
-        self._keep()
+        self._store()
 
     def view(self, name: str) -> "PointView | None":
         """Return a point by the name its drops have; None: it has not been read yet."""
@@ -167,20 +167,19 @@ class OpenedSurvey:
         return None if point is None else point_view(point, self.job)
 
     def _key(self) -> list[Any]:
-        """What changes when anybody writes to the survey."""
-        ledger = self.folder / "acknowledged.txt"
-        said = ledger.stat()
-        return [CACHE_VERSION, os.fspath(self.folder.resolve()), said.st_size, said.st_mtime_ns]
+        """Return the key of the cache, which changes with every write to the survey."""
+        ledger = (self.folder / "acknowledged.txt").stat()
+        return [CACHE_VERSION, os.fspath(self.folder.resolve()), ledger.st_size, ledger.st_mtime_ns]
 
     def _cache(self) -> Path:
         from platformdirs import user_cache_path
 
-        given = os.environ.get("PFWD_CACHE")
-        base = Path(given) if given else user_cache_path("pfwd", appauthor=False)
+        override = os.environ.get("PFWD_CACHE")
+        base = Path(override) if override else user_cache_path("pfwd", appauthor=False)
         name = re.sub(r"\W+", "-", os.fspath(self.folder.resolve()))[-80:]
         return base / "opened" / f"{name}.json"
 
-    def _keep(self) -> None:
+    def _store(self) -> None:
         try:
             path = self._cache()
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -188,7 +187,7 @@ class OpenedSurvey:
             with replaced_at_once(path) as draft:
                 draft.write_text(json.dumps({"key": self._key(), "rows": rows}), encoding="utf-8")
         except OSError:
-            return  # a read-only or full place for caches: it is judged again the next time
+            return  # a read-only or full disk: the survey is judged again the next time
 
 
 def _bare(point: Any, job: "Job") -> PointRow:
@@ -249,27 +248,27 @@ def _diagnosed(point: "PointView") -> str:
     if diagnosis is None or diagnosis.after is None:
         return ""
     residual = diagnosis.after.residual_rms_over_peak
-    left = "" if residual is None else f", {percent(residual)} left"
-    return f"{diagnosis.verdict}: {_USE_WORDS[diagnosis.use]}{left}"
+    text = "" if residual is None else f", {percent(residual)} left"
+    return f"{diagnosis.verdict}: {_USE_WORDS[diagnosis.use]}{text}"
 
 
 ORDERS: tuple[str, ...] = ("measured", "title", "value", "verdict", "modulus", "chainage_m")
-"""By what rows can be sorted; the first is the order of measuring."""
+"""Keys by which rows can be sorted; the first is the order of measuring."""
 
 _LIMIT = re.compile(r"([<>])\s*([\d.]+)$")
 
 
-def matching(rows: Iterable[PointRow], wanted: str) -> list[PointRow]:
-    """The rows that a filter lets through.
+def matching(rows: Iterable[PointRow], filter_text: str) -> list[PointRow]:
+    """Return the rows that match a filter.
 
     Parameters
     ----------
     rows : iterable of PointRow
-    wanted : str
-        Words that all have to be there: part of a name or a note, ``pass``, ``fail``,
+    filter_text : str
+        Words that all have to match: part of a name or a note, ``pass``, ``fail``,
         ``undecided``, ``discarded``, or a limit of the value in its shown unit, as ``<40``.
     """
-    words = wanted.lower().split()
+    words = filter_text.lower().split()
     return [row for row in rows if all(_matches(row, word) for word in words)]
 
 
@@ -278,42 +277,42 @@ def _matches(row: PointRow, word: str) -> bool:
     if limit is not None:
         if row.value is None:
             return False
-        shown = shown_value(row)
+        value = display_value(row)
         edge = float(limit[2]) if limit[2].strip(".") else math.nan
-        return shown < edge if limit[1] == "<" else shown > edge
+        return value < edge if limit[1] == "<" else value > edge
     return word in row.title.lower() or word in row.notes.lower() or word == row.state.lower()
 
 
-def shown_value(row: PointRow) -> float:
-    """The value in MPa or mm."""
+def display_value(row: PointRow) -> float:
+    """Return the judged value in MPa or mm."""
     return math.nan if row.value is None else row.value / (1e-3 if row.unit == "m" else 1e6)
 
 
 def in_order(rows: Sequence[PointRow], by: str, *, falling: bool = False) -> list[PointRow]:
-    """Rows sorted; those that do not know what they are sorted by stand last."""
+    """Return the rows sorted by a key; rows without its value stand last."""
     if by == ORDERS[0]:
         return list(reversed(rows)) if falling else list(rows)
     if by == "title":
         return sorted(rows, key=lambda row: _natural(row.title), reverse=falling)
-    known = [row for row in rows if getattr(row, by) not in (None, "")]
-    unknown = [row for row in rows if getattr(row, by) in (None, "")]
-    return sorted(known, key=lambda row: getattr(row, by), reverse=falling) + unknown
+    present = [row for row in rows if getattr(row, by) not in (None, "")]
+    missing = [row for row in rows if getattr(row, by) in (None, "")]
+    return sorted(present, key=lambda row: getattr(row, by), reverse=falling) + missing
 
 
 @lru_cache(maxsize=20_000)
 def _natural(name: str) -> list[tuple[int, float, str]]:
-    """Point 2 before point 10."""
+    """Return a sort key that puts point 2 before point 10."""
     parts = re.split(r"(\d+)", name.lower())
     return [(0, float(part), "") if part.isdigit() else (1, 0.0, part) for part in parts if part]
 
 
 def pages(count: int, size: int) -> int:
-    """How many pages so many rows take, at least one."""
+    """Return the number of pages for a number of rows, at least one."""
     return max(1, -(-count // size))
 
 
 def shares(rows: Iterable[PointRow]) -> Iterator[tuple[str, int]]:
-    """How many points stand how, in a fixed order; what does not occur is left out."""
+    """Yield each state that occurs and its number of points, in a fixed order."""
     titles = {"-": "without a verdict", "...": "to be judged"}
     counts: dict[str, int] = {}
     for row in rows:

@@ -1,6 +1,6 @@
-"""The screens, one file each.
+"""Pages of the live screen, one file each.
 
-A new one is a module here with a class like :class:`tui.screen.pages.page.Page` and one entry in
+A new page is a module here with a subclass of :class:`tui.screen.pages.page.Page` and an entry in
 ``PAGES``.
 """
 
@@ -12,14 +12,14 @@ if TYPE_CHECKING:
 
 
 class PageEntry(NamedTuple):
-    """A page that a key leads to."""
+    """Page with the key that opens it."""
 
     name: str
-    """Of its module."""
+    """Name of the module."""
     class_name: str
     key: str
     title: str
-    """For the help and the command palette."""
+    """Title in the help and in the command palette."""
 
 
 PAGES = (
@@ -29,11 +29,11 @@ PAGES = (
     PageEntry("diagnosis", "DiagnosisPage", "4", "Diagnosis"),
     PageEntry("setup", "SetupPage", "5", "Setup"),
 )
-"""In the order of their keys; the first stays below all others."""
+"""Pages in the order of their keys; the first stays below all other pages."""
 
 
 def make_page(name: str) -> "Page":
-    """A page by its name, loaded when it is first wanted: the first paint does not wait for it."""
+    """Return a page by its name; its module is imported now, so that the program starts faster."""
     module: Any = import_module(f"tui.screen.pages.{name}")
     (class_name,) = (entry.class_name for entry in PAGES if entry.name == name)
     page: Page = getattr(module, class_name)()

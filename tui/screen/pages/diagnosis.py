@@ -1,4 +1,4 @@
-"""The diagnosis page: the ladder of the survey, effects of the device over the points."""
+"""Diagnosis page: a table of the points before and after, and effects of the device."""
 
 import math
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
 from tui.screen.units import NO_VALUE, Units, percent
 
-_COLUMNS = (
+_LADDER_COLUMNS = (
     TableColumn("point", 0, is_text=True, is_flexible=True),
     TableColumn("verdict", 0, is_text=True),
     TableColumn("E before", 2),
@@ -39,14 +39,15 @@ _COLUMNS = (
 
 
 class DiagnosisPage(Page):
-    """What is behind the residuals of the survey."""
+    """Page with the causes of the residuals of the survey."""
 
     NAME = "diagnosis"
     HELP = (
-        "Asks of every point which effect that nobody declared would leave just the residual that "
-        "is there, adds it, fits again, and says what that did to the modulus. The ladder shows a "
-        "point a line, before and after. Effects of the device are shared by its points and stand "
-        "below with their values. It runs beside the measurement, which never waits for it."
+        "Looks for the causes of the residual at each point: effects of the ground, the contact or "
+        "the sensors that were not declared. Each is added to the model, then the point is fitted; "
+        "the table shows the modulus and the residual before and after. Effects of the device "
+        "are the same at all its points and are listed below with their values. The diagnosis runs "
+        "in the background; measuring goes on."
     )
     KEYS: ClassVar[Sequence[tuple[str, str]]] = (
         ("enter", "run"),
@@ -73,12 +74,12 @@ class DiagnosisPage(Page):
 
     @property
     def results(self) -> Sequence[DiagnosisResult]:
-        """Of the survey, one a point; none before it has run."""
-        found = self.pfwd.state.diagnoses.get(str(self.pfwd.source.survey))
-        return found.results if found is not None else ()
+        """Diagnoses of the survey, one for each point; empty before the first run."""
+        diagnosis = self.pfwd.state.diagnoses.get(str(self.pfwd.source.survey))
+        return diagnosis.results if diagnosis is not None else ()
 
     def lines(self, width: int, height: int) -> Sequence[Line]:
-        """The page."""
+        """Return the lines of the page."""
         app = self.pfwd
         busy = app.busy_text()
         head = head_with_message(line(cell(" Diagnosis ", "title")), busy or app.message, width)
@@ -88,37 +89,40 @@ class DiagnosisPage(Page):
     def _body(self, width: int, room: int) -> list[Line]:
         results = self.results
         if not results:
-            found = self.pfwd.state.diagnoses.get(str(self.pfwd.source.survey))
-            if found is not None and found.error:
-                return [(), *[line(" ", cell(row, "bad")) for row in wrap(found.error, width - 2)]]
+            diagnosis = self.pfwd.state.diagnoses.get(str(self.pfwd.source.survey))
+            if diagnosis is not None and diagnosis.error:
+                return [
+                    (),
+                    *[line(" ", cell(text, "bad")) for text in wrap(diagnosis.error, width - 2)],
+                ]
             hint = (
-                "Enter diagnoses all points of the survey that have measured drops. It takes some "
-                "seconds a point and runs beside the measurement."
+                "Enter diagnoses all points of the survey that have measured drops. It takes about "
+                "ten seconds for each point; measuring goes on."
             )
             return [(), *[line(" ", row) for row in wrap(hint, width - 2)]]
         self.place = min(self.place, len(results) - 1)
         names = [result.point or f"no. {number}" for number, result in enumerate(results, 1)]
         device = device_lines(results, self.pfwd.units, width)
         table_room = max(3, (room - len(device)) // 2)
-        shown = window(len(results), self.place, table_room - 1)
+        visible = window(len(results), self.place, table_room - 1)
         rows = [
             result_row(results[at], names[at], self.pfwd.units, chosen=at == self.place)
-            for at in shown
+            for at in visible
         ]
         unit = self.pfwd.units.unit("modulus")
         columns = [
             TableColumn(f"{column.title} {unit}", column.rank)
             if column.title.startswith("E ")
             else column
-            for column in _COLUMNS
+            for column in _LADDER_COLUMNS
         ]
         ladder = table_lines(columns, rows, width)
         text: list[Line] = [(), line(cell(f" point {names[self.place]}", "strong"))]
         for row in diagnosis_lines(results[self.place])[1:]:
             text += [line(" ", part) for part in wrap(row.strip(), width - 2)]
-        left = room - len(ladder) - len(device)
-        self.first = max(0, min(self.first, len(text) - left))
-        return [*ladder, *device, *text[self.first : self.first + left]]
+        text_rows = room - len(ladder) - len(device)
+        self.first = max(0, min(self.first, len(text) - text_rows))
+        return [*ladder, *device, *text[self.first : self.first + text_rows]]
 
     def action_run(self) -> None:
         """Diagnose the survey."""
@@ -130,17 +134,17 @@ class DiagnosisPage(Page):
         self.draw()
 
     def action_stop(self) -> None:
-        """End it."""
+        """Stop the diagnosis."""
         self.pfwd.diagnoses.stop()
 
     def action_choose(self, step: int) -> None:
-        """Another point."""
+        """Choose another point."""
         self.place = max(0, min(self.place + step, len(self.results) - 1))
         self.first = 0
         self.draw()
 
     def action_text(self, rows: int) -> None:
-        """The text further up or down."""
+        """Scroll the text."""
         self.first = max(0, self.first + rows)
         self.draw()
 
@@ -149,7 +153,7 @@ _ROLE: dict[str, TextRole] = {"clean": "good", "explained": "good", "unexplained
 
 
 def result_row(result: DiagnosisResult, name: str, units: Units, *, chosen: bool) -> TableRow:
-    """A point as a row of the ladder."""
+    """Return the row of a point."""
     before, after = result.before or FittedState(), result.after or FittedState()
     verdict = str(result.verdict)
     effects = ", ".join(str(effect.name) for effect in result.effects or ())
@@ -169,7 +173,7 @@ def result_row(result: DiagnosisResult, name: str, units: Units, *, chosen: bool
 
 
 def device_lines(results: Sequence[DiagnosisResult], units: Units, width: int) -> list[Line]:
-    """Effects of the device with their value at every point that shows them."""
+    """Return the effects of the device with their values and the number of points."""
     values: dict[str, list[str]] = {}
     for result in results:
         for effect in result.effects or ():

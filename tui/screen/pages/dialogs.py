@@ -1,31 +1,34 @@
-"""Small questions on top of a page."""
+"""Dialogs on top of a page: a line of text, a question, the settings of a fit."""
 
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Vertical
+from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
 from textual.screen import ModalScreen
-from textual.widgets import Input, Label
+from textual.widgets import Button, Input, Label, Select
 
+from pfwd.analysis.options import AnalysisOptions
+from pfwd.errors import OptionError
 from tui.output import clean
 
 
 class TextDialog(ModalScreen[str | None]):
-    """Asks for a line of text, checked as it is typed.
+    """Dialog for a line of text that is checked as it is typed.
 
     Parameters
     ----------
     title : str
     value : str
-        To begin with.
+        Proposed text.
     check : callable
-        What is wrong with a text; empty: nothing.
+        Returns the error of a text; empty: none.
     question : callable
-        What has to be answered with yes before a text is taken; empty: nothing.
+        Returns a question to confirm before a text is accepted; empty: none.
     hint : str
+        Line below the field.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "cancel", "Back")]
@@ -37,27 +40,27 @@ class TextDialog(ModalScreen[str | None]):
         *,
         check: Callable[[str], str] = lambda _: "",
         question: Callable[[str], str] = lambda _: "",
-        hint: str = "enter takes it, escape goes back",
+        hint: str = "enter confirms, escape goes back",
     ) -> None:
         super().__init__()
         self._title, self._value, self._check, self._hint = title, value, check, hint
         self._question = question
 
     def compose(self) -> ComposeResult:
-        """A title, a line, what is wrong with it."""
+        """Yield the title, the field and a line for errors."""
         with Vertical(classes="dialog"):
             yield Label(Content(clean(self._title)), classes="dialog-title")
             yield Input(clean(self._value), id="text", select_on_focus=True)
             yield Label(Content(self._hint), id="remark")
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Check what is typed."""
+        """Check the text while it is typed."""
         fault = self._check(event.value)
         self.query_one("#remark", Label).update(Content(fault or self._hint))
         self.query_one("#text", Input).set_class(bool(fault), "wrong")
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Take it when it is right, and meant."""
+        """Close with the text if it has no error and is confirmed."""
         text = event.value
         if self._check(text):
             return
@@ -73,12 +76,12 @@ class TextDialog(ModalScreen[str | None]):
         self.app.push_screen(Question(question, "yes", "no, type it again"), answered)
 
     def action_cancel(self) -> None:
-        """Nothing is taken."""
+        """Close without a text."""
         self.dismiss(None)
 
 
 class Question(ModalScreen[bool]):
-    """Yes or no; y and n, or enter for the safe answer."""
+    """Question answered by y or n; enter gives the safe answer, no."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("y", "answer(True)", "Yes"),
@@ -90,11 +93,127 @@ class Question(ModalScreen[bool]):
         self._text, self._yes, self._no = text, yes, no
 
     def compose(self) -> ComposeResult:
-        """The question."""
+        """Yield the question and its answers."""
         with Vertical(classes="dialog"):
             yield Label(Content(clean(self._text)), classes="dialog-title")
             yield Label(Content(f"y {self._yes}     n {self._no}"))
 
     def action_answer(self, sure: bool) -> None:
-        """Tell it."""
+        """Close with the answer."""
         self.dismiss(sure)
+
+
+_REFIT_CHOICES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "layers": ("layers", ("1", "2", "3", "4", "auto")),
+    "model": ("model", ("layer", "half-space")),
+    "load": ("load", ("measured", "half-sine")),
+    "plate": ("plate", ("rigid-rough", "rigid-smooth", "published")),
+    "sensors": ("sensors", ("all", "centre")),
+    "method": ("method", ("mpga", "least-squares")),
+    "elastic": ("viscosity", ("fitted", "none (elastic)")),
+}
+_AS_DECLARED = "as declared"
+_CONVERSIONS: dict[str, Callable[[str], Any]] = {
+    "elastic": lambda value: value.startswith("none"),
+    "layers": lambda value: value if value == "auto" else int(value),
+}
+"""Conversions from a choice to the value of the option, where they differ."""
+
+
+class RefitDialog(ModalScreen[AnalysisOptions | None]):
+    """Dialog for the settings of a fit, checked as they are chosen."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "cancel", "Back"),
+        Binding("ctrl+s", "take", "Fit"),
+    ]
+
+    def compose(self) -> ComposeResult:
+        """Yield a line for each choice."""
+        with VerticalScroll(classes="dialog"):
+            yield Label("Fit this drop with other settings", classes="dialog-title")
+            for name, (title, values) in _REFIT_CHOICES.items():
+                with Horizontal(classes="field"):
+                    yield Label(title, classes="field-name")
+                    yield Select(
+                        [(value, value) for value in (_AS_DECLARED, *values)],
+                        value=_AS_DECLARED,
+                        allow_blank=False,
+                        compact=True,
+                        id=name,
+                    )
+            for name, title in (("depth", "bedrock, m"), ("ratio", "Poisson's ratio")):
+                with Horizontal(classes="field"):
+                    yield Label(title, classes="field-name")
+                    yield Input(id=name, compact=True, placeholder=_AS_DECLARED)
+            yield Label("ctrl+s fits, escape goes back", id="remark")
+            yield Button("Fit", id="fit", compact=True)
+
+    def on_mount(self) -> None:
+        """Focus the choice of the model."""
+        self.query_one("#model", Select).focus()
+
+    def options(self) -> AnalysisOptions:
+        """Return the chosen options.
+
+        Raises
+        ------
+        OptionError
+            If the choices contradict each other.
+        """
+        chosen: dict[str, Any] = {}
+        for name in _REFIT_CHOICES:
+            value = self.query_one(f"#{name}", Select).value
+            if value == _AS_DECLARED:
+                continue
+            chosen[name] = _CONVERSIONS[name](str(value)) if name in _CONVERSIONS else value
+        depth = self.query_one("#depth", Input).value.strip()
+        if depth:
+            chosen["bedrock_depth"] = depth if depth in ("unknown", "none") else _number(depth)
+        ratio = self.query_one("#ratio", Input).value.strip()
+        if ratio:
+            chosen["poisson_ratio"] = _number(ratio)
+        return AnalysisOptions(**chosen)
+
+    def _check(self) -> AnalysisOptions | None:
+        remark = self.query_one("#remark", Label)
+        try:
+            options = self.options()
+        except OptionError as err:
+            remark.update(Content(str(err)))
+            return None
+        remark.update(Content("ctrl+s fits, escape goes back"))
+        return options
+
+    def on_select_changed(self) -> None:
+        """Check the choices."""
+        self._check()
+
+    def on_input_changed(self) -> None:
+        """Check the numbers while they are typed."""
+        self._check()
+
+    def on_input_submitted(self) -> None:
+        """Start the fit."""
+        self.action_take()
+
+    def on_button_pressed(self) -> None:
+        """Start the fit."""
+        self.action_take()
+
+    def action_take(self) -> None:
+        """Close with the options if they have no error."""
+        options = self._check()
+        if options is not None:
+            self.dismiss(options)
+
+    def action_cancel(self) -> None:
+        """Close without a fit."""
+        self.dismiss(None)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise OptionError(f"expected a number, got {ascii(text)[:20]}") from None

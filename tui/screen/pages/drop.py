@@ -1,4 +1,4 @@
-"""The drop page: everything about one drop, and fits with other settings."""
+"""Drop page: everything about one drop, and fits with other settings."""
 
 from collections.abc import Sequence
 from typing import ClassVar
@@ -8,26 +8,27 @@ from textual.binding import Binding, BindingType
 from pfwd.analysis.options import AnalysisOptions
 from tui.screen.drawing.drop_figures import curves_of, default_span
 from tui.screen.drawing.lines import Line
-from tui.screen.pages.drop_view import PANELS, DropPageState, drop_lines
+from tui.screen.pages.dialogs import RefitDialog
+from tui.screen.pages.drop_view import FIGURE_NAMES, DropPageState, drop_lines
 from tui.screen.pages.page import Page
-from tui.screen.pages.refit_dialog import RefitDialog
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import Refit
 
-ZOOM = 1.6
-STEPS = 100
-"""Steps of the cursor over the plot."""
+ZOOM_FACTOR = 1.6
+MIN_SPAN_S = 5e-4
+CURSOR_STEPS = 100
+"""Number of steps of the cursor across the plot."""
 
 
 class DropPage(Page):
-    """One drop."""
+    """Page of a drop."""
 
     NAME = "drop"
     HELP = (
-        "Everything about one drop. Left and right move the cursor, whose values stand below the "
-        "plots; z and x zoom around it. r fits the drop with other settings: the result that "
-        "counts stays, the new one is kept beside it; m goes through them. v asks which effects "
-        "are behind the residual of this drop."
+        "Everything about one drop. Left and right move a cursor; its values are shown below the "
+        "plots, z and x zoom around it. r fits the drop with other settings: the result in force "
+        "stays, the trial fit is stored with it, m switches between them. v looks for the causes "
+        "of the residual of this drop."
     )
     KEYS: ClassVar[Sequence[tuple[str, str]]] = (
         ("left/right", "cursor"),
@@ -38,7 +39,7 @@ class DropPage(Page):
         ("?", "help"),
         ("r", "refit"),
         ("m", "result"),
-        ("v", "effects"),
+        ("v", "causes"),
         ("s", "sensor"),
         ("d", "discard"),
         ("u", "undo"),
@@ -58,7 +59,7 @@ class DropPage(Page):
         Binding("s", "sensor", "Next sensor"),
         Binding("r", "refit", "Fit with other settings"),
         Binding("m", "result", "Next result"),
-        Binding("v", "effects", "Effects behind the residual"),
+        Binding("v", "effects", "Causes of the residual"),
         Binding("d", "discard", "Discard or restore"),
         Binding("pageup", "text(-5)", "Text up"),
         Binding("pagedown", "text(5)", "Text down"),
@@ -69,34 +70,34 @@ class DropPage(Page):
         super().__init__()
         self.span: tuple[float, float] | None = None
         self.cursor: float | None = None
-        """s."""
+        """Time at the cursor, s; None: there is no cursor."""
         self.panel = ""
         self.sensor = 0
-        self.shown = 0
-        """Which result: 0 the one that counts, then the refits."""
+        self.result_index = 0
+        """Result on the page: 0 the one in force, then the trial fits."""
         self.first = 0
-        """First line of the text."""
-        self._asked: set[tuple[str, int]] = set()
+        """First line of the text on the page."""
+        self._requested: set[tuple[str, int]] = set()
 
     @property
     def drop(self) -> DropState | None:
-        """The drop that is shown."""
+        """Drop on the page."""
         state = self.pfwd.state
-        if self.pfwd.shown_drop is None:
+        if self.pfwd.selected_drop is None:
             return state.last
-        point, number = self.pfwd.shown_drop
+        point, number = self.pfwd.selected_drop
         return state.drops.get(point, {}).get(number)
 
     @property
     def refit(self) -> Refit | None:
-        """The refit that is shown; None: the result that counts."""
+        """Trial fit on the page; None: the result in force."""
         drop = self.drop
-        if drop is None or not 0 < self.shown <= len(drop.refits):
+        if drop is None or not 0 < self.result_index <= len(drop.refits):
             return None
-        return drop.refits[self.shown - 1]
+        return drop.refits[self.result_index - 1]
 
     def lines(self, width: int, height: int) -> Sequence[Line]:
-        """The page."""
+        """Return the lines of the page."""
         app, drop = self.pfwd, self.drop
         if drop is not None:
             self._fetch(drop)
@@ -118,17 +119,17 @@ class DropPage(Page):
         return drop_lines(view, width, height)
 
     def _fetch(self, drop: DropState) -> None:
-        """Ask for traces and curves that are not in memory, once."""
+        """Request traces and curves that are not in memory, once."""
         key = drop.point, drop.number
-        if key in self._asked or (drop.curves is not None and drop.saved is not None):
+        if key in self._requested or (drop.curves is not None and drop.saved is not None):
             return
         if drop.awaits_modulus or (drop.saved is not None and drop.status == "rejected"):
             return
         if drop.saved is not None and drop.results and not drop.final:
-            return  # its own answer comes
-        self._asked.add(key)
+            return  # its result is still to come
+        self._requested.add(key)
         if drop.saved is None:
-            self._asked.discard(key)
+            self._requested.discard(key)
         self.pfwd.fits.fetch(drop)
 
     def _window(self) -> tuple[float, float]:
@@ -148,77 +149,79 @@ class DropPage(Page):
         """Move the cursor."""
         start, end = self._window()
         now = self.cursor if self.cursor is not None else start + 0.3 * (end - start)
-        self.cursor = min(max(now + step * (end - start) / STEPS, start), end)
+        self.cursor = min(max(now + step * (end - start) / CURSOR_STEPS, start), end)
         self.draw()
 
     def action_zoom(self, direction: int) -> None:
-        """Closer, or further away."""
+        """Zoom in or out around the cursor."""
         start, end = self._window()
-        middle = self.cursor if self.cursor is not None else (start + end) / 2
-        factor = 1 / ZOOM if direction > 0 else ZOOM
-        left, right = (middle - start) * factor, (end - middle) * factor
-        if left + right < 5e-4:
+        centre = self.cursor if self.cursor is not None else (start + end) / 2
+        factor = 1 / ZOOM_FACTOR if direction > 0 else ZOOM_FACTOR
+        before, after = (centre - start) * factor, (end - centre) * factor
+        if before + after < MIN_SPAN_S:
             return
-        low, high = self._whole()
-        self.span = max(low, middle - left), min(high, middle + right)
+        low, high = self._full_span()
+        self.span = max(low, centre - before), min(high, centre + after)
         self.draw()
 
-    def _whole(self) -> tuple[float, float]:
+    def _full_span(self) -> tuple[float, float]:
         drop = self.drop
         if drop is None or drop.saved is None or not drop.saved.drop.time.size:
             return self._window()
         return float(drop.saved.drop.time[0]), float(drop.saved.drop.time[-1])
 
     def action_all(self) -> None:
-        """The whole record."""
-        self.span = self._whole()
+        """Show the whole record."""
+        self.span = self._full_span()
         self.draw()
 
     def action_panel(self) -> None:
-        """The next plot, alone; then all of them again."""
-        names = ("", *PANELS)
+        """Show the next plot by itself; after the last one all plots."""
+        names = ("", *FIGURE_NAMES)
         self.panel = names[(names.index(self.panel) + 1) % len(names)]
         self.draw()
 
     def action_sensor(self) -> None:
-        """The next sensor."""
+        """Show the next sensor."""
         drop = self.drop
         count = len(drop.saved.drop.channels) if drop is not None and drop.saved is not None else 1
         self.sensor = (self.sensor + 1) % max(1, count)
         self.draw()
 
     def action_neighbour(self, step: int) -> None:
-        """Another drop of the point."""
+        """Go to another drop of the point."""
         drop = self.drop
         if drop is None:
             return
         numbers = sorted(self.pfwd.state.drops[drop.point])
         place = numbers.index(drop.number) + step
         if 0 <= place < len(numbers):
-            self.pfwd.shown_drop = drop.point, numbers[place]
-            self.shown, self.first, self.span = 0, 0, None
+            self.pfwd.selected_drop = drop.point, numbers[place]
+            self.result_index, self.first, self.span = 0, 0, None
         self.draw()
 
     def action_result(self) -> None:
-        """The next result."""
+        """Show the next result."""
         drop = self.drop
-        self.shown = (self.shown + 1) % (len(drop.refits) + 1) if drop is not None else 0
+        self.result_index = (
+            (self.result_index + 1) % (len(drop.refits) + 1) if drop is not None else 0
+        )
         refit = self.refit
         if refit is not None and refit.curves is None:
-            self.pfwd.show_message("the curves of this fit are not kept; r makes them again")
+            self.pfwd.show_message("the curves of this fit are not stored; r fits again")
         self.draw()
 
     def action_text(self, rows: int) -> None:
-        """The text further up or down."""
+        """Scroll the text."""
         self.first = max(0, self.first + rows)
         self.draw()
 
     def action_discard(self) -> None:
-        """Mark the drop as not to be used, or take that back."""
+        """Discard the drop, or restore it."""
         self.pfwd.edits.discard(self.drop)
 
     def action_effects(self) -> None:
-        """Ask which effects are behind the residual."""
+        """Diagnose the drop."""
         drop = self.drop
         if drop is None or drop.saved is None or not drop.saved.file:
             self.pfwd.show_message("there is no file of this drop yet")
@@ -226,7 +229,7 @@ class DropPage(Page):
         self.pfwd.diagnoses.start(drop.saved.file)
 
     def action_refit(self) -> None:
-        """Ask for the settings."""
+        """Open the dialog for the settings of a trial fit."""
         drop = self.drop
         if drop is None or drop.saved is None:
             self.pfwd.show_message("the drop is being read; try again in a moment")
@@ -243,5 +246,5 @@ class DropPage(Page):
         self.pfwd.fits.refit(drop.saved, options, options.label)
 
     def action_back(self) -> None:
-        """To where one came from."""
+        """Go back to the measure page."""
         self.pfwd.action_page("measure")

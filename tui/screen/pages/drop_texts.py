@@ -1,4 +1,4 @@
-"""A drop and a point in words: for tables, verdicts and summaries on every page."""
+"""Texts of a drop and of a point for tables, verdicts and summaries on every page."""
 
 import dataclasses
 import math
@@ -16,7 +16,7 @@ from tui.screen.units import NO_VALUE, QuantityName, Units, judged_quantity, per
 
 
 def modulus_text(drop: DropState | None, units: Units) -> tuple[str, str]:
-    """Modulus and its uncertainty as figures, without the unit."""
+    """Return the modulus of a drop and its uncertainty, without the unit."""
     result = drop.result if drop is not None else None
     if drop is None or result is None or drop.modulus is None:
         return "-", ""
@@ -24,28 +24,28 @@ def modulus_text(drop: DropState | None, units: Units) -> tuple[str, str]:
     return (f"{value}{UNSUPPORTED_MARK}" if result.not_supported is not None else value), error
 
 
-class Judged(NamedTuple):
-    """What the procedure judges, of one drop, as figures."""
+class JudgedValue(NamedTuple):
+    """Judged quantity of one drop as text."""
 
     name: str
     value: str
     error: str
-    """Half of the 95 % interval; empty: one drop has none."""
+    """Half of the 95 % interval; empty: not known for a single drop."""
     unit: str
     is_fit: bool
-    """Whether it is the modulus of the inversion."""
+    """True for the modulus of the inversion."""
 
 
-def judged_of(state: SessionState, drop: DropState | None, units: Units) -> Judged:
-    """What the procedure judges, of a drop; a dash where it is not known."""
+def judged_value(state: SessionState, drop: DropState | None, units: Units) -> JudgedValue:
+    """Return the judged quantity of a drop; a dash where it is not known."""
     quantity = state.job.quantity
     name, unit = QUANTITY_NAMES[quantity], units.unit(judged_quantity(quantity))
     if quantity is Quantity.MODULUS:
         value, error = modulus_text(drop, units)
-        return Judged(name, value, error, unit, is_fit=True)
-    found = state.value_of(drop)
-    shown = None if found is None else found.value
-    return Judged(name, units.text(judged_quantity(quantity), shown), "", unit, is_fit=False)
+        return JudgedValue(name, value, error, unit, is_fit=True)
+    judged = state.value_of(drop)
+    text = units.text(judged_quantity(quantity), None if judged is None else judged.value)
+    return JudgedValue(name, text, "", unit, is_fit=False)
 
 
 QUANTITY_NAMES: Mapping[Quantity, str] = {
@@ -54,11 +54,11 @@ QUANTITY_NAMES: Mapping[Quantity, str] = {
     Quantity.MODULUS: "modulus",
     Quantity.DEFLECTION: "deflection",
 }
-"""What is judged, in large type and in tables."""
+"""Names of the judged quantities."""
 
 
 def point_value_text(progress: PointProgress, units: Units) -> tuple[str, str, str]:
-    """What is judged of a point: its value, its 95 % interval, its unit; dashes when unknown."""
+    """Return the judged value of a point, half of its 95 % interval, and its unit."""
     value = progress.value
     if value is None:
         return NO_VALUE, "", ""
@@ -67,12 +67,12 @@ def point_value_text(progress: PointProgress, units: Units) -> tuple[str, str, s
     if value.interval is None:
         return f"{units.text(quantity, value.value)}{mark}", "", units.unit(quantity)
     half = (value.interval[1] - value.interval[0]) / 2
-    shown, error = units.with_uncertainty(quantity, value.value, half, 3)
-    return f"{shown}{mark}", error, units.unit(quantity)
+    text, error = units.with_uncertainty(quantity, value.value, half, 3)
+    return f"{text}{mark}", error, units.unit(quantity)
 
 
 def point_modulus_text(progress: PointProgress, units: Units) -> str:
-    """The modulus of a point that counts, with its interval, mark and unit; a dash for none."""
+    """Return the modulus in force of a point with interval, mark and unit; a dash for none."""
     modulus = progress.modulus
     if modulus is None:
         return NO_VALUE
@@ -83,44 +83,68 @@ def point_modulus_text(progress: PointProgress, units: Units) -> str:
 
 
 def uncertainty_of(result: DropResult) -> float | None:
-    """Half of the 95 % interval, model error included, Pa; None when there is no interval."""
+    """Return half of the 95 % interval with the error of the model, Pa; None without one."""
     ends = result.modulus_interval_pa
     if ends is None or not all(map(math.isfinite, ends)):
         return None
     return float(ends[1] - ends[0]) / 2
 
 
-class BesideModulus(NamedTuple):
-    """A parameter of the ground beside the modulus, as figures."""
+class GroundParameter(NamedTuple):
+    """Parameter of the ground besides the modulus, as text."""
 
     amount: str
     deviation: str
-    """Empty: given, not fitted."""
+    """Standard deviation; empty: the parameter was given, not fitted."""
     unit: str
 
 
-def beside_modulus(result: DropResult, units: Units) -> dict[str, BesideModulus]:
-    """What the model of the ground has besides, by its name; what is not in it is left out."""
-    known: tuple[tuple[str, QuantityName, float | None, float | None], ...] = (
+def ground_parameters(result: DropResult, units: Units) -> dict[str, GroundParameter]:
+    """Return the parameters of the ground that the model has, by name."""
+    parameters: tuple[tuple[str, QuantityName, float | None, float | None], ...] = (
         ("viscosity", "viscosity", result.viscosity_pa_s, result.viscosity_sd_pa_s),
         ("bedrock", "depth", result.bedrock_depth_m, result.bedrock_depth_sd_m),
         ("density", "density", result.density_kg_m3, result.density_sd_kg_m3),
     )
-    found = {}
-    for name, quantity, value, deviation in known:
+    texts = {}
+    for name, quantity, value, deviation in parameters:
         amount, error = units.with_uncertainty(quantity, value, deviation)
         if amount != NO_VALUE:
-            found[name] = BesideModulus(amount, error, units.unit(quantity))
-    return found
+            texts[name] = GroundParameter(amount, error, units.unit(quantity))
+    return texts
 
 
-def plain(value: object) -> str:
-    """Two decimals of whatever is a number."""
+def two_decimals(value: object) -> str:
+    """Format a number with two decimals; a dash for anything else."""
     return f"{value:.2f}" if isinstance(value, int | float) else NO_VALUE
 
 
+PLATE_TEXTS: Mapping[str, str] = {
+    "rigid-rough": "rigid plate without slip",
+    "rigid-smooth": "rigid plate with slip",
+    "averaged": "rigid plate, mean of both contacts",
+    "published": "plate as in the published method",
+    "uniform": "flexible plate, equal pressure",
+}
+METHOD_TEXTS: Mapping[str, str] = {"mpga": "full search", "least-squares": "quick fit"}
+MODEL_TEXTS: Mapping[str, str] = {"layer": "ground over rock", "half-space": "ground without rock"}
+
+
+def assumption_texts(result: DropResult, units: Units) -> tuple[str, str, str, str]:
+    """Return ground, plate, method and load of a fit in words."""
+    n_layers = len(result.layers or ())
+    ground = MODEL_TEXTS.get(result.model or "", str(result.model))
+    plate = PLATE_TEXTS.get(result.plate or "", str(result.plate))
+    return (
+        f"lowest of {n_layers} layers, {ground}" if n_layers > 1 else ground,
+        f"{plate}, radius {units.with_unit('length', result.plate_radius_m)}",
+        METHOD_TEXTS.get(result.method or "", str(result.method)),
+        f"{result.load} load",
+    )
+
+
 def verdict_of(drop: DropState | None, diagnosed: str = "") -> tuple[str, TextRole]:
-    """What is to be thought of a drop, in one sentence."""
+    """Return the assessment of a drop in one sentence."""
     if drop is None:
         return "no drop yet", "dim"
     if drop.discarded:
@@ -135,56 +159,70 @@ def verdict_of(drop: DropState | None, diagnosed: str = "") -> tuple[str, TextRo
     if result is None:
         return "computing", "dim"
     bounds = result.at_bound or ()
-    warning = f"; AT BOUND: {', '.join(bounds)}" if bounds else ""
+    names = ", ".join(bounds).replace("_", " ")
+    warning = f"; AT THE LIMIT of the search: {names}" if bounds else ""
     if result.converged is False:
-        warning += "; NOT CONVERGED"
+        warning += "; SEARCH NOT FINISHED"
     part = percent(result.residual_rms_over_peak)
     if drop.saturated:
-        return f"SATURATED: not all was recorded; residual {part} of the peak{warning}", "bad"
+        return f"SATURATED: the peak was not recorded; residual {part} of the peak{warning}", "bad"
     if diagnosed:
         return f"fit {diagnosed}{warning}", "warn" if bounds else "text"
     if result.explained:
-        text = f"fit CLEAN: residual {part} of the peak, noise only"
+        text = f"fit CLEAN: residual {part} of the peak, as small as the noise"
         return text + warning, "warn" if warning else "good"
     contact = percent(result.contact_residual_rms_over_peak)
-    text = f"fit UNEXPLAINED: residual {part} of the peak ({contact} in contact); 4 asks why"
-    poor = (result.residual_rms_over_peak or 0.0) > POOR_FIT
+    text = f"fit UNEXPLAINED: residual {part} of the peak, {contact} in contact; 4 finds causes"
+    poor = (result.residual_rms_over_peak or 0.0) > MAX_FIT_RESIDUAL
     return text + warning, "bad" if poor else "warn"
 
 
-POOR_FIT = 0.05
-"""Residual over the peak from which a modulus says nothing of the ground: the curves are visibly
-another's. Genuine drops on ground stay below a few percent (docs/validation.md)."""
+MAX_FIT_RESIDUAL = 0.05
+"""Residual over the peak above which the fitted modulus is wrong: the curves differ visibly.
+Drops on ground stay below a few percent (docs/validation.md)."""
 
 
-_COLUMNS = (
+_DROP_COLUMNS = (
     TableColumn("drop", 0),
     TableColumn("kind", 2, is_text=True),
     TableColumn("load", 3),
     TableColumn("defl", 4),
-    TableColumn("E", 0),
+    TableColumn("judged", 0),
+    TableColumn("E", 1),
     TableColumn("± 95 %", 1),
     TableColumn("residual", 5),
     TableColumn("remark", 6, is_flexible=True),
 )
 
 
-def drop_columns(units: Units) -> tuple[TableColumn, ...]:
-    """The columns of a table of drops, with their units."""
-    named = {
+def drop_columns(quantity: Quantity, units: Units) -> tuple[TableColumn, ...]:
+    """Return the columns of a table of drops; that of the judged quantity stands before E."""
+    unit = units.unit(judged_quantity(quantity))
+    is_modulus = quantity is Quantity.MODULUS
+    titles = {
         "load": f"load {units.unit('load')}",
         "defl": f"defl {units.unit('deflection')}",
-        "E": f"E {units.unit('modulus')}",
+        "judged": f"{QUANTITY_NAMES[quantity]} {unit}",
+        "E": f"E {units.unit('modulus')}" + ("" if is_modulus else ", not judged"),
     }
     return tuple(
-        dataclasses.replace(column, title=named.get(column.title, column.title))
-        for column in _COLUMNS
+        dataclasses.replace(column, title=titles.get(column.title, column.title))
+        for column in _DROP_COLUMNS
+        if column.title not in _hidden_columns(quantity)
     )
 
 
-def drop_row(drop: DropState, units: Units, *, chosen: bool, left_out: str = "") -> TableRow:
-    """A drop as a row; `left_out` says why it takes no part in the mean."""
+def _hidden_columns(quantity: Quantity) -> tuple[str, ...]:
+    """Return the titles of `_DROP_COLUMNS` that would repeat another one, or are not judged."""
+    if quantity is Quantity.MODULUS:
+        return ("judged",)
+    return ("± 95 %", "judged") if quantity is Quantity.DEFLECTION else ("± 95 %",)
+
+
+def drop_row(state: SessionState, drop: DropState, units: Units, *, chosen: bool) -> TableRow:
+    """Return the row of a drop for `drop_columns`."""
     value, error = modulus_text(drop, units)
+    exclusion = state.exclusion_reason(drop)
     residual = None if drop.result is None else drop.result.residual_rms_over_peak
     kind = "DISCARDED" if drop.discarded else drop.status if drop.safe else "NOT SAFE"
     role: TextRole = "text"
@@ -192,16 +230,24 @@ def drop_row(drop: DropState, units: Units, *, chosen: bool, left_out: str = "")
         role = "dim"
     if drop.status == "rejected" or not drop.safe:
         role = "bad"
+    quantity = state.job.quantity
+    texts = (
+        str(drop.number),
+        kind,
+        units.text("load", drop.peak_load),
+        units.text("deflection", drop.peak_deflection),
+        judged_value(state, drop, units).value,
+        "..." if drop.awaits_modulus else value,
+        error or ("" if drop.awaits_modulus else NO_VALUE),
+        percent(residual),
+        cell(f"{exclusion}; {remark(drop, units)}" if exclusion else remark(drop, units)).text,
+    )
+    hidden = _hidden_columns(quantity)
     return TableRow(
-        (
-            str(drop.number),
-            kind,
-            units.text("load", drop.peak_load),
-            units.text("deflection", drop.peak_deflection),
-            "..." if drop.awaits_modulus else value,
-            error or ("" if drop.awaits_modulus else NO_VALUE),
-            percent(residual),
-            cell(f"{left_out}; {remark(drop, units)}" if left_out else remark(drop, units)).text,
+        tuple(
+            text
+            for column, text in zip(_DROP_COLUMNS, texts, strict=True)
+            if column.title not in hidden
         ),
         role,
         chosen,
@@ -210,7 +256,7 @@ def drop_row(drop: DropState, units: Units, *, chosen: bool, left_out: str = "")
 
 
 def remark(drop: DropState, units: Units) -> str:
-    """What is odd about a drop, most important first."""
+    """Return the irregularities of a drop, most important first."""
     parts = []
     if drop.reason:
         parts.append(drop.reason)
@@ -219,13 +265,13 @@ def remark(drop: DropState, units: Units) -> str:
     elif not drop.safe:
         parts.append("only in memory")
     elif drop.results and not drop.final:
-        parts.append("refining")
+        parts.append("refining the fit")
     parts += drop.marks
     if drop.results and drop.result and drop.result.explained is False:
         parts.append("unexplained")
     parts += [f"note: {note}" for note in drop.notes]
     if drop.identical is False:
-        parts.append("not the recorded traces")
+        parts.append("stored traces differ from those recorded")
     if drop.rebounds:
         loads = ", ".join(units.text("load", load, 2) for load in drop.rebounds[:3])
         count = len(drop.rebounds)
@@ -233,7 +279,7 @@ def remark(drop: DropState, units: Units) -> str:
     return "; ".join(parts) if parts else "safe"
 
 
-VERDICTS: dict[Verdict, tuple[str, TextRole]] = {
+VERDICT_WORDS: dict[Verdict, tuple[str, TextRole]] = {
     Verdict.PASS: ("PASS", "good"),
     Verdict.FAIL: ("FAIL", "bad"),
     Verdict.UNDECIDED: ("UNDECIDED", "warn"),
@@ -241,21 +287,22 @@ VERDICTS: dict[Verdict, tuple[str, TextRole]] = {
 
 
 def point_summary(state: SessionState, point: PointView, units: Units, width: int) -> Line:
-    """What is judged, of how many drops, and whether the target is met; the modulus beside it."""
+    """Return the judged value of a point and its verdict; other values follow as not judged."""
     progress = point.progress
     pieces = []
-    own = progress.value
-    if own is None:
-        pieces.append(piece(0, cell("point: nothing measured yet", "dim")))
-    else:
-        shown, error, unit = point_value_text(progress, units)
-        sure = f" ±{error}" if error else ""
-        text = f"point: {QUANTITY_NAMES[own.quantity]} {shown}{sure} {unit}, mean of {own.drops}"
-        pieces.append(piece(0, cell(text, "strong")))
-        if own.quantity is not Quantity.MODULUS and progress.modulus is not None:
-            pieces.append(piece(2, cell(f"modulus {point_modulus_text(progress, units)}")))
-    if own is not None and progress.verdict in VERDICTS:  # nothing measured is no verdict
-        word, role = VERDICTS[progress.verdict]
+    judged = progress.value
+    if judged is None:
+        return fit([piece(0, cell("point: nothing measured yet", "dim"))], width)
+    value, error, unit = point_value_text(progress, units)
+    interval = f" ±{error}" if error else ""
+    name = QUANTITY_NAMES[judged.quantity]
+    text = f"point: {name} {value}{interval} {unit}, mean of {judged.drops}"
+    pieces.append(piece(0, cell(text, "strong")))
+    if progress.verdict in VERDICT_WORDS:
+        word, role = VERDICT_WORDS[progress.verdict]
         pieces.append(piece(0, cell(word, role)))
         pieces.append(piece(3, cell(progress.verdict_reason)))
+    if judged.quantity is not Quantity.MODULUS and progress.modulus is not None:
+        modulus = point_modulus_text(progress, units)
+        pieces.append(piece(2, cell(f"not judged: modulus {modulus}", "dim")))
     return fit(pieces, width)

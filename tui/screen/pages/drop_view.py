@@ -1,4 +1,4 @@
-"""The drop page as lines of text."""
+"""Drop page as lines of text."""
 
 import math
 from collections.abc import Sequence
@@ -32,7 +32,14 @@ from tui.screen.drawing.lines import (
     wrap,
 )
 from tui.screen.drawing.plot import plot_lines, stacked_plots
-from tui.screen.pages.drop_texts import beside_modulus, remark, uncertainty_of, verdict_of
+from tui.screen.pages.drop_texts import (
+    METHOD_TEXTS,
+    assumption_texts,
+    ground_parameters,
+    remark,
+    uncertainty_of,
+    verdict_of,
+)
 from tui.screen.pages.layer_texts import effective_text, has_layers, layer_lines, sensor_lines
 from tui.screen.pages.measure_view import key_line
 from tui.screen.session.drop_state import DropState
@@ -40,15 +47,15 @@ from tui.screen.session.screen_events import Refit
 from tui.screen.session.state import SessionState
 from tui.screen.units import NO_VALUE, Units, format_number, percent
 
-PANELS = ("load", "deflection", "residual", "spectrum", "bowl")
-WIDE = 100
-LEAST_PLOT = 6
-"""Rows of a plot that is worth looking at."""
+FIGURE_NAMES = ("load", "deflection", "residual", "spectrum", "bowl")
+MIN_TWO_COLUMNS = 100
+MIN_PLOT_ROWS = 6
+"""Smallest height of a plot, rows."""
 
 
 @dataclass(frozen=True, slots=True)
 class DropPageState:
-    """What the page needs."""
+    """State of the drop page."""
 
     drop: DropState | None
     state: SessionState
@@ -66,13 +73,13 @@ class DropPageState:
 
     @property
     def result(self) -> DropResult:
-        """The result that is shown."""
-        found = self.refit.result if self.refit is not None else self.drop and self.drop.result
-        return found or DropResult()
+        """Result on the page; without one an empty result."""
+        result = self.refit.result if self.refit is not None else self.drop and self.drop.result
+        return result or DropResult()
 
 
 def drop_lines(view: DropPageState, width: int, height: int) -> list[Line]:
-    """The page as exactly `height` lines."""
+    """Return the page as exactly `height` lines."""
     drop = view.drop
     if drop is None:
         body = [(), line(cell(" there is no drop yet", "dim"))]
@@ -84,16 +91,16 @@ def drop_lines(view: DropPageState, width: int, height: int) -> list[Line]:
     ]
     foot = [_cursor_line(view, drop, width), key_line(view.keys, width)]
     room = height - len(head) - len(foot)
-    if width >= WIDE:
-        right = max(46, width * 2 // 5)
-        left = width - right - 3
-        text = text_lines(view, drop, right)
+    if width >= MIN_TWO_COLUMNS:
+        text_width = max(46, width * 2 // 5)
+        plot_width = width - text_width - 3
+        text = text_lines(view, drop, text_width)
         first = min(view.first, max(0, len(text) - room))
-        shown = _part(text, first, room)
-        body = join_blocks(_plots(view, drop, left, room), shown, left, room)
+        plots = _plots(view, drop, plot_width, room)
+        body = join_blocks(plots, _part(text, first, room), plot_width, room)
     else:
         text = text_lines(view, drop, width - 1)
-        rows = max(LEAST_PLOT, room // 2)
+        rows = max(MIN_PLOT_ROWS, room // 2)
         first = min(view.first, max(0, len(text) - (room - rows)))
         lower = [line(" ", *row) for row in _part(text, first, room - rows)]
         body = [*_plots(view, drop, width, rows), *pad_rows(lower, room - rows)]
@@ -101,11 +108,11 @@ def drop_lines(view: DropPageState, width: int, height: int) -> list[Line]:
 
 
 def _part(text: Sequence[Line], first: int, rows: int) -> list[Line]:
-    """Some of the lines; the last one says that there are more."""
-    shown = list(text[first : first + rows])
-    if len(text) > first + rows and shown:
-        shown[-1] = line(cell("... pagedown shows more", "dim"))
-    return shown
+    """Return a part of the lines; the last one tells the key for more."""
+    part = list(text[first : first + rows])
+    if len(text) > first + rows and part:
+        part[-1] = line(cell("... pagedown shows more", "dim"))
+    return part
 
 
 def _title(view: DropPageState, drop: DropState, width: int) -> Line:
@@ -113,7 +120,7 @@ def _title(view: DropPageState, drop: DropState, width: int) -> Line:
     name = owner.shown_name if owner is not None else drop.point
     role: TextRole = "bad" if drop.status == "rejected" else "text"
     kind = "DISCARDED" if drop.discarded else drop.status
-    which = "result that counts" if view.refit is None else f"refit: {view.refit.label}"
+    which = "result in force" if view.refit is None else f"trial fit: {view.refit.label}"
     pieces = [
         piece(0, cell(f" Drop {drop.number} of point {shorten(name, 24)} ", "title")),
         piece(1, cell(kind, role)),
@@ -131,17 +138,17 @@ def _verdict(view: DropPageState, drop: DropState, width: int) -> list[Line]:
 
 
 def replace_result(drop: DropState, result: DropResult) -> DropState:
-    """The drop as if a result were the one that counts."""
+    """Return a drop with another result in force."""
     return replace(drop, results=[result])
 
 
 def _plots(view: DropPageState, drop: DropState, width: int, rows: int) -> list[Line]:
-    found = drop_figures(drop, view.units, view.span, view.sensor, view.refit)
+    traces = drop_figures(drop, view.units, view.span, view.sensor, view.refit)
     spectrum = spectrum_figure(drop, view.units, view.sensor, view.refit)
     bowl = bowl_figure(drop, view.units, view.refit)
-    everything = [*found, *(figure for figure in (spectrum, bowl) if figure is not None)]
+    everything = [*traces, *(figure for figure in (spectrum, bowl) if figure is not None)]
     if not everything:
-        text = "no traces in memory; they are read from the survey"
+        text = "no traces in memory; they are being read from the survey"
         return pad_rows([(), line(cell(f"  {text}", "dim"))], rows)
     cursor = None if view.cursor is None else 1e3 * view.cursor
     marked = [
@@ -151,7 +158,7 @@ def _plots(view: DropPageState, drop: DropState, width: int, rows: int) -> list[
     by_name = {figure.name: figure for figure in marked}
     if view.panel in by_name:
         return plot_lines(replace(by_name[view.panel], time_axis=True), width, rows, view.glyphs)
-    count = max(1, min(len(marked), rows // LEAST_PLOT))
+    count = max(1, min(len(marked), rows // MIN_PLOT_ROWS))
     if count == 1:
         name = "deflection" if "deflection" in by_name else next(iter(by_name))
         return plot_lines(replace(by_name[name], time_axis=True), width, rows, view.glyphs)
@@ -160,7 +167,7 @@ def _plots(view: DropPageState, drop: DropState, width: int, rows: int) -> list[
 
 def _cursor_line(view: DropPageState, drop: DropState, width: int) -> Line:
     if view.cursor is None:
-        return line(cell(" left and right: cursor with values", "dim"))
+        return line(cell(" left and right move a cursor that shows the values", "dim"))
     units = view.units
     pieces = [piece(0, cell(f" at {1e3 * view.cursor:.2f} ms", "cursor"))]
     curves, _ = curves_of(drop, view.refit)
@@ -183,7 +190,7 @@ def _cursor_line(view: DropPageState, drop: DropState, width: int) -> Line:
 
 
 def text_lines(view: DropPageState, drop: DropState, width: int) -> list[Line]:
-    """Parameters, fit, effects, alternatives, settings."""
+    """Return the text of the page: parameters, fit, sensors, record, results, causes."""
     result = view.result
     lines: list[Line] = []
     if drop.status == "rejected":
@@ -226,38 +233,41 @@ def _parameters(view: DropPageState, result: DropResult, width: int) -> list[Lin
     units = view.units
     unit = units.unit("modulus")
     value, error = units.with_uncertainty("modulus", result.modulus_pa, uncertainty_of(result))
-    noise = units.text("modulus", result.modulus_sd_pa, 2)
-    lines = _heading("parameters")
+    noise = units.with_unit("modulus", result.modulus_sd_pa, 2)
+    lines = _heading("ground")
     name = "subgrade" if has_layers(result) else "modulus"
     lines += _paragraph(f"{name:10} {value} ± {error or NO_VALUE} {unit} (95 %)", width, "strong")
     ends = result.modulus_interval_pa or ()
     if len(ends) == 2:
         low, high = (units.text("modulus", end, 4) for end in ends)
-        lines += _paragraph(f"           {low} to {high}; noise alone ± {noise}"[11:], width)
+        lines += _paragraph(
+            f"{low} to {high} {unit}, of which noise of the record ± {noise}", width
+        )
     bounds = result.at_bound or ()
-    for name, (amount, deviation, of) in beside_modulus(result, units).items():
-        given = f"± {deviation}" if deviation else "(given)"
-        mark = "  AT BOUND" if any(name in bound for bound in bounds) else ""
-        lines.append(line(f"{name:10} {amount} {given} {of}", cell(mark, "bad")))
+    for name, (amount, deviation, of) in ground_parameters(result, units).items():
+        interval = f"± {deviation}" if deviation else "(given)"
+        mark = "  AT THE LIMIT" if any(name in bound for bound in bounds) else ""
+        lines.append(line(f"{name:10} {amount} {interval} {of}", cell(mark, "bad")))
     correlation = result.modulus_depth_correlation
     if correlation is not None and math.isfinite(correlation):
-        lines += _paragraph(f"correlation of modulus and depth {correlation:+.2f}", width)
+        text = f"correlation of the errors of modulus and depth {correlation:+.2f}"
+        lines += _paragraph(text, width)
     peak = units.with_unit("modulus", result.peak_modulus_pa)
     factor = format_number(result.peak_factor, 3)
-    lines += _paragraph(f"peak method {peak} (factor {factor})", width)
+    text = f"for comparison: modulus from the peaks {peak}, factor {factor}"
+    lines += _paragraph(text, width, "dim")
     return lines
 
 
 def _fit_lines(view: DropPageState, result: DropResult, width: int) -> list[Line]:
     units = view.units
     ratio = format_number(result.poisson_ratio, 2)
-    radius = units.with_unit("length", result.plate_radius_m)
+    ground, plate, method, load = assumption_texts(result, units)
     lines = _heading("model and fit")
-    lines += _paragraph(
-        f"{result.model}, {result.plate} plate of radius {radius}, Poisson's ratio "
-        f"{ratio}, {result.load} load, {result.method}, seed {result.seed}",
-        width,
+    text = (
+        f"{ground}, {plate}, Poisson's ratio {ratio}, {load}, {method}, random seed {result.seed}"
     )
+    lines += _paragraph(text, width)
     lines += _paragraph(
         f"residual {percent(result.residual_rms_over_peak)} of the peak, "
         f"{percent(result.contact_residual_rms_over_peak)} in contact; R² "
@@ -270,11 +280,11 @@ def _fit_lines(view: DropPageState, result: DropResult, width: int) -> list[Line
         pressure = units.with_unit("pressure", pulse.peak_pressure_pa)
         duration = format_number(1e3 * (pulse.duration_s or math.nan))
         rms = percent(pulse.rms_over_peak)
-        lines += _paragraph(f"half-sine {pressure}, {duration} ms, {rms} off the load", width)
-    done = "converged" if result.converged else "NOT CONVERGED"
+        lines += _paragraph(f"half-sine {pressure}, {duration} ms, load off by {rms}", width)
+    state = "search finished" if result.converged else "SEARCH NOT FINISHED"
     seconds = format_number(result.elapsed_s, 2)
     solves = result.forward_solves
-    lines += _paragraph(f"{done}; {solves} forward solves in {seconds} s", width)
+    lines += _paragraph(f"{state}: {solves} evaluations of the model in {seconds} s", width)
     return lines
 
 
@@ -287,11 +297,12 @@ def _warnings(result: DropResult, width: int) -> list[Line]:
 
 def _alternatives(view: DropPageState, drop: DropState, width: int) -> list[Line]:
     lines = _heading("results")
-    counts = [("counts", result) for result in drop.results[-1:]]
+    in_force = [("in force", result) for result in drop.results[-1:]]
     earlier = [("before it", result) for result in drop.results[:-1]]
     units = view.units
-    for kind, result in [*counts, *earlier]:
-        lines += _paragraph(f"{_short_result(result, units)}, {result.method} ({kind})", width)
+    for kind, result in [*in_force, *earlier]:
+        method = METHOD_TEXTS.get(result.method or "", str(result.method))
+        lines += _paragraph(f"{_short_result(result, units)}, {method} ({kind})", width)
     for refit in drop.refits:
         if refit.result is not None:
             mark: TextRole = "strong" if refit is view.refit else "text"
@@ -310,13 +321,13 @@ def _short_result(result: DropResult, units: Units) -> str:
 
 
 def _effects(view: DropPageState, drop: DropState, width: int) -> list[Line]:
-    found = view.state.diagnoses.get(drop.saved.file) if drop.saved is not None else None
-    lines = _heading("effects behind the residual")
-    if found is None:
-        return [*lines, *_paragraph("v asks for them; it takes some seconds", width, "dim")]
-    if found.error:
-        return [*lines, *_paragraph(found.error, width, "bad")]
-    for result in found.results:
+    diagnosis = view.state.diagnoses.get(drop.saved.file) if drop.saved is not None else None
+    lines = _heading("causes of the residual")
+    if diagnosis is None:
+        return [*lines, *_paragraph("v looks for them; it takes some seconds", width, "dim")]
+    if diagnosis.error:
+        return [*lines, *_paragraph(diagnosis.error, width, "bad")]
+    for result in diagnosis.results:
         for text in diagnosis_lines(result)[1:]:
             lines += _paragraph(text.strip(), width)
     return lines

@@ -1,4 +1,4 @@
-"""Help for the page below: what it is for, every key, what was said lately."""
+"""Help of a page: its purpose, every key, and the last messages."""
 
 from collections.abc import Sequence
 from typing import ClassVar
@@ -9,12 +9,12 @@ from tui.screen.drawing.lines import Line, cell, line, wrap
 from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
 
-_TOOLKIT = ("app.focus_next", "app.focus_previous", "screen.copy_text")
-"""What the toolkit adds to every page: lines have nothing else to focus, and ctrl+c leaves."""
+_TOOLKIT_ACTIONS = ("app.focus_next", "app.focus_previous", "screen.copy_text")
+"""Actions that the toolkit adds to every page and that have no effect on lines of text."""
 
 
 class HelpPage(Page):
-    """Help."""
+    """Help of the page below."""
 
     NAME = "help"
     HELP = "Keys of the page that you came from."
@@ -33,7 +33,7 @@ class HelpPage(Page):
         self._first = 0
 
     def lines(self, width: int, height: int) -> Sequence[Line]:
-        """The help."""
+        """Return the lines of the help."""
         text = self._content(width)
         room = height - 2
         self._first = max(0, min(self._first, len(text) - room))
@@ -45,35 +45,35 @@ class HelpPage(Page):
         lines: list[Line] = [()]
         lines += [line(" ", row) for row in wrap(self._about.HELP, width - 2)]
         lines.append(())
-        seen = set()
+        listed = set()
         # The page's own keys first: they are what one looks for.
         for node in (self._about, self.app):
             for binding in node._bindings.key_to_bindings.values():
                 for bound in binding:
                     name = (bound.action, bound.description)
-                    if not bound.description or name in seen or bound.action in _TOOLKIT:
+                    if not bound.description or name in listed or bound.action in _TOOLKIT_ACTIONS:
                         continue
-                    seen.add(name)
+                    listed.add(name)
                     key = self.app.get_key_display(bound)
                     lines.append(line(" ", cell(f"{key:>10}", "key"), f"  {bound.description}"))
-        lines += [(), line(cell(" Said lately", "strong"))]
+        lines += [(), line(cell(" Last messages", "strong"))]
         notices = list(self.pfwd.state.notices)[-20:]
         for when, notice in reversed(notices):
             mark = "! " if notice.serious else "  "
             texts = wrap(f"{when:%H:%M:%S} {mark}{notice.text}", width - 2)
             lines += [line(" ", cell(row, "warn" if notice.serious else "text")) for row in texts]
         if not notices:
-            lines.append(line(cell(" nothing", "dim")))
+            lines.append(line(cell(" none", "dim")))
         folder = self.pfwd.source.survey
         if folder is not None:
             lines += [(), line(cell(f" The log with everything: {folder}/log/pfwd.log", "dim"))]
         return lines
 
     def action_back(self) -> None:
-        """To the page."""
+        """Go back to the page."""
         self.app.pop_screen()
 
     def action_scroll_by(self, rows: int) -> None:
-        """Further."""
+        """Scroll the text."""
         self._first += rows
         self.draw()

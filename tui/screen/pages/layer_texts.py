@@ -1,4 +1,4 @@
-"""Layers and sensors of a drop in words and bars, for the drop page and the measure page."""
+"""Layers and sensors of a drop as text and bars, for the drop page and the measure page."""
 
 import math
 from collections.abc import Collection
@@ -8,21 +8,22 @@ from pfwd.analysis.sensor_fits import sensor_fits
 from tui.screen.drawing.lines import Line, cell, line, wrap
 from tui.screen.units import NO_VALUE, Units, percent
 
-LEAST_BAR = 8
-"""Columns of a bar that tells anything; where there are fewer it stands on a line of its own."""
+MIN_BAR_COLUMNS = 8
+"""Smallest width of a bar; with less room it takes a line of its own."""
 
-_ROOM = 1.25
-"""Factor that the scale of the bars reaches beyond the intervals."""
+_BAR_SCALE_MARGIN = 1.25
+"""Factor by which the scale of the bars extends beyond the intervals."""
 
 
 def has_layers(result: DropResult | None) -> bool:
-    """Whether the ground of a result has more than one medium."""
+    """Return True if the ground of a result has more than one layer."""
     return result is not None and len(result.layers or ()) > 1
 
 
 def layer_lines(result: DropResult, units: Units, width: int) -> list[Line]:
-    """The profile: a row a medium with its modulus as a bar on a log scale, then what stands for
-    all; nothing for ground without layers.
+    """Return a row for each layer with its modulus as a bar, then the effective modulus.
+
+    Ground without layers has no lines.
 
     Parameters
     ----------
@@ -45,7 +46,7 @@ def layer_lines(result: DropResult, units: Units, width: int) -> list[Line]:
     widest = max(map(len, texts))
     for text, layer in zip(texts, layers, strict=True):
         room = width - widest - 2
-        if room >= LEAST_BAR:
+        if room >= MIN_BAR_COLUMNS:
             lines.append(line(f"{text:{widest}}  ", cell(_bar(layer, scale, room), "measured")))
         else:
             lines.append(line(text))
@@ -58,7 +59,7 @@ def layer_lines(result: DropResult, units: Units, width: int) -> list[Line]:
 
 
 def effective_text(result: DropResult, units: Units) -> str:
-    """The one modulus that deflects alike and the depth it stands for; empty when not known."""
+    """Return the modulus of uniform ground with the same deflection, and its depth; or empty."""
     modulus, depth = result.effective_modulus_pa, result.effective_depth_m
     if modulus is None or depth is None:
         return ""
@@ -68,7 +69,7 @@ def effective_text(result: DropResult, units: Units) -> str:
 
 
 def top_and_subgrade(result: DropResult, units: Units) -> list[str]:
-    """Lines beside the large figures, which are those of the subgrade; none without layers."""
+    """Return lines for the top layer and the subgrade; none without layers."""
     if not has_layers(result):
         return []
     layers = result.layers or ()
@@ -84,13 +85,13 @@ def top_and_subgrade(result: DropResult, units: Units) -> list[str]:
 def sensor_lines(
     curves: TimeHistories | None, recorded: Collection[float], units: Units
 ) -> list[Line]:
-    """Residual of each sensor over its own peak; nothing for a single sensor.
+    """Return the residual of each sensor over its own peak; nothing for a single sensor.
 
     Parameters
     ----------
     curves : TimeHistories or None
     recorded : collection of float
-        Offsets of all sensors of the record, m; those without a curve were left out of the fit.
+        Offsets of all sensors of the record, m; those without a curve were excluded from the fit.
     units : Units
     """
     if curves is None or len(recorded) < 2:
@@ -98,12 +99,12 @@ def sensor_lines(
     lines: list[Line] = [line(cell("residual by sensor, of its own peak", "strong"))]
     for fit in sensor_fits(curves):
         place = _place(fit.offset, units)
-        whole, contact = percent(fit.whole), percent(fit.contact)
-        lines.append(line(f"{place:>9}  {whole:>6}, {contact:>6} in contact"))
+        total, contact = percent(fit.whole), percent(fit.contact)
+        lines.append(line(f"{place:>9}  {total:>6}, {contact:>6} in contact"))
     fitted = [float(offset) for offset in curves.offsets]
     for offset in recorded:
         if offset not in fitted:
-            lines.append(line(cell(f"{_place(offset, units):>9}  left out of the fit", "warn")))
+            lines.append(line(cell(f"{_place(offset, units):>9}  excluded from the fit", "warn")))
     return lines
 
 
@@ -123,7 +124,7 @@ def _layer_text(number: int, layers: tuple[LayerResult, ...], units: Units) -> s
 
 
 def _modulus(layer: LayerResult, units: Units) -> str:
-    """Value with its interval; the interval alone where the record leaves the value open."""
+    """Return the modulus with its interval; without a value if the record does not determine it."""
     if layer.modulus_pa is None:
         return NO_VALUE
     ends = _ends(layer.modulus_interval_pa, units)
@@ -144,16 +145,16 @@ def _half(interval: tuple[float, float] | None) -> float | None:
 
 
 def _scale(layers: tuple[LayerResult, ...]) -> tuple[float, float] | None:
-    """Ends of the bars, Pa."""
+    """Return the ends of the scale of the bars, Pa."""
     values = [layer.modulus_pa for layer in layers if layer.modulus_pa is not None]
     for layer in layers:
         values += layer.modulus_interval_pa or ()
     sound = [value for value in values if value > 0 and math.isfinite(value)]
-    return (min(sound) / _ROOM, max(sound) * _ROOM) if sound else None
+    return (min(sound) / _BAR_SCALE_MARGIN, max(sound) * _BAR_SCALE_MARGIN) if sound else None
 
 
 def _bar(layer: LayerResult, scale: tuple[float, float] | None, width: int) -> str:
-    """The interval as a line, the value as a block on it; no block where it is open."""
+    """Return the interval as a line and the value as a block on it, if it is determined."""
     letters = ["·"] * width
     if scale is None or layer.modulus_pa is None:
         return "".join(letters)

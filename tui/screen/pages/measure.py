@@ -1,4 +1,4 @@
-"""The measure page, open all day."""
+"""Measure page."""
 
 import time
 from collections.abc import Sequence
@@ -8,26 +8,34 @@ from textual.binding import Binding, BindingType
 
 from pfwd.judging.stations import next_name
 from tui.screen.drawing.lines import Line
+from tui.screen.lines_view import LinesView
 from tui.screen.pages.dialogs import TextDialog
-from tui.screen.pages.measure_view import PANELS, TALL, WIDE, MeasureView, measure_lines
+from tui.screen.pages.measure_view import (
+    FULL_HEIGHT,
+    FULL_WIDTH,
+    MEASURE_PLOTS,
+    MeasureView,
+    measure_lines,
+)
 from tui.screen.pages.page import Page
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.stations import next_station, point_name_error, point_name_question
-from tui.screen.widgets.lines_view import LinesView
 
 MIN_VIEW_S = 0.7
-"""s; a person does not see a new drop and press a key sooner, so the key was meant for another."""
+"""Time that an operator needs to see a new drop and press a key, s. A key pressed earlier was meant
+for the drop before."""
 
 
 class MeasurePage(Page):
-    """What happens now, what to do next, the last drop, the point."""
+    """Page of the running measurement: status, instruction, last drop, point."""
 
     NAME = "measure"
     HELP = (
-        "The word at the top says what is going on, beside it what to do next. Below stand the "
-        "streaming load and velocity, the last drop with its fit, and the drops of this point. "
-        "A drop is shown when it is safe on the disk. Its first modulus comes at once by least "
-        "squares and is refined by the full search. Discarding only marks a drop: u takes it back."
+        "The word at the top is the status of the measurement, from READY (lift the weight) to "
+        "POINT DONE; the text after it says what to do next. Below are the live load and velocity, "
+        "the last drop with its fit, and the drops of this point. A drop appears when it is safe "
+        "on the disk. Its modulus comes at once from a quick fit and is then refined. Discarding "
+        "only marks a drop: u takes it back."
     )
     KEYS: ClassVar[Sequence[tuple[str, str]]] = (
         ("n", "next point"),
@@ -66,26 +74,26 @@ class MeasurePage(Page):
         super().__init__()
         self.chosen: int | None = None
         self.panel = ""
-        self._shown: DropState | None = None
-        """The drop that is on the terminal."""
-        self._asked_for: DropState | None = None
-        """A drop that had just landed when `d` was pressed."""
+        self._drop_on_screen: DropState | None = None
+        """Drop on the terminal."""
+        self._discard_candidate: DropState | None = None
+        """Drop that had just come when `d` was pressed."""
 
     @property
     def drop(self) -> DropState | None:
-        """The drop that is looked at."""
+        """Chosen drop, by default the newest."""
         state = self.pfwd.state
         if self.chosen is None:
             return state.last
         return state.current_drops.get(self.chosen)
 
     def lines(self, width: int, height: int) -> Sequence[Line]:
-        """The page."""
+        """Return the lines of the page."""
         app = self.pfwd
         if self.chosen is not None and self.chosen not in app.state.current_drops:
             self.chosen = None
         keys = list(self.KEYS)
-        if app.source.pace is not None:  # a recording has its points and its drops
+        if app.source.pace is not None:  # points and drops of a recording are fixed
             keys = [*self.REPLAY_KEYS, *(key for key in keys if key[0] not in ("n", "g"))]
         view = MeasureView(
             app.state,
@@ -105,11 +113,11 @@ class MeasurePage(Page):
             app.position(),
             app.coordinates(),
         )
-        self._shown = self.drop
+        self._drop_on_screen = self.drop
         return measure_lines(view, width, height)
 
     def action_choose(self, step: int) -> None:
-        """Another drop of this point."""
+        """Choose another drop of this point."""
         state = self.pfwd.state
         numbers = sorted(state.current_drops)
         if not numbers:
@@ -123,61 +131,61 @@ class MeasurePage(Page):
         self.draw()
 
     def action_newest(self) -> None:
-        """Look at what comes."""
+        """Follow the newest drop."""
         self.chosen = None
         self.draw()
 
     def action_panel(self) -> None:
-        """The next trace of a small terminal; also leaves the full page as it is."""
+        """Show the next plot on a small terminal; the full page has all of them."""
         size = self.view.size
-        if size.width >= WIDE and size.height >= TALL:
+        if size.width >= FULL_WIDTH and size.height >= FULL_HEIGHT:
             return
-        now = PANELS.index(self.panel) if self.panel else PANELS.index("deflection")
-        self.panel = PANELS[(now + 1) % len(PANELS)]
+        now = MEASURE_PLOTS.index(self.panel) if self.panel else MEASURE_PLOTS.index("deflection")
+        self.panel = MEASURE_PLOTS[(now + 1) % len(MEASURE_PLOTS)]
         self.draw()
 
     def action_discard(self) -> None:
-        """Mark the drop that is on the terminal as not to be used.
+        """Discard the drop on the terminal, or restore it.
 
-        One that has just landed was not seen yet by who pressed the key: it is asked for again.
+        A drop that has just come was not seen yet when the key was pressed: `d` is needed again.
         """
-        drop, self._asked_for = self._shown, self._asked_for
+        drop, self._discard_candidate = self._drop_on_screen, self._discard_candidate
         fresh = drop is not None and drop.saved_at > 0
         if (
             drop is not None
             and fresh
             and self.chosen is None
             and time.monotonic() - drop.saved_at < MIN_VIEW_S
-            and self._asked_for is not drop
+            and self._discard_candidate is not drop
         ):
-            self._asked_for = drop
-            self.pfwd.show_message(f"drop {drop.number} has just landed: d again discards it")
+            self._discard_candidate = drop
+            self.pfwd.show_message(f"drop {drop.number} has just come: d again discards it")
             return
-        self._asked_for = None
+        self._discard_candidate = None
         self.pfwd.edits.discard(drop)
 
     def action_open(self) -> None:
-        """Everything about the drop."""
+        """Open the page of the drop."""
         self.pfwd.open_drop(self.drop)
 
     def action_refit(self) -> None:
-        """With other settings."""
+        """Open the page of the drop and the dialog for a trial fit."""
         self.pfwd.open_drop(self.drop, refit=True)
 
     def action_record_now(self) -> None:
-        """Record a drop whatever the load does."""
+        """Record a drop now, without a trigger by the load."""
         if self.pfwd.source.pace is not None or not self.pfwd.runner.trigger():
-            self.pfwd.show_message("there is no instrument that could be recorded")
+            self.pfwd.show_message("there is no instrument to record")
 
     def action_next_point(self) -> None:
-        """Ask for the name of the next point."""
+        """Open the dialog for the name of the next point."""
         if not self.pfwd.source.writes or self.pfwd.source.pace is not None:
             self.pfwd.show_message("a replay has its own points")
             return
         state = self.pfwd.state
-        known = {point.shown_name for point in state.points.values()}
-        station = next_station(state.job, known, self.pfwd.coordinates())
-        proposed = next_name(state.current.shown_name, known, state.job.step_m)
+        names = {point.shown_name for point in state.points.values()}
+        station = next_station(state.job, names, self.pfwd.coordinates())
+        proposed = next_name(state.current.shown_name, names, state.job.step_m)
         if station is not None:
             proposed = station.station.name
         dialog = TextDialog(
@@ -187,7 +195,7 @@ class MeasurePage(Page):
             question=lambda name: (
                 "" if name == proposed else point_name_question(name, state.names_in_use())
             ),
-            hint="enter begins it, escape goes back",
+            hint="enter begins the point, escape goes back",
         )
         self.app.push_screen(dialog, self._begin_point)
 
@@ -195,10 +203,10 @@ class MeasurePage(Page):
         if name is None:
             return
         if not self.pfwd.runner.request(lambda session: session.set_point(name)):
-            self.pfwd.show_message("no session runs; the point was not begun")
+            self.pfwd.show_message("no session runs; the point was not started")
 
     def on_lines_view_clicked(self, event: LinesView.Clicked) -> None:
-        """A click on a drop chooses it."""
+        """Choose the drop that was clicked."""
         row = self.view.text.split("\n")[event.row] if event.row >= 0 else ""
         first = row.replace("▶", " ").split()
         if first and first[0].isdigit() and int(first[0]) in self.pfwd.state.current_drops:

@@ -1,4 +1,4 @@
-"""The measure page as lines of text: what happens, what to do, the last drop, the point."""
+"""Measure page as lines of text: status, instruction, last drop, point."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,16 +39,17 @@ from tui.screen.drawing.plot import Figure, plot_lines, stacked_plots
 from tui.screen.drawing.profile import Bar, profile_lines
 from tui.screen.pages.drop_texts import (
     QUANTITY_NAMES,
-    VERDICTS,
-    Judged,
-    beside_modulus,
+    VERDICT_WORDS,
+    JudgedValue,
+    assumption_texts,
     drop_columns,
     drop_row,
-    judged_of,
+    ground_parameters,
+    judged_value,
     modulus_text,
-    plain,
     point_summary,
     point_value_text,
+    two_decimals,
     verdict_of,
 )
 from tui.screen.pages.layer_texts import effective_text, has_layers, top_and_subgrade
@@ -58,19 +59,19 @@ from tui.screen.session.stations import ReceiverStatus, lot_progress, next_stati
 from tui.screen.session.status import StatusWord
 from tui.screen.units import NO_VALUE, Units, judged_quantity
 
-PANELS = ("live", "load", "deflection", "residual")
-"""What the one plot of a small terminal shows in turn."""
+MEASURE_PLOTS = ("live", "load", "deflection", "residual")
+"""Plots of a small terminal, which shows one at a time."""
 
-NARROW, LOW = 64, 18
-"""Columns and rows below which there is no room for large figures and traces."""
+MIN_DIGITS_WIDTH, MIN_DIGITS_HEIGHT = 64, 18
+"""Smallest terminal with room for large digits and traces, columns and rows."""
 
-WIDE, TALL = 100, 30
-"""Columns and rows from which on everything is shown at once."""
+FULL_WIDTH, FULL_HEIGHT = 100, 30
+"""Smallest terminal that shows everything at once, columns and rows."""
 
 
 @dataclass(frozen=True, slots=True)
 class MeasureView:
-    """What the page needs beside the state."""
+    """State of the session and of the page."""
 
     state: SessionState
     word: StatusWord
@@ -81,20 +82,20 @@ class MeasureView:
     title: str
     keys: Sequence[tuple[str, str]]
     chosen: int | None = None
-    """Number of the drop that is looked at; None: the newest."""
+    """Number of the chosen drop; None: the newest."""
     panel: str = ""
-    """One of PANELS; empty: what fits the moment."""
+    """One of MEASURE_PLOTS; empty: the deflection, or the live trace without one."""
     large: bool = False
     pace: str = ""
-    """Of a replay."""
+    """Speed of a replay in words."""
     message: str = ""
-    """The last thing that was said."""
+    """Last message."""
     verdict: str = ""
-    """Of the diagnosis of this point, when it was made."""
+    """Sentence of the diagnosis of this point; empty: there is none."""
     position: ReceiverStatus | None = None
-    """What the receiver says; None: there is none."""
+    """Position of the receiver; None: there is no receiver."""
     coordinates: tuple[float, float] | None = None
-    """Latitude and longitude now, degrees."""
+    """Present latitude and longitude, degrees."""
 
     @property
     def drops(self) -> dict[int, DropState]:
@@ -103,36 +104,36 @@ class MeasureView:
 
     @property
     def drop(self) -> DropState | None:
-        """The drop that is looked at."""
+        """Chosen drop."""
         if self.chosen is not None:
             return self.drops.get(self.chosen)
         return self.state.last
 
 
 def measure_lines(view: MeasureView, width: int, height: int) -> list[Line]:
-    """The page as exactly `height` lines of `width` columns at most."""
+    """Return the page as exactly `height` lines of at most `width` columns."""
     foot = [_mean_line(view, width), key_line(view.keys, width)]
     top = [*head_lines(view, width), *_word_lines(view, width), *_procedure_lines(view, width)]
     room = height - len(top) - len(foot)
-    full = width >= WIDE and height >= TALL
-    tiny = width < NARROW or height < LOW
+    full = width >= FULL_WIDTH and height >= FULL_HEIGHT
+    tiny = width < MIN_DIGITS_WIDTH or height < MIN_DIGITS_HEIGHT
     body = _large(view, width, room) if view.large and not tiny else None
     body = _tiny(view, width, room) if tiny else body
-    if is_done(view) and room >= LEAST_DONE:
-        body = done_lines(view, width, room)
+    if is_point_complete(view) and room >= MIN_VERDICT_ROWS:
+        body = complete_point_lines(view, width, room)
     if body is None:
         body = _full(view, width, room) if full else _small(view, width, room)
     return [pad(row, width) for row in [*top, *pad_rows(body, room), *foot]]
 
 
-LEAST_DONE = 6
-"""Rows below which there is no room for a verdict in large letters."""
+MIN_VERDICT_ROWS = 6
+"""Smallest number of rows for a verdict in large letters."""
 
 
-def is_done(view: MeasureView) -> bool:
-    """Whether the point is done, and nobody looks at one of its drops.
+def is_point_complete(view: MeasureView) -> bool:
+    """Return True if the point is complete and no drop of it is chosen.
 
-    Also when the instrument has ended after it, as a demonstration does.
+    A session that ended after a complete point, as the demonstration does, counts too.
     """
     state, word = view.state, view.word.word
     ended = word == "END" and not state.recorded and bool(view.drops)
@@ -140,11 +141,11 @@ def is_done(view: MeasureView) -> bool:
     return complete and view.chosen is None
 
 
-def done_lines(view: MeasureView, width: int, room: int) -> list[Line]:
-    """How the point stands, in letters that are read from afar, and what that rests on."""
+def complete_point_lines(view: MeasureView, width: int, room: int) -> list[Line]:
+    """Return the verdict on a complete point in large letters, and its reasons."""
     state, units = view.state, view.units
     progress = state.progress
-    word, role = VERDICTS.get(progress.verdict, ("DONE", "strong"))
+    word, role = VERDICT_WORDS.get(progress.verdict, ("DONE", "strong"))
     value, error, unit = point_value_text(progress, units)
     quantity = judged_quantity(state.job.quantity)
     name = QUANTITY_NAMES[state.job.quantity]
@@ -153,11 +154,11 @@ def done_lines(view: MeasureView, width: int, room: int) -> list[Line]:
     if progress.target is not None:
         side = "at most" if quantity == "settlement" else "at least"
         target = f"target {side} {units.with_unit(quantity, progress.target)}"
-    sure = f" ± {error}" if error else ""
-    said = [f"{name} {value}{sure} {unit}", target, f"mean of {counted(drops, 'drop')}"]
-    pieces = [piece(rank, cell(text, "strong")) for rank, text in enumerate(said)]
+    interval = f" ± {error}" if error else ""
+    texts = [f"{name} {value}{interval} {unit}", target, f"mean of {counted(drops, 'drop')}"]
+    pieces = [piece(rank, cell(text, "strong")) for rank, text in enumerate(texts)]
     facts = [line(" ", *row) for row in flow(pieces, width - 1, 2, "   ")]
-    if progress.verdict in VERDICTS:
+    if progress.verdict in VERDICT_WORDS:
         facts += [line(" ", cell(text, role)) for text in wrap(progress.verdict_reason, width - 2)]
     settled = [
         units.text("settlement", depth)
@@ -168,52 +169,52 @@ def done_lines(view: MeasureView, width: int, room: int) -> list[Line]:
         facts.append(line(f" settlement {', '.join(settled)} {units.unit('settlement')}"))
     facts += [line(" ", cell(text, "warn")) for text in advice_lines(view, width - 2)]
     if state.job.quantity is Quantity.MODULUS:
-        facts.append(footnote(state.last, view, width))
+        facts.append(model_line(state.last, view, width))
     facts = facts[: max(1, room - LETTER_ROWS - 1)]
     table = min(len(view.drops) + 1, max(0, (room - len(facts)) // 4))
     space = room - len(facts) - 1
-    if space - table < BOTH_ROWS <= space:
-        table = 0  # word and value are read from afar, the table is not
+    if space - table < MIN_ROWS_FOR_BOTH <= space:
+        table = 0  # verdict and value in large letters matter more than the table
     large = _verdict_digits((word, role), (value, error), width - 2, space - table)
     lines = pad_rows([(), *[(Cell(" "), *row) for row in large]], room - len(facts) - table)
     return [*lines, *facts, *(drop_table(view, width, table) if table > 1 else [()] * table)]
 
 
-BOTH_ROWS = 2 * LETTER_ROWS + 1
-"""The verdict and the value below it, in the smallest figures."""
+MIN_ROWS_FOR_BOTH = 2 * LETTER_ROWS + 1
+"""Rows of the verdict with the value below it in the smallest letters."""
 
 
 def _verdict_digits(
     verdict: tuple[str, TextRole], judged: tuple[str, str], width: int, rows: int
 ) -> list[Line]:
-    """The verdict in large letters and what is judged: below it, or beside it on a low terminal."""
+    """Return verdict and judged value in large letters; with few rows side by side."""
     word, role = verdict
     value, error = judged
     if value == NO_VALUE:
         return digit_lines(word, role, *(largest_size(word, width, rows) or (1, 1)))
-    figures = f"{value} ±{error}" if error else value
-    if rows < BOTH_ROWS:
+    number = f"{value} ±{error}" if error else value
+    if rows < MIN_ROWS_FOR_BOTH:
         size = largest_size(f"{word} {value}", width, rows)
         if size is None:
             return digit_lines(word, role, *(largest_size(word, width, rows) or (1, 1)))
-        beside_it = figures if digit_width(f"{word} {figures}", size[0]) <= width else value
-        left = digit_lines(f"{word} ", role, *size)
-        right = digit_lines(beside_it, "strong", *size)
+        fits = digit_width(f"{word} {number}", size[0]) <= width
+        words = digit_lines(f"{word} ", role, *size)
+        numbers = digit_lines(number if fits else value, "strong", *size)
         gap = Cell(" " * size[0])
-        return [(*one, gap, *other) for one, other in zip(left, right, strict=True)]
+        return [(*start, gap, *end) for start, end in zip(words, numbers, strict=True)]
     below = max(LETTER_ROWS, rows // 2 - 1)
     lines = digit_lines(word, role, *(largest_size(word, width, rows - below - 1) or (1, 1)))
-    under = largest_size(figures, width, below) or largest_size(value, width, below)
-    if under is None:
+    size = largest_size(number, width, below) or largest_size(value, width, below)
+    if size is None:
         return lines
-    shown = figures if digit_width(figures, under[0]) <= width else value
-    return [*lines, (), *digit_lines(shown, "strong", *under)]
+    fits = digit_width(number, size[0]) <= width
+    return [*lines, (), *digit_lines(number if fits else value, "strong", *size)]
 
 
 def head_lines(view: MeasureView, width: int) -> list[Line]:
-    """Survey, point and device."""
+    """Return the head of the page: survey, point and instrument."""
     state, device = view.state, view.state.device
-    point = shorten(state.current.shown_name, 24 if width >= NARROW else 10)
+    point = shorten(state.current.shown_name, 24 if width >= MIN_DIGITS_WIDTH else 10)
     title = shorten(view.title, max(3, min(30, width - 16 - width_of([cell(point)]))))
     name = line(cell(" PFWD  ", "strong"), title, " · point ", cell(point, "strong"))
     link: TextRole = "good" if device.connected else "warn"
@@ -233,10 +234,10 @@ def head_lines(view: MeasureView, width: int) -> list[Line]:
         if device.due is not None:
             pieces.append(piece(6, f"cal. until {device.due}"))
         if view.position is not None:
-            sure: TextRole = "good" if view.position.is_good else "warn"
-            pieces.append(piece(1, cell(view.position.fix, sure)))
+            quality: TextRole = "good" if view.position.is_good else "warn"
+            pieces.append(piece(1, cell(view.position.fix, quality)))
             if view.position.place:
-                pieces.append(piece(2, cell(view.position.place, sure)))
+                pieces.append(piece(2, cell(view.position.place, quality)))
     elif view.pace:
         pieces = [piece(0, "○ recording")]
     else:
@@ -247,9 +248,9 @@ def head_lines(view: MeasureView, width: int) -> list[Line]:
         Piece(line(cell("· ", "dim"), *part.cells) if place else part.cells, part.rank)
         for place, part in enumerate(pieces)
     ]
-    whole = fit(separated, 10_000, " ")
-    if width_of(name) + width_of(whole) + 2 <= width:
-        return [both_ends(name, whole, width)]
+    instrument = fit(separated, 10_000, " ")
+    if width_of(name) + width_of(instrument) + 2 <= width:
+        return [both_ends(name, instrument, width)]
     return [name, line(" ", *fit(separated, width - 1, " "))]
 
 
@@ -260,7 +261,7 @@ def _rate(rate: float | None) -> str:
 
 
 def _word_lines(view: MeasureView, width: int) -> list[Line]:
-    """The word and what to do; an alarm is never cut, it takes another line."""
+    """Return the status word and the instruction, on up to three lines."""
     word = view.word
     badge = cell(f" ▶ {word.word} ", word.role)
     room = width - width_of([badge]) - 2
@@ -275,35 +276,35 @@ def _word_lines(view: MeasureView, width: int) -> list[Line]:
 def _procedure_lines(view: MeasureView, width: int) -> list[Line]:
     progress = view.state.progress
     parts = []
-    for name, done, whole in (
+    for name, count, total in (
         ("seating", progress.seating_done, progress.seating_wanted),
         ("measured", progress.measured_done, progress.measured_wanted),
     ):
-        if whole != 0 or done:
-            parts.append(piece(0, f"{name} ", _boxes(done, whole)))
+        if total != 0 or count:
+            parts.append(piece(0, f"{name} ", _boxes(count, total)))
     target = progress.target
     quantity = judged_quantity(view.state.job.quantity)
-    wanted = f"target {view.units.with_unit(quantity, target)}" if target else "no target"
-    parts.append(piece(1, wanted))
+    text = f"target {view.units.with_unit(quantity, target)}" if target else "no target"
+    parts.append(piece(1, text))
     if view.state.procedure.name != PLAIN:
         name = view.state.procedure.name
         parts.append(piece(3, cell("no procedure" if name == NO_PROCEDURE.name else name, "dim")))
     parts += _lot_pieces(view)
-    gap = "   " if width >= WIDE else "  "
+    gap = "   " if width >= FULL_WIDTH else "  "
     parts_width = width_of(fit(parts, width - 1, gap))
-    if view.message in view.word.action:  # it stands above already
+    if view.message in view.word.action:  # the line above shows it
         return [(Cell(" "), *fit(parts, width - 1, gap))]
     if view.message and parts_width + len(view.message) + 4 <= width:
         parts.append(piece(4, cell(view.message, "warn")))
         return [(Cell(" "), *fit(parts, width - 1, gap))]
     lines: list[Line] = [(Cell(" "), *fit(parts, width - 1, gap))]
-    if view.message:  # a sentence is never cut: it takes lines of its own for a while
+    if view.message:  # a sentence is never cut: it takes lines of its own
         lines += [line(" ", cell(text, "warn")) for text in wrap(view.message, width - 2)[:3]]
     return lines
 
 
 def _lot_pieces(view: MeasureView) -> list[Piece]:
-    """How much of the lot is measured, and where the next station is."""
+    """Return the progress of the lot and the next station."""
     state = view.state
     points = state.points.values()
     complete = {point.shown_name for point in points if point.progress.complete}
@@ -312,109 +313,109 @@ def _lot_pieces(view: MeasureView) -> list[Piece]:
         return []
     names = {point.shown_name for point in points}
     coming = next_station(state.job, names, view.coordinates, state.current.shown_name)
-    found = [piece(1, progress)]
+    pieces = [piece(1, progress)]
     if coming is not None:
-        found.append(piece(2, cell(coming.text, "strong")))
-    return found
+        pieces.append(piece(2, cell(coming.text, "strong")))
+    return pieces
 
 
-def _boxes(done: int, whole: int | None) -> Cell:
-    if whole is None:
-        return cell(f"{done}", "strong")
-    counted, more = min(done, whole), max(0, done - whole)
+def _boxes(count: int, total: int | None) -> Cell:
+    if total is None:
+        return cell(f"{count}", "strong")
+    within, more = min(count, total), max(0, count - total)
     beyond = f" +{more}" if more else ""
-    if whole > 12:
-        return cell(f"{counted} of {whole}{beyond}", "strong")
-    marks = ["■" if place < counted else "□" for place in range(whole)]
-    return cell(f"{' '.join(marks)} ({counted}/{whole}){beyond}", "strong")
+    if total > 12:
+        return cell(f"{within} of {total}{beyond}", "strong")
+    marks = ["■" if place < within else "□" for place in range(total)]
+    return cell(f"{' '.join(marks)} ({within}/{total}){beyond}", "strong")
 
 
 def key_line(keys: Sequence[tuple[str, str]], width: int) -> Line:
-    """What can be pressed; the last ones give way first."""
+    """Return the line of keys; the last keys are dropped without room."""
     pieces = [
-        Piece((cell(key, "key"), Cell(f" {what}")), rank) for rank, (key, what) in enumerate(keys)
+        Piece((cell(key, "key"), Cell(f" {effect}")), rank)
+        for rank, (key, effect) in enumerate(keys)
     ]
     return (Cell(" "), *fit(pieces, width - 1, "  "))
 
 
 def _full(view: MeasureView, width: int, room: int) -> list[Line]:
-    rows_wanted = min(len(view.drops) + 1, max(5, room // 4))
+    table_rows = min(len(view.drops) + 1, max(5, room // 4))
     live_rows = max(4, min(8, room // 6))
-    middle = room - rows_wanted - live_rows - 1
+    rows = room - table_rows - live_rows - 1
     live = _live_lines(view, width, live_rows)
-    right_width = max(44, min(76, width * 2 // 5))
-    left_width = width - right_width - 3
-    figures = _figures(view)
-    left = _stacked(figures, left_width, middle, view.glyphs)
-    right = _with_each_drop(view, result_lines(view, right_width, middle), right_width)
-    both = join_blocks(left, right, left_width, middle)
-    return [*live, *both, footnote(view.drop, view, width), *drop_table(view, width, rows_wanted)]
+    result_width = max(44, min(76, width * 2 // 5))
+    plot_width = width - result_width - 3
+    plots = _stacked(_figures(view), plot_width, rows, view.glyphs)
+    result = _with_each_drop(view, result_lines(view, result_width, rows), result_width)
+    both = join_blocks(plots, result, plot_width, rows)
+    return [*live, *both, model_line(view.drop, view, width), *drop_table(view, width, table_rows)]
 
 
-LEAST_BARS, MOST_BARS = 8, 16
-"""Rows of what the drops of the point say beside each other: with fewer it is not read, more show
-nothing new."""
+MIN_BAR_ROWS, MAX_BAR_ROWS = 8, 16
+"""Rows of the bars of all drops: fewer are hard to read, more show nothing new."""
 
 
 def _with_each_drop(view: MeasureView, lines: list[Line], width: int) -> list[Line]:
-    """The result with what every drop of the point says below it, where there is room."""
+    """Add a bar for every drop of the point below the result, where there is room."""
     used = max((place for place, row in enumerate(lines, 1) if row), default=0)
-    rows = min(MOST_BARS, len(lines) - used - 1)
+    rows = min(MAX_BAR_ROWS, len(lines) - used - 1)
     drops = [drop for _, drop in sorted(view.drops.items()) if not drop.discarded]
-    if rows < LEAST_BARS or len(drops) < 2:
+    if rows < MIN_BAR_ROWS or len(drops) < 2:
         return lines
     job = view.state.job
     quantity = judged_quantity(job.quantity)
     title = f"{QUANTITY_NAMES[job.quantity]} of each drop, {view.units.unit(quantity)}"
     bars = []
     for drop in drops:
-        found = view.state.value_of(drop)
-        value = None if found is None or drop.status == "rejected" else found.value
-        shown = drop.modulus if job.quantity is Quantity.MODULUS else value
+        judged = view.state.value_of(drop)
+        value = None if judged is None or drop.status == "rejected" else judged.value
+        if job.quantity is Quantity.MODULUS:
+            value = drop.modulus
         role: TextRole = "dim" if drop.status == "seating" else "measured"
         chosen = drop is view.drop
-        bars.append(Bar(str(drop.number), view.units.value(quantity, shown), role, chosen))
+        bars.append(Bar(str(drop.number), view.units.value(quantity, value), role, chosen))
     target = view.units.value(quantity, view.state.progress.target)
-    whole = not view.glyphs.has_dots
-    chart = profile_lines(bars, width, rows, title, target, full_blocks_only=whole)
+    is_ascii = not view.glyphs.has_dots
+    chart = profile_lines(bars, width, rows, title, target, full_blocks_only=is_ascii)
     return pad_rows([*lines[:used], (), *chart], len(lines))
 
 
 def _small(view: MeasureView, width: int, room: int) -> list[Line]:
-    rows_wanted = max(2, min(len(view.drops) + 1, 5, room // 4 + 1))
-    panel_rows = max(0, room - rows_wanted - LETTER_ROWS - 2)
-    right = result_lines(view, width, LETTER_ROWS + 1, wide=True)
-    lines = [*right, footnote(view.drop, view, width)]
+    table_rows = max(2, min(len(view.drops) + 1, 5, room // 4 + 1))
+    panel_rows = max(0, room - table_rows - LETTER_ROWS - 2)
+    result = result_lines(view, width, LETTER_ROWS + 1, wide=True)
+    lines = [*result, model_line(view.drop, view, width)]
     if panel_rows >= 4:
-        lines += _one_panel(view, width, panel_rows)
-    return [*lines, *drop_table(view, width, rows_wanted)]
+        lines += _single_plot(view, width, panel_rows)
+    return [*lines, *drop_table(view, width, table_rows)]
 
 
 def _tiny(view: MeasureView, width: int, room: int) -> list[Line]:
-    """A terminal that is too small for anything but the numbers."""
-    judged = judged_of(view.state, view.drop, view.units)
-    sure = f" ± {judged.error} {judged.unit} (95 %)" if judged.error else f" {judged.unit}"
-    lines = [line(cell(f" {judged.name} {judged.value}{sure}", "strong"))]
+    """Return the page for a terminal that has room for the numbers only."""
+    judged = judged_value(view.state, view.drop, view.units)
+    interval = f" ± {judged.error} {judged.unit} (95 %)" if judged.error else f" {judged.unit}"
+    lines = [line(cell(f" {judged.name} {judged.value}{interval}", "strong"))]
     lines += [line(" ", *row) for row in _verdict_lines(view, width - 1)]
-    lines.append(footnote(view.drop, view, width))
+    lines.append(model_line(view.drop, view, width))
     return [*lines, *drop_table(view, width, max(2, room - len(lines)))]
 
 
 def _large(view: MeasureView, width: int, room: int) -> list[Line] | None:
-    """Figures first: the modulus as large as the terminal has room for."""
+    """Return the page in large type: the result as large as the terminal allows."""
     drop = view.drop
     if room < LETTER_ROWS + 4:
         return None
-    rows_wanted = min(4, room - LETTER_ROWS - 4)
-    space = room - rows_wanted - 4
-    judged = judged_of(view.state, drop, view.units)
-    figures = _figures_of(judged.value, judged.error, width - 2, space)
-    lines: list[Line] = [(Cell(" "), *row) for row in figures]
+    table_rows = min(4, room - LETTER_ROWS - 4)
+    space = room - table_rows - 4
+    judged = judged_value(view.state, drop, view.units)
+    digits = _large_number(judged.value, judged.error, width - 2, space)
+    lines: list[Line] = [(Cell(" "), *row) for row in digits]
     name = "" if judged.is_fit else f"  {judged.name}"
     lines.append(line(cell(f" {_unit_text(judged)}{name}", "strong")))
     lines += [line(" ", *row) for row in _verdict_lines(view, width - 1)][:2]
-    lines = [*pad_rows(lines, room - rows_wanted - 1), footnote(drop, view, width)]
-    return [*lines, *drop_table(view, width, rows_wanted)]
+    lines = [*pad_rows(lines, room - table_rows - 1), model_line(drop, view, width)]
+    return [*lines, *drop_table(view, width, table_rows)]
 
 
 def _live_lines(view: MeasureView, width: int, rows: int) -> list[Line]:
@@ -439,7 +440,7 @@ def _stacked(figures: Sequence[Figure], width: int, rows: int, glyphs: Glyphs) -
     return stacked_plots(figures, width, rows, glyphs, shares=(3, 4, 3))
 
 
-def _one_panel(view: MeasureView, width: int, rows: int) -> list[Line]:
+def _single_plot(view: MeasureView, width: int, rows: int) -> list[Line]:
     figures = {figure.name: figure for figure in _figures(view)}
     panel = view.panel or ("live" if not figures else "deflection")
     if panel == "live" or panel not in figures:
@@ -450,26 +451,24 @@ def _one_panel(view: MeasureView, width: int, rows: int) -> list[Line]:
 
 
 def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False) -> list[Line]:
-    """The modulus in large figures with everything that belongs to it."""
+    """Return the judged value of a drop in large digits, with its details and verdict."""
     drop = view.drop
-    judged = judged_of(view.state, drop, view.units)
+    judged = judged_value(view.state, drop, view.units)
     value, error = judged.value, judged.error
     details = _details(view, drop)
     if wide:
-        shown = f"{value} ±{error}" if error else value
-        digits = [()] * LETTER_ROWS if value == NO_VALUE else digit_lines(shown, "strong", 1, 1)
-        taken = max(width_of(row) for row in digits) + 2
-        side = width - taken - 3
-        sure = fit(
+        number = f"{value} ±{error}" if error else value
+        digits = [()] * LETTER_ROWS if value == NO_VALUE else digit_lines(number, "strong", 1, 1)
+        digits_width = max(width_of(row) for row in digits) + 2
+        side = width - digits_width - 3
+        unit = fit(
             [piece(0, cell(_unit_text(judged, short=True), "strong")), Piece(_refining(drop), 1)],
             side,
         )
-        text = [sure, *[fit([piece(0, detail)], side) for detail in details]]
-        said = _verdict_lines(view, side)[: rows - 1]
-        text = [*text[: rows - len(said)], *said]
-        return join_blocks(
-            [line(" ", *row) for row in digits], pad_rows(text, rows), taken, rows, "  "
-        )
+        verdict = _verdict_lines(view, side)[: rows - 1]
+        text = [unit, *[fit([piece(0, cell(detail, "dim"))], side) for detail in details]]
+        text = [*text[: rows - len(verdict)], *verdict]
+        return join_blocks([line(" ", *row) for row in digits], text, digits_width, rows, "  ")
     layered = judged.is_fit and drop is not None and has_layers(drop.result)
     name = "modulus of the subgrade" if layered else judged.name
     title = name if drop is None else f"{name}, drop {drop.number}"
@@ -477,25 +476,27 @@ def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False
     used = len(details) + len(verdict) + 2
     space = max(LETTER_ROWS, rows - used)
     lines: list[Line] = [line(cell(title, "dim"), *_refining(drop))]
-    lines += _figures_of(value, error, width, space)
+    lines += _large_number(value, error, width, space)
     lines.append(line(cell(_unit_text(judged), "strong")))
-    lines += [line(detail) for detail in details if len(detail) <= width]
+    for detail in details:
+        rows_of_detail = [detail] if len(detail) <= width else wrap(detail, width)
+        lines += [line(cell(row, "dim")) for row in rows_of_detail]
     room = rows - len(lines)
     return pad_rows([*lines, *verdict[: max(0, room)]], rows)
 
 
-def _unit_text(judged: Judged, *, short: bool = False) -> str:
-    """The unit below large figures, and what the ± is."""
+def _unit_text(judged: JudgedValue, *, short: bool = False) -> str:
+    """Return the unit of the large digits and the meaning of the ±."""
     if judged.value == NO_VALUE:
         return "no result yet" if judged.is_fit else f"no {judged.name} yet"
     if not judged.is_fit:
         return f"{judged.unit}  {judged.name}" if short else judged.unit
-    return f"{judged.unit}, ± for 95 %" + ("" if short else " with the model's error")
+    return f"{judged.unit}, ± for 95 %" + ("" if short else " with the error of the model")
 
 
-def _figures_of(value: str, error: str, width: int, rows: int) -> list[Line]:
-    """Value and uncertainty as large as there is room: one below the other, or side by side."""
-    if value == NO_VALUE:  # a bar of blocks would look like a result
+def _large_number(value: str, error: str, width: int, rows: int) -> list[Line]:
+    """Return value and uncertainty as large as possible, below each other or side by side."""
+    if value == NO_VALUE:  # a dash of blocks would look like a result
         return [()] * LETTER_ROWS
     if not error:
         return digit_lines(value, "strong", *(largest_size(value, width, rows) or (1, 1)))
@@ -507,8 +508,8 @@ def _figures_of(value: str, error: str, width: int, rows: int) -> list[Line]:
         if fits and needed <= rows:
             lines = digit_lines(value, "strong", wide, high)
             return [*lines, (), *digit_lines(f"±{error}", "strong", *below)]
-        side_by_side = digit_width(f"{value} ±{error}", wide) <= width
-        if side_by_side and LETTER_ROWS * high <= rows:
+        fits = digit_width(f"{value} ±{error}", wide) <= width
+        if fits and LETTER_ROWS * high <= rows:
             return digit_lines(f"{value} ±{error}", "strong", wide, high)
     return best
 
@@ -516,30 +517,30 @@ def _figures_of(value: str, error: str, width: int, rows: int) -> list[Line]:
 def _refining(drop: DropState | None) -> Line:
     if drop is None or not drop.results or drop.final:
         return ()
-    return (cell("  first answer, refining", "warn"),)
+    return (cell("  first result, refining", "warn"),)
 
 
 def _details(view: MeasureView, drop: DropState | None) -> list[str]:
+    """Return the parameters of the ground, and the modulus where another value is judged.
+
+    The drop page has all further moduli: one number is in force here.
+    """
     result = drop.result if drop is not None else None
+    if drop is None or result is None:
+        return []
     units = view.units
-    lines = [] if result is None else top_and_subgrade(result, units)
-    if result is not None and lines:
+    lines = top_and_subgrade(result, units)
+    if lines:
         lines.append(effective_text(result, units))
-    if drop is None or result is None or drop.modulus is None:
-        return [text for text in lines if text]
-    if view.state.job.quantity is not Quantity.MODULUS:
-        fitted, sure = modulus_text(drop, units)
-        lines.insert(0, f"modulus of the fit {fitted} ±{sure or NO_VALUE} {units.unit('modulus')}")
-    noise = result.modulus_sd_pa
-    value, error = units.with_uncertainty("modulus", drop.modulus, noise)
-    lines.append(f"{value} {units.unit('modulus')}, noise alone ± {error or NO_VALUE}")
-    peak = units.with_unit("modulus", result.peak_modulus_pa)
-    factor, ratio = result.peak_factor, result.poisson_ratio
-    lines.append(f"peak method {peak} (f {plain(factor)}, ν {plain(ratio)})")
-    for name, (amount, deviation, unit) in beside_modulus(result, units).items():
-        given = f"± {deviation}" if deviation else "(given)"
-        lines.append(f"{name:9} {amount} {given} {unit}")
-    return lines
+    if drop.modulus is not None:
+        if view.state.job.quantity is not Quantity.MODULUS:
+            modulus, error = modulus_text(drop, units)
+            interval = f" ±{error}" if error else ""
+            lines.insert(0, f"not judged: modulus {modulus}{interval} {units.unit('modulus')}")
+        for name, (amount, deviation, unit) in ground_parameters(result, units).items():
+            interval = f"± {deviation}" if deviation else "(given)"
+            lines.append(f"{name:9} {amount} {interval} {unit}")
+    return [text for text in lines if text]
 
 
 def _verdict_lines(view: MeasureView, width: int) -> list[Line]:
@@ -549,48 +550,38 @@ def _verdict_lines(view: MeasureView, width: int) -> list[Line]:
 
 
 def advice_lines(view: MeasureView, width: int) -> list[str]:
-    """What is to be done about the drop that is looked at, or about the point."""
-    found = []
-    for text in view.state.advice(view.drop):
-        found += wrap(f"→ {text}", width)
-    return found
+    """Return the advice on the chosen drop and on the point."""
+    return [row for text in view.state.advice(view.drop) for row in wrap(f"→ {text}", width)]
 
 
-def footnote(drop: DropState | None, view: MeasureView, width: int) -> Line:
-    """What the modulus rests on."""
+def model_line(drop: DropState | None, view: MeasureView, width: int) -> Line:
+    """Return the line with the assumptions of the modulus."""
     result = drop.result if drop is not None else None
     if result is None or result.modulus_pa is None:
         return ()
-    media = f"lowest of {len(result.layers or ())} media, " if has_layers(result) else ""
-    units = view.units
-    radius = units.with_unit("length", result.plate_radius_m)
+    ground, plate, method, load = assumption_texts(result, view.units)
     pieces = [
-        piece(0, cell(f" {media}{result.model}", "dim")),
-        piece(0, cell(f"{result.plate} plate, radius {radius}", "dim")),
-        piece(0, cell(f"Poisson's ratio {plain(result.poisson_ratio)}", "dim")),
-        piece(1, cell(f"{result.method}", "dim")),
-        piece(2, cell(f"{result.load} load", "dim")),
+        piece(0, cell(f" {ground}", "dim")),
+        piece(0, cell(plate, "dim")),
+        piece(0, cell(f"Poisson's ratio {two_decimals(result.poisson_ratio)}", "dim")),
+        piece(1, cell(method, "dim")),
+        piece(2, cell(load, "dim")),
     ]
     return flow(pieces, width, 1, ", ")[0]
 
 
 def drop_table(view: MeasureView, width: int, rows: int) -> list[Line]:
-    """The drops of the point, newest last."""
+    """Return the table of the drops of the point, newest last."""
     drops = [view.drops[number] for number in sorted(view.drops)]
     place = next((at for at, drop in enumerate(drops) if drop.number == view.chosen), None)
-    shown = window(len(drops), place, max(1, rows - 1))
     table = [
-        drop_row(
-            drops[at],
-            view.units,
-            chosen=drops[at].number == view.chosen,
-            left_out=view.state.exclusion_reason(drops[at]),
-        )
-        for at in shown
+        drop_row(view.state, drops[at], view.units, chosen=drops[at].number == view.chosen)
+        for at in window(len(drops), place, max(1, rows - 1))
     ]
     if not table:
         return pad_rows([line(cell(" no drops at this point yet", "dim"))], rows)
-    return pad_rows(table_lines(drop_columns(view.units), table, width), rows)
+    columns = drop_columns(view.state.job.quantity, view.units)
+    return pad_rows(table_lines(columns, table, width), rows)
 
 
 def _mean_line(view: MeasureView, width: int) -> Line:

@@ -1,58 +1,132 @@
-"""What all pages share: lines that fill the terminal, and keys."""
+"""Base class of the pages: lines that fill the terminal, keys, and the application behind."""
 
 from collections.abc import Sequence
-from typing import ClassVar, cast
+from typing import Any, ClassVar, Protocol, cast
 
 from textual.app import ComposeResult
 from textual.screen import Screen
 
+from pfwd.session.plan import SessionPlan
+from tui.screen.drawing.glyphs import Glyphs
 from tui.screen.drawing.lines import Line
-from tui.screen.pages.host import Host
-from tui.screen.widgets.lines_view import LinesView
+from tui.screen.lines_view import LinesView
+from tui.screen.session.diagnosis import Diagnoses
+from tui.screen.session.drop_fits import DropFits
+from tui.screen.session.drop_state import DropState
+from tui.screen.session.runner import SessionRunner
+from tui.screen.session.sources import SessionSource
+from tui.screen.session.state import SessionState
+from tui.screen.session.stations import ReceiverStatus
+from tui.screen.session.status import StatusWord
+from tui.screen.session.survey_edits import SurveyEdits
+from tui.screen.settings import ScreenSettings
+from tui.screen.themes import ScreenTheme
+from tui.screen.units import Units
 
-LEAST_WIDTH, LEAST_HEIGHT = 40, 10
-"""Below this nothing useful fits."""
+MIN_WIDTH, MIN_HEIGHT = 40, 10
+"""Smallest terminal on which a page is useful, columns and rows."""
+
+
+class Host(Protocol):
+    """Interface of the application for the pages."""
+
+    state: SessionState
+    source: SessionSource
+    settings: ScreenSettings
+    glyphs: Glyphs
+    diagnoses: Diagnoses
+    edits: SurveyEdits
+    fits: DropFits
+    runner: SessionRunner
+    selected_drop: tuple[str, int] | None
+
+    @property
+    def screen_theme(self) -> ScreenTheme:
+        """Colours of the theme."""
+
+    @property
+    def units(self) -> Units:
+        """Units on the screen."""
+
+    @property
+    def message(self) -> str:
+        """Last message; empty after some seconds."""
+
+    def clock(self) -> str:
+        """Return the time of day."""
+
+    def word(self) -> StatusWord:
+        """Return the status of the measurement."""
+
+    def position(self) -> ReceiverStatus | None:
+        """Return the position of the receiver as text; None: there is no receiver."""
+
+    def coordinates(self) -> tuple[float, float] | None:
+        """Return the present latitude and longitude, degrees; None: not known."""
+
+    def pace_text(self) -> str:
+        """Return the speed of a replay in words."""
+
+    def busy_text(self) -> str:
+        """Return the work under way besides measuring; empty: none."""
+
+    def restart(self, plan: SessionPlan, url: str) -> None:
+        """Measure with another plan or instrument."""
+
+    def show_message(self, text: str) -> None:
+        """Show a line to the operator for some seconds."""
+
+    def change(self, **values: Any) -> None:
+        """Change settings and store them."""
+
+    def action_page(self, name: str) -> None:
+        """Go to a page."""
+
+    def open_drop(self, drop: DropState | None, *, refit: bool = False) -> None:
+        """Open the page of a drop."""
 
 
 class Page(Screen[None]):
-    """A screen made of lines."""
+    """Page made of lines of text."""
 
     NAME: ClassVar[str] = ""
     HELP: ClassVar[str] = ""
-    """What this page is for, in a few sentences."""
+    """Purpose of the page in a few sentences, for the help."""
     KEYS: ClassVar[Sequence[tuple[str, str]]] = ()
-    """Keys and what they do, most important first, for the last line and for the help."""
+    """Keys and their effect, most important first, for the last line of the page."""
 
     def compose(self) -> ComposeResult:
-        """The lines."""
+        """Yield the view of the lines."""
         yield LinesView(id="lines")
 
     @property
     def pfwd(self) -> Host:
-        """The application."""
+        """Application of the page."""
         return cast(Host, self.app)
 
     @property
     def view(self) -> LinesView:
-        """The widget with the lines."""
+        """Widget with the lines."""
         return self.query_one("#lines", LinesView)
 
     def lines(self, width: int, height: int) -> Sequence[Line]:
-        """What is shown now."""
+        """Return the lines of the page for a size of the terminal."""
         raise NotImplementedError
 
     def draw(self) -> None:
-        """Show what is to be shown now; nothing before the page is made."""
+        """Draw the page, once it is mounted."""
         if not self.query("#lines"):
             return
         size = self.view.size
         if size.width and size.height:
-            self.view.show(self.lines(size.width, size.height), self.pfwd.look, self.pfwd.glyphs)
+            self.view.show(
+                self.lines(size.width, size.height), self.pfwd.screen_theme, self.pfwd.glyphs
+            )
 
     def on_screen_resume(self) -> None:
-        """Back on top."""
+        """Draw the page when it is on top again."""
         self.call_after_refresh(self.draw)
 
     def on_resize(self) -> None:
-        """Another size."""
+        """Draw the page for another size."""
         self.call_after_refresh(self.draw)

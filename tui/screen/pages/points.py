@@ -1,4 +1,4 @@
-"""The points page: every point of the survey, the line they make, the drops of one."""
+"""Points page: every point of the survey, their profile, and the drops of one point."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -23,6 +23,7 @@ from tui.screen.drawing.lines import (
     window,
 )
 from tui.screen.drawing.profile import Bar, profile_lines
+from tui.screen.lines_view import LinesView
 from tui.screen.pages.dialogs import TextDialog
 from tui.screen.pages.drop_texts import (
     QUANTITY_NAMES,
@@ -38,9 +39,8 @@ from tui.screen.pages.setup_form import typed_target_fault
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.stations import point_name_error, point_name_question
 from tui.screen.units import NO_VALUE, Units, judged_quantity
-from tui.screen.widgets.lines_view import LinesView
 
-_COLUMNS = (
+_POINT_COLUMNS = (
     TableColumn("point", 0, is_text=True, is_flexible=True),
     TableColumn("drops", 2),
     TableColumn("judged", 0),
@@ -52,22 +52,22 @@ _COLUMNS = (
     TableColumn("notes", 6, is_flexible=True),
 )
 
-LEAST_PROFILE, MOST_PROFILE = 18, 30
-"""Rows of the profile: with fewer it is read badly, more show nothing new."""
+MIN_PROFILE_ROWS, MAX_PROFILE_ROWS = 18, 30
+"""Rows of the profile: fewer are hard to read, more show nothing new."""
 
-LEAST_DROPS = 6
-"""Rows below the points from which on the drops of the chosen one are shown there."""
+MIN_DROPS_ROWS = 6
+"""Smallest number of free rows below the points for the drops of the chosen point."""
 
 
 class PointsPage(Page):
-    """All points; enter opens one, then one of its drops."""
+    """Page of all points; enter opens a point, then one of its drops."""
 
     NAME = "points"
     HELP = (
-        "Every point of the survey with what its procedure judges, and the profile along the "
-        "line in the order of measuring. Enter goes into a point, then into a drop. What is said "
-        "here (name, position, target, note, discarding) is added to the survey; nothing recorded "
-        "is changed."
+        "Every point of the survey with its judged value and verdict, and the profile of the line "
+        "in the order of measuring. Enter opens a point, then a drop. Changes made here (name, "
+        "position, target, note, discarded or moved drops) are added to the survey; recorded data "
+        "stay as they are, and u takes a change of a drop back."
     )
     KEYS: ClassVar[Sequence[tuple[str, str]]] = (
         ("up/down", "choose"),
@@ -103,18 +103,18 @@ class PointsPage(Page):
     def __init__(self) -> None:
         super().__init__()
         self.point = ""
-        """The chosen one; empty: the one that is measured."""
+        """Name of the chosen point; empty: the point that is being measured."""
         self.drop: int | None = None
-        """The chosen drop; None: the points are shown."""
+        """Number of the chosen drop; None: the points are shown."""
 
     @property
     def names(self) -> list[str]:
-        """Of the points, in their order."""
+        """Names of the points, in their order."""
         return list(self.pfwd.state.points)
 
     @property
     def chosen(self) -> PointView:
-        """The chosen point."""
+        """Chosen point."""
         state = self.pfwd.state
         return state.points.get(self.point) or state.current
 
@@ -124,14 +124,13 @@ class PointsPage(Page):
         return self.pfwd.state.drops_of(self.chosen)
 
     def lines(self, width: int, height: int) -> Sequence[Line]:
-        """The page."""
+        """Return the lines of the page."""
         body = self._points if self.drop is None else self._drops
         title = line(cell(f" Points of {shorten(self.pfwd.source.title, width - 30)} ", "title"))
-        where = self.pfwd.position()
-        shown = (
-            [] if where is None else [cell(f"  {where.text}", "good" if where.is_good else "warn")]
-        )
-        head = head_with_message(line(*title, *shown), self.pfwd.message, width)
+        receiver = self.pfwd.position()
+        if receiver is not None:
+            title = (*title, cell(f"  {receiver.text}", "good" if receiver.is_good else "warn"))
+        head = head_with_message(title, self.pfwd.message, width)
         room = height - len(head) - 1
         return [*head, *pad_rows(body(width, room), room), key_line(self.KEYS, width)]
 
@@ -140,14 +139,14 @@ class PointsPage(Page):
         if not names:
             return [(), line(cell(" no point yet", "dim"))]
         spare = room - len(names) - 3
-        drops = self._drops_below(width, spare - LEAST_PROFILE)
-        most = min(MOST_PROFILE, spare - len(drops))
-        profile_rows = max(room // 3, most) if room >= 16 else 0
+        drops = self._drops_below(width, spare - MIN_PROFILE_ROWS)
+        free_rows = min(MAX_PROFILE_ROWS, spare - len(drops))
+        profile_rows = max(room // 3, free_rows) if room >= 16 else 0
         chosen = names.index(self.chosen.name) if self.chosen.name in names else 0
-        shown = window(len(names), chosen, max(1, room - profile_rows - 2))
+        visible = window(len(names), chosen, max(1, room - profile_rows - 2))
         rows = [
             self._row(app.state.points[names[place]], app.units, chosen=place == chosen)
-            for place in shown
+            for place in visible
         ]
         job = app.state.job
         quantity = judged_quantity(job.quantity)
@@ -160,47 +159,41 @@ class PointsPage(Page):
         }
         columns = [
             dataclasses.replace(column, title=named.get(column.title, column.title))
-            for column in _COLUMNS
+            for column in _POINT_COLUMNS
         ]
         table = table_lines(columns, rows, width)
         bars = [self._bar(app.state.points[name], name == names[chosen]) for name in names]
         target = app.units.value(quantity, app.state.progress.target)
         title = f"{judged} along the line, {unit}"
-        whole = not app.glyphs.has_dots
-        profile = profile_lines(bars, width, profile_rows, title, target, full_blocks_only=whole)
+        is_ascii = not app.glyphs.has_dots
+        profile = profile_lines(bars, width, profile_rows, title, target, full_blocks_only=is_ascii)
         return [*pad_rows([*table, *drops], room - profile_rows - 1), (), *profile]
 
     def _drops_below(self, width: int, room: int) -> list[Line]:
-        """The drops of the chosen point below the points, as many as there is room for."""
+        """Return the last drops of the chosen point, as many as fit below the points."""
         point = self.chosen
         drops = self.drops
         numbers = sorted(drops)
-        shown = numbers[-max(0, room - 3) :]
-        if room < LEAST_DROPS or not shown:
+        if room < MIN_DROPS_ROWS or not numbers:
             return []
         state, units = self.pfwd.state, self.pfwd.units
         rows = [
-            drop_row(
-                drops[number],
-                units,
-                chosen=False,
-                left_out=state.exclusion_reason(drops[number]),
-            )
-            for number in shown
+            drop_row(state, drops[number], units, chosen=False)
+            for number in numbers[-max(0, room - 3) :]
         ]
         heading = line(" ", *point_summary(state, point, units, width - 1))
-        return [(), heading, *table_lines(drop_columns(units), rows, width)]
+        return [(), heading, *table_lines(drop_columns(state.job.quantity, units), rows, width)]
 
     def _row(self, point: PointView, units: Units, *, chosen: bool) -> TableRow:
         state = self.pfwd.state
         place = point.position
         progress = point.progress
-        shown, error, _ = point_value_text(progress, units)
+        value, error, _ = point_value_text(progress, units)
         return TableRow(
             (
                 cell(point.shown_name).text,
                 str(len(state.drops_of(point))),
-                shown,
+                value,
                 f"±{error}" if error else NO_VALUE,
                 point_modulus_text(progress, units),
                 units.text(judged_quantity(state.job.quantity), progress.target),
@@ -214,24 +207,27 @@ class PointsPage(Page):
 
     def _bar(self, point: PointView, chosen: bool) -> Bar:
         state = self.pfwd.state
-        found = None if point.discarded else point.progress.value
+        judged = None if point.discarded else point.progress.value
         quantity = judged_quantity(state.job.quantity)
-        shown = self.pfwd.units.value(quantity, None if found is None else found.value)
-        return Bar(cell(point.shown_name).text, shown, "measured", chosen)
+        value = self.pfwd.units.value(quantity, None if judged is None else judged.value)
+        return Bar(cell(point.shown_name).text, value, "measured", chosen)
 
     def _drops(self, width: int, room: int) -> list[Line]:
         app, point = self.pfwd, self.chosen
         drops = self.drops
         numbers = sorted(drops)
         place = numbers.index(self.drop) if self.drop in numbers else 0
-        shown = window(len(numbers), place, max(1, room - 5))
-        rows = [drop_row(drops[numbers[at]], app.units, chosen=at == place) for at in shown]
+        rows = [
+            drop_row(app.state, drops[numbers[at]], app.units, chosen=at == place)
+            for at in window(len(numbers), place, max(1, room - 5))
+        ]
+        columns = drop_columns(app.state.job.quantity, app.units)
         heading = line(cell(f" point {point.shown_name}", "strong"))
         summary = line(" ", *point_summary(app.state, point, app.units, width - 1))
-        return [(), heading, summary, (), *table_lines(drop_columns(app.units), rows, width)]
+        return [(), heading, summary, (), *table_lines(columns, rows, width)]
 
     def action_choose(self, step: int) -> None:
-        """Up or down."""
+        """Choose another point or drop."""
         if self.drop is None:
             names = self.names
             if names:
@@ -245,7 +241,7 @@ class PointsPage(Page):
         self.draw()
 
     def action_open(self) -> None:
-        """Into the point, then into the drop."""
+        """Open the chosen point, then the chosen drop."""
         point = self.chosen
         if self.drop is None:
             self.point = point.name
@@ -257,7 +253,7 @@ class PointsPage(Page):
         self.pfwd.open_drop(self.drops.get(self.drop))
 
     def action_back(self) -> None:
-        """Out of the point, then to the measure page."""
+        """Go back to the points, then to the measure page."""
         if self.drop is not None:
             self.drop = None
             self.draw()
@@ -265,17 +261,17 @@ class PointsPage(Page):
             self.pfwd.action_page("measure")
 
     def action_discard(self) -> None:
-        """The drop, or the point."""
+        """Discard or restore the chosen drop, or the point."""
         point = self.chosen
         if self.drop is not None:
             self.pfwd.edits.discard(self.drops.get(self.drop))
             return
-        what = "restore" if point.discarded else "discard"
-        if self.pfwd.edits.add(Edit(what, None), point=point.name):
-            self.pfwd.show_message(f"point {point.shown_name}: {what}; d again takes it back")
+        kind = "restore" if point.discarded else "discard"
+        if self.pfwd.edits.add(Edit(kind, None), point=point.name):
+            self.pfwd.show_message(f"point {point.shown_name}: {kind}; d again takes it back")
 
     def action_target(self) -> None:
-        """What the point has to reach."""
+        """Open the dialog for the target of the point."""
         units, procedure = self.pfwd.units, self.pfwd.state.procedure
         quantity = judged_quantity(procedure.quantity)
         unit = units.unit(quantity)
@@ -294,7 +290,7 @@ class PointsPage(Page):
         )
 
     def action_position(self) -> None:
-        """Where the point is."""
+        """Open the dialog for the position of the point."""
         place = self.chosen.position
         self._ask(
             f"Position of point {self.chosen.shown_name}: latitude, longitude in degrees",
@@ -304,7 +300,7 @@ class PointsPage(Page):
         )
 
     def action_name(self) -> None:
-        """Another name."""
+        """Open the dialog for the name of the point."""
         self._ask(
             f"Name of point {self.chosen.shown_name}",
             self.chosen.shown_name,
@@ -313,7 +309,7 @@ class PointsPage(Page):
         )
 
     def action_move(self) -> None:
-        """The drop belongs to another point."""
+        """Open the dialog that moves the chosen drop to another point."""
         drop = None if self.drop is None else self.drops.get(self.drop)
         if drop is None:
             self.pfwd.show_message("enter goes into the point; there w moves the chosen drop")
@@ -332,9 +328,9 @@ class PointsPage(Page):
         self.app.push_screen(dialog, take)
 
     def action_note(self) -> None:
-        """A note on the drop or the point."""
+        """Open the dialog for a note on the drop or the point."""
         drop = None if self.drop is None else self.drops.get(self.drop)
-        what = f"drop {drop.number}" if drop else f"point {self.chosen.shown_name}"
+        subject = f"drop {drop.number}" if drop else f"point {self.chosen.shown_name}"
         check = "1 to 500 characters"
 
         def take(text: str | None) -> None:
@@ -347,7 +343,7 @@ class PointsPage(Page):
                 self.pfwd.edits.add(edit, point=self.chosen.name)
 
         dialog = TextDialog(
-            f"Note on {what}", check=lambda text: "" if 0 < len(text.strip()) <= 500 else check
+            f"Note on {subject}", check=lambda text: "" if 0 < len(text.strip()) <= 500 else check
         )
         self.app.push_screen(dialog, take)
 
@@ -367,7 +363,7 @@ class PointsPage(Page):
         self.app.push_screen(TextDialog(title, value, check=check), take)
 
     def on_lines_view_clicked(self, event: LinesView.Clicked) -> None:
-        """A click on a row chooses it."""
+        """Choose the row that was clicked."""
         row = self.view.text.split("\n")[event.row].replace("▶", " ").strip()
         if self.drop is None:
             for name in self.names:
@@ -379,12 +375,12 @@ class PointsPage(Page):
 
 
 def status_of(point: PointView, progress: PointProgress) -> str:
-    """How a point stands, in a word or two."""
+    """Return the state of a point in a word or two."""
     if point.discarded:
         return "DISCARDED"
     if not progress.complete:
-        whole = progress.measured_wanted
-        return f"{progress.measured_done}" + (f" of {whole}" if whole is not None else "")
+        total = progress.measured_wanted
+        return f"{progress.measured_done}" + (f" of {total}" if total is not None else "")
     return "done" if progress.verdict is Verdict.NONE else progress.verdict.value.upper()
 
 

@@ -1,4 +1,4 @@
-"""The setup page: port, plate, procedure, target, operator, units, theme; checked as typed."""
+"""Setup page: port, plate, procedure, target, operator, units, theme; checked as typed."""
 
 import contextlib
 from collections.abc import Sequence
@@ -16,6 +16,7 @@ from pfwd.procedures import PLAIN, Procedure, shipped_names
 from pfwd.session.events import Notice
 from tui.output import clean, counted
 from tui.screen.drawing.lines import Line, cell, line
+from tui.screen.lines_view import LinesView
 from tui.screen.pages.dialogs import Question
 from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
@@ -26,15 +27,14 @@ from tui.screen.pages.setup_form import (
     Field,
     chosen_procedure,
     error_of,
+    form_text,
+    job_request,
     plan_with,
-    said_of_job,
-    shown_value,
     unit_of,
     value_of,
 )
-from tui.screen.widgets.lines_view import LinesView
 
-_SCREEN: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
+_SCREEN_SETTINGS: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
     "units": ("units", (("SI (MPa, kN, µm)", "si"), ("US customary (ksi, lbf, mil)", "us"))),
     "theme": ("theme", (("dark", "dark"), ("daylight, high contrast", "daylight"))),
     "large": ("type", (("normal", "no"), ("large", "yes"))),
@@ -44,24 +44,25 @@ _NO_PORT = ""
 
 
 class SetupPage(Page):
-    """What is declared before a measurement."""
+    """Page with the form of the setup."""
 
     NAME = "setup"
     HELP = (
-        "What is declared of port, plate, ground and procedure; it wins over what the instrument "
-        "says. Everything is checked as it is typed. ctrl+s takes it: the session ends when the "
-        "drop in hand is safe and begins anew with the same point. Units, theme, type and bell "
-        "change at once and are kept for next time. ctrl+p looks for commands, ctrl+f for ports."
+        "Port, plate, ground and procedure of the measurement; an entry here overrides the value "
+        "of the instrument. Every entry is checked as it is typed. ctrl+s puts the setup in force: "
+        "the session ends when the current drop is safe and starts again at the same point. Units, "
+        "theme, type and bell change at once and are stored for next time. ctrl+f lists the ports, "
+        "ctrl+p lists commands."
     )
     KEYS: ClassVar[Sequence[tuple[str, str]]] = (
-        ("ctrl+s", "take it"),
+        ("ctrl+s", "put in force"),
         ("tab", "next field"),
         ("ctrl+f", "find ports"),
         ("escape", "back"),
         ("f1", "help"),
     )
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("ctrl+s", "take", "Take this setup", priority=True),
+        Binding("ctrl+s", "take", "Put this setup in force", priority=True),
         Binding("ctrl+f", "find", "Find ports with an instrument", priority=True),
         Binding("escape", "back", "Back"),
     ]
@@ -72,11 +73,11 @@ class SetupPage(Page):
 
     @property
     def unsaved(self) -> str:
-        """What would be lost by leaving; empty: nothing."""
-        return "The setup was changed and not taken. Leave?" if self._changed() else ""
+        """Question before leaving would lose changes; empty: there are none."""
+        return "The changes of the setup are not in force yet. Leave?" if self._changed() else ""
 
     def compose(self) -> ComposeResult:
-        """A field a line."""
+        """Yield a line for each field."""
         yield LinesView(id="lines")
         with VerticalScroll(id="form"):
             for field in FIELDS:
@@ -109,7 +110,7 @@ class SetupPage(Page):
                             compact=True,
                             id="procedure",
                         )
-            for name, (title, choices) in _SCREEN.items():
+            for name, (title, choices) in _SCREEN_SETTINGS.items():
                 with Horizontal(classes="field"):
                     yield Label(title, classes="field-name")
                     yield Select(
@@ -119,7 +120,7 @@ class SetupPage(Page):
                         compact=True,
                         id=name,
                     )
-            yield Button("Take it (ctrl+s)", id="take", compact=True)
+            yield Button("Put in force (ctrl+s)", id="take", compact=True)
         yield Label("", id="remark")
         yield LinesView(id="keys")
 
@@ -131,7 +132,7 @@ class SetupPage(Page):
         return self.pfwd.state.procedure.name
 
     def _judging(self) -> Procedure:
-        """The procedure that is chosen in the form."""
+        """Return the procedure chosen in the form."""
         if not self.query("#procedure"):
             return self.pfwd.state.procedure
         name = str(self.query_one("#procedure", Select).value)
@@ -142,16 +143,16 @@ class SetupPage(Page):
         return f"{field.title}, {unit}" if unit else field.title
 
     def _hint(self, field: Field) -> str:
-        """What an empty field means."""
-        kept = len(self.pfwd.state.job.stations) if field.kind == "file" else 0
-        return f"empty: the {counted(kept, 'station')} of the survey" if kept else field.hint
+        """Return the meaning of an empty field."""
+        count = len(self.pfwd.state.job.stations) if field.kind == "file" else 0
+        return f"empty: the {counted(count, 'station')} of the survey" if count else field.hint
 
     def _setting(self, name: str) -> str:
         value = getattr(self.pfwd.settings, name)
         return value if isinstance(value, str) else "yes" if value else "no"
 
     def _fixed(self, field: Field) -> bool:
-        """A recording has its setup; a simulated instrument its port."""
+        """Return True for fields that a recording or a simulated instrument determines."""
         source = self.pfwd.source
         if field.name == "url":
             return not source.url or source.title == "demo"
@@ -163,45 +164,45 @@ class SetupPage(Page):
             return app.source.url
         job, procedure = app.state.job, app.state.procedure
         declared = app.source.plan.setup.declared
-        known = {
+        in_force = {
             "measured": procedure.measured_drops,
             "seating_drops": procedure.seating_drops,
             "target": job.target,
             "step_m": job.step_m,
             "operator": job.operator,
         }
-        value = known.get(field.name)
+        value = in_force.get(field.name)
         if value is None:
             value = declared.get(field.name)
-        return shown_value(field, value, app.units, procedure)
+        return form_text(field, value, app.units, procedure)
 
     def _changed(self) -> bool:
-        other = self.query_one("#procedure", Select).value != self._procedure()
-        return other or any(
+        new_procedure = self.query_one("#procedure", Select).value != self._procedure()
+        return new_procedure or any(
             self.query_one(f"#{field.name}", Input).value != clean(self._now(field))
             for field in FIELDS
         )
 
     def lines(self, width: int, height: int) -> Sequence[Line]:
-        """The title."""
+        """Return the title with the plate in force."""
         state = self.pfwd.state
         setup = state.setup
-        said = ""
+        plate = ""
         if setup is not None:
             units = self.pfwd.units
             radius = units.with_unit("length", setup.plate_radius)
             mass = units.with_unit("mass", setup.plate_mass)
-            said = f"  now: plate radius {radius}, mass {mass}"
-        return [line(cell(" Setup ", "title"), cell(said, "dim"))]
+            plate = f"  now: plate radius {radius}, mass {mass}"
+        return [line(cell(" Setup ", "title"), cell(plate, "dim"))]
 
     def draw(self) -> None:
-        """Title and keys; the form keeps itself."""
+        """Draw the title and the keys; the form draws itself."""
         app = self.pfwd
         if not self.query("#keys"):
             return
-        self.view.show(self.lines(self.size.width, 1), app.look, app.glyphs)
+        self.view.show(self.lines(self.size.width, 1), app.screen_theme, app.glyphs)
         keys = self.query_one("#keys", LinesView)
-        keys.show([key_line(self.KEYS, self.size.width)], app.look, app.glyphs)
+        keys.show([key_line(self.KEYS, self.size.width)], app.screen_theme, app.glyphs)
         if app.message:
             self._say(app.message)
 
@@ -209,14 +210,14 @@ class SetupPage(Page):
         self.query_one("#remark", Label).update(Content(clean(text)))
 
     def on_mount(self) -> None:
-        """Begin at the first field that can be changed."""
+        """Focus the first field that can be changed."""
         for field in self.query(Input):
             if not field.disabled:
                 field.focus()
                 break
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Check what is typed."""
+        """Check a field while it is typed."""
         field = FIELDS_BY_NAME.get(event.input.id or "")
         if field is None:
             return
@@ -227,15 +228,15 @@ class SetupPage(Page):
         self._say(f"{field.title}: {fault}" if fault else " ".join(remarks) or field.hint)
 
     def on_input_submitted(self) -> None:
-        """Enter goes to the next field."""
+        """Go to the next field."""
         self.focus_next()
 
     def on_button_pressed(self) -> None:
-        """Take it."""
+        """Put the setup in force."""
         self.action_take()
 
     def on_select_changed(self, event: Select.Changed) -> None:
-        """Settings of the screen hold at once; a port goes into its field."""
+        """Apply a setting of the screen at once; copy a chosen port into its field."""
         name = event.select.id or ""
         if name == "found":
             if event.value != _NO_PORT:
@@ -245,7 +246,7 @@ class SetupPage(Page):
             target = FIELDS_BY_NAME["target"]
             self.query_one("#title-target", Label).update(Content(self._title(target)))
             return
-        if name not in _SCREEN or event.value == self._setting(name):
+        if name not in _SCREEN_SETTINGS or event.value == self._setting(name):
             return
         value: Any = str(event.value)
         self.pfwd.change(**{name: value == "yes" if name in ("large", "bell") else value})
@@ -253,7 +254,7 @@ class SetupPage(Page):
             self.call_later(self._new_units)
 
     def _new_units(self) -> None:
-        """Show all numbers in the new units; what was typed and not taken goes back."""
+        """Show all numbers in the new units; entries that are not in force are reset."""
         for field in FIELDS:
             if field.quantity is None and field.kind != "target":
                 continue
@@ -261,7 +262,7 @@ class SetupPage(Page):
             self.query_one(f"#{field.name}", Input).value = clean(self._now(field))
 
     def action_find(self) -> None:
-        """Look which ports have an instrument."""
+        """List the ports and the instruments on them."""
         self._say("looking at all ports ...")
         self.run_worker(self._find, thread=True, group="ports", exit_on_error=False)
 
@@ -274,28 +275,28 @@ class SetupPage(Page):
         except (DeviceError, OSError) as err:
             self.app.call_from_thread(self._say, f"the ports could not be listed: {err}")
             return
-        found = []
+        entries = []
         for port, probe in zip(ports, probes, strict=True):
             if probe.identity is not None:
-                what = f"{probe.identity.model} {probe.identity.serial_number}"
+                text = f"{probe.identity.model} {probe.identity.serial_number}"
             else:
-                what = probe.reason.removeprefix(f"{port.url}: ") or "no answer"
-            found.append((f"{port.url}  {what}", port.url, probe.identity is not None))
+                text = probe.reason.removeprefix(f"{port.url}: ") or "no answer"
+            entries.append((f"{port.url}  {text}", port.url, probe.identity is not None))
         with contextlib.suppress(RuntimeError):  # the page is closed
-            self.app.call_from_thread(self._found, found)
+            self.app.call_from_thread(self._show_ports, entries)
 
-    def _found(self, ports: list[tuple[str, str, bool]]) -> None:
+    def _show_ports(self, ports: list[tuple[str, str, bool]]) -> None:
         if not self.is_mounted:
             return
         ordered = sorted(ports, key=lambda port: not port[2])
         options = [(Content(clean(text)), url) for text, url, _ in ordered]
-        none = [(Content("none" if not options else "choose one"), _NO_PORT)]
-        self.query_one("#found", Select).set_options([*none, *options])
+        first = (Content("none" if not options else "choose one"), _NO_PORT)
+        self.query_one("#found", Select).set_options([first, *options])
         count = sum(port[2] for port in ports)
         self._say(f"{len(ports)} ports, {count} with an instrument")
 
     def action_take(self) -> None:
-        """Take the setup when everything is right."""
+        """Put the setup in force if every field is right."""
         app = self.pfwd
         values: dict[str, Any] = {}
         remarks: list[str] = []
@@ -321,13 +322,13 @@ class SetupPage(Page):
         if app.source.pace is None and (not same or url != app.source.url):
             app.restart(plan, url)
         else:
-            app.edits.change_job(said_of_job(values).news(job))
+            app.edits.change_job(job_request(values).news(job))
         for text in remarks:
             app.runner.put(Notice(text, serious=True))
         app.action_page("measure")
 
     def action_back(self) -> None:
-        """To the measure page; asks when something was typed."""
+        """Go back to the measure page; with unsaved changes after a question."""
         if not self.unsaved:
             self.pfwd.action_page("measure")
             return

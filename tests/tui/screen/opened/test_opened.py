@@ -28,11 +28,10 @@ from tui.cli import main
 from tui.page.server import SurveyServer, is_here, parse_place
 from tui.screen.drawing.glyphs import BRAILLE
 from tui.screen.drawing.lines import text_of
-from tui.screen.opened.app import PAGE, OpenApp, Plot
-from tui.screen.opened.keys import KeysLine
+from tui.screen.opened.app import TABLE_PAGE_ROWS, OpenApp, Plot
 from tui.screen.opened.plots import map_lines, profile_figure
 from tui.screen.opened.rows import OpenedSurvey, PointRow, in_order, matching, pages, shares
-from tui.screen.opened.table import PlainTable
+from tui.screen.opened.widgets import KeysLine, PlainTable
 
 MODULI = {"0+000": 60e6, "0+020": 40e6, "0+100": 50.2e6, "10": 55e6, "9": 41e6}
 
@@ -277,7 +276,7 @@ def test_a_report_and_an_export_by_a_key(survey: Path, tmp_path: Path) -> None:
 
 
 def test_a_page_of_the_table_is_more_than_a_terminal_shows() -> None:
-    assert 40 < PAGE <= 100
+    assert 40 < TABLE_PAGE_ROWS <= 100
 
 
 # For a browser.

@@ -1,6 +1,6 @@
-"""How the roles of text look: a dark theme, and a daylight one of highest contrast.
+"""Colours for the roles of text: a dark theme, and a daylight theme of highest contrast.
 
-Colour only repeats what words, forms and places say already.
+Colour repeats what words, shapes and positions show already.
 """
 
 from collections.abc import Mapping
@@ -13,8 +13,8 @@ from tui.screen.drawing.lines import TextRole
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """A theme."""
+class ScreenTheme:
+    """Colours of the screen, for the roles of lines and for the widgets of the toolkit."""
 
     name: str
     title: str
@@ -23,13 +23,15 @@ class Look:
     theme: Theme
 
 
-def _look(name: str, title: str, back: str, colours: Mapping[TextRole, str], theme: Theme) -> Look:
-    ground = Style.parse(f"{colours['text']} on {back}")
-    styles = {role: ground + Style.parse(text) for role, text in colours.items()}
-    return Look(name, title, back, styles, theme)
+def _theme(
+    name: str, title: str, background: str, colours: Mapping[TextRole, str], theme: Theme
+) -> ScreenTheme:
+    base = Style.parse(f"{colours['text']} on {background}")
+    styles = {role: base + Style.parse(text) for role, text in colours.items()}
+    return ScreenTheme(name, title, background, styles, theme)
 
 
-DARK = _look(
+DARK = _theme(
     "pfwd-dark",
     "dark",
     "#101418",
@@ -68,7 +70,7 @@ DARK = _look(
     ),
 )
 
-DAYLIGHT = _look(
+DAYLIGHT = _theme(
     "pfwd-daylight",
     "daylight",
     "#ffffff",
@@ -107,4 +109,4 @@ DAYLIGHT = _look(
     ),
 )
 
-LOOKS: Mapping[str, Look] = {"dark": DARK, "daylight": DAYLIGHT}
+THEMES: Mapping[str, ScreenTheme] = {"dark": DARK, "daylight": DAYLIGHT}

@@ -1,4 +1,4 @@
-"""A widget that shows lines of cells, and redraws only those that have changed."""
+"""Widget for lines of cells that redraws changed lines only."""
 
 from collections.abc import Sequence
 
@@ -10,11 +10,11 @@ from textual.widget import Widget
 
 from tui.screen.drawing.glyphs import BRAILLE, Glyphs
 from tui.screen.drawing.lines import Line
-from tui.screen.looks import DARK, Look
+from tui.screen.themes import DARK, ScreenTheme
 
 
 class LinesView(Widget, can_focus=True):
-    """Shows what it is given; no text in it is ever read as mark-up."""
+    """Lines of cells; their text is never interpreted as mark-up."""
 
     DEFAULT_CSS = "LinesView { width: 1fr; height: 1fr; }"
 
@@ -28,21 +28,21 @@ class LinesView(Widget, can_focus=True):
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
-        self._shown: list[Line] = []
-        self._look: Look = DARK
+        self._lines: list[Line] = []
+        self._theme: ScreenTheme = DARK
         self._glyphs: Glyphs = BRAILLE
 
-    def show(self, lines: Sequence[Line], look: Look, glyphs: Glyphs) -> int:
-        """Show lines; how many of them have changed."""
+    def show(self, lines: Sequence[Line], theme: ScreenTheme, glyphs: Glyphs) -> int:
+        """Show lines; return the number of changed lines."""
         new = list(lines)
-        if look is not self._look or glyphs != self._glyphs or len(new) != len(self._shown):
-            self._look, self._glyphs, self._shown = look, glyphs, new
+        if theme is not self._theme or glyphs != self._glyphs or len(new) != len(self._lines):
+            self._theme, self._glyphs, self._lines = theme, glyphs, new
             self.refresh()
             return len(new)
         changed = [
-            row for row, pair in enumerate(zip(self._shown, new, strict=True)) if pair[0] != pair[1]
+            row for row, pair in enumerate(zip(self._lines, new, strict=True)) if pair[0] != pair[1]
         ]
-        self._shown = new
+        self._lines = new
         if changed:
             width = self.size.width
             self.refresh(*[Region(0, row, width, 1) for row in changed])
@@ -50,20 +50,20 @@ class LinesView(Widget, can_focus=True):
 
     @property
     def text(self) -> str:
-        """What is shown, as plain text."""
-        return "\n".join("".join(piece.text for piece in row).rstrip() for row in self._shown)
+        """Lines on the screen as plain text."""
+        return "\n".join("".join(piece.text for piece in row).rstrip() for row in self._lines)
 
     def render_line(self, y: int) -> Strip:
-        """One line for the terminal."""
+        """Return a line for the terminal."""
         width = self.size.width
-        styles = self._look.styles
-        cells = self._shown[y] if y < len(self._shown) else ()
+        styles = self._theme.styles
+        cells = self._lines[y] if y < len(self._lines) else ()
         segments = [
             Segment(self._glyphs.to_terminal(part.text), styles[part.role]) for part in cells
         ]
         return Strip(segments).adjust_cell_length(width, styles["text"])
 
     def on_click(self, event: object) -> None:
-        """Tell the page where."""
+        """Report the position of a click to the page."""
         row, column = getattr(event, "y", 0), getattr(event, "x", 0)
         self.post_message(self.Clicked(row, column))
