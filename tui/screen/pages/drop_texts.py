@@ -182,7 +182,7 @@ MAX_FIT_RESIDUAL = 0.05
 Drops on ground stay below a few percent (docs/validation.md)."""
 
 
-_DROP_COLUMNS = (
+_DROP_TABLE_COLUMNS = (
     TableColumn("drop", 0),
     TableColumn("kind", 2, is_text=True),
     TableColumn("load", 3),
@@ -207,13 +207,13 @@ def drop_columns(quantity: Quantity, units: Units) -> tuple[TableColumn, ...]:
     }
     return tuple(
         dataclasses.replace(column, title=titles.get(column.title, column.title))
-        for column in _DROP_COLUMNS
+        for column in _DROP_TABLE_COLUMNS
         if column.title not in _hidden_columns(quantity)
     )
 
 
 def _hidden_columns(quantity: Quantity) -> tuple[str, ...]:
-    """Return the titles of `_DROP_COLUMNS` that would repeat another one, or are not judged."""
+    """Return the titles of columns that would repeat another one or have no value."""
     if quantity is Quantity.MODULUS:
         return ("judged",)
     return ("± 95 %", "judged") if quantity is Quantity.DEFLECTION else ("± 95 %",)
@@ -246,7 +246,7 @@ def drop_row(state: SessionState, drop: DropState, units: Units, *, chosen: bool
     return TableRow(
         tuple(
             text
-            for column, text in zip(_DROP_COLUMNS, texts, strict=True)
+            for column, text in zip(_DROP_TABLE_COLUMNS, texts, strict=True)
             if column.title not in hidden
         ),
         role,

@@ -40,7 +40,7 @@ from tui.screen.session.drop_state import DropState
 from tui.screen.session.stations import point_name_error, point_name_question
 from tui.screen.units import NO_VALUE, Units, judged_quantity
 
-_POINT_COLUMNS = (
+_POINT_TABLE_COLUMNS = (
     TableColumn("point", 0, is_text=True, is_flexible=True),
     TableColumn("drops", 2),
     TableColumn("judged", 0),
@@ -159,7 +159,7 @@ class PointsPage(Page):
         }
         columns = [
             dataclasses.replace(column, title=named.get(column.title, column.title))
-            for column in _POINT_COLUMNS
+            for column in _POINT_TABLE_COLUMNS
         ]
         table = table_lines(columns, rows, width)
         bars = [self._bar(app.state.points[name], name == names[chosen]) for name in names]

@@ -154,7 +154,9 @@ def value_of(
         except TraceError as err:
             rule = HEADER_KEYS[field.name]
             unit = units.unit(field.quantity) if field.quantity else ""
-            raise ValueError(f"expected {rule.value.expected.split(', in')[0]} {unit}".strip()) from err
+            raise ValueError(
+                f"expected {rule.value.expected.split(', in')[0]} {unit}".strip()
+            ) from err
     elif not 0 < value < math.inf:
         raise ValueError("expected a number > 0")
     if field.kind == "target":
