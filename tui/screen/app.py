@@ -42,7 +42,7 @@ from tui.screen.pages.dialogs import Question
 from tui.screen.pages.help import HelpPage
 from tui.screen.pages.measure import MeasurePage
 from tui.screen.pages.page import Page
-from tui.screen.session.diagnosis import Diagnoses
+from tui.screen.session.diagnosis import Diagnoses, diagnosis_text
 from tui.screen.session.drop_fits import DropFits
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.event_log import log_event
@@ -223,7 +223,7 @@ class PfwdApp(App[int]):
     def busy_text(self) -> str:
         """Return the work under way besides measuring; empty: none."""
         if self.diagnoses.file:
-            return f"diagnosing {Path(self.diagnoses.file).name} ..."
+            return diagnosis_text(self.diagnoses.file, self.diagnoses.progress, time.monotonic())
         return "fitting ..." if self.fits.n_running else ""
 
     def show_message(self, text: str) -> None:

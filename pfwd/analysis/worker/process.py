@@ -11,11 +11,13 @@ import pickle
 import struct
 import sys
 import traceback
+from collections.abc import Callable
 from typing import IO, TYPE_CHECKING, Any
 
 from pfwd.analysis.drop_result import drop_result
 from pfwd.analysis.worker.tasks import (
     Building,
+    DiagnosisProgress,
     DiagnosisTask,
     Task,
     TaskOutcome,
@@ -83,16 +85,29 @@ def _work(source: IO[bytes], target: IO[bytes]) -> None:
 
     library = SurrogateLibrary(progress=progress)
     while True:
-        send(target, outcome_of(receive(source), library))
+        outcome = outcome_of(receive(source), library, lambda message: send(target, message))
+        send(target, outcome)
 
 
-def outcome_of(task: Task | DiagnosisTask, library: "SurrogateLibrary") -> TaskOutcome:
-    """Return the outcome of a task; a failure within it is an outcome too."""
+def outcome_of(
+    task: Task | DiagnosisTask,
+    library: "SurrogateLibrary",
+    report: Callable[[DiagnosisProgress], object] = lambda _: None,
+) -> TaskOutcome:
+    """Return the outcome of a task; a failure within it is an outcome too.
+
+    Parameters
+    ----------
+    task : Task or DiagnosisTask
+    library : SurrogateLibrary
+    report : callable, optional
+        Receives the progress of the diagnosis of a file.
+    """
     from pfwd.analysis.analyse import analyse_drop, rehearse
 
     try:
         if isinstance(task, DiagnosisTask):
-            return _diagnose(task)
+            return _diagnose(task, report)
         if task.urgency is Urgency.PREPARE:
             rehearse(task.drop, task.setup, task.options, library)
             return TaskOutcome()
@@ -105,14 +120,19 @@ def outcome_of(task: Task | DiagnosisTask, library: "SurrogateLibrary") -> TaskO
         return TaskOutcome(fault=fault, details=traceback.format_exc())
 
 
-def _diagnose(task: DiagnosisTask) -> TaskOutcome:
+def _diagnose(task: DiagnosisTask, report: Callable[[DiagnosisProgress], object]) -> TaskOutcome:
     from pfwd.analysis.diagnosis.diagnose import diagnose_entries, diagnose_files
     from pfwd.analysis.diagnosis.entries import entry_of
     from pfwd.analysis.result_store import store_diagnoses
 
+    def progress(kind: str, point: str, count: int, total: int) -> None:
+        report(DiagnosisProgress(kind, point, count, total))
+
     not_stored = None
     if isinstance(task.source, str):
-        points = list(diagnose_files([task.source], task.options, use_stored=True))
+        points = list(
+            diagnose_files([task.source], task.options, use_stored=True, progress=progress)
+        )
         if os.path.isdir(task.source):
             new = [(p.number, p.result) for p in points if p.number is not None and p.result]
             not_stored = store_diagnoses(task.source, new)

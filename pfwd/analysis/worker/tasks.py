@@ -72,6 +72,20 @@ class TaskOutcome:
 
 
 @dataclass(frozen=True, slots=True)
+class DiagnosisProgress:
+    """Progress of the diagnosis of a file."""
+
+    kind: str
+    """Kind of work, in words."""
+    point: str
+    """Name of the point that is being diagnosed; empty: this kind of work is complete."""
+    count: int
+    """Number of diagnosed points."""
+    total: int
+    """Number of points."""
+
+
+@dataclass(frozen=True, slots=True)
 class Building:
     """A response table is being built."""
 

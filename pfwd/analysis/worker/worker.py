@@ -19,6 +19,7 @@ from pfwd.analysis.results import DiagnosisResult, DropResult
 from pfwd.analysis.screening.drops import Screening
 from pfwd.analysis.worker.tasks import (
     Building,
+    DiagnosisProgress,
     DiagnosisTask,
     Task,
     TaskOutcome,
@@ -173,7 +174,7 @@ class InversionWorker:
                 process = self._process_or_start()
                 if process is None:
                     return None
-                outcome = request(process, task, self._listener)
+                outcome = request(process, task, self._report)
             except (EOFError, OSError) as err:
                 reason = f"{err}; exit code {self._reap()}"
                 if self._closing:
@@ -189,6 +190,11 @@ class InversionWorker:
                 )
         fault = "the analysis ended by itself twice; the drop is safe, invert it again later"
         return TaskResponse(task, fault=fault, details=reason)
+
+    def _report(self, message: Building | DiagnosisProgress) -> None:
+        """Pass on the progress of tables; diagnoses of single points have none of their own."""
+        if isinstance(message, Building):
+            self._listener(message)
 
     def _process_or_start(self) -> "subprocess.Popen[bytes] | None":
         """Return the process, a new one where it has died; None when the worker is closed."""
@@ -213,7 +219,7 @@ class InversionWorker:
 def request(
     process: "subprocess.Popen[bytes]",
     task: Task | DiagnosisTask,
-    report: Callable[[Building], object],
+    report: Callable[[Building | DiagnosisProgress], object],
 ) -> TaskOutcome:
     """Send a task to a process, report the progress meanwhile and return the outcome.
 
@@ -227,7 +233,7 @@ def request(
     assert process.stdin is not None
     assert process.stdout is not None
     send(process.stdin, task)
-    while isinstance(message := receive(process.stdout), Building):
+    while isinstance(message := receive(process.stdout), Building | DiagnosisProgress):
         report(message)
     outcome: TaskOutcome = message
     return outcome

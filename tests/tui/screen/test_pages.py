@@ -1,6 +1,7 @@
 """Every page, driven by keys, with events of a session that is not there."""
 
 import dataclasses
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ import pytest
 from textual.widgets import Input, Label, Select
 
 from pfwd.analysis.results import DiagnosisResult
+from pfwd.analysis.worker.tasks import DiagnosisProgress, TaskOutcome
 from pfwd.files.moving import MOVED_TO
 from pfwd.judging import PointView
 from pfwd.session.events import (
@@ -513,6 +515,34 @@ def test_the_diagnosis_page_shows_the_ladder_and_the_device(
         await pilot.pause()
         shown = " ".join(app.text.replace("│", " ").split())
         assert "EXPLAINED by geophone response" in shown
+
+    play(App(QuietSource(tmp_path)), script, size)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_the_diagnosis_page_shows_progress(
+    size: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    resume = threading.Event()
+
+    def request(_process: Any, _task: Any, report: Any) -> TaskOutcome:
+        report(DiagnosisProgress("each point by itself", "12+320", 4, 12))
+        assert resume.wait(60)
+        return TaskOutcome()
+
+    monkeypatch.setattr("tui.screen.session.diagnosis.request", request)
+
+    async def script(app: App, pilot: Any) -> None:
+        await pilot.press("4", "enter")
+        await until(pilot, lambda: app.diagnoses.progress is not None)
+        await until(pilot, lambda: "4 of 12 points" in app.text)
+        page = " ".join(app.text.split())
+        assert "point 12+320" in page
+        assert "each point by itself" in page
+        assert "s so far" in page
+        assert "k stops the diagnosis" in page
+        assert "███" in page
+        resume.set()
 
     play(App(QuietSource(tmp_path)), script, size)
 

@@ -1,5 +1,6 @@
 """What runs beside the session: fits with other settings, the diagnosis."""
 
+import dataclasses
 import threading
 from pathlib import Path
 from typing import Any
@@ -8,9 +9,9 @@ import pytest
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DiagnosisResult
-from pfwd.analysis.worker.tasks import DiagnosisTask, TaskOutcome
+from pfwd.analysis.worker.tasks import DiagnosisProgress, DiagnosisTask, TaskOutcome
 from tests.tui.screen.scripted import saved_drop
-from tui.screen.session.diagnosis import Diagnoser
+from tui.screen.session.diagnosis import Diagnoser, RunningDiagnosis, diagnosis_text
 from tui.screen.session.drop_fits import RefitWorker
 from tui.screen.session.screen_events import DiagnosisFinished, Refit
 
@@ -90,6 +91,39 @@ def test_results_of_a_diagnosis_arrive_as_records(
         (DiagnosisResult(point="1"),),
         "",
     )
+
+
+def test_a_running_diagnosis_reports_point_work_and_times(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reported, resume = threading.Event(), threading.Event()
+
+    def request(_process: Any, _task: DiagnosisTask, report: Any) -> TaskOutcome:
+        report(DiagnosisProgress("each point by itself", str(tmp_path / "PV01 3"), 4, 12))
+        reported.set()
+        assert resume.wait(PATIENCE)
+        return TaskOutcome()
+
+    monkeypatch.setattr("tui.screen.session.diagnosis.request", request)
+    told = Told()
+    diagnoser = Diagnoser(told)
+    diagnoser.start(str(tmp_path / "ring road"))
+    assert reported.wait(PATIENCE)
+    running = diagnoser.progress
+    assert running is not None
+    started = dataclasses.replace(running, start=100.0, kind_start=102.0)
+    assert diagnosis_text("a/ring road", started, 142.0) == (
+        "diagnosing ring road: point PV01 3, 4 of 12 points done, each point by itself; "
+        "42 s so far, about 1 min 20 s to go"
+    )
+    assert diagnosis_text("ring road", RunningDiagnosis(100.0), 103.0) == (
+        "diagnosing ring road, reading the drops; 3 s so far"
+    )
+    later = started.at(DiagnosisProgress("with what other points show", "", 0, 3), 150.0)
+    assert later.remaining(160.0) is None, "a new kind of work has its own pace"
+    resume.set()
+    told.last()
+    assert diagnoser.progress is None
 
 
 def test_one_diagnosis_at_a_time_and_it_can_be_stopped(tmp_path: Path) -> None:

@@ -88,6 +88,11 @@ class DiagnosisPage(Page):
 
     def _body(self, width: int, room: int) -> list[Line]:
         results = self.results
+        running = self.pfwd.diagnoses.progress
+        if running is not None and not results:
+            step = running.step
+            bar = () if step is None else (progress_bar(step.count, step.total, width - 2),)
+            return [(), *bar, (), line(" Measuring goes on; k stops the diagnosis.")]
         if not results:
             diagnosis = self.pfwd.state.diagnoses.get(str(self.pfwd.source.survey))
             if diagnosis is not None and diagnosis.error:
@@ -147,6 +152,14 @@ class DiagnosisPage(Page):
         """Scroll the text."""
         self.first = max(0, self.first + rows)
         self.draw()
+
+
+def progress_bar(count: int, total: int, width: int) -> Line:
+    """Return a bar with the number of points that are done."""
+    text = f" {count} of {total} points"
+    cells = max(0, min(60, width - len(text)))
+    filled = cells * count // max(1, total)
+    return line(" ", cell("█" * filled, "good"), cell("─" * (cells - filled), "dim"), text)
 
 
 _ROLE: dict[str, TextRole] = {"clean": "good", "explained": "good", "unexplained": "warn"}

@@ -4,19 +4,47 @@ The diagnosis runs in a process of its own, so that the screen never waits for i
 """
 
 import contextlib
+import os
 import subprocess
 import threading
+import time
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DiagnosisResult, FittedState
-from pfwd.analysis.worker.tasks import DiagnosisTask, TaskOutcome
+from pfwd.analysis.worker.tasks import Building, DiagnosisProgress, DiagnosisTask, TaskOutcome
 from pfwd.analysis.worker.worker import end_process, request, start_process
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.screen_events import DiagnosisFinished
 from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
 from tui.screen.units import Units, percent
+
+
+@dataclass(frozen=True, slots=True)
+class RunningDiagnosis:
+    """Progress of a diagnosis under way, by the monotonic clock, s."""
+
+    start: float
+    """Start of the diagnosis."""
+    step: DiagnosisProgress | None = None
+    """Last report; None: the files are being read."""
+    kind_start: float = 0.0
+    """Start of the kind of work of the last report."""
+
+    def at(self, step: DiagnosisProgress, now: float) -> "RunningDiagnosis":
+        """Return the progress after a report."""
+        is_same = self.step is not None and self.step.kind == step.kind
+        return RunningDiagnosis(self.start, step, self.kind_start if is_same else now)
+
+    def remaining(self, now: float) -> float | None:
+        """Estimate the time for the rest of this kind of work, s; None: no point is complete."""
+        step = self.step
+        if step is None or step.count < 1:
+            return None
+        return max(0.0, (now - self.kind_start) / step.count * (step.total - step.count))
 
 
 class Diagnoser:
@@ -34,6 +62,8 @@ class Diagnoser:
         self._lock = threading.Lock()
         self.file = ""
         """Path of the survey or drop file that is being diagnosed; empty: none."""
+        self.progress: RunningDiagnosis | None = None
+        """Progress of the diagnosis that runs; None: there is none."""
 
     def start(self, file: str) -> bool:
         """Diagnose a survey or a drop file; False while another diagnosis runs."""
@@ -41,6 +71,7 @@ class Diagnoser:
             if self.file:
                 return False
             self.file = file
+            self.progress = RunningDiagnosis(time.monotonic())
         threading.Thread(target=self._run, args=(file,), name="diagnosis", daemon=True).start()
         return True
 
@@ -53,7 +84,7 @@ class Diagnoser:
 
     def _run(self, file: str) -> None:
         outcome = self._outcome(DiagnosisTask(0, file, AnalysisOptions()))
-        self._process, self.file = None, ""
+        self._process, self.file, self.progress = None, "", None
         error = ""
         if outcome.fault is not None and not outcome.diagnoses:
             error = f"the diagnosis of {file} failed: {outcome.fault}"
@@ -66,9 +97,14 @@ class Diagnoser:
             return TaskOutcome(fault=str(err))
         outcome = None
         with contextlib.suppress(EOFError, OSError):
-            outcome = request(process, task, lambda _building: None)
+            outcome = request(process, task, self._on_progress)
         end_process(process)
         return outcome or TaskOutcome(fault=f"status {process.returncode}")
+
+    def _on_progress(self, message: Building | DiagnosisProgress) -> None:
+        running = self.progress
+        if running is not None and isinstance(message, DiagnosisProgress):
+            self.progress = running.at(message, time.monotonic())
 
 
 class Diagnoses:
@@ -100,6 +136,11 @@ class Diagnoses:
     def file(self) -> str:
         """Path of the file that is being diagnosed; empty: none."""
         return self._diagnoser.file
+
+    @property
+    def progress(self) -> RunningDiagnosis | None:
+        """Progress of the diagnosis that runs; None: there is none."""
+        return self._diagnoser.progress
 
     def start(self, file: str) -> None:
         """Diagnose a survey or a drop file; the result comes as an event."""
@@ -152,3 +193,24 @@ def verdict_text(result: DiagnosisResult, units: Units) -> str:
         case _:
             hint = f"; best guess {effects}" if effects else ""
             return f"UNEXPLAINED: residual {part} of the peak{hint}; repeat the drop"
+
+
+def diagnosis_text(file: str, running: RunningDiagnosis | None, now: float) -> str:
+    """Return file, point, kind of work and times of a diagnosis under way in one sentence."""
+    text = f"diagnosing {Path(file).name}"
+    if running is None:
+        return text
+    step = running.step
+    if step is None:
+        text += ", reading the drops"
+    else:
+        point = f"point {os.path.basename(step.point)}, " if step.point else ""
+        text += f": {point}{step.count} of {step.total} points done, {step.kind}"
+    text += f"; {_duration(now - running.start)} so far"
+    remaining = running.remaining(now)
+    return text if remaining is None else f"{text}, about {_duration(remaining)} to go"
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
