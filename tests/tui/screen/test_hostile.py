@@ -123,7 +123,7 @@ def test_dialogs_and_the_setup_page_take_it_as_text(text: str) -> None:
         await pilot.press("escape", "5")
         await pilot.pause()
         page: Any = app.screen
-        page._found([(text, "/dev/ttyUSB9", True)])
+        page._show_ports([(text, "/dev/ttyUSB9", True)])
         app.show_message(text)
         page.draw()
         await pilot.pause()

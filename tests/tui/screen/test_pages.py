@@ -11,12 +11,14 @@ from textual.widgets import Input, Label, Select
 from pfwd.analysis.results import DiagnosisResult
 from pfwd.analysis.worker.tasks import DiagnosisProgress, TaskOutcome
 from pfwd.files.moving import MOVED_TO
-from pfwd.judging import PointView
+from pfwd.judging import Job, PointView, Station
+from pfwd.procedures import plain_procedure
 from pfwd.session.events import (
     CalibrationChanged,
     DropNotSaved,
     DropSaved,
     Edited,
+    JobReported,
     Notice,
     PointBegan,
     Ready,
@@ -39,6 +41,7 @@ from tests.tui.screen.scripted import (
     whole_point,
 )
 from tui.screen.pages.diagnosis import device_lines
+from tui.screen.pages.points import PointsPage
 from tui.screen.session.screen_events import DiagnosisFinished, Refit, SurveyRead
 from tui.screen.settings import ScreenSettings
 from tui.screen.units import Units
@@ -120,6 +123,63 @@ def test_a_move_that_is_taken_back_leaves_no_trace_on_the_drop() -> None:
         assert "moved to" not in app.text
 
     play(App(), script)
+
+
+def other_points(*names: str) -> JobReported:
+    return JobReported(
+        Job(procedure=plain_procedure(), stations=tuple(Station(name) for name in names))
+    )
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_moving_a_drop_offers_the_points(size: tuple[int, int]) -> None:
+    async def script(app: App, pilot: Any) -> None:
+        asked = app.source.session.asked  # type: ignore[attr-defined]
+        await told(app, pilot, other_points("7", "8", "9"), saved(1, "6"), *whole_point())
+        await pilot.press("2", "enter", "w")
+        await pilot.pause()
+        assert str(app.screen.query_one("#points", Label).content).splitlines() == [
+            "  6  1 drop",
+            "  8  station without drops",
+            "  9  station without drops",
+        ]
+        await pilot.press("up", "down", "down", "up", "up", "down")
+        assert app.screen.query_one("#text", Input).value == "6"
+        assert "▶ 6  1 drop" in str(app.screen.query_one("#points", Label).content)
+        await pilot.press("enter")
+        assert asked == [("move", 6, "6")]
+
+    play(App(), script, size)
+
+
+def test_a_moved_drop_has_the_same_word_on_every_page() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        await told(app, pilot, Edited("discard", {MOVED_TO: {"point": "8", "drop": 1}}, None, 6))
+        pages = [app.text]
+        await pilot.press("2", "enter")
+        pages.append(app.text)
+        await pilot.press("enter")
+        pages.append(app.text)
+        for page in pages:
+            assert "MOVED" in page
+            assert "moved to point 8, drop 1" in page
+            assert "DISCARDED" not in page
+            assert "rejected" not in page.lower()
+
+    play(App(), script)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_the_points_page_names_all_its_keys(size: tuple[int, int]) -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        await pilot.press("2")
+        foot = " ".join(app.text.splitlines()[-2:])
+        for key, effect in PointsPage.KEYS:
+            assert f"{key} {effect}" in foot
+
+    play(App(), script, size)
 
 
 def test_what_cannot_be_moved_leaves_nothing_to_take_back() -> None:
@@ -353,7 +413,7 @@ def test_the_drop_page_shows_everything_of_a_drop(size: tuple[int, int]) -> None
             await pilot.press("pagedown")
             await pilot.pause()
             seen += " " + " ".join(app.text.replace("│", " ").split())
-        for part in ("viscosity", "correlation", "seed 0", "results", "v asks for them"):
+        for part in ("viscosity", "correlation", "seed 0", "results", "v looks for them"):
             assert part in seen
         await pilot.press("right", "right")
         await pilot.pause()
@@ -383,7 +443,7 @@ def test_a_refit_stands_beside_the_result_that_counts() -> None:
         assert ("result", 6, trial) in app.source.session.asked  # type: ignore[attr-defined]
         await pilot.press("m")
         await pilot.pause()
-        assert "refit: half-space" in app.text
+        assert "trial fit: half-space" in app.text
         await pilot.press("m")
         await pilot.pause()
         assert "result in force" in app.text

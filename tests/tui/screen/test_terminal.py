@@ -91,8 +91,8 @@ def test_a_whole_point_with_the_cable_pulled_in_the_middle(tmp_path: Path) -> No
             assert "PASS" in text(shown)
             shown.press("n\r")
             # The name stands in the dialog first, above its hint: q belongs to the page behind it.
-            wait(shown, lambda: "enter begins it" in text(shown))
-            wait(shown, lambda: begun("P 8", after="enter begins it", shown=shown))
+            wait(shown, lambda: "enter begins the point" in text(shown))
+            wait(shown, lambda: begun("P 8", after="enter begins the point", shown=shown))
             shown.press("q")
             assert ended(shown) == 0
     assert drops_of(survey) >= 6

@@ -441,7 +441,7 @@ class OpenApp(App[int]):
             residual = None if drop.result is None else drop.result.residual_rms_over_peak
             cells = (
                 str(number),
-                kinds[number].value if number in kinds else "",
+                "moved" if drop.moved_to else kinds[number].value if number in kinds else "",
                 format_number(facts.peak_load and facts.peak_load / 1e3),
                 format_number(facts.peak_deflection and facts.peak_deflection * 1e3),
                 format_number(facts.modulus and facts.modulus / 1e6),

@@ -1,6 +1,6 @@
 """Dialogs on top of a page: a line of text, a question, the settings of a fit."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 from textual.app import ComposeResult
@@ -13,6 +13,7 @@ from textual.widgets import Button, Input, Label, Select
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.errors import OptionError
 from tui.output import clean
+from tui.screen.drawing.lines import window
 
 
 class TextDialog(ModalScreen[str | None]):
@@ -78,6 +79,74 @@ class TextDialog(ModalScreen[str | None]):
     def action_cancel(self) -> None:
         """Close without a text."""
         self.dismiss(None)
+
+
+class PointDialog(TextDialog):
+    """Dialog for the name of a point with a list of the points; up and down choose one.
+
+    Parameters
+    ----------
+    title : str
+    points : sequence of (name, remark)
+        Points of the list, each with a remark such as its number of drops.
+    check, question : callable
+        As for `TextDialog`.
+    """
+
+    ROWS: ClassVar[int] = 8
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("up", "choose(-1)", "Point before"),
+        Binding("down", "choose(1)", "Point after"),
+    ]
+
+    def __init__(
+        self,
+        title: str,
+        points: Sequence[tuple[str, str]],
+        *,
+        check: Callable[[str], str],
+        question: Callable[[str], str],
+    ) -> None:
+        hint = "up/down chooses a point, or type a name; enter confirms, escape goes back"
+        super().__init__(title, check=check, question=question, hint=hint)
+        self._points = [(clean(name), clean(remark)) for name, remark in points]
+
+    def compose(self) -> ComposeResult:
+        """Yield the title, the field, the list of points and a line for errors."""
+        with Vertical(classes="dialog"):
+            yield Label(Content(clean(self._title)), classes="dialog-title")
+            yield Input(id="text")
+            yield Label(self._list_of_points(""), id="points")
+            yield Label(Content(self._hint), id="remark")
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        """Check the name and mark it in the list."""
+        super().on_input_changed(event)
+        self.query_one("#points", Label).update(self._list_of_points(event.value))
+
+    def _list_of_points(self, name: str) -> Content:
+        names = [point for point, _ in self._points]
+        place = names.index(name) if name in names else None
+        visible = window(len(names), 0 if place is None else place, self.ROWS)
+        widest = max(map(len, names), default=0)
+        rows = [
+            f"{'▶' if at == place else ' '} {names[at]:{widest}}  {self._points[at][1]}"
+            for at in visible
+        ]
+        if len(rows) < len(names):
+            rows.append(f"  {len(names)} points")
+        return Content("\n".join(rows))
+
+    def action_choose(self, step: int) -> None:
+        """Put the name of another point into the field."""
+        names = [point for point, _ in self._points]
+        if not names:
+            return
+        field = self.query_one("#text", Input)
+        start = -1 if step > 0 else 0
+        place = names.index(field.value) if field.value in names else start
+        field.value = names[(place + step) % len(names)]
+        field.cursor_position = len(field.value)
 
 
 class Question(ModalScreen[bool]):

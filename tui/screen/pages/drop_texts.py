@@ -147,8 +147,10 @@ def verdict_of(drop: DropState | None, diagnosed: str = "") -> tuple[str, TextRo
     """Return the assessment of a drop in one sentence."""
     if drop is None:
         return "no drop yet", "dim"
+    if drop.moved_to:
+        return f"MOVED: {drop.moved_to}", "warn"
     if drop.discarded:
-        return "DISCARDED by the operator; u takes it back", "warn"
+        return "DISCARDED by the operator; d restores it", "warn"
     if not drop.safe:
         return f"NOT SAFE YET: {drop.reason}", "bad"
     if drop.status == "rejected":
@@ -224,7 +226,7 @@ def drop_row(state: SessionState, drop: DropState, units: Units, *, chosen: bool
     value, error = modulus_text(drop, units)
     exclusion = state.exclusion_reason(drop)
     residual = None if drop.result is None else drop.result.residual_rms_over_peak
-    kind = "DISCARDED" if drop.discarded else drop.status if drop.safe else "NOT SAFE"
+    kind = drop.edited_word or (drop.status if drop.safe else "NOT SAFE")
     role: TextRole = "text"
     if drop.discarded or drop.status == "seating":
         role = "dim"
@@ -258,7 +260,9 @@ def drop_row(state: SessionState, drop: DropState, units: Units, *, chosen: bool
 def remark(drop: DropState, units: Units) -> str:
     """Return the irregularities of a drop, most important first."""
     parts = []
-    if drop.reason:
+    if drop.moved_to:
+        parts.append(drop.moved_to)
+    elif drop.reason:
         parts.append(drop.reason)
     elif drop.fault:
         parts.append(f"NO FIT: {drop.fault}")

@@ -119,7 +119,7 @@ def _title(view: DropPageState, drop: DropState, width: int) -> Line:
     owner = view.state.points.get(drop.point)
     name = owner.shown_name if owner is not None else drop.point
     role: TextRole = "bad" if drop.status == "rejected" else "text"
-    kind = "DISCARDED" if drop.discarded else drop.status
+    kind = drop.edited_word or drop.status
     which = "result in force" if view.refit is None else f"trial fit: {view.refit.label}"
     pieces = [
         piece(0, cell(f" Drop {drop.number} of point {shorten(name, 24)} ", "title")),
@@ -193,7 +193,7 @@ def text_lines(view: DropPageState, drop: DropState, width: int) -> list[Line]:
     """Return the text of the page: parameters, fit, sensors, record, results, causes."""
     result = view.result
     lines: list[Line] = []
-    if drop.status == "rejected":
+    if drop.status == "rejected" and not drop.moved_to:
         lines += _paragraph(f"rejected: {drop.reason or 'no result'}", width, "bad")
     if result.modulus_pa is not None:
         lines += _parameters(view, result, width)

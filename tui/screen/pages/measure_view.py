@@ -332,11 +332,16 @@ def _boxes(count: int, total: int | None) -> Cell:
 
 def key_line(keys: Sequence[tuple[str, str]], width: int) -> Line:
     """Return the line of keys; the last keys are dropped without room."""
+    return key_lines(keys, width, 1)[0]
+
+
+def key_lines(keys: Sequence[tuple[str, str]], width: int, rows: int) -> list[Line]:
+    """Return the keys on at most `rows` lines; the last keys are dropped without room."""
     pieces = [
         Piece((cell(key, "key"), Cell(f" {effect}")), rank)
         for rank, (key, effect) in enumerate(keys)
     ]
-    return (Cell(" "), *fit(pieces, width - 1, "  "))
+    return [(Cell(" "), *row) for row in flow(pieces, width - 1, rows, "  ")]
 
 
 def _full(view: MeasureView, width: int, room: int) -> list[Line]:

@@ -10,6 +10,7 @@ from pfwd.errors import OptionError
 from pfwd.files.editing import Edit, parse_position
 from pfwd.judging import PointView
 from pfwd.procedures import PointProgress, Verdict
+from tui.output import counted
 from tui.screen.drawing.lines import (
     Line,
     TableColumn,
@@ -24,7 +25,7 @@ from tui.screen.drawing.lines import (
 )
 from tui.screen.drawing.profile import Bar, profile_lines
 from tui.screen.lines_view import LinesView
-from tui.screen.pages.dialogs import TextDialog
+from tui.screen.pages.dialogs import PointDialog, TextDialog
 from tui.screen.pages.drop_texts import (
     QUANTITY_NAMES,
     drop_columns,
@@ -33,7 +34,7 @@ from tui.screen.pages.drop_texts import (
     point_summary,
     point_value_text,
 )
-from tui.screen.pages.measure_view import key_line
+from tui.screen.pages.measure_view import key_lines
 from tui.screen.pages.page import Page
 from tui.screen.pages.setup_form import typed_target_fault
 from tui.screen.session.drop_state import DropState
@@ -131,8 +132,9 @@ class PointsPage(Page):
         if receiver is not None:
             title = (*title, cell(f"  {receiver.text}", "good" if receiver.is_good else "warn"))
         head = head_with_message(title, self.pfwd.message, width)
-        room = height - len(head) - 1
-        return [*head, *pad_rows(body(width, room), room), key_line(self.KEYS, width)]
+        keys = key_lines(self.KEYS, width, 2)
+        room = height - len(head) - len(keys)
+        return [*head, *pad_rows(body(width, room), room), *keys]
 
     def _points(self, width: int, room: int) -> list[Line]:
         app, names = self.pfwd, self.names
@@ -320,12 +322,29 @@ class PointsPage(Page):
                 self.pfwd.edits.move(drop, name.strip())
 
         names = self.pfwd.state.names_in_use()
-        dialog = TextDialog(
-            f"Drop {drop.number} belongs to the point",
+        dialog = PointDialog(
+            f"Move drop {drop.number} of point {self.chosen.shown_name} to the point",
+            self._targets_of_move(),
             check=point_name_error,
             question=lambda name: point_name_question(name, names),
         )
         self.app.push_screen(dialog, take)
+
+    def _targets_of_move(self) -> list[tuple[str, str]]:
+        """Return the points and stations to which a drop can be moved, each with a remark."""
+        state = self.pfwd.state
+        points = {
+            point.shown_name: counted(len(state.drops_of(point)), "drop")
+            for point in state.points.values()
+            if point.name != self.chosen.name
+        }
+        own_names = (self.chosen.name, self.chosen.shown_name)
+        stations = {
+            station.name: "station without drops"
+            for station in state.job.stations
+            if station.name not in own_names
+        }
+        return list((points | stations | points).items())
 
     def action_note(self) -> None:
         """Open the dialog for a note on the drop or the point."""

@@ -53,6 +53,16 @@ class DropState:
         return self.view is not None and self.view.discarded is not None
 
     @property
+    def moved_to(self) -> str:
+        """New place of a moved drop in words; empty: it was not moved."""
+        return "" if self.view is None else self.view.moved_to or ""
+
+    @property
+    def edited_word(self) -> str:
+        """Word for a drop that the operator excluded, MOVED or DISCARDED; empty: not excluded."""
+        return "MOVED" if self.moved_to else "DISCARDED" if self.discarded else ""
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """Notes of the operator."""
         return () if self.view is None else self.view.notes

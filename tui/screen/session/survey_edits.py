@@ -91,9 +91,8 @@ class SurveyEdits:
             self._show_message("there is no drop that could be moved")
             return
         if drop.discarded:
-            self._show_message(
-                f"drop {drop.number} is discarded; d restores it, then it can be moved"
-            )
+            word = drop.edited_word.lower()
+            self._show_message(f"drop {drop.number} is {word}; d restores it, then it can be moved")
             return
         if drop.point == to:
             self._show_message(f"drop {drop.number} is at point {to} already")
