@@ -11,7 +11,7 @@ Arguments = argparse._ActionsContainer
 PLOT_FORMATS = (".pdf", ".png", ".svg")
 
 
-def whole(text: str) -> int:
+def integer(text: str) -> int:
     """Return a whole number."""
     try:
         return int(text)
@@ -21,7 +21,7 @@ def whole(text: str) -> int:
 
 def count(text: str) -> int:
     """Return a whole number of at least 1."""
-    value = whole(text)
+    value = integer(text)
     if value < 1:
         raise _refused("a whole number from 1", text)
     return value
@@ -88,8 +88,8 @@ def plot_file(text: str) -> str:
     return text
 
 
-def _refused(expected: str, came: str) -> argparse.ArgumentTypeError:
-    return argparse.ArgumentTypeError(f"expected {expected}, got {came}")
+def _refused(expected: str, got: str) -> argparse.ArgumentTypeError:
+    return argparse.ArgumentTypeError(f"expected {expected}, got {got}")
 
 
 def add_json(parser: Arguments, per: str | None = None) -> None:
@@ -238,7 +238,7 @@ def add_archive(parser: Arguments) -> None:
 def add_seed(parser: Arguments) -> None:
     """Add the seed of everything random."""
     parser.add_argument(
-        "--seed", type=whole, metavar="S", default=0, help="seed of random numbers (default: 0)"
+        "--seed", type=integer, metavar="S", default=0, help="seed of random numbers (default: 0)"
     )
 
 

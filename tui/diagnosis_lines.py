@@ -1,7 +1,7 @@
-"""Text of diagnoses: what a modulus may be used for, what was found, and what to do in the field.
+"""Text of diagnoses: what a modulus may be used for, the effects, and what to do in the field.
 
-A single point has `diagnosis_lines`. Several points have `survey_lines`: a table of a line a point,
-and the advice below it.
+`diagnosis_lines` describes a single point. `survey_lines` is a table of several points, a line for
+each, with the advice below it.
 """
 
 import itertools
@@ -21,48 +21,67 @@ from pfwd.analysis.results import (
 from pfwd.digits import modulus_text, read_in, rounded
 from pfwd.export.json_text import json_text
 from pfwd.message_groups import as_ranges, group_messages
+from tui.format import MODEL_WORDS, PLATE_WORDS, word
 from tui.output import clean, spelled
 
 if TYPE_CHECKING:
     from pfwd.procedures import PointModulus
 
 WIDTH, SCREEN_LINES = 120, 40
-"""Size of a usual terminal: the table of a survey fits its width, the warnings are shown below the
-table if all fits its height."""
+"""Characters and lines of a common terminal. The table of a survey fits the width; the warnings are
+shown below it if both fit the height."""
 
 MAX_EFFECTS_IN_TABLE = 2
-"""Number of effects of a point in the table of a survey, the strongest ones."""
+"""Number of effects of a point in the table of a survey; the strongest come first."""
 
 MIN_COLUMN = 10
 """Characters that a wrapped column of the table has at least."""
 
 _GAP = "  "
-"""Between two columns."""
+"""Blanks between two columns."""
 
 _VERDICTS = {
-    "clean": "CLEAN: the base model explains the record",
-    "explained": "EXPLAINED: the effects below leave next to nothing",
-    "unexplained": "NOT EXPLAINED: more is left than the effects account for, see the warnings",
+    "clean": "CLEAN: the base model explains the records",
+    "explained": "EXPLAINED: with the effects below the model explains the records",
+    "unexplained": "NOT EXPLAINED: no effects explain the records, see the warnings",
 }
 _PARTLY_EXPLAINED = (
-    "PARTLY EXPLAINED: the effects below leave a little, which the interval of the modulus covers"
+    "PARTLY EXPLAINED: the effects below leave a small residual, which the interval of the modulus "
+    "covers"
 )
-_NO_DROP = "NOTHING TO DIAGNOSE: no drop of the point can be used"
+_NO_DROP = "NOTHING TO DIAGNOSE: no drop of the point can be used, see the warnings"
 _USES = {"design": "design value", "with-care": "use with care", "do-not-use": "do not use"}
-_ACTIONS = {"design": "use it", "with-care": "use both ends", "do-not-use": "measure again"}
+_ACTIONS = {
+    "design": "use it",
+    "with-care": "use both ends",
+    "do-not-use": "measure again",
+}
 
 _MIN_MODULUS_DIFFERENCE = 0.02
 """Relative difference to the modulus at 100 kPa from which on both are shown."""
 
 _MIN_ROUNDED_SHARE = 0.1
-"""Share from which on a percentage has no digits after the point."""
+"""Fraction from which on a percentage has no digits after the point."""
 
 _MAX_RATIO_FOR_WIDTH = 3.0
 """Ratio of the ends of an interval up to which its width decides the digits; beyond it, the nearer
 end does, because the width would leave none."""
 
 _MAX_PRINTED_RATIO = 1e4
-"""Ratio of the ends of an interval up to which they are shown where they leave the modulus open."""
+"""Ratio of the ends of an interval up to which they are shown for an undetermined modulus."""
+
+_EVIDENCE_WORDS = ((5.0, "very strong"), (3.0, "strong"), (1.0, "positive"))
+"""Words for a log Bayes factor from a value on (Kass and Raftery 1995, section 3.2)."""
+
+_PARAMETER_WORDS = {
+    "kick": "additional velocity at liftoff",
+    "tension_share": "resistance in tension over that in compression",
+    "unrecovered": "permanent fraction of the deflection",
+    "sigma_ref": "reference stress",
+    "rest_stress": "stress at rest",
+    "cap": "limit",
+}
+"""Texts for parameters whose JSON name says too little."""
 
 
 def diagnosis_lines(
@@ -90,15 +109,15 @@ def diagnosis_lines(
     lines = [f"{clean(result.file)}{point}{device}, drops {drops}", f"  {_verdict(result)}"]
     if result.before is not None and result.after is not None:
         lines.append(
-            f"  {result.plate} plate of radius {_short(result.plate_radius_m)} m, Poisson's ratio "
-            f"{_short(result.poisson_ratio)}"
+            f"  {word(PLATE_WORDS, result.plate)}, radius {_short(result.plate_radius_m)} m; "
+            f"Poisson's ratio {_short(result.poisson_ratio)}"
         )
         lines.append(f"  before  {_state(result.before)}")
         lines.append(f"  after   {_state(result.after)}")
         if result.effects:
             lines += _change(result.before, result.after)
         elif result.verdict == "unexplained" and _modulus(result.before) != _modulus(result.after):
-            lines.append("  no effect is taken over: after is the base model within usual soils")
+            lines.append("  no effect is accepted: after is the base model within usual soils")
         sentence = use_sentence(result, modulus)
         lines += [f"  {sentence}"] if sentence else []
     for effect in result.effects or ():
@@ -138,8 +157,8 @@ def use_sentence(
             f"{modulus_text(modulus.value, modulus.interval)}. Do not use the modulus after: "
             f"{result.use_reason}; {result.remedy}."
         )
-    word = "Design value" if result.use == "design" else "Use with care:"
-    text = f"{word} {modulus_text(after.modulus_pa, after.modulus_interval_pa)}"
+    heading = "Design value" if result.use == "design" else "Use with care:"
+    text = f"{heading} {modulus_text(after.modulus_pa, after.modulus_interval_pa)}"
     if _is_finite(after.stress_pa):
         text += f", secant modulus at {after.stress_pa / 1e3:.0f} kPa"
         at_100_kpa = after.modulus_100kpa_pa
@@ -278,7 +297,7 @@ def wrapped(text: str, width: int) -> list[str]:
 
 def _short_effect(effect: EffectResult) -> str:
     """Return the name of an effect, with its depth where it has one."""
-    name = clean(effect.name).replace("_", " ")
+    name = _words(effect.name)
     if effect.unit == "m" and _is_finite(effect.value) and _is_finite(effect.sd):
         return f"{name} {rounded(effect.value, effect.sd)} m"
     return name
@@ -295,7 +314,7 @@ def _in_force(modulus: "PointModulus") -> str:
 
 
 def _summary(results: Sequence[DiagnosisResult], moduli: "Sequence[PointModulus | None]") -> str:
-    """Return how many points may be used for what."""
+    """Return the number of points for each use."""
     uses = [
         _USES[result.use] if modulus is None or modulus.source == "diagnosed" else "fit"
         for result, modulus in zip(results, moduli, strict=True)
@@ -322,7 +341,7 @@ def _advice_of_points(results: Sequence[DiagnosisResult]) -> list[str]:
             if effect.advice and effect.scope != "device" and result.use != "do-not-use":
                 points.setdefault((str(effect.name), effect.advice), []).append(name)
     return [
-        clean(f"{effect.replace('_', ' ')}, {_where(where, names)}: {advice}")
+        clean(f"{_words(effect)}, {_where(where, names)}: {advice}")
         for (effect, advice), where in points.items()
     ]
 
@@ -336,7 +355,7 @@ def device_lines(results: Sequence[DiagnosisResult]) -> list[str]:
             if effect.scope == "device" and (_is_shared(effect) or result.use != "do-not-use"):
                 values = [_parameter(p, effect) for p in effect.parameters or ()]
                 numbers = f" ({'; '.join(values)})" if _is_shared(effect) and values else ""
-                text = f"device: {str(effect.name).replace('_', ' ')}{numbers}"
+                text = f"device: {_words(effect.name)}{numbers}"
                 points.setdefault((text, effect.advice or ""), []).append(name)
     return [
         clean(f"{text}, {_where(where, names)}" + (f": {advice}" if advice else ""))
@@ -357,8 +376,8 @@ def undiagnosed_lines(results: Sequence[DiagnosisResult]) -> list[str]:
     if not empty:
         return []
     return [
-        f"NOTHING TO DIAGNOSE at {_where(empty, names)} ({len(empty)}): none of their drops can be "
-        "used, the warnings say why"
+        f"NOTHING TO DIAGNOSE at {_where(empty, names)} ({len(empty)}): no drop can be used, "
+        "see the warnings"
     ]
 
 
@@ -393,7 +412,7 @@ def diagnosis_line(point: str, result: DiagnosisResult) -> str:
     """Return the diagnosis of a point that is being measured, in one line."""
     after = result.after or FittedState()
     misfit = _percent(result.explained_to)
-    effects = ", ".join(clean(effect.name).replace("_", " ") for effect in result.effects or ())
+    effects = ", ".join(_words(effect.name) for effect in result.effects or ())
     text = f"{_modulus(after)}, {_USES[result.use]}" if _modulus(after) else "no modulus"
     return f"point {clean(point)} diagnosed: {text}, {misfit} of the peak unexplained" + (
         f": {effects}" if effects else ""
@@ -412,7 +431,7 @@ def _held_out(held: HeldOut | None) -> list[str]:
         subject = (
             "device of the other points" if held.mode == "point" else "ground of the other drops"
         )
-        subject += ", the rest fitted"
+        subject += ", everything else fitted"
     scaled = "no preceding record to scale"
     if held.scaled_record is not None:
         scaled = (
@@ -428,7 +447,7 @@ def _held_out(held: HeldOut | None) -> list[str]:
     if len(parts) > 1:
         each = ", ".join(f"{clean(part.name)} {_percent(part.after)}" for part in parts)
         lines.append(f"    {each}")
-    names = ", ".join(clean(name).replace("_", " ") for name in held.fitted or ())
+    names = ", ".join(_words(name) for name in held.fitted or ())
     lines.append(f"    fitted to the held-out data: {names or 'nothing'}")
     return lines
 
@@ -449,9 +468,10 @@ def _state(state: FittedState) -> str:
     text = _modulus(state) or "no ground"
     over_noise = state.residual_over_noise
     times = f"{over_noise:.1f}" if _is_finite(over_noise) else "-"
+    contact = _percent(state.contact_residual_rms_over_peak)
     return (
-        f"{text}, {state.model}; residual {_percent(state.residual_rms_over_peak)} of the "
-        f"peak (contact {_percent(state.contact_residual_rms_over_peak)}), "
+        f"{text}, {word(MODEL_WORDS, state.model)}; residual "
+        f"{_percent(state.residual_rms_over_peak)} of the peak (contact {contact}), "
         f"{times} times the noise"
     )
 
@@ -475,19 +495,29 @@ def _change(before: FittedState, after: FittedState) -> list[str]:
 def _effect(effect: EffectResult, *, advice: bool) -> list[str]:
     evidence = effect.evidence
     shared = "declared" if effect.scope == "point" else "shared by the device's points"
-    strength = f"evidence {evidence:.0f}" if _is_finite(evidence) else shared
+    strength = _evidence_text(evidence) if _is_finite(evidence) else shared
     if _is_finite(effect.probability) and _is_finite(evidence):
         strength += f", probability {100 * effect.probability:.0f} %"
     numbers = [_parameter(parameter, effect) for parameter in effect.parameters or ()]
     text = f": {'; '.join(numbers)}" if numbers else ""
-    # What was found without a fit has no scope, and no strength.
+    # An effect that was detected without a fit has no scope and no strength.
     text += "" if effect.scope is None and not _is_finite(evidence) else f" [{strength}]"
-    lines = [f"  {clean(effect.name)}{text}"]
+    lines = [f"  {_words(effect.name)}{text}"]
     if effect.alternatives:
-        lines.append(f"    could as well be {', '.join(map(clean, effect.alternatives))}")
+        lines.append(f"    it could also be {' or '.join(map(_words, effect.alternatives))}")
     if effect.advice and advice:
         lines.append(f"    {clean(effect.advice)}")
     return lines
+
+
+def _evidence_text(evidence: float) -> str:
+    """Return the strength of the evidence for an effect in words."""
+    words = (text for limit, text in _EVIDENCE_WORDS if evidence >= limit)
+    return f"{next(words, 'weak')} evidence"
+
+
+def _words(name: str | None) -> str:
+    return clean(name).replace("_", " ")
 
 
 def _parameter(parameter: EffectParameter, effect: EffectResult) -> str:
@@ -495,13 +525,13 @@ def _parameter(parameter: EffectParameter, effect: EffectResult) -> str:
     scale, unit = read_in(clean(parameter.unit))
     unit = f" {unit}" if unit else ""
     drop = "" if parameter.drop is None else f" (drop {parameter.drop})"
-    name = f"{clean(parameter.name).replace('_', ' ')}{drop}"
+    name = f"{_PARAMETER_WORDS.get(parameter.name or '', _words(parameter.name))}{drop}"
     if not _is_finite(parameter.value):
         return f"{name} -"
     value = scale * parameter.value
     if not _is_finite(parameter.sd):
         declared = not _is_finite(effect.probability)
-        return f"{name} {value:.3g}{unit}" if declared else f"{name} not fixed"
+        return f"{name} {value:.3g}{unit}" if declared else f"{name} undetermined"
     if parameter.sd == 0.0:
         return f"{name} {value:.3g}{unit}"
     spread = scale * parameter.sd

@@ -1,4 +1,4 @@
-"""Results as text for people: units shown, numbers never cut, nothing of a terminal's mark-up."""
+"""Results as text: with units, no number cut, and safe to print."""
 
 import itertools
 import math
@@ -10,39 +10,54 @@ from pfwd.digits import rounded, significant, with_ends
 from pfwd.message_groups import as_ranges, group_messages
 from tui.output import clean, spelled
 
-NOTHING = "-"
+NO_VALUE = "-"
+"""Cell of a table without a value."""
 
 By = Literal["point", "drop"]
-"""What has a line of its own."""
+"""Kind of table: a line for each point, or for each drop."""
 
 UNEXPLAINED = "UNEXPLAINED"
-"""More is left of the record than noise and the model's error: its modulus may be wrong."""
+"""Word for a residual above noise and model error: the modulus may be wrong."""
+
+MODEL_WORDS = {"layer": "soil on bedrock"}
+PLATE_WORDS = {
+    "rigid-rough": "rigid plate without slip",
+    "rigid-smooth": "rigid plate without friction",
+    "published": "plate of the published method",
+    "uniform": "plate with even pressure",
+}
+_METHOD_WORDS = {
+    "mpga": "genetic search",
+    "least-squares": "least squares",
+    "published": "published method",
+}
+"""Texts for values of the JSON output; other values are their own text."""
 
 
-def lines_of_one_point(results: Sequence[DropResult]) -> list[str]:
-    """Drops of one point as lines of text.
+def point_lines(results: Sequence[DropResult]) -> list[str]:
+    """Return the drops of one point as lines of text.
 
     Returns
     -------
     list of str
-        For each setting of the fit a table of the ground and a table of the pulse and the fit; then
-        the rejected drops and the warnings. The tables are made for 80 columns.
+        For each setting of the fit a table of the ground and one of pulse and fit, then the
+        rejected drops and the warnings. The tables fit 80 columns.
     """
     lines = []
-    used = [result for result in results if not _is_rejected(result)]
-    for settings, same in itertools.groupby(used, key=rests_on):
-        rows = list(same)
+    inverted = [result for result in results if not _is_rejected(result)]
+    for settings, group in itertools.groupby(inverted, key=settings_lines):
+        rows = list(group)
         lines += [f"  {line}" for line in settings]
         lines += _table(_GROUND, rows)
         lines += layer_lines(rows)
         lines += _table(_PULSE, rows)
         lines += _search_lines(rows)
-    rejected = [(r, r.reason or NOTHING) for r in results if _is_rejected(r)]
+    rejected = [(r, r.reason or NO_VALUE) for r in results if _is_rejected(r)]
     warnings = [(r, text) for r in results for text in r.warnings or ()]
     return [
         *lines,
-        *_said_of_drops(results, "rejected", rejected),
-        *_said_of_drops(results, "warning", warnings),
+        *_message_lines(results, "rejected", rejected),
+        *_message_lines(results, "warning", warnings),
     ]
 
 
@@ -50,24 +65,40 @@ def _is_rejected(result: DropResult) -> bool:
     return result.status == "rejected"
 
 
-def rests_on(result: DropResult) -> tuple[str, ...]:
-    """What the numbers of a drop rest on; equal for drops that can share a table."""
+def settings_lines(
+    result: DropResult, models: Collection[str | None] | None = None
+) -> tuple[str, ...]:
+    """Return the settings of the fit as lines, which are equal for drops that share a table.
+
+    Parameters
+    ----------
+    result : DropResult
+    models : collection of str, optional
+        Models of all drops of the table, where the best one differs from drop to drop.
+    """
+    model = " or ".join(word(MODEL_WORDS, text) for text in models or [result.model])
     return (
-        f"plate radius {_fixed(_finite(result.plate_radius_m), 3)} m, {_text(result.plate)}; "
+        f"{word(PLATE_WORDS, result.plate)}, "
+        f"radius {_fixed(_finite(result.plate_radius_m), 3)} m; "
         f"Poisson's ratio {_short(_finite(result.poisson_ratio))}; "
         f"peak-method factor {_short(_finite(result.peak_factor))}",
-        f"model {_text(result.model)}, load {_text(result.load)}, "
-        f"method {_text(result.method)}, seed {_text(result.seed)}",
+        f"{model}; {_text(result.load)} load; "
+        f"{word(_METHOD_WORDS, result.method)}, seed {_text(result.seed)}",
     )
 
 
+def word(words: Mapping[str, str], value: str | None) -> str:
+    """Return the text for a value of the JSON output, or the value itself."""
+    return words.get(value or "", _text(value))
+
+
 def layer_lines(rows: Iterable[DropResult]) -> list[str]:
-    """A table of the layers of every drop that has more than one, and what stands for all."""
+    """Return a table of the layers of drops with more than one, and one modulus for all layers."""
     lines = []
     layered = [row for row in rows if row.layers is not None and len(row.layers) > 1]
-    found = [(row, number) for row in layered for number in range(len(row.layers or ()))]
-    if found:
-        cells = [list(_LAYER), *([show(*item) for show in _LAYER.values()] for item in found)]
+    layers = [(row, number) for row in layered for number in range(len(row.layers or ()))]
+    if layers:
+        cells = [list(_LAYER), *([show(*item) for show in _LAYER.values()] for item in layers)]
         lines += aligned(cells)
     for row in layered:
         modulus, ends = value_and_ends(
@@ -81,7 +112,7 @@ def layer_lines(rows: Iterable[DropResult]) -> list[str]:
 
 
 def _search_lines(rows: Sequence[DropResult]) -> list[str]:
-    """What went wrong with searches; nothing where they went well."""
+    """Return the faults of searches, each with its drops."""
     order = [_text(row.drop) for row in rows]
     drops: dict[str, list[str]] = {}
     for row in rows:
@@ -96,15 +127,15 @@ def _search_lines(rows: Sequence[DropResult]) -> list[str]:
     ]
 
 
-def _said_of_drops(
-    results: Iterable[DropResult], what: str, said: Iterable[tuple[DropResult, str]]
+def _message_lines(
+    results: Iterable[DropResult], kind: str, messages: Iterable[tuple[DropResult, str]]
 ) -> list[str]:
-    """What is said of the drops of a point: each sentence once, with the drops as ranges."""
+    """Return the messages about drops of a point, each once, with the drops as ranges."""
     order = list(dict.fromkeys(_text(result.drop) for result in results))
     lines = []
-    for group in group_messages((_text(result.drop), text) for result, text in said):
+    for group in group_messages((_text(result.drop), text) for result, text in messages):
         drops = "drop" if len(group.places) == 1 else "drops"
-        lines.append(f"  {what}, {drops} {as_ranges(group.places, order)}: {clean(group.text)}")
+        lines.append(f"  {kind}, {drops} {as_ranges(group.places, order)}: {clean(group.text)}")
     return lines
 
 
@@ -114,14 +145,14 @@ def _table(
     return aligned([list(columns), *([show(row) for show in columns.values()] for row in rows)])
 
 
-def aligned(cells: Sequence[Sequence[str]], left: Collection[int] = ()) -> list[str]:
-    """The lines of a table; columns are aligned to the right, but for those named."""
+def aligned(cells: Sequence[Sequence[str]], text_columns: Collection[int] = ()) -> list[str]:
+    """Return the lines of a table; all but `text_columns` are aligned to the right."""
     cells = [[spelled(cell) for cell in row] for row in cells]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     return [
         "  "
         + "  ".join(
-            text.ljust(width) if column in left else text.rjust(width)
+            text.ljust(width) if column in text_columns else text.rjust(width)
             for column, (text, width) in enumerate(zip(row, widths, strict=True))
         ).rstrip()
         for row in cells
@@ -129,17 +160,17 @@ def aligned(cells: Sequence[Sequence[str]], left: Collection[int] = ()) -> list[
 
 
 def _with_deviation(key: str, unit: str, scale: float = 1.0) -> Callable[[DropResult], str]:
-    """Shows ``<key>_<unit>`` over `scale` with its standard deviation.
+    """Return a function that shows ``<key>_<unit>`` over `scale` with its standard deviation.
 
-    The deviation is that of the noise alone. Digits that the interval of the modulus, or what is
-    left of the record, does not support are not shown.
+    The deviation is that of the noise. It shows no digits that the interval of the modulus or the
+    residual does not support.
     """
 
     def show(result: DropResult) -> str:
         value = _finite(getattr(result, f"{key}_{unit}"), scale)
         deviation = _finite(getattr(result, f"{key}_sd_{unit}"), scale)
         if value is None:
-            return NOTHING
+            return NO_VALUE
         if deviation is None:
             return f"{_short(value)} given"
         spread = max(deviation, abs(value) * relative_spread(result))
@@ -150,22 +181,21 @@ def _with_deviation(key: str, unit: str, scale: float = 1.0) -> Callable[[DropRe
 
 
 def modulus_and_ends(result: DropResult) -> tuple[str, str]:
-    """The modulus and its 95 % interval, MPa, with the digits that the interval supports."""
+    """Return the modulus and its 95 % interval, MPa, with the digits that the interval supports."""
     return value_and_ends(result.modulus_pa, result.modulus_interval_pa, 1e6)
 
 
 def value_and_ends(
     value: float | None, ends: tuple[float, float] | None, scale: float = 1.0
 ) -> tuple[str, str]:
-    """A value and its interval over `scale`; of one without an interval three digits."""
-    found = _finite(value, scale)
-    known = ends is not None and all(map(math.isfinite, ends))
-    if ends is None or not known:
-        return _short(found), NOTHING
+    """Return a value and its interval over `scale`; a value without one has three digits."""
+    number = _finite(value, scale)
+    if ends is None or not all(map(math.isfinite, ends)):
+        return _short(number), NO_VALUE
     low, high = (end / scale for end in ends)
-    middle = math.sqrt(low * high) if low > 0 else (low + high) / 2
-    shown, *shown_ends = with_ends(middle if found is None else found, (low, high))
-    return (NOTHING if found is None else shown), " to ".join(shown_ends)
+    mean = math.sqrt(low * high) if low > 0 else (low + high) / 2
+    text, *end_texts = with_ends(mean if number is None else number, (low, high))
+    return (NO_VALUE if number is None else text), " to ".join(end_texts)
 
 
 def _modulus(result: DropResult) -> str:
@@ -176,33 +206,33 @@ def _interval(result: DropResult) -> str:
     return modulus_and_ends(result)[1]
 
 
-def depth_of_rock(result: DropResult) -> str:
-    """The depth of the rock with its interval, m; what was given has none."""
+def bedrock_depth(result: DropResult) -> str:
+    """Return the depth of bedrock with its interval, m; a declared depth has none."""
     depth = _finite(result.bedrock_depth_m)
     ends = result.bedrock_depth_interval_m
     if depth is None or result.bedrock_depth_sd_m is None or ends is None:
         return _with_deviation("bedrock_depth", "m")(result)
-    shown, interval = value_and_ends(depth, ends)
-    return f"{shown} ({interval})"
+    text, interval = value_and_ends(depth, ends)
+    return f"{text} ({interval})"
 
 
-def verdict_of_fit(result: DropResult) -> str:
-    """Whether the model explains the record, in a word."""
+def fit_word(result: DropResult) -> str:
+    """Return one word: whether the model explains the record."""
     if result.explained is None:
-        return NOTHING
+        return NO_VALUE
     return "explained" if result.explained else UNEXPLAINED
 
 
 def peak_load(result: DropResult) -> str:
-    """As it was measured, kN; of results that do not know it that of the half-sine."""
+    """Return the measured peak load, kN; for results without it that of the half-sine."""
     return _short(_finite(result.peak_load_or_half_sine_n, 1e3))
 
 
 def _peak_pressure(result: DropResult) -> str:
-    """Mean of the peak load under the plate, kPa."""
+    """Return the mean pressure under the plate at the peak load, kPa."""
     load, radius = result.peak_load_or_half_sine_n, result.plate_radius_m
     if load is None or not radius:
-        return NOTHING
+        return NO_VALUE
     return _short(_finite(load / (math.pi * radius**2), 1e3))
 
 
@@ -211,10 +241,10 @@ def _layer(result: DropResult, number: int) -> LayerResult:
 
 
 def _layer_modulus(result: DropResult, number: int) -> tuple[str, str]:
-    """MPa; of the lowest layer what the result says of the subgrade: nothing if not known."""
+    """Return modulus and interval of a layer, MPa; no modulus if the subgrade is left open."""
     layer = _layer(result, number)
-    unknown = result.modulus_pa is None and number == len(result.layers or ()) - 1
-    return value_and_ends(None if unknown else layer.modulus_pa, layer.modulus_interval_pa, 1e6)
+    is_open = result.modulus_pa is None and number == len(result.layers or ()) - 1
+    return value_and_ends(None if is_open else layer.modulus_pa, layer.modulus_interval_pa, 1e6)
 
 
 def _thickness(layer: LayerResult) -> tuple[str, str]:
@@ -231,7 +261,7 @@ _GROUND: dict[str, Callable[[DropResult], str]] = {
     "95 % MPa": _interval,
     "η kPa s": _with_deviation("viscosity", "pa_s", 1e3),
     "ρ kg/m³": _with_deviation("density", "kg_m3"),
-    "bedrock m": depth_of_rock,
+    "bedrock m": bedrock_depth,
 }
 _LAYER: dict[str, Callable[[DropResult, int], str]] = {
     "drop": lambda result, number: _text(result.drop),
@@ -252,42 +282,42 @@ _PULSE: dict[str, Callable[[DropResult], str]] = {
     "peak E MPa": lambda result: _short(_finite(result.peak_modulus_pa, 1e6)),
     "residual %": lambda result: percent(result.residual_rms_over_peak),
     "contact %": lambda result: percent(result.contact_residual_rms_over_peak),
-    "verdict": verdict_of_fit,
+    "fit": fit_word,
 }
 
 
 def _finite(value: float | None, scale: float = 1.0) -> float | None:
-    """A number over `scale`; None when there is none or it is not finite."""
+    """Return a number over `scale`; None if there is none or it is not finite."""
     return float(value) / scale if value is not None and math.isfinite(value) else None
 
 
 def _text(value: object) -> str:
-    return NOTHING if value is None else clean(value)
+    return NO_VALUE if value is None else clean(value)
 
 
 def _short(value: float | None) -> str:
-    """Three digits that count, or all digits before the point when there are more."""
-    return NOTHING if value is None else significant(value)
+    """Return three significant digits, or all digits before the point when there are more."""
+    return NO_VALUE if value is None else significant(value)
 
 
 def percent(part: float | None) -> str:
-    """A part of one as percent, with two digits that count: a residual is not known better."""
+    """Return a fraction as percent with two significant digits."""
     value = _finite(part, 1e-2)
-    return NOTHING if value is None else significant(value, 2)
+    return NO_VALUE if value is None else significant(value, 2)
 
 
 def _fixed(value: float | None, decimals: int) -> str:
-    return NOTHING if value is None else f"{value:.{decimals}f}"
+    return NO_VALUE if value is None else f"{value:.{decimals}f}"
 
 
 def drop_line(point: str, number: int, result: DropResult) -> str:
-    """One drop on one line, as it comes from the instrument; the modulus with all it rests on.
+    """Return one drop as a line, with its modulus and the settings of the fit.
 
     Parameters
     ----------
     point : str
     number : int
-        Of the drop within the point.
+        Number of the drop within the point.
     result : DropResult
     """
     name = f"{clean(point)}/{number}"
@@ -297,12 +327,12 @@ def drop_line(point: str, number: int, result: DropResult) -> str:
         return f"{name}  {status}" + (f": {clean(result.reason)}" if result.reason else "")
     parts = [
         f"{name}  E {_modulus(result)} MPa ({_interval(result)})",
-        f"{_text(result.model)}, {_text(result.plate)} plate "
+        f"{word(MODEL_WORDS, result.model)}, {word(PLATE_WORDS, result.plate)} "
         f"{_fixed(_finite(result.plate_radius_m), 3)} m, "
         f"ν {_short(_finite(result.poisson_ratio))}",
         f"{peak_load(result)} kN",
         f"residual {percent(result.residual_rms_over_peak)} %",
-        _text(result.method),
+        word(_METHOD_WORDS, result.method),
     ]
     parts += ["seating"] if status == "seating" else []
     parts += [] if result.explained is not False else ["NOT EXPLAINED"]

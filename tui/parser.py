@@ -175,9 +175,9 @@ class CommandParser(_Parser):
         return super().parse_known_args(args, namespace)
 
 
-def _suggestion(word: str, known: Sequence[str]) -> str:
-    near = difflib.get_close_matches(word, known, 1, 0.6)
-    return f"; did you mean {near[0]}?" if near else ""
+def _suggestion(word: str, candidates: Sequence[str]) -> str:
+    matches = difflib.get_close_matches(word, candidates, 1, 0.6)
+    return f"; did you mean {matches[0]}?" if matches else ""
 
 
 def build_parser() -> _Parser:

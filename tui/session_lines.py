@@ -1,4 +1,4 @@
-"""A session as lines: one JSON object a drop for machines, or one line a drop for people."""
+"""Events of a session as lines: JSON objects, or a line of text for each drop."""
 
 import logging
 import math
@@ -43,19 +43,19 @@ log = logging.getLogger("pfwd.session")
 STATUS_OF_ENDING = {Ending.DONE: 0, Ending.UNSAVED: 1, Ending.LOST: 3}
 """Exit status of a command by the end of its session."""
 
-CHANGED = 0.005
-"""Part of the modulus by which the full search has to differ to be worth another line."""
+MIN_MODULUS_CHANGE = 0.005
+"""Relative change of the modulus by the full search from which on it has a line of its own."""
 
 
 class SessionLines:
-    """Prints what a session tells; give `tell` to the session.
+    """Printer of the events of a session; `print_event` is the session's listener.
 
     Parameters
     ----------
     as_json : bool
-        Lines for machines: results only.
+        Print JSON objects, for results only.
     analysed : bool
-        Whether drops are inverted; a drop that is waits for its first modulus.
+        Whether drops are inverted; an inverted drop is printed with its first modulus.
     bell : bool
         Ring the terminal's bell for every safe drop.
     """
@@ -64,36 +64,36 @@ class SessionLines:
         self._as_json = as_json
         self._analysed = analysed
         self._bell = bell
-        self._quick: dict[tuple[str, int], float] = {}
+        self._first_moduli: dict[tuple[str, int], float] = {}
         self._identical: dict[tuple[str, int], bool | None] = {}
-        self._told_building: set[str] = set()
+        self._reported_tables: set[str] = set()
         self._repeats = Repeats()
-        self._told_job: tuple[str, float | None] | None = None
+        self._reported_job: tuple[str, float | None] | None = None
         self._complete = CompletePoints(self._point, analysed=analysed)
         self.moduli: dict[int, float] = {}
-        """Modulus by number of the drop, Pa; the last that was found."""
+        """Last modulus of each drop by its number, Pa."""
 
-    def tell(self, event: SessionEvent) -> None:
-        """Print an event, if it is worth a line; then the point that it completes."""
+    def print_event(self, event: SessionEvent) -> None:
+        """Print an event that has a line, then the point that it completes."""
         self._event(event)
         self._complete.take(event)
 
-    def rest(self) -> None:
-        """The session is over: print the points that were waiting for an analysis."""
+    def finish(self) -> None:
+        """Print the points that wait for an analysis; call it at the end of the session."""
         self._complete.rest()
 
     def _point(self, point: PointView) -> None:
         if not has_verdict_line(point.progress):
             return
-        said = point.as_json()
+        record = point.as_json()
         if point.progress.complete:
             text = point_text(point)
-        else:  # it was, until a drop was discarded or moved: lines with `complete` are always true
+        else:  # a drop was discarded or moved; `complete` stands only in lines of complete points
             text = f"point {clean(point.name)} is open again: {point.progress.instruction}"
-            said = {key: value for key, value in said.items() if key != "complete"}
-            said["open_again"] = True
+            del record["complete"]
+            record["open_again"] = True
         log.info("%s", text)
-        print(json_text(said) if self._as_json else text, flush=True)
+        print(json_text(record) if self._as_json else text, flush=True)
 
     def _event(self, event: SessionEvent) -> None:
         match event:
@@ -125,10 +125,10 @@ class SessionLines:
                 self._diagnosed(event)
             case Rebounded(point, number, delay, load):
                 log.info("rebound of %s/%s after %.3f s, %.0f N", point, number, delay, load)
-            case TableBuilding(what):
-                if what not in self._told_building:
-                    self._told_building.add(what)
-                    self._say(f"building the response table once: {what}")
+            case TableBuilding(table):
+                if table not in self._reported_tables:
+                    self._reported_tables.add(table)
+                    self._say(f"computing a response table once: {table}")
             case Notice(text, serious, details):
                 self._say(text, logging.WARNING if serious else logging.INFO)
                 if details:
@@ -136,11 +136,11 @@ class SessionLines:
 
     def _job(self, job: Job, differences: tuple[str, ...]) -> None:
         for text in differences:
-            self._say(f"{text} (pfwd job shows what was said when)", logging.WARNING)
-        told = (job.procedure_in_force.name, job.target)
-        if told == self._told_job or (job.procedure is None and job.target is None):
+            self._say(f"{text} (pfwd job shows every change)", logging.WARNING)
+        job_key = (job.procedure_in_force.name, job.target)
+        if job_key == self._reported_job or (job.procedure is None and job.target is None):
             return
-        self._told_job = told
+        self._reported_job = job_key
         target = "" if job.target is None else f", target {target_text(job.target)}"
         name = job.procedure_in_force.name
         self._say(f"judged by {name}: {QUANTITY_NAMES[job.quantity]}{target}")
@@ -151,14 +151,14 @@ class SessionLines:
 
     def _ready(self, event: InstrumentReady) -> None:
         identity, setup = event.identity, event.setup
-        untold = self._repeats.due("connections")
-        if untold is None:
+        n_unreported = self._repeats.due("connections")
+        if n_unreported is None:
             return
-        if untold:
-            self._say(f"the instrument was connected {untold} more times meanwhile")
-        again = "back again: " if event.again else ""
+        if n_unreported:
+            self._say(f"the instrument was connected {n_unreported} more times meanwhile")
+        prefix = "back again: " if event.again else ""
         self._say(
-            f"{again}{identity.model} {identity.serial_number}, firmware {identity.firmware}, at "
+            f"{prefix}{identity.model} {identity.serial_number}, firmware {identity.firmware}, at "
             f"{event.url}: {len(identity.channels)} channels at {identity.sampling_rate:g} Hz"
         )
         ratio = "0.35 (assumed)" if setup.poisson_ratio is None else f"{setup.poisson_ratio:g}"
@@ -212,10 +212,10 @@ class SessionLines:
         saved, result = event.saved, event.result
         modulus = result.modulus_pa or math.nan
         self.moduli[saved.number] = modulus
-        before = self._quick.get((saved.point, saved.number))
+        first = self._first_moduli.get((saved.point, saved.number))
         if not event.final:
-            self._quick[saved.point, saved.number] = modulus
-        changed = before is None or not abs(modulus - before) <= CHANGED * before
+            self._first_moduli[saved.point, saved.number] = modulus
+        changed = first is None or not abs(modulus - first) <= MIN_MODULUS_CHANGE * first
         if self._as_json or changed:
             self._line(saved, result, event.delay)
         if event.final:
@@ -225,8 +225,8 @@ class SessionLines:
         result = event.result
         log.info("point %s diagnosed: %s", event.point, result.verdict)
         if self._as_json:
-            said = result.to_json()
-            kept = (
+            record = result.to_json()
+            keys = (
                 "drops",
                 "verdict",
                 "corrected",
@@ -236,14 +236,14 @@ class SessionLines:
                 "warnings",
                 "warning_codes",
             )
-            diagnosis = {key: said[key] for key in kept}
+            diagnosis = {key: record[key] for key in keys}
             print(json_text({"point": event.point, "diagnosis": diagnosis}), flush=True)
             return
         print(diagnosis_line(event.point, result), flush=True)
 
     def _forget(self, saved: SavedDrop) -> None:
-        """Nothing more comes of a drop: a day has thousands."""
-        self._quick.pop((saved.point, saved.number), None)
+        """Remove a drop that has its last result; a day has thousands of drops."""
+        self._first_moduli.pop((saved.point, saved.number), None)
         self._identical.pop((saved.point, saved.number), None)
 
     def _line(self, saved: SavedDrop, result: DropResult, delay: float | None = None) -> None:
@@ -251,7 +251,7 @@ class SessionLines:
         after = "" if delay is None else f", {delay:.3f} s after its last sample"
         log.info("%s%s", drop_line(saved.point, saved.number, result), after)
         if self._as_json:
-            found = result.to_json()
+            record = result.to_json()
             line = {
                 "point": saved.point,
                 "drop": saved.number,
@@ -260,13 +260,13 @@ class SessionLines:
                 **({} if saved.spare is None else {"spare": saved.spare}),
                 **({} if identical is None else {"identical": identical}),
                 **({} if delay is None else {"delay_s": delay}),
-                **{key: value for key, value in found.items() if key not in ("point", "drop")},
+                **{key: value for key, value in record.items() if key not in ("point", "drop")},
             }
             print(json_text(line), flush=True)
             return
         line_text = drop_line(saved.point, saved.number, result)
         if identical is False:
-            line_text += "  NOT the recorded traces"
+            line_text += "  DIFFERS from the recorded traces"
         if saved.spare is not None:
             line_text += "  IN THE SPARE FOLDER"
         print(line_text, flush=True)

@@ -1,6 +1,5 @@
-"""Results of files as text; of many points a block or a line for each, each warning once."""
+"""Results of files as text: a block or a line for each point, and each warning once."""
 
-import dataclasses
 import itertools
 from collections import Counter
 from collections.abc import Sequence
@@ -11,26 +10,27 @@ from pfwd.message_groups import as_ranges, group_messages
 from pfwd.procedures import Kind, PointDrop, judge
 from pfwd.procedures.point import UNSUPPORTED_MARK
 from tui.format import (
-    NOTHING,
+    NO_VALUE,
     UNEXPLAINED,
     By,
     aligned,
+    fit_word,
     layer_lines,
-    lines_of_one_point,
     modulus_and_ends,
     peak_load,
     percent,
-    rests_on,
+    point_lines,
+    settings_lines,
     value_and_ends,
-    verdict_of_fit,
 )
-from tui.output import clean
+from tui.output import clean, counted
 
-LONGEST_NAME = 20
-"""Letters of a point's name in a table; longer ones end with an ellipsis."""
+MAX_NAME_LETTERS = 20
+"""Letters of a point's name in a table; longer names end with an ellipsis."""
 
-_STAR = f"{UNSUPPORTED_MARK} not supported by the data: decides nothing; "
-_NOTE = "bedrock: 95 % interval; residual: contact phase, over the peak"
+_MARK_NOTE = f"{UNSUPPORTED_MARK} not supported by the data, decides no verdict"
+_DROP_NOTE = "bedrock: 95 % interval; residual: contact phase, in % of the peak"
+_POINT_NOTE = "residual: contact phase, in % of the peak"
 
 
 def printed_results(results: Sequence[DropResult], *, as_json: bool, by: By = "drop") -> list[str]:
@@ -44,15 +44,15 @@ def result_lines(results: Sequence[DropResult], by: By = "drop") -> list[str]:
     Parameters
     ----------
     results : sequence of DropResult
-        One a drop.
+        Result of each drop.
     by : "point" or "drop"
-        What has a line of its own.
+        A line for each point, or for each drop.
 
     Returns
     -------
     list of str
-        For every file its name, then of a single point :func:`tui.format.lines_of_one_point`, of
-        several points :func:`survey_lines`.
+        For each file its name, then :func:`tui.format.point_lines` for a single point or
+        :func:`survey_lines` for several.
     """
     lines = []
     for file, group in itertools.groupby(results, key=lambda result: result.file):
@@ -61,74 +61,65 @@ def result_lines(results: Sequence[DropResult], by: By = "drop") -> list[str]:
         if by == "point" or len({result.point for result in of_file}) > 1:
             lines += survey_lines(of_file, by)
         else:
-            lines += lines_of_one_point(of_file)
+            lines += point_lines(of_file)
     return lines
 
 
 def survey_lines(results: Sequence[DropResult], by: By) -> list[str]:
-    """The lines of one file that follow its name.
+    """Return the lines of one file that follow its name.
 
     Parameters
     ----------
     results : sequence of DropResult
-        Of one file, in its order.
+        Results of one file, in its order.
     by : "point" or "drop"
-        What has a line of its own.
+        A line for each point, or for each drop.
 
     Returns
     -------
     list of str
-        What the numbers rest on; one table with the points as blocks; then what was rejected and
-        every warning, each once, with its points as ranges.
+        Settings of the fit, a table with the points as blocks, then reasons of rejected drops and
+        warnings, each once with its points as ranges.
     """
     points = [(key, list(group)) for key, group in itertools.groupby(results, key=_point)]
-    used = [(name, [r for r in some if r.status != "rejected"]) for name, some in points]
-    used = [(name, some) for name, some in used if some]
+    inverted = [(name, [r for r in drops if r.status != "rejected"]) for name, drops in points]
+    inverted = [(name, drops) for name, drops in inverted if drops]
     lines = []
-    starred = False
-    for _, same in itertools.groupby(used, key=lambda item: _rests_on(item[1])):
-        blocks = list(same)
-        every = [result for _, some in blocks for result in some]
-        lines += [f"  {line}" for line in _rests_on(every, _models(every))]
-        starred |= any(result.not_supported is not None for result in every)
+    is_marked = False
+    for _, group in itertools.groupby(inverted, key=lambda item: settings_lines(item[1][0], [""])):
+        blocks = list(group)
+        of_group = [result for _, drops in blocks for result in drops]
+        models = dict.fromkeys(result.model for result in of_group)
+        lines += [f"  {line}" for line in settings_lines(of_group[0], models)]
+        is_marked |= any(result.not_supported is not None for result in of_group)
         rows: list[tuple[str, ...]] = [_POINT_COLUMNS] if by == "point" else [_DROP_COLUMNS]
-        for name, some in blocks:
-            rows += [_point_row(name, some)] if by == "point" else _drop_rows(name, some)
-        lines += aligned(rows, left=(0, len(rows[0]) - 1))
-        for name, some in blocks:
-            lines += [f"  {name},{line[1:]}" for line in layer_lines(some)]
-    if used and (by == "drop" or starred):
-        lines.append(f"  {_STAR if starred else ''}{_NOTE}")
-    rejected = [(r, r.reason or NOTHING) for r in results if r.status == "rejected"]
+        for name, drops in blocks:
+            rows += [_point_row(name, drops)] if by == "point" else _drop_rows(name, drops)
+        lines += aligned(rows, text_columns=(0, len(rows[0]) - 1))
+        for name, drops in blocks:
+            lines += [f"  {name},{line[1:]}" for line in layer_lines(drops)]
+    notes = [_MARK_NOTE] if is_marked else []
+    notes += [_DROP_NOTE if by == "drop" else _POINT_NOTE] if inverted else []
+    lines += ["  " + "; ".join(notes)] if notes else []
+    rejected = [(r, r.reason or NO_VALUE) for r in results if r.status == "rejected"]
     order = list(dict.fromkeys(name for name, _ in points))
-    lines += _said(results, order, "rejected", rejected)
-    # What a drop is rejected for was said.
-    warned = [(r, text) for r in results for text in r.warnings or () if text != r.reason]
-    return lines + _said(results, order, "warning", warned)
+    lines += _message_lines(results, order, "rejected", rejected)
+    # The reason of a rejected drop is printed already.
+    warnings = [(r, text) for r in results for text in r.warnings or () if text != r.reason]
+    return lines + _message_lines(results, order, "warning", warnings)
 
 
-_DROP_COLUMNS = (
-    *("point", "drop", "kN", "E MPa", "95 % MPa", "bedrock m", "residual %", "verdict"),
-)
-_POINT_COLUMNS = ("point", "drops", "E MPa", "95 % MPa", "residual %", "verdict")
-
-
-def _rests_on(results: Sequence[DropResult], model: str = "") -> tuple[str, ...]:
-    """What the numbers rest on, whichever of the models a drop was fitted best by."""
-    return rests_on(dataclasses.replace(results[0], model=model))
-
-
-def _models(results: Sequence[DropResult]) -> str:
-    return " or ".join(dict.fromkeys(str(result.model) for result in results))
+_DROP_COLUMNS = (*("point", "drop", "kN", "E MPa", "95 % MPa", "bedrock m", "residual %", "fit"),)
+_POINT_COLUMNS = ("point", "drops", "E MPa", "95 % MPa", "residual %", "fit")
 
 
 def _point(result: DropResult) -> str:
-    name = NOTHING if result.point is None else clean(result.point)
-    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"
+    name = NO_VALUE if result.point is None else clean(result.point)
+    return name if len(name) <= MAX_NAME_LETTERS else f"{name[: MAX_NAME_LETTERS - 1]}…"
 
 
 def _drop_rows(name: str, results: Sequence[DropResult]) -> list[tuple[str, ...]]:
-    """A row a drop; the name stands in the first one."""
+    """Return a row for each drop; the first one has the name."""
     rows: list[tuple[str, ...]] = []
     for result in results:
         modulus, interval = modulus_and_ends(result)
@@ -137,30 +128,30 @@ def _drop_rows(name: str, results: Sequence[DropResult]) -> list[tuple[str, ...]
         rows.append(
             (
                 name if not rows else "",
-                f"{NOTHING if result.drop is None else result.drop}{kind}",
+                f"{NO_VALUE if result.drop is None else result.drop}{kind}",
                 peak_load(result),
                 f"{modulus}{star}",
                 interval,
                 _depth(result),
                 percent(result.contact_residual_rms_over_peak),
-                _verdict(result),
+                _fit(result),
             )
         )
     return rows
 
 
 def _depth(result: DropResult) -> str:
-    """The interval of the depth alone: many records leave it open, and then no value is one."""
+    """Return the interval of the depth of bedrock; many records leave the value open."""
     depth, ends = result.bedrock_depth_m, result.bedrock_depth_interval_m
     if depth is None:
-        return NOTHING
+        return NO_VALUE
     if result.bedrock_depth_sd_m is None or ends is None:
         return f"{value_and_ends(depth, None)[0]} given"
     return value_and_ends(depth, ends)[1]
 
 
 def _point_row(name: str, results: Sequence[DropResult]) -> tuple[str, ...]:
-    """Mean of the measured drops with its interval, as reports have it."""
+    """Return the mean of the measured drops with its interval, as in reports."""
     from pfwd.analysis.drop_facts import with_modulus
     from pfwd.procedures import NO_PROCEDURE
 
@@ -171,7 +162,7 @@ def _point_row(name: str, results: Sequence[DropResult]) -> tuple[str, ...]:
     ]
     radius = results[0].plate_radius_m or 0.0
     modulus = judge(NO_PROCEDURE, facts, plate_radius=radius).fitted_modulus
-    mean = NOTHING, NOTHING
+    mean = NO_VALUE, NO_VALUE
     if modulus is not None:
         value, ends_text = value_and_ends(modulus.value, modulus.interval, 1e6)
         mean = f"{value}{UNSUPPORTED_MARK if modulus.not_supported else ''}", ends_text
@@ -184,40 +175,39 @@ def _point_row(name: str, results: Sequence[DropResult]) -> tuple[str, ...]:
         name,
         f"{len(measured)}" + (f" + {seating} seating" if seating else ""),
         *mean,
-        " to ".join(ends) or NOTHING,
-        _verdicts(measured),
+        " to ".join(ends) or NO_VALUE,
+        _fits(measured),
     )
 
 
-def _verdict(result: DropResult) -> str:
-    return "NOT CONVERGED" if result.converged is False else verdict_of_fit(result)
+def _fit(result: DropResult) -> str:
+    return "NOT CONVERGED" if result.converged is False else fit_word(result)
 
 
-def _verdicts(results: Sequence[DropResult]) -> str:
-    """The word that all drops share, or how many have which."""
-    counts = Counter(map(_verdict, results))
+def _fits(results: Sequence[DropResult]) -> str:
+    """Return the word that all drops share, or each word with its number of drops."""
+    counts = Counter(map(_fit, results))
     if len(counts) <= 1:
-        return next(iter(counts), NOTHING)
+        return next(iter(counts), NO_VALUE)
     worst_first = sorted(counts, key=lambda word: (word != UNEXPLAINED, word))
     return ", ".join(f"{counts[word]} {word}" for word in worst_first)
 
 
-def _said(
+def _message_lines(
     results: Sequence[DropResult],
     order: Sequence[str],
-    what: str,
-    said: Sequence[tuple[DropResult, str]],
+    kind: str,
+    messages: Sequence[tuple[DropResult, str]],
 ) -> list[str]:
-    """What is said of drops: each sentence once, the points as ranges, how many drops of all."""
-    # By their place: two drops may be called alike.
+    """Return messages about drops, each once, with points as ranges and number of drops."""
+    # By their place: two drops may have the same name.
     places = {id(result): (_point(result), place) for place, result in enumerate(results)}
     lines = []
-    for group in group_messages((places[id(result)], text) for result, text in said):
+    for group in group_messages((places[id(result)], text) for result, text in messages):
         names = list(dict.fromkeys(name for name, _ in group.places))
         where = f"point{'s' if len(names) > 1 else ''} {as_ranges(names, order)}"
         if len(names) == len(order) > 1:
             where = "all points"
-        count = len(group.places)
-        drops = f"{count} drop{'s' if count > 1 else ''}"
-        lines.append(f"  {what}, {where} ({drops}): {clean(group.text)}")
+        drops = counted(len(group.places), "drop")
+        lines.append(f"  {kind}, {where} ({drops}): {clean(group.text)}")
     return lines

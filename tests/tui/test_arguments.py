@@ -13,7 +13,7 @@ from tui import arguments as values
 @pytest.mark.parametrize(
     ("read", "text", "value"),
     [
-        (values.whole, "-3", -3),
+        (values.integer, "-3", -3),
         (values.count, "1", 1),
         (values.number, "1e-3", 1e-3),
         (values.not_negative, "0", 0.0),
@@ -36,7 +36,7 @@ def test_values(read: Callable[[str], Any], text: str, value: object) -> None:
 @pytest.mark.parametrize(
     ("read", "text", "expected"),
     [
-        (values.whole, "1.5", "a whole number"),
+        (values.integer, "1.5", "a whole number"),
         (values.count, "many", "a whole number"),
         (values.count, "0", "a whole number from 1"),
         (values.number, "1,5", "a number"),

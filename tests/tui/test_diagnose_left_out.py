@@ -71,11 +71,13 @@ def test_a_prediction_stands_beside_the_scaled_record() -> None:
 
 def test_what_is_fitted_is_called_no_prediction() -> None:
     first, last = lines(mode="point", fitted=("choice of effects", "modulus_ratio (ground)"))
-    assert first.startswith("  device of the other points, the rest fitted: off by 9 % of the peak")
+    assert first.startswith(
+        "  device of the other points, everything else fitted: off by 9 % of the peak"
+    )
     assert first.endswith("no preceding record to scale")
     assert last == "    fitted to the held-out data: choice of effects, modulus ratio (ground)"
     older = lines(mode="drop")[0]
-    assert older.startswith("  ground of the other drops, the rest fitted: off by 9 %")
+    assert older.startswith("  ground of the other drops, everything else fitted: off by 9 %")
 
 
 def test_a_next_drop_that_had_a_part_in_the_choice_of_effects_says_so() -> None:

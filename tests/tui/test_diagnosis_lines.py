@@ -135,7 +135,7 @@ def test_points_without_a_drop_stand_in_one_line() -> None:
     empty = [DiagnosisResult(file="a.F25", point=f"km {n}", drops=()) for n in range(1, 5)]
     whole = DiagnosisResult(file="a.F25", point="km 5", drops=(1,))
     (line,) = undiagnosed_lines([*empty, whole])
-    assert line.startswith("NOTHING TO DIAGNOSE at km 1 to km 4 (4): none of their drops")
+    assert line.startswith("NOTHING TO DIAGNOSE at km 1 to km 4 (4): no drop can be used")
     (line,) = undiagnosed_lines(empty)
     assert "at all points (4)" in line
     assert undiagnosed_lines([whole]) == []
@@ -145,7 +145,7 @@ def test_points_without_a_drop_stand_in_one_line() -> None:
 def test_what_differs_without_an_effect_is_said(high: float, said: bool) -> None:
     before, after = state(50e6, 48e6, 52e6), state(50e6, 48e6, high)
     found = DiagnosisResult(file="survey", verdict="unexplained", before=before, after=after)
-    assert ("no effect is taken over" in "\n".join(diagnosis_lines(found))) is said
+    assert ("no effect is accepted" in "\n".join(diagnosis_lines(found))) is said
 
 
 @pytest.mark.parametrize(
@@ -168,8 +168,8 @@ def test_a_point_without_a_drop_that_can_be_used_says_so() -> None:
     )
     assert diagnosis_lines(found) == [
         "survey, drops none",
-        "  NOTHING TO DIAGNOSE: no drop of the point can be used",
-        "  false_trigger",
+        "  NOTHING TO DIAGNOSE: no drop of the point can be used, see the warnings",
+        "  false trigger",
         "  drop 1: peaks only",
     ]
 

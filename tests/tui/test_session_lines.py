@@ -75,14 +75,14 @@ def test_two_lines_a_drop_for_machines_and_nothing_else(
 ) -> None:
     lines = SessionLines(as_json=True, analysed=True, bell=True)
     cut_off = replace(one().view, metadata={"marks": ["cut off"]})
-    lines.tell(DropSaved(replace(one(), view=cut_off)))
+    lines.print_event(DropSaved(replace(one(), view=cut_off)))
     assert capsys.readouterr().out == ""  # its first modulus is awaited
-    lines.tell(analysed(one(), 40e6, full=False))
-    lines.tell(analysed(one(), 40.1e6, full=True))
-    lines.tell(Notice("something", serious=True, details="Traceback\n  more"))
-    lines.tell(DropNotSaved("A", 2, "full"))
-    lines.tell(TableBuilding("a table", 0.1))
-    lines.tell(TableBuilding("a table", 0.2))
+    lines.print_event(analysed(one(), 40e6, full=False))
+    lines.print_event(analysed(one(), 40.1e6, full=True))
+    lines.print_event(Notice("something", serious=True, details="Traceback\n  more"))
+    lines.print_event(DropNotSaved("A", 2, "full"))
+    lines.print_event(TableBuilding("a table", 0.1))
+    lines.print_event(TableBuilding("a table", 0.2))
     output = capsys.readouterr()
     first, second = (json.loads(line) for line in output.out.splitlines())
     assert list(first)[:5] == ["point", "drop", "saved", "record", "delay_s"]
@@ -100,10 +100,10 @@ def test_a_line_that_says_complete_is_of_a_complete_point(
 ) -> None:
     for as_json in (True, False):
         lines = SessionLines(as_json=as_json, analysed=True)
-        lines.tell(JobReported(Job(procedure=plain_procedure(0, 1), target=30e6), ()))
-        lines.tell(DropSaved(one()))
-        lines.tell(analysed(one(), 40e6, full=True))
-        lines.tell(Edited("discard", None, None, 5))
+        lines.print_event(JobReported(Job(procedure=plain_procedure(0, 1), target=30e6), ()))
+        lines.print_event(DropSaved(one()))
+        lines.print_event(analysed(one(), 40e6, full=True))
+        lines.print_event(Edited("discard", None, None, 5))
         text = capsys.readouterr().out.splitlines()[-2:]
         if as_json:
             before, after = map(json.loads, text)
@@ -119,7 +119,7 @@ def test_a_rejected_drop_has_its_line_at_once_with_all_keys(
     one: Callable[..., SavedDrop], capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = SessionLines(as_json=True, analysed=True)
-    lines.tell(DropSaved(one(status="rejected")))
+    lines.print_event(DropSaved(one(status="rejected")))
     (line,) = map(json.loads, capsys.readouterr().out.splitlines())
     assert (line["status"], line["reason"]) == ("rejected", "no pulse")
     assert line["modulus_pa"] is None
@@ -138,7 +138,7 @@ def test_saved_is_said_of_what_is_safe(
     saved: bool,
 ) -> None:
     lines = SessionLines(as_json=True, analysed=False)
-    lines.tell(DropSaved(one(record=record), identical))
+    lines.print_event(DropSaved(one(record=record), identical))
     (line,) = map(json.loads, capsys.readouterr().out.splitlines())
     assert line["saved"] is saved
     assert line.get("identical") is identical
@@ -153,9 +153,9 @@ def test_people_read_a_second_line_only_if_it_says_something_else(
     count: int,
 ) -> None:
     lines = SessionLines(as_json=False, analysed=True)
-    lines.tell(DropSaved(one()))
-    lines.tell(analysed(one(), 40e6, full=False))
-    lines.tell(analysed(one(), second, full=True))
+    lines.print_event(DropSaved(one()))
+    lines.print_event(analysed(one(), 40e6, full=False))
+    lines.print_event(analysed(one(), second, full=True))
     assert len(capsys.readouterr().out.splitlines()) == count
 
 
@@ -163,26 +163,26 @@ def test_a_quick_answer_that_failed_is_followed_by_the_full_one(
     one: Callable[..., SavedDrop], capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines = SessionLines(as_json=False, analysed=True)
-    lines.tell(analysed(one(), None, full=False, status="rejected", reason="failed"))
-    lines.tell(analysed(one(), 40e6, full=True))
+    lines.print_event(analysed(one(), None, full=False, status="rejected", reason="failed"))
+    lines.print_event(analysed(one(), 40e6, full=True))
     assert capsys.readouterr().out.splitlines()[0] == "A/1  rejected: failed"
 
 
 def test_a_long_day_takes_no_memory(one: Callable[..., SavedDrop]) -> None:
     lines = SessionLines(as_json=False, analysed=True)
     for number in range(1, 200):
-        lines.tell(DropSaved(one(number), True))
-        lines.tell(analysed(one(number), 40e6, full=False))
-        lines.tell(analysed(one(number), 40e6, full=True))
-        lines.tell(DropSaved(one(number, status="rejected")))
-    assert not lines._quick
+        lines.print_event(DropSaved(one(number), True))
+        lines.print_event(analysed(one(number), 40e6, full=False))
+        lines.print_event(analysed(one(number), 40e6, full=True))
+        lines.print_event(DropSaved(one(number, status="rejected")))
+    assert not lines._first_moduli
     assert not lines._identical
 
 
 def test_a_changed_calibration_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     changes = ("zero of load is 1 V, was 0 V", "sensitivity of g0 is -2 V per m/s, was 1 V per m/s")
     lines = SessionLines(as_json=True, analysed=False)
-    lines.tell(CalibrationChanged("T-1", changes, waits=False))
+    lines.print_event(CalibrationChanged("T-1", changes, waits=False))
     heard = capsys.readouterr()
     assert heard.out == ""
     assert heard.err == (
@@ -193,8 +193,8 @@ def test_a_changed_calibration_is_named(capsys: pytest.CaptureFixture[str]) -> N
 
 def test_the_check_of_the_sensors(capsys: pytest.CaptureFixture[str]) -> None:
     lines = SessionLines(as_json=True, analysed=True)
-    lines.tell(SensorCheck({"zero_n": 12.4, "span_ratio": 0.97}, ("the span is off",)))
-    lines.tell(SensorCheck({"zero_n": 12.4, "span_ratio": None}, ()))
+    lines.print_event(SensorCheck({"zero_n": 12.4, "span_ratio": 0.97}, ("the span is off",)))
+    lines.print_event(SensorCheck({"zero_n": 12.4, "span_ratio": None}, ()))
     output = capsys.readouterr()
     assert output.out == ""
     assert "load cell NOT OK: zero 12 N, span 97.0 %" in output.err
@@ -203,8 +203,8 @@ def test_the_check_of_the_sensors(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_a_drop_on_one_line() -> None:
     assert drop_line("A", 3, DropResult.from_json(RESULT)) == (
-        "A/3  E 40.0 MPa (39.0 to 41.0)  layer, rigid-rough plate 0.150 m, ν 0.350  7.07 kN  "
-        "residual 1.0 %  least-squares"
+        "A/3  E 40.0 MPa (39.0 to 41.0)  soil on bedrock, rigid plate without slip 0.150 m, "
+        "ν 0.350  7.07 kN  residual 1.0 %  least squares"
     )
     seating = RESULT | {"status": "seating", "explained": False, "at_bound": ["viscosity"]}
     assert drop_line("A", 3, DropResult.from_json(seating)).endswith(

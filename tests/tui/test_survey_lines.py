@@ -43,7 +43,7 @@ def survey(points: int, drops: int = 3, **values: object) -> list[DropResult]:
 def test_a_block_a_point_with_its_name_residual_and_verdict() -> None:
     lines = result_lines(survey(2))
     assert lines[3:10] == [
-        "  point       drop  kN  E MPa  95 % MPa   bedrock m  residual %  verdict",
+        "  point       drop  kN  E MPa  95 % MPa   bedrock m  residual %  fit",
         "  km 1   1 seating   -     45  41 to 49  1.00 to 18         2.3  explained",
         "                 2   -     45  41 to 49  1.00 to 18         2.3  explained",
         "                 3   -     45  41 to 49  1.00 to 18         2.3  explained",
@@ -59,7 +59,7 @@ def test_points_of_which_one_is_a_half_space_share_a_table() -> None:
     found[3] = replace(found[3], model="half-space", bedrock_depth_m=None)
     lines = result_lines(found)
     assert sum("drop  kN" in line for line in lines) == 1
-    assert "model layer or half-space, load" in lines[2]
+    assert "soil on bedrock or half-space; " in lines[2]
 
 
 @pytest.mark.parametrize("bound", [(), ("modulus",)])
@@ -72,7 +72,7 @@ def test_a_line_a_point_has_the_mean_of_its_measured_drops() -> None:
     found = survey(2)
     found[2] = replace(found[2], modulus_pa=49.4e6, explained=False)
     lines = result_lines(found, by="point")
-    assert lines[3] == "  point          drops  E MPa  95 % MPa  residual %  verdict"
+    assert lines[3] == "  point          drops  E MPa  95 % MPa  residual %  fit"
     assert lines[4].split("  ")[1:3] == ["km 1", " 2 + 1 seating"]
     assert "     47  " in lines[4]
     assert lines[4].endswith("1 UNEXPLAINED, 1 explained")

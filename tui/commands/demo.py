@@ -121,8 +121,10 @@ def run(args: argparse.Namespace) -> int:
         say(f"{instrument_text} at {instrument.url}")
         handler = open_log(folder)
         try:
-            ending = measure(instrument.url, folder, lines.tell, plan, control=stopped_by_signals)
-            lines.rest()
+            ending = measure(
+                instrument.url, folder, lines.print_event, plan, control=stopped_by_signals
+            )
+            lines.finish()
         finally:
             close_log(handler)
         opening, reporting = next_commands(folder)

@@ -104,13 +104,13 @@ def run(args: argparse.Namespace, default_procedure: "Procedure | None" = None) 
             ending = measure(
                 args.url,
                 args.output,
-                _with_position_warnings(lines.tell, receiver),
+                _with_position_warnings(lines.print_event, receiver),
                 plan,
                 capture=args.capture,
                 control=stopped_by_signals,
                 spare=args.spare,
             )
-        lines.rest()
+        lines.finish()
     finally:
         close_log(handler)
     return STATUS_OF_ENDING[ending]

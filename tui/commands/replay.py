@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     lines = SessionLines(as_json=args.json, analysed=options is not None)
     ending = replay(
         args.survey,
-        lines.tell,
+        lines.print_event,
         speed=args.speed or 0.0,
         options=options,
         setup=setup,
@@ -63,5 +63,5 @@ def run(args: argparse.Namespace) -> int:
         control=stopped_by_signals,
         spare=args.spare,
     )
-    lines.rest()
+    lines.finish()
     return STATUS_OF_ENDING[ending]

@@ -1,7 +1,7 @@
 """The pages of a survey for a browser: points, map, profile, and a page for each point.
 
-They need no script and load nothing from outside. A point's page is the part of the report on it,
-and pictures are drawn by the code of the report. Nothing is inverted.
+They need no script and load nothing from outside. The page of a point is its part of the report,
+and the code of the report draws the pictures. Nothing is inverted.
 """
 
 import urllib.parse
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     import jinja2
 
 MAX_PICTURE_POINTS = 400
-"""Points that map and profile show; more overlap, and take longer than a reader waits."""
+"""Number of points in map and profile; more would overlap and take too long to draw."""
 
 Photos = Literal["keep", "strip"]
-"""Whether uploaded photos keep the position that the camera wrote into them."""
+"""Keep or strip the position that the camera wrote into uploaded photos."""
 
 _UPLOAD_NOTES = {
     "keep": "JPEG or PNG. The position in the photo is kept.",
@@ -33,10 +33,10 @@ OVERVIEW_PICTURES = {
     "profile": "Judged value of each point with its interval and target",
     "map": "Points from above, by their verdict",
 }
-"""Names of the pictures and what they show. With "-small" behind the name: for a phone."""
+"""Contents of the pictures by their name. Names ending in "-small" are for a phone."""
 
 _PICTURE_SIZES = {"": (180.0, 80.0), "-small": (95.0, 75.0)}
-"""Width and height, mm, by the ending of the name: letters keep their size on a phone."""
+"""Width and height, mm, by the ending of the name, so that letters keep their size on a phone."""
 
 
 PICTURE_NAMES = [name + size for name in OVERVIEW_PICTURES for size in _PICTURE_SIZES]
@@ -48,7 +48,7 @@ def point_address(name: str) -> str:
 
 
 def parse_point_address(path: str) -> tuple[str, str]:
-    """Return the name of a point and the rest of a path; two empty texts: it is no such path."""
+    """Return the name of a point and the rest of a path; two empty texts for another path."""
     parts = path.split("/", 3)
     if len(parts) < 3 or parts[:2] != ["", "point"]:
         return "", ""
@@ -83,17 +83,17 @@ def overview_page(folder: str, title: str, rows: Sequence[PointRow]) -> str:
     rows : sequence of PointRow
     """
     counts = ", ".join(f"{count} {state}" for state, count in shares(rows))
-    known = {
+    is_drawable = {
         "profile": sum(row.value is not None for row in rows) > 1,
         "map": any(row.latitude is not None for row in rows),
     }
-    few = len(rows) <= MAX_PICTURE_POINTS
+    is_drawn = len(rows) <= MAX_PICTURE_POINTS
     return _render(
         "overview.html.j2",
         title=title,
         refresh=True,
         summary=f"{counted(len(rows), 'point')}: {counts}",
-        pictures=[item for item in OVERVIEW_PICTURES.items() if few and known[item[0]]],
+        pictures=[item for item in OVERVIEW_PICTURES.items() if is_drawn and is_drawable[item[0]]],
         rows=[_overview_row(folder, row) for row in rows],
     )
 
@@ -121,7 +121,7 @@ def _overview_row(folder: str, row: PointRow) -> dict[str, str]:
 
 
 def point_page(folder: str, row: PointRow, rows: Sequence[PointRow], photos: Photos | None) -> str:
-    """Return the page of a point: what a report says of it, and its photos.
+    """Return the page of a point: its part of the report, and its photos.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def point_page(folder: str, row: PointRow, rows: Sequence[PointRow], photos: Pho
     rows : sequence of PointRow
         All points, for the links to its neighbours.
     photos : {"keep", "strip"}, optional
-        Offer to add photos. None: show those that are there.
+        Offer to add photos. None: only show photos.
     """
     from markupsafe import Markup
 

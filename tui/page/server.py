@@ -1,12 +1,12 @@
 """A survey as pages for a browser, for a phone or a tablet beside it.
 
-The pages, their data and pictures of the points are served, and nothing else of the disk. The only
-input are pictures, where the owner allows them. Away from this computer a browser needs the code
-once: it keeps a cookie, and the code is void from then on.
+It serves the pages, their data and pictures of the points, and nothing else of the disk. The only
+input are photos, where the owner allows them. A browser of another computer needs a code once: it
+keeps a cookie, and the code is then void.
 
-A page of another site may send requests from the reader's own browser. On this computer, where no
-code is needed, only requests to a name of this computer are answered (the site may have its name
-lead here), and everywhere only those that no page of another origin has sent.
+A page of another site could send requests from the reader's browser. Therefore requests of a page
+of another origin are refused. On this computer, where no code is needed, the request must also be
+addressed to a name of this computer, because another site's name could resolve to it.
 """
 
 import hmac
@@ -45,13 +45,13 @@ from tui.screen.opened.rows import OpenedSurvey, PointRow
 HOST, PORT = "127.0.0.1", 8765
 
 CODE_DIGITS = 8
-"""A hundred million of them, and `MOST_WRONG` may be tried."""
+"""A hundred million codes, of which a client may try `MAX_WRONG_PER_CLIENT`."""
 
-MOST_WRONG = 10
-"""Wrong codes of one client until it is let in no more; the others still are."""
+MAX_WRONG_PER_CLIENT = 10
+"""Wrong codes of one client after which it gets no access; others still do."""
 
-MOST_WRONG_IN_ALL = 1000
-"""Wrong codes of all clients until no one is let in any more: one in 100,000 guesses so many."""
+MAX_WRONG_CODES = 1000
+"""Wrong codes of all clients after which none gets access; one of 100,000 such series succeeds."""
 
 _PLACE = re.compile(r"(?:\[(?P<six>[^\[\]]+)\]|(?P<name>[^:\[\]]*))(?::(?P<port>[0-9]{1,5}))?")
 
@@ -62,7 +62,7 @@ _PHOTO_TYPES = {".jpg": "image/jpeg", ".png": "image/png"}
 
 
 def parse_place(text: str | None) -> tuple[str, int]:
-    """Host and port of HOST:PORT; what is not said is 127.0.0.1 and 8765.
+    """Return host and port of HOST:PORT; the defaults are 127.0.0.1 and 8765.
 
     Raises
     ------
@@ -91,8 +91,8 @@ def _is_ipv6(text: str) -> bool:
     return True
 
 
-def is_here(host: str) -> bool:
-    """Whether only this computer can reach a host."""
+def is_local(host: str) -> bool:
+    """Return whether only this computer can reach a host."""
     try:
         return ip_address(host).is_loopback
     except ValueError:
@@ -112,8 +112,8 @@ class SurveyServer(ThreadingHTTPServer):
     host : str
     port : int
         0: a free one.
-    tell : callable, optional
-        Receives one line for the owner when a client is refused or a request fails.
+    report : callable, optional
+        Receives a line for the owner when a client is refused or a request fails.
     photos : {"keep", "strip"}, optional
         Accept pictures of points, with or without the position in them. None: accept none.
 
@@ -132,22 +132,22 @@ class SurveyServer(ThreadingHTTPServer):
         survey: OpenedSurvey,
         host: str,
         port: int,
-        tell: Callable[[str], None] = lambda _text: None,
+        report: Callable[[str], None] = lambda _text: None,
         photos: Photos | None = None,
     ) -> None:
         self.survey = survey
         self.folder = os.fspath(survey.folder)
         self.photos = photos
-        self._tell = tell
-        self.code = "" if is_here(host) else _code()
-        """Lets one browser in; empty: none is needed, or it was used."""
+        self._report = report
+        self.code = "" if is_local(host) else _code()
+        """Code that lets one browser in; empty: none is needed, or it was used."""
         self.needs_code = bool(self.code)
-        self.only_here = is_here(host)
+        self.only_this_computer = is_local(host)
         self._token = ""
         self._wrong: Counter[str] = Counter()
         self._lock = threading.Lock()
         self.drawing = threading.Lock()
-        """Held while pictures are drawn: settings of matplotlib are those of the process."""
+        """Lock of the drawing of pictures, since settings of matplotlib belong to the process."""
         self._pictures: dict[str, str] = {}
         self._pictures_of: list[PointRow] = []
         if ":" in host:
@@ -162,19 +162,19 @@ class SurveyServer(ThreadingHTTPServer):
 
     @property
     def url(self) -> str:
-        """Where it is."""
+        """Address of the pages."""
         host, port = self.server_address[:2]
-        shown = str(host)
-        return f"http://{f'[{shown}]' if ':' in shown else shown}:{port}/"
+        name = f"[{host!s}]" if ":" in str(host) else str(host)
+        return f"http://{name}:{port}/"
 
     def let_in(self, code: str, client: str) -> str | None:
-        """Return the token for a client that sends the code; None: it is wrong, or was used.
+        """Return the token for a client that sends the code; None: the code is wrong or was used.
 
         Parameters
         ----------
         code : str
         client : str
-            Its address. Wrong codes are counted for each, of IPv6 for each network of 64 bits.
+            Address. Wrong codes are counted for each address, for IPv6 each network of 64 bits.
         """
         with self._lock:
             network = _network(client)
@@ -184,44 +184,44 @@ class SurveyServer(ThreadingHTTPServer):
                 self.code, self._token = "", secrets.token_urlsafe(32)
                 return self._token
             self._wrong[network] += 1
-            if self._wrong.total() >= MOST_WRONG_IN_ALL:
-                self._tell(
-                    f"{MOST_WRONG_IN_ALL} wrong codes, the last of {client}: no browser is let in "
-                    "any more. End with ctrl+c and start again for a new code"
+            if self._wrong.total() >= MAX_WRONG_CODES:
+                self._report(
+                    f"{MAX_WRONG_CODES} wrong codes, the last from {client}: no browser gets "
+                    "access any more. End with ctrl+c and start again for a new code"
                 )
-            elif self._wrong[network] >= MOST_WRONG:
-                self._tell(
-                    f"client {client}: {MOST_WRONG} wrong codes, it is let in no more; others are. "
-                    "If it is yours, end with ctrl+c and start again"
+            elif self._wrong[network] >= MAX_WRONG_PER_CLIENT:
+                self._report(
+                    f"client {client}: {MAX_WRONG_PER_CLIENT} wrong codes, it gets no more access; "
+                    "others do. If it is yours, end with ctrl+c and start again"
                 )
             return None
 
     def is_locked(self, client: str) -> bool:
-        """Whether a client is let in no more, for its wrong codes or for those of all."""
+        """Return whether a client gets no access, for its wrong codes or for those of all."""
         wrong = self._wrong
-        return wrong[_network(client)] >= MOST_WRONG or wrong.total() >= MOST_WRONG_IN_ALL
+        return wrong[_network(client)] >= MAX_WRONG_PER_CLIENT or wrong.total() >= MAX_WRONG_CODES
 
     def report(self, text: str) -> None:
         """Show the owner one line."""
-        self._tell(text)
+        self._report(text)
 
     def answers_to(self, host: str) -> bool:
-        """Whether a request to this name, a ``Host`` header, may be answered."""
-        return not self.only_here or is_here(_host_name(host))
+        """Return whether a request to this name, a ``Host`` header, may be answered."""
+        return not self.only_this_computer or is_local(_host_name(host))
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Tell the owner in one line what a request failed of; one that was cut says nothing."""
+        """Report a failed request to the owner in one line; a closed connection is not reported."""
         error = sys.exception()
         if not isinstance(error, OSError):
-            self._tell(f"request of {client_address[0]}: {type(error).__name__}: {error}")
+            self._report(f"request of {client_address[0]}: {type(error).__name__}: {error}")
 
-    def knows(self, token: str) -> bool:
-        """Whether a browser was let in."""
-        known = self._token
-        return bool(known) and hmac.compare_digest(token.encode(), known.encode())
+    def is_valid(self, token: str) -> bool:
+        """Return whether a browser has access by its token."""
+        valid = self._token
+        return bool(valid) and hmac.compare_digest(token.encode(), valid.encode())
 
     def draw(self, name: str) -> str:
-        """Return a picture of all points, SVG, drawn again once the points have changed."""
+        """Return a picture of all points as SVG, drawn again when the points have changed."""
         rows = self.rows()
         with self.drawing:
             if self._pictures_of != rows:
@@ -231,7 +231,7 @@ class SurveyServer(ThreadingHTTPServer):
             return self._pictures[name]
 
     def rows(self) -> list[PointRow]:
-        """The points as they are on the disk now."""
+        """Return the points as they are on the disk now."""
         with self._lock:
             if self.survey.from_cache() is None:
                 self.survey.read()
@@ -240,7 +240,7 @@ class SurveyServer(ThreadingHTTPServer):
 
 
 def _network(client: str) -> str:
-    """Return what wrong codes are counted for: an address, or the 64 bits of a network of IPv6."""
+    """Return the address or IPv6 network of 64 bits for which wrong codes are counted."""
     try:
         address = ip_address(client.partition("%")[0])
     except ValueError:
@@ -251,7 +251,7 @@ def _network(client: str) -> str:
 
 
 def _host_name(host: str) -> str:
-    """Return the name of a ``Host`` header, without port and brackets; empty: it is none."""
+    """Return the name of a ``Host`` header, without port and brackets; empty if it is invalid."""
     parts = _PLACE.fullmatch(host)
     return "" if parts is None else parts["six"] or parts["name"]
 
@@ -269,7 +269,7 @@ def _uploaded_files(content_type: str, body: bytes) -> list[bytes]:
     Raises
     ------
     OptionError
-        If the body is no such form, or no file is in it.
+        If the body is not such a form, or has no file.
     """
     from python_multipart import parse_form
     from python_multipart.exceptions import FormParserError
@@ -296,22 +296,22 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = 20
 
     def do_GET(self) -> None:
-        """The page, or its data."""
+        """Send a page or its data."""
         try:
             where = urlsplit(self.path)
         except ValueError:
             self._answer(HTTPStatus.BAD_REQUEST, "not an address", "text/plain")
             return
-        if not self._is_own():
+        if not self._is_same_origin():
             self._answer(HTTPStatus.FORBIDDEN, f"Open {self.server.url}", "text/plain")
             return
-        if self.server.needs_code and not self._is_known():
+        if self.server.needs_code and not self._has_access():
             code = (parse_qs(where.query).get("code") or [""])[0]
             client = str(self.client_address[0])
             token = self.server.let_in(code, client) if code else None
             if token is None:
                 if self.server.is_locked(client):
-                    text = "Too many wrong codes. Whoever started this page sees what to do."
+                    text = "Too many wrong codes. The person who started this page sees what to do."
                     self._answer(HTTPStatus.TOO_MANY_REQUESTS, text, "text/plain")
                 else:
                     self._answer(HTTPStatus.FORBIDDEN, FORM, "text/html")
@@ -350,7 +350,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(HTTPStatus.INTERNAL_SERVER_ERROR, str(err), "text/plain")
 
     def _send_photo(self, point: str, name: str) -> None:
-        # Only names that are in the point's folder: nothing else of the disk can be asked for.
+        # Only names in the folder of the point, so that no other file can be requested.
         files = {photo.name: photo for photo in photos_of(self.server.folder, point)}
         if name not in files:
             self._answer(HTTPStatus.NOT_FOUND, "not there", "text/plain")
@@ -362,10 +362,10 @@ class _Handler(BaseHTTPRequestHandler):
         """Store the pictures that are sent to a point."""
         point, rest = parse_point_address(urlsplit(self.path).path)
         size = self.headers.get("Content-Length", "")
-        # A form of another site sends its origin; one without it is no browser of today.
-        if not self._is_own() or self.headers.get("Origin") is None:
+        # Every browser sends the origin of a form.
+        if not self._is_same_origin() or self.headers.get("Origin") is None:
             self._answer(HTTPStatus.FORBIDDEN, f"Open {self.server.url}", "text/plain")
-        elif self.server.needs_code and not self._is_known():
+        elif self.server.needs_code and not self._has_access():
             self._answer(HTTPStatus.FORBIDDEN, FORM, "text/html")
         elif self.server.photos is None or rest != "photos":
             self._answer(HTTPStatus.NOT_FOUND, "not there", "text/plain")
@@ -397,21 +397,21 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
 
     def do_HEAD(self) -> None:
-        """The same without its text."""
+        """Send the header of a page."""
         self.do_GET()
 
-    def _is_own(self) -> bool:
-        """Whether it is sent to this server by its reader, and by no page of another site."""
+    def _is_same_origin(self) -> bool:
+        """Return whether the request is to this server and not from a page of another site."""
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
         return self.server.answers_to(host) and origin in (None, f"http://{host}")
 
-    def _is_known(self) -> bool:
+    def _has_access(self) -> bool:
         try:
             cookies = SimpleCookie(self.headers.get("Cookie", ""))
         except CookieError:
             return False
-        said = cookies.get("pfwd")
-        return said is not None and self.server.knows(said.value)
+        cookie = cookies.get("pfwd")
+        return cookie is not None and self.server.is_valid(cookie.value)
 
     def _answer(self, status: HTTPStatus, content: str | bytes, kind: str) -> None:
         data = content.encode() if isinstance(content, str) else content
@@ -427,4 +427,4 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(data)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Nothing is printed: the terminal shows the address."""
+        """Print nothing, since the terminal shows the address."""

@@ -13,7 +13,7 @@ import pytest
 from pfwd.errors import SurveyError
 from pfwd_device import Drop
 from pfwd_device.recording import DropRecord, SurveyWriter
-from tui.page.server import MOST_WRONG, MOST_WRONG_IN_ALL, SurveyServer
+from tui.page.server import MAX_WRONG_CODES, MAX_WRONG_PER_CLIENT, SurveyServer
 from tui.screen.opened.rows import OpenedSurvey
 
 CODE = "12345678"
@@ -138,7 +138,7 @@ def test_on_this_computer_only_its_own_names_are_answered(
 def test_a_page_of_another_site_is_not_answered(
     host: str, origin: str, own: bool, server: SurveyServer
 ) -> None:
-    server.only_here = host.startswith("localhost")
+    server.only_this_computer = host.startswith("localhost")
     sender = origin.replace("{}", host)
     assert status_of(server, "/points.json", Host=host, Origin=sender) == (200 if own else 403)
 
@@ -151,13 +151,13 @@ def test_a_client_that_guesses_is_locked_out_alone_and_the_owner_is_told(
     server: SurveyServer, lines: list[str]
 ) -> None:
     server.code, server.needs_code = CODE, True
-    for _ in range(MOST_WRONG - 1):
+    for _ in range(MAX_WRONG_PER_CLIENT - 1):
         assert server.let_in("00000000", "10.0.0.5") is None
     assert lines == []
     for _ in range(3):
         assert server.let_in("00000000", "10.0.0.5") is None
     (line,) = lines
-    assert "client 10.0.0.5: 10 wrong codes, it is let in no more" in line
+    assert "client 10.0.0.5: 10 wrong codes, it gets no more access" in line
     assert "end with ctrl+c and start again" in line
     assert server.let_in(CODE, "10.0.0.5") is None
     assert server.let_in(CODE, "::ffff:10.0.0.5") is None, "the same client over IPv6"
@@ -166,7 +166,7 @@ def test_a_client_that_guesses_is_locked_out_alone_and_the_owner_is_told(
 
 def test_addresses_of_one_network_of_ipv6_are_one_client(server: SurveyServer) -> None:
     server.code, server.needs_code = CODE, True
-    for number in range(MOST_WRONG):
+    for number in range(MAX_WRONG_PER_CLIENT):
         assert server.let_in("00000000", f"2001:db8::{number}") is None
     assert server.let_in(CODE, "2001:db8::ffff") is None
     assert server.let_in(CODE, "2001:db8:0:1::1") is not None
@@ -174,7 +174,7 @@ def test_addresses_of_one_network_of_ipv6_are_one_client(server: SurveyServer) -
 
 def test_guesses_from_many_addresses_come_to_an_end(server: SurveyServer, lines: list[str]) -> None:
     server.code, server.needs_code = CODE, True
-    for number in range(MOST_WRONG_IN_ALL):
+    for number in range(MAX_WRONG_CODES):
         assert server.let_in("00000000", f"10.0.{number % 250}.1") is None
     assert server.let_in(CODE, "10.1.0.1") is None
     assert "1000 wrong codes" in lines[-1]
@@ -183,8 +183,8 @@ def test_guesses_from_many_addresses_come_to_an_end(server: SurveyServer, lines:
 
 def test_a_locked_browser_reads_why(server: SurveyServer) -> None:
     server.code, server.needs_code = CODE, True
-    tries = [status_of(server, "/?code=00000000") for _ in range(MOST_WRONG)]
-    assert tries == [403] * (MOST_WRONG - 1) + [429]
+    tries = [status_of(server, "/?code=00000000") for _ in range(MAX_WRONG_PER_CLIENT)]
+    assert tries == [403] * (MAX_WRONG_PER_CLIENT - 1) + [429]
     assert status_of(server, f"/?code={CODE}") == 429
 
 

@@ -25,7 +25,7 @@ from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
 from tests.tui.screen.scripted import until
 from tui.cli import main
-from tui.page.server import SurveyServer, is_here, parse_place
+from tui.page.server import SurveyServer, is_local, parse_place
 from tui.screen.drawing.glyphs import BRAILLE
 from tui.screen.drawing.lines import text_of
 from tui.screen.opened.app import TABLE_PAGE_ROWS, OpenApp, Plot
@@ -349,7 +349,9 @@ def test_a_place_that_is_none() -> None:
     for text in ("host:port", "a:b:80", "[::1", "[host]:80", "host:70000", "[::1]80"):
         with pytest.raises(OptionError, match="--serve: expected HOST:PORT"):
             parse_place(text)
-    assert [is_here(host) for host in ("127.0.0.1", "::1", "localhost", "0.0.0.0", "10.0.0.1")] == [
+    assert [
+        is_local(host) for host in ("127.0.0.1", "::1", "localhost", "0.0.0.0", "10.0.0.1")
+    ] == [
         *[True] * 3,
         False,
         False,
