@@ -28,9 +28,6 @@ _LINE = re.compile(r"(\.\w+, )line( \{\})")
 _DROPS = re.compile(r"(drops?) \{\}(?:, \{\})*")
 """Numbers of drops."""
 
-_STARTS = ("moved to point",)
-"""Messages that a name follows without a sign between them."""
-
 _NUMBERS_FOLLOW = (
     "not verified, hence not enforced",
     "used in the formula without being verified",
@@ -68,7 +65,10 @@ class Texts:
         self._warnings: dict[str, str] = catalogue.get("warnings", {})
         self._words: dict[str, str] = catalogue.get("words", {})
         self._sources: dict[str, str] = catalogue.get("sources", {})
-        self._starts = [start for start in _STARTS if start in self._messages]
+        self._named = [
+            (_pattern_with_name(text), translation)
+            for text, translation in catalogue.get("with_names", {}).items()
+        ]
         self.untranslated: set[str] = set()
         """Messages that stayed English, as names of files and of people do."""
 
@@ -148,6 +148,13 @@ class Texts:
         drop = _DROPS.fullmatch(pattern)
         if drop is not None:
             return fill(pattern.replace(drop[1], self[drop[1]]), numbers)
+        for named, translation in self._named:
+            match = named.fullmatch(fill(pattern, numbers))
+            if match is not None:
+                texts = list(match.groups())
+                texts.remove(match["name"])
+                values = [text.replace(".", self.decimal) for text in texts]
+                return fill(translation, values).replace("{name}", match["name"])
         for start in _NUMBERS_FOLLOW:
             if pattern.startswith(f"{start}: "):
                 names = map(self.number_name, pattern[len(start) + 2 :].split(", "))
@@ -163,9 +170,6 @@ class Texts:
                     self.grouped_message(rest, numbers[gaps:]),
                 )
                 return separator.join(clauses)
-        for start in self._starts:
-            if pattern.startswith(f"{start} "):
-                return f"{self._messages[start]} {fill(pattern[len(start) + 1 :], numbers)}"
         text = fill(_LINE.sub(rf"\1{self['line']}\2", pattern), numbers)
         if self._messages:
             self.untranslated.add(text)
@@ -269,6 +273,12 @@ def _read_texts(file: str) -> Texts:
     if not _CODE.fullmatch(table["code"]):
         raise OptionError(refusal(where, 'code: one such as "fr"', quote(table["code"])))
     return Texts(table["code"], table)
+
+
+def _pattern_with_name(message: str) -> re.Pattern[str]:
+    """Return the pattern of a message with a name in it: a group for that, then for its numbers."""
+    pattern = re.escape(message).replace(r"\{name\}", "(?P<name>.+?)")
+    return re.compile(pattern.replace(r"\{\}", r"(\S+?)"))
 
 
 def _some(keys: Collection[str]) -> str:

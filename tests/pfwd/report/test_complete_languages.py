@@ -1,0 +1,457 @@
+"""No sentence of a report falls back to English: neither a text of the report nor a message."""
+
+import ast
+import re
+import shutil
+import tomllib
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+import pfwd
+from inversion import PLATE_MODELS
+from inversion.effects.catalogue import OWN
+from inversion.notices import templates
+from pfwd.analysis.result_store import basis_of
+from pfwd.analysis.results import DiagnosisResult
+from pfwd.files.editing import Edit, edit_survey
+from pfwd.procedures import find_procedure, shipped_names
+from pfwd.report.blocks import (
+    Block,
+    Heading,
+    Listing,
+    Pairs,
+    Paragraph,
+    Picture,
+    Table,
+    Together,
+)
+from pfwd.report.composing import compose
+from pfwd.report.content import Report
+from pfwd.report.fonts import Letters
+from pfwd.report.gathering import ReportOptions, gather
+from pfwd.report.slip_blocks import slip_blocks
+from pfwd.report.texts import load_texts
+from pfwd.session.position import FIX_NAMES
+from pfwd_device import Channel
+from pfwd_device.identity import Role
+from pfwd_device.recording import DropRecord, SurveyWriter
+from tests.pfwd.report.surveys import half_sine_drop, result_of
+
+CODES = ["de", "zh"]
+SENTENCE_MODULES = [
+    "analysis/drop_facts.py",
+    "analysis/results.py",
+    "analysis/screening/bad_sensors.py",
+    "analysis/screening/centre_sensor.py",
+    "analysis/screening/drops.py",
+    "files/moving.py",
+    "judging/verdicts.py",
+    "judging/view.py",
+    "procedures/judging.py",
+    "procedures/point.py",
+    "procedures/preconditions.py",
+    "procedures/profile.py",
+    "procedures/sorting.py",
+    "procedures/values.py",
+    "session/drop_metadata.py",
+    "session/sensor_check.py",
+]
+"""Modules whose sentences reach a report as text, not as the code of a warning."""
+
+NOT_IN_REPORTS = [
+    # what the screen says between drops
+    r"Lift the weight.*",
+    r"Drop .* does not count .*",
+    r"The point is done: walk to the next\.",
+    r".*(seating|measured) drop .* of .*\.",
+    r".*a measured drop\.",
+    r"Enough for a mean; another measured drop makes it surer\.",
+    r".*: correct it and measure the point again beside this place\.",
+    r".*: see that the plate lies flat, and measure the point anew beside this place\.",
+    # remedies, which a report does not give
+    r"measure again.*",
+    r"correct the declaration that the warning names and diagnose again",
+    # formats, names of files and of tables
+    r"a stored record",
+    r"PointView \| None",
+    r"a name of 1 to 64 characters",
+]
+"""Patterns of sentences that no report has."""
+
+PARTS = [
+    # of sentences that EXAMPLES have as a whole
+    r", our tolerance",
+    r"\s*\(is the load in kN\?\)",
+    r"this procedure needs .*",
+    r"within .*",
+    r"an interval needs .* measured drops, ",
+    r"the point has .*",
+    r"the modulus",
+    r"no verdict",
+    r"(less|more) than .*",
+    r"seating drop.*",
+    r".* \(not verified, not enforced\)",
+    r".* is not supported by the data: .*",
+]
+
+EXAMPLES = [
+    "no pulse: the load changes by 12 N at most (is the load in kN?)",
+    "wrong drop height: 9.7 kN, this procedure needs 7.07 kN (within 10 %, our tolerance)",
+    "drop 2: wrong drop height: 9.7 kN, this procedure needs 7.07 kN (within 3 %); discard and "
+    "repeat it",
+    "wrong plate: radius 0.3 m, this procedure needs 0.15 m (within 1 %, our tolerance)",
+    "an interval needs 2 measured drops, the point has 1",
+    "seating drop 1 of 3",
+    "seating drop",
+    "beyond the 3 measured drops",
+    "moved to point 7, drop 3",
+    "the diagnosed modulus is not used: 3 % of the peak is not explained, at most 2 % is allowed",
+    "not verified, hence not enforced: shortest_pulse_s, most_s_over_v_s, factor",
+    "used in the formula without being verified: factor, nominal_pressure_pa",
+    *(
+        f"drops 1, 2: {name} {side} than 2 {unit} (not verified, not enforced)"
+        for name, unit, sides in (
+            ("peak load", "kN", ("less", "more")),
+            ("pulse duration", "ms", ("less", "more")),
+            ("peak deflection", "mm", ("less", "more")),
+            ("offset over peak", "%", ("more",)),
+            ("return over peak", "%", ("more",)),
+        )
+        for side in sides
+    ),
+    "pulse duration 14.7 ms, less than 15.5 ms",
+    *(
+        f"{what}, largest less smallest over mean is 12.0%, at most 10.0% is allowed{end}"
+        for what in ("peak loads", "deflections", "moduli")
+        for end in ("", " (not verified, not enforced)")
+    ),
+    *(
+        f"{what} is not supported by the data: drop 3: {fault}"
+        for what in ("the modulus", "E_vd", "E_LWD", "deflection")
+        for fault in (
+            "the fit did not converge",
+            "the model leaves 12 % of the peak, at most 10 % is allowed",
+            "the record contradicts the peak that its file stores",
+            "its record is a copy of that of drop 1",
+            "modulus is on a bound of the search",
+            "viscosity is on a bound of the search",
+            "bedrock depth is on a bound of the search",
+        )
+    ),
+    "drops 1, 2: centre sensor cannot be believed: wrong polarity: it moves upward under the "
+    "load, downward is positive",
+    "cut off: 3 of 800 samples missing, the first at 12.5 ms",
+]
+"""Sentences with words in their gaps, as a report gets them."""
+
+
+def sentences_of(file: Path) -> Iterator[str]:
+    """Yield the sentences of a module as patterns, without what it raises and documents."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    skipped: set[ast.AST] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Raise) or (isinstance(node, ast.Expr) and is_text(node.value)):
+            skipped.update(ast.walk(node))
+        elif isinstance(node, ast.Call):
+            name = getattr(node.func, "id", getattr(node.func, "attr", ""))
+            if name in ("refusal", "Notice", "compile", "SetupError", "TraceError"):
+                skipped.update(ast.walk(node))
+        elif isinstance(node, ast.JoinedStr):
+            skipped.update(value for value in node.values if is_text(value))
+    for node in ast.walk(tree):
+        if node in skipped:
+            continue
+        pattern = None
+        if is_text(node):
+            pattern = re.escape(str(getattr(node, "value", "")))
+        elif isinstance(node, ast.JoinedStr):
+            pattern = "".join(
+                re.escape(str(value.value)) if isinstance(value, ast.Constant) else ".*"
+                for value in node.values
+            )
+        if pattern is not None and is_sentence(pattern):
+            yield pattern
+
+
+def is_text(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant) and isinstance(node.value, str)
+
+
+def is_sentence(pattern: str) -> bool:
+    text = pattern.replace(".*", " ").replace("\\", "")
+    return " " in text.strip() and len(re.findall(r"[a-z]{2,}", text)) > 1
+
+
+@cache
+def catalogue(name: str) -> dict[str, Any]:
+    folder = resources.files("pfwd.report").joinpath("catalogues")
+    return tomllib.loads(folder.joinpath(name).read_text(encoding="utf-8"))
+
+
+def is_known(pattern: str) -> bool:
+    """Whether a sentence, or each of its clauses, is a message of the catalogues."""
+    if not is_sentence(pattern):
+        return True
+    tables = catalogue("messages/de.toml")
+    keys = [key for part in ("messages", "sources", "with_names") for key in tables[part]]
+    without_numbers = re.sub(r"\d+(?:\\?\.\d+)?", ".*", pattern)
+    if any(re.fullmatch(without_numbers, key) for key in keys):
+        return True
+    return any(
+        is_known(pattern[: match.start()]) and is_known(pattern[match.end() :])
+        for match in re.finditer(r"; |;\\ |: |:\\ ", pattern)
+    )
+
+
+@pytest.mark.parametrize("module", SENTENCE_MODULES)
+def test_every_sentence_of_the_program_is_in_the_catalogues(module: str) -> None:
+    file = Path(pfwd.__file__).parent / module
+    exempt = re.compile("|".join([*NOT_IN_REPORTS, *PARTS]))
+    unknown = [
+        pattern
+        for pattern in sentences_of(file)
+        if not exempt.fullmatch(pattern.replace("\\", "")) and not is_known(pattern)
+    ]
+    assert not unknown
+
+
+@pytest.mark.parametrize("code", CODES)
+@pytest.mark.parametrize("sentence", EXAMPLES)
+def test_sentences_with_words_in_their_gaps_are_translated(code: str, sentence: str) -> None:
+    texts = load_texts(code)
+    translation = texts.message(sentence)
+    assert not texts.untranslated
+    assert not english_words(translation, code), translation
+
+
+def test_a_sentence_of_nobody_is_noticed() -> None:
+    texts = load_texts("de")
+    assert texts.message("it rained on the plate") == "it rained on the plate"
+    assert texts.untranslated == {"it rained on the plate"}
+    assert "the" in english_words("it rained on the plate", "de")
+
+
+def words_of(text: str) -> set[str]:
+    return {word.lower() for word in re.findall(r"[A-Za-z]{3,}", text)}
+
+
+@cache
+def vocabulary() -> frozenset[str]:
+    """Words of the English texts, warnings and messages."""
+    tables = catalogue("messages/de.toml")
+    english = [*catalogue("en.toml").values(), *templates().values(), *tables["messages"]]
+    english += [word.replace("_", " ") for word in tables["words"]]
+    return frozenset(words_of(re.sub(r"\{.*?\}", " ", " ".join(english))))
+
+
+@cache
+def own_words(code: str) -> frozenset[str]:
+    """Words that texts of a language have themselves, as units and names of documents."""
+    tables = catalogue(f"messages/{code}.toml")
+    values = [*catalogue(f"{code}.toml").values()]
+    values += [text for part in tables.values() for text in part.values()]
+    return frozenset(words_of(" ".join(values))) | {"mpa", "kpa", "kns", "sha"}
+
+
+def english_words(text: str, code: str) -> set[str]:
+    return (words_of(text) & vocabulary()) - own_words(code)
+
+
+@pytest.mark.parametrize("code", CODES)
+def test_names_of_the_program_are_translated(code: str) -> None:
+    texts = load_texts(code)
+    names = {effect.name for effect in OWN} | {effect.result_name for effect in OWN} - {""}
+    names |= {parameter.name for effect in OWN for parameter in effect.parameters}
+    names |= {"half-space", "layer", "rig", "measured", "half-sine", *map(str, Role)}
+    names |= {*PLATE_MODELS, "sensor_on_plate", "sensor_on_ground", "declared", "edited", "nmea"}
+    names |= {*FIX_NAMES.values(), "unknown"}
+    own = {name for name in names if texts.word(name) == name.replace("_", " ")}
+    assert not own
+
+
+@pytest.mark.parametrize("code", CODES)
+def test_every_number_of_a_procedure_has_a_name_and_a_source(code: str) -> None:
+    texts, english = load_texts(code), load_texts("en")
+    for name in shipped_names():
+        procedure = find_procedure(name)
+        assert texts.title(procedure.title) != procedure.title
+        if procedure.about:
+            about = texts.source(texts.title(procedure.about))
+            assert not english_words(about, code) - DOCUMENT_WORDS, about
+        for key, number in procedure.numbers().items():
+            assert texts.number_name(key) != english.number_name(key)
+            source = texts.source(number.source)
+            assert not english_words(source, code) - DOCUMENT_WORDS, source
+
+
+DOCUMENT_WORDS = {"correlation", "report", "deflection", "method", "the", "special", "targets"}
+"""English words in titles of documents."""
+
+
+IDENTITY = {
+    "model": "PFWD-1",
+    "serial_number": "17",
+    "firmware": "1.2",
+    "sampling_rate": 20000.0,
+    "plate_radius": 0.15,
+    "plate_mass": 15.0,
+    "centre_sensor": "plate",
+    "channels": [
+        {
+            "name": "F",
+            "role": "load",
+            "offset": 0.0,
+            "sensitivity": 1e-4,
+            "calibrated": "2026-01-02",
+        },
+        {
+            "name": "G1",
+            "role": "geophone",
+            "offset": 0.0,
+            "sensitivity": 28.0,
+            "natural_frequency": 4.5,
+            "damping": 0.6,
+            "calibrated": "2026-01-02",
+            "due": "2027-01-02",
+        },
+    ],
+}
+STATE = {"modulus_pa": 44e6, "modulus_interval_pa": [42e6, 47e6], "stress_pa": 2e5}
+DIAGNOSIS = {
+    "verdict": "unexplained",
+    "before": {**STATE, "model": "half-space", "residual_rms_over_peak": 0.3},
+    "after": {
+        **STATE,
+        "model": "layer",
+        "residual_rms_over_peak": 0.02,
+        "contact_residual_rms_over_peak": 0.015,
+        "modulus_100kpa_pa": 60e6,
+    },
+    "effects": [
+        {
+            "name": effect.result_name or effect.name,
+            "value": 1.0,
+            "sd": 0.1,
+            "unit": "-",
+            "residual_without_over_peak": 0.02 + 0.01 * number,
+            "alternatives": ["sensor_lag", "layer"],
+        }
+        for number, effect in enumerate(OWN)
+    ],
+    "warnings": [
+        "layer: thickness sits on a bound",
+        "sensor_lag cannot be told from layer, bedrock",
+    ],
+    "drops": [2, 3, 4],
+    "left_out": [1],
+    "plate_radius_m": 0.15,
+    "poisson_ratio": 0.35,
+}
+
+
+@pytest.fixture(scope="module")
+def full_report(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Report:
+    """Return a report with something in every place."""
+    folder = tmp_path_factory.mktemp("full") / "survey"
+    shutil.copytree(made, folder)
+    medium = {"poisson_ratio": 0.35, "viscosity_pa_s": 2e4, "density_kg_m3": 1900.0}
+    upper = {
+        "modulus_pa": 1.2e8,
+        "modulus_interval_pa": [1.1e8, 1.3e8],
+        "thickness_m": 0.25,
+        "thickness_sd_m": 0.01,
+        "thickness_interval_m": [0.24, 0.26],
+    }
+    lower = {"modulus_pa": 4.5e7, "modulus_interval_pa": [4.4e7, 4.6e7], "thickness_m": None}
+    layers = {
+        "layers": [medium | upper, medium | lower],
+        "effective_modulus_pa": 6e7,
+        "effective_modulus_interval_pa": [5e7, 7e7],
+        "effective_depth_m": 0.6,
+    }
+    declared = {"plate_radius_m": 0.15, "plate_mass_kg": 0.0, "poisson_ratio": 0.35}
+    declared |= {"seating_drops": 1, "site": "km 2", "plate_load_modulus_pa": 8e7}
+    position = {"latitude": 48.1, "longitude": 11.5, "source": "nmea", "fix": "differential"}
+    with SurveyWriter.open(folder, publish=False) as writer:
+        for name, load in (("C", 7000.0), ("D", 7050.0), ("E", 7100.0), ("F", 7200.0)):
+            for number in (1, 2, 3, 4):
+                drop = half_sine_drop(number, load + number)
+                near = drop.channels[0]
+                wide = Channel(0.3, near.quantity, 0.4 * near.values)
+                drop = replace(drop, channels=(near, wide))
+                metadata = {"position": position, "marks": ["triggered by the operator"]}
+                metadata |= {"time_utc": "2026-03-01T09:00:00Z", "identity": IDENTITY}
+                saved = writer.save_drop(
+                    DropRecord(name, drop, None, declared | {"zone": name}, metadata)
+                )
+                writer.save_result(saved, result_of(number) | (layers if name == "C" else {}))
+    edit_survey(folder, [Edit("discard", "")], "B", 4)
+    edit_survey(folder, [Edit("discard", "")], "D")
+    report = gather(folder, ReportOptions(procedure="tp-bf-stb-b8.3", target=45e6, store=False))
+    points = []
+    for point in report.points:
+        record = DIAGNOSIS | {"point": point.shown_name, "basis": basis_of(point.setup)}
+        points.append(replace(point, whole=None, diagnosis=DiagnosisResult.from_json(record)))
+    check = {"time_utc": "2026-03-01T08:59:00Z", "zero_n": 1.0, "span_ratio": 1.01, "faults": []}
+    return replace(report, points=tuple(points), check=check)
+
+
+def texts_of(blocks: Iterable[Block]) -> Iterator[str]:
+    """Yield what blocks and their pictures say."""
+    for block in blocks:
+        match block:
+            case Together(parts):
+                yield from texts_of(parts)
+            case Heading(text) | Paragraph(text):
+                yield text
+            case Pairs(rows):
+                yield from (text for row in rows for text in row)
+            case Table(columns, rows):
+                yield from columns
+                cells = (cell for row in rows for cell in row)
+                yield from (cell if isinstance(cell, str) else cell.text for cell in cells)
+            case Listing(items):
+                yield from items
+            case Picture():
+                yield from (block.caption, block.alternative)
+                figure = Figure(figsize=(180 / 25.4, block.height / 25.4))
+                FigureCanvasAgg(figure)
+                block.draw(figure)
+                yield from (text.get_text() for text in figure.findobj(Text))
+
+
+@pytest.mark.parametrize("code", CODES)
+@pytest.mark.parametrize("slip", [False, True])
+def test_no_text_of_a_report_is_english(code: str, slip: bool, full_report: Report) -> None:
+    texts, letters = load_texts(code), Letters()
+    if slip:
+        blocks = slip_blocks(full_report, texts, letters, ReportOptions(point="A", slip=True))
+    else:
+        blocks = compose(full_report, texts, letters)
+        recompute = blocks.index(Heading(texts["recompute"]))
+        blocks = blocks[: recompute + 2]  # then come command, settings and files as they are
+    own = "a warning of the search"  # of the stored results
+    names = [own, full_report.survey, full_report.title, full_report.procedure.source]
+    english = {}
+    for text in texts_of(blocks):
+        for name in names:
+            text = text.replace(name, "")
+        words = english_words(text, code) - DOCUMENT_WORDS - {"pfwd", "point", "time"}
+        if words:
+            english[text] = words
+    assert not english
+    assert texts.untranslated <= {own}
+    said = " ".join(texts_of(blocks))
+    expected = ["slip", "yes", "qr_code"]
+    if not slip:
+        expected = ["diagnosis", "device", "layers", "lot", "zones", "bowl", "effects", "discarded"]
+    assert [key for key in expected if texts[key] not in said] == []
