@@ -45,6 +45,15 @@ DROP_COLUMNS = (
     ResultColumn("unit", "text", "unit of value, interval and target: Pa or m"),
     ResultColumn("target", "number", "target of the point, in the unit"),
     ResultColumn("verdict", "text", "verdict of the point: pass, fail, undecided or none"),
+    ResultColumn(
+        "value_not_supported", "text", "reason why the value of the point decides nothing"
+    ),
+    ResultColumn(
+        "modulus_source",
+        "text",
+        "source of the point's modulus in force, which may not be that of this drop's fit: "
+        "diagnosed or fitted; empty: none",
+    ),
     *result_columns("last"),
 )
 """Columns of the table of drops."""

@@ -15,6 +15,7 @@ from pfwd.export.point_rows import PointValues, place_of_row, point_rows
 from pfwd.export.rows import Order, Row
 from pfwd.judging.job import target_text
 from pfwd.judging.places import Place
+from pfwd.procedures import Quantity
 from pfwd_device.recording.drop_file import software_version
 from pfwd_device.text import clean
 
@@ -186,11 +187,15 @@ def _verdict_words(row: Row) -> str:
     parts = []
     if values["value"] is not None:
         parts.append(f"{values['quantity']} = {values['value'] * scale:.4g} {unit}")
+        if values["quantity"] == Quantity.MODULUS and values["modulus_source"] == "diagnosed":
+            parts[-1] += " after the diagnosis, which counts in place of the fits below"
     if values["interval_low"] is not None:
         low, high = values["interval_low"] * scale, values["interval_high"] * scale
         parts.append(f"95 % {low:.4g} to {high:.4g} {unit}")
     if values["target"] is not None:
         parts.append(f"target {target_text(values['target'])}")
+    if values["value_not_supported"] is not None:
+        parts.append(f"not supported by the data: {values['value_not_supported']}")
     parts.append(f"procedure {values['procedure']}")
     return f"verdict {values['verdict']} ({', '.join(parts)})"
 
@@ -201,12 +206,12 @@ def _result_words(row: Row) -> str:
     if values["modulus_pa"] is None:
         reason = values["reason"] or "; ".join(values["warnings"]) or "no modulus"
         return f"{values['status']} ({reason})"
-    parts = [f"{values['status']}, E = {values['modulus_pa'] / 1e6:.4g} MPa"]
-    if values["modulus_sd_pa"] is not None:
-        parts.append(f"sd {values['modulus_sd_pa'] / 1e6:.2g} MPa")
+    parts = [f"{values['status']}, fit E = {values['modulus_pa'] / 1e6:.4g} MPa"]
     low, high = values["modulus_interval_low_pa"], values["modulus_interval_high_pa"]
     if low is not None and high is not None:
         parts.append(f"95 % {low / 1e6:.4g} to {high / 1e6:.4g} MPa")
+    elif values["modulus_sd_pa"] is not None:
+        parts.append(f"sd {values['modulus_sd_pa'] / 1e6:.2g} MPa")
     parts.append(f"model {values['model']}")
     parts.append(f"plate radius {values['plate_radius_m']:g} m")
     parts.append(f"Poisson's ratio {values['poisson_ratio']:g}")

@@ -44,7 +44,8 @@ _REMARKS = (
     "centre with the declared response taken out, by which points are judged.",
     "DropKind: seating, measured or rejected (a rebound, a false trigger); only measured drops are "
     "averaged. PointValue, PointTarget (kPa or micron) and PointVerdict belong to the procedure "
-    "named. These keys are not of the standard. Time histories are not in this file.",
+    "named; a value with PointValueNotSupported decides nothing. These keys are not of the "
+    "standard. Time histories are not in this file.",
 )
 
 
@@ -191,6 +192,7 @@ def _verdict_entries(row: Row) -> dict[str, str | None]:
         "PointProcedure": _text(values["procedure"]),
         "PointQuantity": _text(values["quantity"]),
         "PointValue": scaled("value"),
+        "PointValueNotSupported": _text(values["value_not_supported"]),
         "PointTarget": scaled("target"),
         "PointVerdict": _text(values["verdict"]),
     }

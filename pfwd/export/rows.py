@@ -39,7 +39,7 @@ SURVEY_COLUMNS = (
     *("drop", "record", "point", "site", "operator", "device", "time_utc", "notes"),
     *("peak_load_n", "deflection_recorded_m", "deflection_corrected_m"),
     *("procedure", "quantity", "value", "interval_low", "interval_high", "unit", "target"),
-    "verdict",
+    *("verdict", "value_not_supported", "modulus_source"),
 )
 """Columns with the present values of the survey, not with those at the time of the inversion."""
 
@@ -206,6 +206,8 @@ def _point_columns(point: PointView) -> dict[str, Any]:
         "unit": unit_of(job.quantity),
         "target": progress.target,
         "verdict": progress.verdict.value,
+        "value_not_supported": None if value is None else value.not_supported,
+        "modulus_source": progress.modulus_in_force and progress.modulus_in_force.source,
     }
 
 

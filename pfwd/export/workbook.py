@@ -78,11 +78,23 @@ _TITLE_WORDS = {
 }
 _TITLE_WORDS |= {name: name.upper() for name in ("sci", "bdi", "bci")}
 
-_POINT_TITLES = {
+_FIT_TITLES = {
     f"modulus_{name}": f"fitted_modulus_{name}"
-    for name in ("pa", "interval_low_pa", "interval_high_pa", "not_supported")
-} | {"use": "use_of_diagnosed_modulus", "use_reason": "reason_of_use"}
-"""Titles that tell the fits of the drops from the modulus in force, which stands beside them."""
+    for name in ("pa", "sd_pa", "interval_low_pa", "interval_high_pa", "not_supported")
+}
+_POINT_TITLES = {
+    **_FIT_TITLES,
+    "use": "use_of_diagnosed_modulus",
+    "use_reason": "reason_of_use",
+}
+_DROP_TITLES = {
+    **_FIT_TITLES,
+    **{name: f"point_{name}" for name in ("value", "interval_low", "interval_high", "unit")},
+    **{name: f"point_{name}" for name in ("verdict", "value_not_supported", "modulus_source")},
+    "target": "point_target",
+    "target_pa": "declared_target_pa",
+}
+"""Titles that tell the fits of drops from the judged values of points, which stand beside them."""
 
 _LAYER_COLUMNS = ("layers", "layer_", "effective_")
 """Beginnings of the names of columns that are left out where no drop has a value."""
@@ -109,7 +121,7 @@ def write_xlsx(order: Order, path: str | os.PathLike[str]) -> list[str]:
         if not column.name.startswith(_LAYER_COLUMNS)
         or any(drop[column.name] is not None for drop in drops)
     ]
-    _add_rows(book, "drops", columns, drops)
+    _add_rows(book, "drops", columns, drops, _DROP_TITLES)
     _add(book, "notes", ("point", "drop", "what", "text", "time_utc"), _notes(order.content))
     if points:
         _add_chart(book, sheet, len(points))

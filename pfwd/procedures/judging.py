@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from pfwd.digits import with_ends
 from pfwd.errors import OptionError, refusal
 from pfwd.procedures.point import (
     DiagnosedModulus,
@@ -202,12 +203,18 @@ def _modulus_notes(
         return []
     if modulus.source == "fitted":
         return [f"the diagnosed modulus is not used: {diagnosed.use_reason}"]
-    if unused is None:
-        return [f"the modulus is the diagnosed one, {modulus.value / 1e6:.3g} MPa"]
-    return [
-        f"the modulus is the diagnosed one, {modulus.value / 1e6:.3g} MPa; that of the fits is "
-        f"{unused.value / 1e6:.3g} MPa"
-    ]
+    text = f"the modulus is the diagnosed one, {_megapascal(modulus)} MPa"
+    if unused is not None:
+        text += f"; that of the fits is {_megapascal(unused)} MPa"
+    return [text]
+
+
+def _megapascal(modulus: PointModulus) -> str:
+    """Return the value in MPa, with the digits that it has beside its interval."""
+    value = modulus.value / 1e6
+    if modulus.interval is None:
+        return f"{value:.3g}"
+    return with_ends(value, (modulus.interval[0] / 1e6, modulus.interval[1] / 1e6))[0]
 
 
 def _scatter(used: Sequence[PointDrop]) -> _Scatter:

@@ -14,6 +14,7 @@ from inversion.notices import Notice
 from pfwd.digits import modulus_text
 from pfwd.errors import OptionError, SurveyError, refusal
 from pfwd.export.json_text import without_nan
+from pfwd.judging.verdicts import modulus_in_force
 from pfwd.scripting.display import (
     ScriptObject,
     axes_or_new,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from inversion.inference.instrument import Instrument
     from pfwd.analysis.diagnosis.entries import DiagnosisPoint
     from pfwd.analysis.diagnosis.points import DeviceValues
+    from pfwd.analysis.results import DiagnosisResult
     from pfwd.scripting.measured import Points
     from pfwd.scripting.surveys import Survey
 
@@ -44,15 +46,16 @@ class Diagnosis(ScriptObject):
     The keys are those of ``pfwd diagnose --json``: ``diagnosis["held_out"]``.
     """
 
-    __slots__ = ("_diagnosis", "_place", "_record")
+    __slots__ = ("_diagnosis", "_modulus", "_place", "_record")
 
     def __init__(
         self,
-        record: Mapping[str, Any],
+        result: DiagnosisResult,
         diagnosis: PointDiagnosis | None,
         place: tuple[Instrument, int] | None = None,
     ) -> None:
-        self._record: dict[str, Any] = without_nan(record)
+        self._record: dict[str, Any] = without_nan(result.to_json())
+        self._modulus = modulus_in_force(result)
         self._diagnosis = diagnosis
         self._place = place
 
@@ -70,6 +73,26 @@ class Diagnosis(ScriptObject):
     def corrected(self) -> bool:
         """True: the residual is explained, and the modulus after counts as corrected."""
         return bool(self._record["corrected"])
+
+    @property
+    def modulus(self) -> float | None:
+        """Modulus to use, Pa: that after, or before if `use` is ``do-not-use``; None: none."""
+        return None if self._modulus is None else self._modulus.value
+
+    @property
+    def modulus_interval(self) -> tuple[float, float] | None:
+        """95 % interval of `modulus`, Pa."""
+        return None if self._modulus is None else self._modulus.interval
+
+    @property
+    def use(self) -> str:
+        """Use of the modulus after: ``design``, ``with-care`` or ``do-not-use``."""
+        return str(self._record["use"])
+
+    @property
+    def use_reason(self) -> str:
+        """Reason of the use, in one sentence."""
+        return str(self._record["use_reason"])
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -111,15 +134,25 @@ class Diagnosis(ScriptObject):
         record = self._record
         moduli = f"E {_modulus(self.before)}"
         if self.effects:
-            use = {"design": "design value", "with-care": "use with care"}
-            moduli += (
-                f" before, {_modulus(self.after)} after: {use.get(record['use'], 'do not use')}"
-            )
+            moduli += f" before, {_modulus(self.after)} after: {self._use_words()}"
         return (
             f"Diagnosis({name}, {drops}: {verdict}; {moduli}; {self.after['model']}, "
             f"{record['plate']} plate of radius {record['plate_radius_m']:g} m, "
             f"Poisson's ratio {record['poisson_ratio']:g}; {warned})"
         )
+
+    def _counts(self, state: str) -> bool:
+        """Return whether the modulus ``before`` or ``after`` is the one to use."""
+        source = "diagnosed" if state == "after" else "fitted"
+        return self._modulus is not None and self._modulus.source == source
+
+    def _use_words(self) -> str:
+        """Return the use of the modulus after, and what to use in place of one not to use."""
+        words = {"design": "design value", "with-care": "use with care"}
+        if self.use in words:
+            return words[self.use]
+        instead = "use none" if self._modulus is None else "use the one before"
+        return f"do not use ({self.use_reason}), {instead}"
 
     def __str__(self) -> str:
         lines = [repr(self)]
@@ -352,7 +385,7 @@ def diagnose(
     for outcome, place in zip(outcomes, places, strict=True):
         if outcome.result is None:
             raise SurveyError(outcome.error or refusal(outcome.file, "a diagnosis", "none"))
-        diagnoses.append(Diagnosis(outcome.result.to_json(), outcome.diagnosis, place))
+        diagnoses.append(Diagnosis(outcome.result, outcome.diagnosis, place))
     return diagnoses[0] if isinstance(data, Drop | Point) else Diagnoses(diagnoses)
 
 
@@ -410,6 +443,9 @@ def _rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
                 **{key: value for key, value in state.items() if key != "modulus_interval_pa"},
                 "modulus_interval_low_pa": low,
                 "modulus_interval_high_pa": high,
+                "in_force": diagnosis._counts(label),
+                "use": diagnosis.use,
+                "use_reason": diagnosis.use_reason,
                 "plate": diagnosis["plate"],
                 "plate_radius_m": diagnosis["plate_radius_m"],
                 "poisson_ratio": diagnosis["poisson_ratio"],

@@ -11,6 +11,7 @@ import pytest
 import pfwd
 from pfwd.analysis.analyse import analyse_files
 from pfwd.analysis.options import AnalysisOptions
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.analysis.screening.drops import REBOUND_OVER_LARGEST
 from pfwd.digits import modulus_text
 from pfwd.files.traces import read_traces
@@ -257,6 +258,34 @@ def test_the_diagnosis_finds_the_effect_of_the_example() -> None:
     assert json.loads(json.dumps(found.to_dict())) == found.to_dict()
     frame = found.to_dataframe()
     assert frame["state"].tolist() == ["before", "after"]
+    assert frame["in_force"].tolist() == [False, True]
+    assert set(frame["use"]) == {"design"}
+    assert (found.modulus, found.use) == (after["modulus_pa"], "design")
+    assert found.modulus_interval == tuple(after["modulus_interval_pa"])
+
+
+@pytest.mark.parametrize(
+    ("residual", "advice", "in_force"),
+    [
+        (0.05, "use the one before", [True, False]),
+        (0.3, "use none", [False, False]),
+    ],
+)
+def test_a_diagnosis_that_is_not_to_be_used_says_what_is(
+    residual: float, advice: str, in_force: list[bool]
+) -> None:
+    record = pfwd.diagnose(pfwd.example("unexplained").drops[0]).to_dict()
+    record["before"]["contact_residual_rms_over_peak"] = residual
+    modulus = record["after"]["modulus_pa"]
+    record["after"]["modulus_interval_pa"] = [modulus / 2, 2 * modulus]
+    diagnosis = pfwd.Diagnosis(DiagnosisResult.from_json(record), None)
+    assert diagnosis.use == "do-not-use"
+    assert "after: do not use (the interval of the modulus reaches" in repr(diagnosis)
+    assert f", {advice}; " in repr(diagnosis)
+    assert diagnosis.to_dataframe()["in_force"].tolist() == in_force
+    expected = record["before"]["modulus_pa"] if in_force[0] else None
+    assert diagnosis.modulus == expected
+    assert (diagnosis.modulus_interval is None) == (expected is None)
 
 
 def test_a_drop_without_effect_is_clean() -> None:

@@ -256,7 +256,8 @@ def _check_xlsx(path: Path, known: Mapping[str, PointView]) -> None:
     book = openpyxl.load_workbook(path, read_only=True)
     for sheet in ("points", "drops"):
         titles, *rows = book[sheet].iter_rows(values_only=True)
-        names = [title.lower().replace(" ", "_") for title in titles]
+        # The sheet of drops says of its columns of the point that they are these.
+        names = [title.lower().replace(" ", "_").removeprefix("point_") for title in titles]
         # Of a row that ends with empty cells these are not there.
         empty = dict.fromkeys(names)
         said = (empty | dict(zip(names, row, strict=False)) for row in rows)

@@ -8,6 +8,7 @@ import pytest
 from inversion.forward.layered import LAYERED_PLATE_MODELS
 from pfwd.analysis.result_store import PLATES, basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
+from pfwd.digits import with_ends
 from pfwd.files.header import PointSetup
 from pfwd.judging import DropView, Job, PointView, Station, drop_from_traces
 from pfwd.judging.drops import classify_drops
@@ -162,7 +163,9 @@ def test_the_modulus_in_force_follows_from_the_use_of_the_diagnosis(
     else:
         assert (in_force.source, in_force.value, in_force.interval) == ("diagnosed", 38e6, ends)
         assert other == fitted
-        assert any("the modulus is the diagnosed one, 38 MPa" in note for note in progress.notes)
+        # With the digits that it has beside its interval everywhere else.
+        shown = with_ends(38.0, (ends[0] / 1e6, ends[1] / 1e6))[0]
+        assert any(f"the diagnosed one, {shown} MPa" in note for note in progress.notes)
     assert (progress.value.value, progress.value.interval) == (in_force.value, in_force.interval)
 
 
