@@ -65,5 +65,5 @@ def open_for_edits(folder: str | os.PathLike[str], survey: Survey | None = None)
         spare=spare_folder(),
         fall_back=False,
         edits_only=True,
-        known=survey,
+        already_read=survey,
     )

@@ -176,7 +176,7 @@ class SurveyRecorder:
             self._save()
         if now >= self._next_watch:
             self._next_watch = now + WATCH_INTERVAL
-            self.writer.look_after()
+            self.writer.maintain()
             if self._reported_room is not None:
                 self._announce_filling()
         self._report_file_changes()
@@ -193,7 +193,7 @@ class SurveyRecorder:
         if self._held:
             names = ", ".join(f"{record.point}/{record.drop.number}" for record in self._held)
             self._report(Notice(f"LOST, the disk did not take it: drop {names}", serious=True))
-        self.writer.look_after()
+        self.writer.maintain()
         self._report_file_changes()
         away = self.writer.drops_in_spare()
         if away:
@@ -209,7 +209,7 @@ class SurveyRecorder:
             record = self._held[0]
             try:
                 number = self.writer.save_drop(record)
-                spare = self.writer.kept_in_spare(number)
+                spare = self.writer.spare_folder_of(number)
             except RecordingError as err:
                 self._report_file_changes()
                 self._next_try = time.monotonic() + RETRY_INTERVAL

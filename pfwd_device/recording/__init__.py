@@ -1,4 +1,4 @@
-"""Recording that loses nothing: a journal of truth, and one file a drop."""
+"""Safe recording of a survey: an acknowledged journal, and one file for each drop."""
 
 import logging
 

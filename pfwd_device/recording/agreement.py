@@ -1,4 +1,4 @@
-"""Fast comparison of ledger and journal, many records at a time.
+"""Fast reading of a survey whose ledger and journal agree, many records at a time.
 
 Reading a survey compares every byte with its checksums. Done record by record, this is the slowest
 step of a command on a survey of many drops. Here the ledger's lines become columns of numbers, and
@@ -6,9 +6,16 @@ the headers of the journal are compared with them as columns. Only checksums, an
 required, are computed for each record. Nothing is cached between two calls. Any irregularity raises
 :class:`InconsistentRecords`. It means that the caller has to read record by record, not that a
 record is damaged.
+
+Each drop of a survey has two records of rebounds and three of files. Their JSON differs in the
+values only, so a regular expression parses it. Any other text gives None, and the caller parses it
+as JSON. The record of a stored result contains the result as one long text, from which recovery
+makes the file. The parser reads only what follows that text.
 """
 
 import io
+import re
+import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,18 +24,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfwd_device.recording.framing import HEADER, LARGEST_PAYLOAD, MAGIC, Frame, scan
+from pfwd_device.recording.framing import HEADER, MAGIC, MAX_RECORD_PAYLOAD_BYTES, Frame, scan
 from pfwd_device.recording.journal import Located
 from pfwd_device.recording.layout import Layout
-from pfwd_device.recording.ledger import LONGEST_LINE, Entry, head_survey
+from pfwd_device.recording.ledger import MAX_LEDGER_LINE_BYTES, Entry, head_survey
 
 _NUMBERS = 5
 """Columns of a line in decimals: sequence, kind, segment, offset, length."""
 
 _SEQUENCE, _SEGMENT, _OFFSET, _LENGTH = 0, 2, 3, 4
 
-_BLANKS = 7
-"""Number of blanks in a line: one before each part but the first."""
+_N_BLANKS = 7
+"""Number of blanks in a line: one before each part except the first."""
 
 _MAX_DIGITS = (18, 9, 9, 18, 9)
 """Largest number of digits of each decimal, as in the ledger's pattern; all fit into 64 bits."""
@@ -42,7 +49,7 @@ _BLOCK_BYTES = 2**20
 """Bytes of the journal that are compared together, few enough for a processor's cache. A longer
 record is compared by itself."""
 
-_HEADER = np.dtype(
+_HEADER_DTYPE = np.dtype(
     [
         ("magic", "<u8"),
         ("length", "<u4"),
@@ -53,14 +60,41 @@ _HEADER = np.dtype(
         ("check", "<u4"),
     ]
 )
-assert _HEADER.itemsize == HEADER.size
+assert _HEADER_DTYPE.itemsize == HEADER.size
 
 _CHECKED = HEADER.size - 4
 """Bytes of a header that its own CRC covers."""
 
-_MAGIC = int.from_bytes(MAGIC, "little")
+_MAGIC_AS_INTEGER = int.from_bytes(MAGIC, "little")
 _HEX = np.full(256, 255, np.uint8)
 _HEX[np.frombuffer(b"0123456789abcdef", np.uint8)] = np.arange(16)
+
+_JSON_NUMBER = rb"-?(?:0|[1-9]\d*)(?:\.\d+)?(?:e[+-]?\d+)?"
+
+_REBOUND_RECORD = re.compile(
+    rb'\{"arrays":\[\{"dtype":"<i4","name":"counts","shape":\[\d{1,9},\d{1,9}\]\}\],"data":'
+    rb'\{"delay":%b,"first_sample":(?:0|[1-9]\d{0,17}),"number":([1-9]\d{0,8}),"peak_load":%b\},'
+    rb'"packed":(?:true|false)\}' % (_JSON_NUMBER, _JSON_NUMBER)
+)
+
+_FACTS = (
+    rb'"number":(null|[1-9]\d{0,8}),"path":"((?:drops|results|captures)/\w[\w.-]{0,99})",'
+    rb'"sha256":"([0-9a-f]{64})","size":(0|[1-9]\d{0,14}),"time_utc":"[\dTZ:.+-]{1,40}"\},'
+    rb'"packed":false\}'
+)
+_FILE_RECORD = re.compile(rb'\{"arrays":\[\],"data":\{' + _FACTS)
+
+_RESULT_HEAD = b'{"arrays":[],"data":{"content":"'
+_RESULT = re.compile(re.escape(_RESULT_HEAD))
+_RESULT_END = re.compile(rb'",' + _FACTS)
+_END_BEGINS = b'","number":'
+_ESCAPE = ord("\\")
+_RESULT_BEGIN = 4 + len(_RESULT_HEAD)
+_MAX_END_LENGTH = 400
+"""Largest length of `_FACTS`, bytes."""
+
+_JSON_LENGTH = struct.Struct("<I")
+"""Length of the JSON, stored before it."""
 
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
@@ -102,9 +136,9 @@ def ledger_columns(data: bytes) -> Columns:
     if not len(ends):
         return Columns(survey, np.empty((_NUMBERS + 1, 0), np.int64), ())
     starts = np.concatenate(([0], ends[:-1] + 1))
-    if len(blanks) != _BLANKS * len(ends) or int((ends - starts).max()) > LONGEST_LINE:
+    if len(blanks) != _N_BLANKS * len(ends) or int((ends - starts).max()) > MAX_LEDGER_LINE_BYTES:
         raise InconsistentRecords
-    blank = blanks.reshape(-1, _BLANKS)
+    blank = blanks.reshape(-1, _N_BLANKS)
     begins = np.column_stack((starts, blank + 1))
     widths = np.column_stack((blank, ends)) - begins
     # Every line has its own blanks and no part is empty; the rest is visible ASCII.
@@ -113,42 +147,42 @@ def ledger_columns(data: bytes) -> Columns:
     ) - len(blanks):
         raise InconsistentRecords
     columns = [
-        _decimals(text, begins[:, column], widths[:, column], most)
-        for column, most in enumerate(_MAX_DIGITS)
+        _decimals(text, begins[:, column], widths[:, column], limit)
+        for column, limit in enumerate(_MAX_DIGITS)
     ]
     columns.append(_hexadecimals(text, begins[:, _NUMBERS], widths[:, _NUMBERS]))
     crcs = _hexadecimals(text, begins[:, -1], widths[:, -1])
     line_ends = blank[:, -1].tolist()
-    found = [zlib.crc32(body[a:b]) for a, b in zip(starts.tolist(), line_ends, strict=True)]
-    if crcs.tolist() != found:
+    actual = [zlib.crc32(body[a:b]) for a, b in zip(starts.tolist(), line_ends, strict=True)]
+    if crcs.tolist() != actual:
         raise InconsistentRecords
     about = begins[:, -2]
-    said = _abouts(body, text, about, widths[:, -2])
-    entries = tuple(map(Entry, *(column.tolist() for column in columns), said))
+    descriptions = _descriptions(body, text, about, widths[:, -2])
+    entries = tuple(map(Entry, *(column.tolist() for column in columns), descriptions))
     return Columns(survey, np.array(columns), entries)
 
 
-def _abouts(body: memoryview, text: Bytes, begins: Integers, widths: Integers) -> list[str]:
-    said = ["-"] * len(begins)
+def _descriptions(body: memoryview, text: Bytes, begins: Integers, widths: Integers) -> list[str]:
+    descriptions = ["-"] * len(begins)
     for line in np.flatnonzero((widths != 1) | (text[begins] != ord("-"))).tolist():
         begin = int(begins[line])
-        said[line] = str(body[begin : begin + int(widths[line])], "ascii")
+        descriptions[line] = str(body[begin : begin + int(widths[line])], "ascii")
     if int(widths.max()) > _MAX_DESCRIPTION_LENGTH:
         raise InconsistentRecords
-    return said
+    return descriptions
 
 
-def _decimals(text: Bytes, begins: Integers, widths: Integers, most: int) -> Integers:
+def _decimals(text: Bytes, begins: Integers, widths: Integers, limit: int) -> Integers:
     widest = int(widths.max())
-    if widest > most or bool(((text[begins] == ord("0")) & (widths > 1)).any()):
+    if widest > limit or bool(((text[begins] == ord("0")) & (widths > 1)).any()):
         raise InconsistentRecords
     values = np.zeros(len(begins), np.int64)
     for place in range(widest):
-        there = widths > place
-        digits = text[begins[there] + place].astype(np.int64) - ord("0")
+        has_digit = widths > place
+        digits = text[begins[has_digit] + place].astype(np.int64) - ord("0")
         if bool(((digits < 0) | (digits > 9)).any()):
             raise InconsistentRecords
-        values[there] = values[there] * 10 + digits
+        values[has_digit] = values[has_digit] * 10 + digits
     return values
 
 
@@ -177,13 +211,13 @@ def verified_records(layout: Layout, ledger: Columns) -> Iterator[VerifiedRecord
     count = len(ledger.entries)
     if bool((ledger.numbers[_SEQUENCE] != np.arange(1, count + 1)).any()):
         raise InconsistentRecords
-    done = 0
+    n_verified = 0
     block = bytearray(_BLOCK_BYTES)
     for segment in layout.segments():
         last = int(np.searchsorted(ledger.numbers[_SEGMENT], segment, side="right"))
         with layout.segment(segment).open("rb", buffering=0) as raw:
             end = 0
-            for first, after in _groups(ledger, segment, done, last):
+            for first, after in _groups(ledger, segment, n_verified, last):
                 end = int(ledger.numbers[_OFFSET, after - 1] + ledger.numbers[_LENGTH, after - 1])
                 begin = int(ledger.numbers[_OFFSET, first])
                 if end - begin > len(block):
@@ -192,12 +226,12 @@ def verified_records(layout: Layout, ledger: Columns) -> Iterator[VerifiedRecord
                 _fill(view, raw)
                 yield from _compared(view, ledger, first, after)
             stream = io.BufferedReader(raw)
-            for found in scan(stream, start=end):  # another program is writing
-                if not isinstance(found, Frame):
+            for item in scan(stream, start=end):  # another program is writing
+                if not isinstance(item, Frame):
                     raise InconsistentRecords
-                yield Located(segment, found)
-        done = last
-    if done != count:
+                yield Located(segment, item)
+        n_verified = last
+    if n_verified != count:
         raise InconsistentRecords
 
 
@@ -206,7 +240,7 @@ def _groups(ledger: Columns, segment: int, first: int, last: int) -> Iterator[tu
     offsets, lengths = ledger.numbers[_OFFSET, first:last], ledger.numbers[_LENGTH, first:last]
     ends = offsets + lengths
     right = np.concatenate(([0], ends[:-1])) if last > first else ends
-    longest = HEADER.size + LARGEST_PAYLOAD
+    longest = HEADER.size + MAX_RECORD_PAYLOAD_BYTES
     if (
         bool((ledger.numbers[_SEGMENT, first:last] != segment).any())
         or bool(((lengths < HEADER.size) | (lengths > longest)).any())
@@ -215,8 +249,8 @@ def _groups(ledger: Columns, segment: int, first: int, last: int) -> Iterator[tu
         raise InconsistentRecords
     at = 0
     while at < last - first:
-        most = int(offsets[at]) + _BLOCK_BYTES
-        after = max(int(np.searchsorted(ends, most, side="right")), at + 1)
+        limit = int(offsets[at]) + _BLOCK_BYTES
+        after = max(int(np.searchsorted(ends, limit, side="right")), at + 1)
         yield first + at, first + after
         at = after
 
@@ -236,10 +270,10 @@ def _compared(
     sequence, kind, _, offset, length, check = ledger.numbers[:, first:after]
     starts = offset - offset[0]
     places = starts[:, np.newaxis] + np.arange(HEADER.size)
-    headers = np.frombuffer(view, np.uint8)[places].view(_HEADER)[:, 0]
+    headers = np.frombuffer(view, np.uint8)[places].view(_HEADER_DTYPE)[:, 0]
     identity = np.frombuffer(ledger.survey, "<u8")
     if (
-        bool((headers["magic"] != _MAGIC).any())
+        bool((headers["magic"] != _MAGIC_AS_INTEGER).any())
         or bool((headers["length"] + np.int64(HEADER.size) != length).any())
         or bool((headers["kind"] != kind).any())
         or bool((headers["identity"] != identity).any())
@@ -254,3 +288,31 @@ def _compared(
     if checks != check.tolist() or list(map(zlib.crc32, payloads)) != headers["crc"].tolist():
         raise InconsistentRecords
     yield from map(VerifiedRecord, ledger.entries[first:after], payloads)
+
+
+def parse_common_rebound(payload: memoryview) -> int | None:
+    """Return the survey-wide number of the drop that a rebound belongs to."""
+    if len(payload) < _JSON_LENGTH.size:
+        return None
+    match = _REBOUND_RECORD.fullmatch(
+        payload, _JSON_LENGTH.size, _JSON_LENGTH.size + _JSON_LENGTH.unpack_from(payload)[0]
+    )
+    return None if match is None else int(match[1])
+
+
+def parse_common_file(payload: memoryview) -> tuple[str, int, str, int | None] | None:
+    """Return path, size (bytes) and SHA-256 of a file, and the survey-wide number of its drop."""
+    size = len(payload)
+    if size < _JSON_LENGTH.size or _JSON_LENGTH.unpack_from(payload)[0] != size - _JSON_LENGTH.size:
+        return None  # there are no arrays
+    match = _FILE_RECORD.fullmatch(payload, _JSON_LENGTH.size)
+    if match is None and _RESULT.match(payload, _JSON_LENGTH.size) is not None:
+        end = bytes(payload[max(_RESULT_BEGIN, size - _MAX_END_LENGTH) :])
+        at = end.rfind(_END_BEGINS)
+        if at > 0 and end[at - 1] != _ESCAPE:  # else the quote is one of the text
+            match = _RESULT_END.fullmatch(end, at)
+    if match is None:
+        return None
+    number, path, sha256, length = match.groups()
+    drop_number = None if number == b"null" else int(number)
+    return str(path, "ascii"), int(length), str(sha256, "ascii"), drop_number

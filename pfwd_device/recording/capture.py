@@ -2,8 +2,8 @@
 
 The first record is the header (JSON), each following one holds bytes:
 ``u64 monotonic nanoseconds | u64 nanoseconds since 1970 UTC | u8 direction (0 from, 1 to the
-instrument) | bytes``. A capture is written every second, not at every byte; what is not written
-when the program is killed is lost, the recorded drops are not.
+instrument) | bytes``. A capture is written every second. Killing the program loses the bytes of
+the last second, but no recorded drop.
 """
 
 import contextlib
@@ -24,11 +24,11 @@ from pfwd_device.recording.storage import Storage
 
 FORMAT_VERSION = 1
 
-FLUSH_INTERVAL = 1.0
-"""s between two writes."""
+FLUSH_INTERVAL_S = 1.0
+"""Time between two writes, s."""
 
 FLUSH_BYTES = 2**20
-"""Bytes after which is written at once."""
+"""Number of waiting bytes that are written at once."""
 
 Direction = Literal["from", "to"]
 
@@ -38,32 +38,32 @@ _DIRECTIONS: tuple[Direction, Direction] = ("from", "to")
 
 @dataclass(frozen=True, slots=True)
 class CapturedBytes:
-    """Bytes that went over the link together."""
+    """Bytes that were transferred together."""
 
     monotonic_ns: int
-    """Clock of the host that never jumps, ns; only differences mean something."""
+    """Monotonic clock of the host, ns; only differences have a meaning."""
     utc_ns: int
-    """ns since 1970, UTC, as the host believed."""
+    """Time since 1970, UTC, by the clock of the host, ns."""
     direction: Direction
-    """From or to the instrument."""
+    """Direction: from or to the instrument."""
     data: bytes
 
 
 class CaptureWriter:
-    """Writes a capture; a failing disk ends the capture and nothing else.
+    """Writer of a capture; a failing disk ends only the capture.
 
     Parameters
     ----------
     path : Path
-        Must not exist yet.
+        New file.
     header : mapping
-        What belongs to the capture, as JSON knows it: url, dialect, identity, setup.
+        Description of the capture as JSON values: url, dialect, identity, setup.
     storage : Storage, optional
 
     Raises
     ------
     RecordingError
-        If the file cannot be made.
+        If the file cannot be created.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class CaptureWriter:
     ) -> None:
         self.path = path
         self.failure: str | None = None
-        """Why nothing is written any more; None as long as all is well."""
+        """Reason why the capture has ended; None while it is written."""
         self._storage = storage or Storage()
         self._identity = uuid.uuid4().bytes
         self._sequence = 1
@@ -79,8 +79,8 @@ class CaptureWriter:
         self._end = 0
         self._timer: threading.Timer | None = None
         self._lock = threading.Lock()
-        whole = {"format_version": FORMAT_VERSION, **header}
-        self._frame(Kind.CAPTURE, encode_payload(whole))
+        header_data = {"format_version": FORMAT_VERSION, **header}
+        self._frame(Kind.CAPTURE, encode_payload(header_data))
         self._descriptor: int | None = None
         try:
             self._storage.make_folder(path.parent)
@@ -92,7 +92,7 @@ class CaptureWriter:
             raise RecordingError(f"{path}: expected a new file, got {err}") from err
 
     def write(self, direction: Direction, data: bytes) -> None:
-        """Keep bytes; they are on the disk a second later."""
+        """Add bytes; they are on the disk a second later."""
         now = _PREFIX.pack(
             time.monotonic_ns(), max(time.time_ns(), 0), _DIRECTIONS.index(direction)
         )
@@ -103,18 +103,18 @@ class CaptureWriter:
             if len(self._waiting) >= FLUSH_BYTES:
                 self._try_to_flush()
             elif self._timer is None:
-                # The last bytes before a silence are written too, though nobody calls any more.
-                self._timer = threading.Timer(FLUSH_INTERVAL, self.flush)
+                # The last bytes before a silence are written without a further call.
+                self._timer = threading.Timer(FLUSH_INTERVAL_S, self.flush)
                 self._timer.daemon = True
                 self._timer.start()
 
     def flush(self) -> None:
-        """Write what waits."""
+        """Write the waiting bytes."""
         with self._lock:
             self._try_to_flush()
 
     def close(self) -> None:
-        """Write what waits and end the capture."""
+        """Write the waiting bytes and end the capture."""
         with self._lock:
             self._try_to_flush()
             if self._descriptor is not None:
@@ -157,7 +157,7 @@ class CaptureWriter:
 
 
 class CaptureReader:
-    """Reads a capture; damage is passed over and told.
+    """Reader of a capture; damage is skipped and listed.
 
     Raises
     ------
@@ -168,9 +168,9 @@ class CaptureReader:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         self.header: dict[str, Any] = {}
-        """What belongs to the capture; empty when its record is damaged."""
+        """Description of the capture; empty if its record is damaged."""
         self.damage: list[str] = []
-        """Damaged stretches met so far; complete after the last bytes."""
+        """Damaged parts read so far; complete after the last bytes."""
         items = self._items()
         first = next(items, None)
         items.close()
@@ -188,17 +188,17 @@ class CaptureReader:
         sequence = 0
         try:
             with self.path.open("rb") as stream:
-                for found in scan(stream):
-                    if isinstance(found, Damage):
-                        end = " at the end" if found.at_end else ""
-                        self.damage.append(f"byte {found.offset}: {found.length} bytes{end}")
+                for part in scan(stream):
+                    if isinstance(part, Damage):
+                        end = " at the end" if part.at_end else ""
+                        self.damage.append(f"byte {part.offset}: {part.length} bytes{end}")
                         continue
-                    if found.sequence != sequence + 1:
-                        self.damage.append(f"byte {found.offset}: records are missing before it")
-                    sequence = found.sequence
-                    item = decode_capture(found.kind, found.payload)
+                    if part.sequence != sequence + 1:
+                        self.damage.append(f"byte {part.offset}: records are missing before it")
+                    sequence = part.sequence
+                    item = decode_capture(part.kind, part.payload)
                     if item is None:
-                        self.damage.append(f"byte {found.offset}: no record of a capture")
+                        self.damage.append(f"byte {part.offset}: no record of a capture")
                     else:
                         yield item
         except OSError as err:
@@ -206,7 +206,7 @@ class CaptureReader:
 
 
 def decode_capture(kind: int, payload: bytes) -> dict[str, Any] | CapturedBytes | None:
-    """Header or bytes that a record holds; None when it is neither."""
+    """Return the header or the bytes in a record; None for any other record."""
     if kind == Kind.CAPTURE:
         try:
             return payload_data(payload)

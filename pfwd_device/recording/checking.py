@@ -1,4 +1,4 @@
-"""Is a recording whole? Looks at every byte of a survey and changes none."""
+"""Check of a survey: every byte is compared with its checksums, and nothing is changed."""
 
 import os
 from dataclasses import dataclass
@@ -12,42 +12,42 @@ from pfwd_device.recording.journal import read_record
 from pfwd_device.recording.layout import Layout, names_in, refuse_special_files
 from pfwd_device.recording.lock import is_locked
 from pfwd_device.recording.recovery import describe, lost_texts
-from pfwd_device.recording.returning import waiting_texts
 from pfwd_device.recording.spare import SpareFolder
+from pfwd_device.recording.spare_merge import describe_records_only_in_spare
 
 _HINT = "run pfwd recover"
 
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """What a look at every byte found."""
+    """Result of the check of a survey."""
 
     survey: str
-    """Folder."""
+    """Folder of the survey."""
     drops_acknowledged: int
-    """Drops that were acknowledged, lost ones with them."""
+    """Number of acknowledged drops, including lost ones."""
     drops_published: int
-    """Drops whose file is there and as it was published."""
+    """Number of drops whose file exists and is unchanged."""
     recovered: int
-    """Drops that recovery restored from their file, so far."""
+    """Number of drops that recoveries have restored from their files."""
     damaged: tuple[str, ...]
-    """What is damaged or missing, a short text each, with file or drop."""
+    """Damaged or missing parts, a short text each, with file or drop."""
     notes: tuple[str, ...]
-    """What is unfinished and no damage."""
+    """Unfinished parts that are not damaged."""
     closed: bool
-    """The last program to write it ended in order."""
+    """True if the last program that wrote the survey has closed it."""
 
     @property
     def ok(self) -> bool:
-        """Everything acknowledged is there, and nothing else."""
+        """True if everything acknowledged exists and nothing is damaged."""
         return not self.damaged
 
 
 def check(folder: str | os.PathLike[str], *, spare: SpareFolder | None = None) -> CheckReport:
     """Compare every byte of a survey with its checksums.
 
-    While a program writes the survey, what it has not finished is a note and no damage. What is in
-    the spare folder only is not whole.
+    While a program writes the survey, its unfinished parts are notes and no damage. Records that
+    only the spare folder holds count as missing.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def check(folder: str | os.PathLike[str], *, spare: SpareFolder | None = None) -
     published = _check_listed(layout, index, damaged)
     _check_peaks(layout, index, damaged)
     damaged += lost_texts(index)
-    damaged += [f"{text}: {_HINT}" for text in waiting_texts(spare, index)]
+    damaged += [f"{text}: {_HINT}" for text in describe_records_only_in_spare(spare, index)]
     _check_unlisted(layout, index, unfinished)
     for number, drop in sorted(index.drops.items()):
         if layout.drop_file_name(number) not in index.files:
@@ -95,10 +95,10 @@ def _check_journal(layout: Layout, index: Index, damaged: list[str], unfinished:
     for stretch in index.damage:
         where = f"{layout.relative(layout.segment(stretch.segment))}, byte {stretch.damage.offset}"
         try:
-            known = damage_key(layout, stretch) in index.known_damage
+            is_handled = damage_key(layout, stretch) in index.handled_damage
         except OSError:
-            known = False
-        if known:
+            is_handled = False
+        if is_handled:
             continue
         text = f"{where}: {stretch.damage.length} bytes are damaged"
         inside = [
@@ -117,7 +117,7 @@ def _check_journal(layout: Layout, index: Index, damaged: list[str], unfinished:
         else:
             damaged.append(f"{text}: {_HINT}")
     for entry, why in index.strange:
-        if (entry.segment, entry.offset, entry.length, entry.check) not in index.known_damage:
+        if (entry.segment, entry.offset, entry.length, entry.check) not in index.handled_damage:
             where = f"{layout.relative(layout.segment(entry.segment))}, byte {entry.offset}"
             damaged.append(f"{where}: {why}")
 
@@ -147,7 +147,7 @@ def _check_ledger(index: Index, damaged: list[str], unfinished: list[str]) -> No
 
 
 def _check_listed(layout: Layout, index: Index, damaged: list[str]) -> int:
-    """How many of the drops' files are there and whole."""
+    """Return the number of drops whose file exists and is unchanged."""
     published = 0
     for listed in index.files.values():
         path = layout.folder / listed.path
@@ -157,7 +157,7 @@ def _check_listed(layout: Layout, index: Index, damaged: list[str]) -> int:
             facts = {"size": -1, "sha256": ""}
         if (facts["size"], facts["sha256"]) != (listed.size, listed.sha256):
             text = f"{_name(index, listed.path)} is damaged or missing"
-            # Of a capture there is no second copy.
+            # A capture has no second copy from which recovery could restore it.
             damaged.append(text if listed.path.startswith("captures/") else f"{text}: {_HINT}")
         elif listed.path.startswith("drops/") and listed.number in index.drops:
             published += 1
@@ -165,7 +165,7 @@ def _check_listed(layout: Layout, index: Index, damaged: list[str]) -> int:
 
 
 def _check_peaks(layout: Layout, index: Index, damaged: list[str]) -> None:
-    """Tables take the peaks that a drop was recorded with for those of its traces."""
+    """Compare the recorded peaks of each drop, which tables show, with those of its traces."""
     for drop in index.drops.values():
         try:
             frame = read_record(layout, drop.entry.segment, drop.entry.offset)

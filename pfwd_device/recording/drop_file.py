@@ -1,14 +1,14 @@
-"""One drop as an HDF5 file that explains itself: written, compared and read.
+"""Self-describing HDF5 file of one drop: written, compared and read.
 
-The file is built in memory and written by :class:`~pfwd_device.recording.storage.Storage`: HDF5
-itself, when it meets a full disk, may report success or end the program. h5py is imported by the
-functions that need it; recording does without.
+The file is built in memory and written by :class:`~pfwd_device.recording.storage.Storage`: on a
+full disk HDF5 itself may report success or end the program. h5py is imported by the functions that
+need it; recording works without it.
 
-Everything that a reader sees in a file of format version 2 is under one digest, the attribute
+One digest covers everything visible in a file of format version 2, the attribute
 ``visible_sha256`` (:func:`~pfwd_device.recording.hdf5_tree.digest`). Files of version 1 have
-``content_sha256``, a digest of what is kept of the drop, which leaves the attributes out that
-repeat it for other programs. Neither version has the other one's digest, so that a file of
-version 2 cannot be read as one of version 1.
+``content_sha256``, a digest of the recorded drop without the attributes that repeat parts of it
+for other programs. Neither version has the other one's digest, so that a file of version 2 cannot
+be read as one of version 1.
 """
 
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ import numpy as np
 
 from pfwd_device.drop import Channel, Drop, Peaks
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording.drop_payload import MOST_REBOUNDS, MOST_SENSORS, drop_parts
+from pfwd_device.recording.drop_payload import MAX_REBOUNDS, MAX_SENSORS, drop_parts
 from pfwd_device.recording.hdf5_tree import (
     Attribute,
     Dataset,
@@ -37,24 +37,23 @@ from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.text import clean
 
 FILE_VERSION = 2
-"""Of drop files; 1 had no digest of the attributes."""
+"""Format version of drop files; version 1 had no digest of the attributes."""
 
-PEAKS_VERSION = 3
-"""Of files of drops without traces: earlier programs look for traces, and say that a newer version
-of the program reads the file."""
+PEAKS_FILE_VERSION = 3
+"""Format version of files of drops without traces, which earlier programs refuse."""
 
 DIGEST = "visible_sha256"
-"""Attribute with the digest of everything else."""
+"""Name of the attribute with the digest of everything else."""
 
 OLD_DIGEST = "content_sha256"
-"""Attribute with the digest of format version 1."""
+"""Name of the attribute with the digest of format version 1."""
 
-LARGEST_FILE = 192 * 2**20
-"""Bytes; the largest arrays unpacked, and the longest texts. A drop takes about 100 kB."""
+MAX_DROP_FILE_BYTES = 192 * 2**20
+"""Largest drop file: the largest unpacked arrays and the longest texts. A drop takes 100 kB."""
 
-MOST_CALIBRATIONS = 2048
-"""Attributes with identity and calibration of the channels: 64 channels with 32 facts each. What
-is beyond them is in ``metadata`` alone."""
+MAX_CALIBRATION_ATTRIBUTES = 2048
+"""Largest number of attributes with identity and calibration of the channels: 64 channels with 32
+each. Further ones are in ``metadata`` alone."""
 
 _UNITS = {"velocity": "m/s", "displacement": "m"}
 
@@ -77,7 +76,7 @@ _ATTRIBUTES = (
 
 @dataclass(frozen=True, eq=False, slots=True)
 class StoredDrop:
-    """A drop as it was found in an HDF5 file."""
+    """A drop that was read from an HDF5 file."""
 
     record: DropRecord
     number: int
@@ -85,19 +84,19 @@ class StoredDrop:
     survey: bytes
     """Identity of the survey."""
     version: int
-    """Of the format; attributes of version 1 are under no digest."""
+    """Format version; no digest covers the attributes of version 1."""
     digest: str
-    """SHA-256 of all that a reader sees, or in version 1 of what is kept of the drop."""
+    """SHA-256 of everything visible, or in version 1 of the recorded drop."""
 
 
 def drop_digest(record: DropRecord, number: int) -> str:
-    """SHA-256 of everything that is kept of the drop."""
+    """Return the SHA-256 of the recorded drop."""
     data, arrays = drop_parts(record)
     return content_digest(data | {"number": number}, arrays)
 
 
 def drop_file_bytes(record: DropRecord, number: int, survey: bytes) -> bytes:
-    """The HDF5 file of a drop, in memory.
+    """Return the bytes of the HDF5 file of a drop.
 
     Parameters
     ----------
@@ -109,7 +108,7 @@ def drop_file_bytes(record: DropRecord, number: int, survey: bytes) -> bytes:
     """
     import h5py
 
-    # Built in memory; the name is never opened.
+    # The file is built in memory; no file of this name is opened.
     with h5py.File("drop.h5", "w", driver="core", backing_store=False) as file:
         write_drop(file, record, number, survey)
         file.flush()
@@ -117,38 +116,37 @@ def drop_file_bytes(record: DropRecord, number: int, survey: bytes) -> bytes:
 
 
 def read_drop_file(path: str | Path) -> DropRecord:
-    """The drop that a file of a survey holds, bit by bit as it was saved.
+    """Return the drop in a file of a survey, bit by bit as it was saved.
 
     Raises
     ------
     RecordingError
-        If the file is damaged, is none of this format, or its content is not what was written.
+        If the file is damaged, has another format, or its content was changed.
     """
     return read_drop_file_parts(Path(path))[0]
 
 
 def read_drop_file_parts(path: Path) -> tuple[DropRecord, int, bytes]:
-    """Drop, survey-wide number and identity of the survey of a file; raises as the above."""
-    found = stored_drop(path)
-    return found.record, found.number, found.survey
+    """Return drop, survey-wide number and identity of the survey; errors as `read_drop_file`."""
+    stored = stored_drop(path)
+    return stored.record, stored.number, stored.survey
 
 
 def stored_drop(path: Path) -> StoredDrop:
-    """The drop of a file with what is known of the file; raises as `read_drop_file`."""
+    """Return the drop of a file with facts of the file; errors as `read_drop_file`."""
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise RecordingError(
-                f"{path}: expected the file of a drop, got one of over {LARGEST_FILE // 2**20} MiB"
-            )
+        if path.stat().st_size > MAX_DROP_FILE_BYTES:
+            limit = f"{MAX_DROP_FILE_BYTES // 2**20} MiB"
+            raise RecordingError(f"{path}: expected the file of a drop, got one of over {limit}")
     except OSError as err:
         raise RecordingError(f"{path}: expected a readable drop file, got {err}") from err
     return _stored(path, str(path))
 
 
 def drop_from_file_bytes(data: bytes, where: str) -> tuple[DropRecord, int, bytes]:
-    """As :func:`read_drop_file_parts`, of a file's bytes."""
-    found = _stored(data, where)
-    return found.record, found.number, found.survey
+    """Return the same as :func:`read_drop_file_parts` from the bytes of a file."""
+    stored = _stored(data, where)
+    return stored.record, stored.number, stored.survey
 
 
 def _stored(source: Path | bytes, where: str) -> StoredDrop:
@@ -159,7 +157,7 @@ def _stored(source: Path | bytes, where: str) -> StoredDrop:
         if str(err).startswith(where):
             raise
         raise RecordingError(f"{where}: {err}") from err
-    except Exception as err:  # what h5py raises on damage is not documented: OSError to SystemError
+    except Exception as err:  # h5py raises undocumented errors on damage: OSError to SystemError
         raise RecordingError(f"{where}: expected the file of a drop, got damage: {err}") from err
 
 
@@ -169,59 +167,59 @@ def write_drop(group: Any, record: DropRecord, number: int, survey: bytes) -> st
     Returns
     -------
     str
-        Its digest.
+        Digest of the drop.
     """
     tree = _tree(record, number, survey)
-    found = digest(tree)
-    write_group(group, Group(tree.members, {**tree.attributes, DIGEST: found}))
-    return found
+    tree_digest = digest(tree)
+    write_group(group, Group(tree.members, {**tree.attributes, DIGEST: tree_digest}))
+    return tree_digest
 
 
 def read_drop(group: Place, where: str) -> StoredDrop:
-    """What `write_drop` wrote, of this format version or the one before, compared with its digest.
+    """Read a drop of any format version and compare it with its digest.
 
     Parameters
     ----------
     group : Place
         A file or one of its groups.
     where : str
-        For messages.
+        Origin, for messages.
 
     Raises
     ------
     RecordingError
-        If it is none, or its content is not what was written.
+        If there is no drop, or its content was changed.
     """
     try:
         version = read_attribute(group, "format_version", where)
-        if isinstance(version, int) and version > PEAKS_VERSION:
+        if isinstance(version, int) and version > PEAKS_FILE_VERSION:
             raise RecordingError(
-                f"{where}: expected format version {FILE_VERSION} or {PEAKS_VERSION}, got "
+                f"{where}: expected format version {FILE_VERSION} or {PEAKS_FILE_VERSION}, got "
                 f"{version}; a newer version of this program reads it"
             )
-        if version not in (1, FILE_VERSION, PEAKS_VERSION):
+        if version not in (1, FILE_VERSION, PEAKS_FILE_VERSION):
             raise RecordingError(f"{where}: expected a format version, got {version!r:.40}")
         tree = read_group(group, where)
-        written = _checked(tree, int(version), where)
+        written = _verified_digest(tree, int(version), where)
         record, number = _record(tree, where)
         survey = bytes.fromhex(str(tree.attributes["survey_id"]))
     except RecordingError as err:
         if str(err).startswith(where):
             raise
         raise RecordingError(f"{where}: {err}") from err
-    except Exception as err:  # as above
+    except Exception as err:  # any error of h5py, see above
         raise RecordingError(f"{where}: expected a drop, got damage: {err}") from err
     if version == 1 and drop_digest(record, number) != written:
         raise RecordingError(f"{where}: expected the content that was written, got another")
     return StoredDrop(record, number, survey, int(version), written)
 
 
-def _checked(tree: Group, version: int, where: str) -> str:
-    """The digest that the file gives; that of version 2 is compared before anything is used."""
-    name, other = (OLD_DIGEST, DIGEST) if version == 1 else (DIGEST, OLD_DIGEST)
+def _verified_digest(tree: Group, version: int, where: str) -> str:
+    """Return the stored digest; from version 2 on it is verified before any content is used."""
+    name, foreign_name = (OLD_DIGEST, DIGEST) if version == 1 else (DIGEST, OLD_DIGEST)
     attributes = dict(tree.attributes)
     written = attributes.pop(name, None)
-    if not isinstance(written, str) or other in attributes:
+    if not isinstance(written, str) or foreign_name in attributes:
         raise RecordingError(f"{where}: expected the digest {name} alone, got none or another")
     if version > 1 and digest(Group(tree.members, attributes)) != written:
         raise RecordingError(f"{where}: expected the content that was written, got another")
@@ -229,12 +227,12 @@ def _checked(tree: Group, version: int, where: str) -> str:
 
 
 def _tree(record: DropRecord, number: int, survey: bytes) -> Group:
-    """All that a file shows of a drop, but for its digest."""
+    """Return the content of the file of a drop, without its digest."""
     drop = record.drop
     if drop.only_peaks is None:
         members, version = _traces(drop), FILE_VERSION
     else:
-        members, version = _peaks(drop.only_peaks), PEAKS_VERSION
+        members, version = _peaks(drop.only_peaks), PEAKS_FILE_VERSION
     if record.counts is not None:
         calibration = _calibration(record.metadata)
         members["counts"] = Dataset(record.counts, {"units": "counts", **calibration})
@@ -249,8 +247,8 @@ def _tree(record: DropRecord, number: int, survey: bytes) -> Group:
         rebounds[str(index)] = Group({"counts": counts}, about)
     if rebounds:
         members["rebounds"] = Group(rebounds)
-    for name, said in (("declared", record.declared), ("metadata", record.metadata)):
-        members[name] = Dataset(encode_json(said), {"units": "JSON"})
+    for name, mapping in (("declared", record.declared), ("metadata", record.metadata)):
+        members[name] = Dataset(encode_json(mapping), {"units": "JSON"})
     attributes: dict[str, Attribute] = {
         "format_version": version,
         "pfwd_version": software_version(),
@@ -284,13 +282,13 @@ def _traces(drop: Drop) -> dict[str, Group | Dataset]:
 
 def _peaks(peaks: Peaks) -> dict[str, Group | Dataset]:
     offsets = np.array([offset for offset, _ in peaks.displacements])
-    found = np.array([peak for _, peak in peaks.displacements])
+    displacements = np.array([peak for _, peak in peaks.displacements])
     return {
         "peaks": Group(
             {
                 "load": Dataset(np.array([peaks.load]), {"units": "N"}),
                 "offsets": Dataset(offsets, {"units": "m"}),
-                "displacements": Dataset(found, {"units": "m"}),
+                "displacements": Dataset(displacements, {"units": "m"}),
             }
         )
     }
@@ -298,9 +296,9 @@ def _peaks(peaks: Peaks) -> dict[str, Group | Dataset]:
 
 def _record(tree: Group, where: str) -> tuple[DropRecord, int]:
     sensors, rebounds = _groups(tree, "sensors"), _groups(tree, "rebounds")
-    if len(sensors) > MOST_SENSORS or len(rebounds) > MOST_REBOUNDS:
+    if len(sensors) > MAX_SENSORS or len(rebounds) > MAX_REBOUNDS:
         raise RecordingError(
-            f"{where}: expected at most {MOST_SENSORS} sensors and rebounds, got more"
+            f"{where}: expected at most {MAX_SENSORS} sensors and rebounds, got more"
         )
     channels = []
     for sensor in sensors:
@@ -317,7 +315,7 @@ def _record(tree: Group, where: str) -> tuple[DropRecord, int]:
         for rebound in rebounds
     ]
     number = int(tree.attributes["drop"])
-    if tree.attributes["format_version"] == PEAKS_VERSION:
+    if tree.attributes["format_version"] == PEAKS_FILE_VERSION:
         drop = Drop.of_peaks(number, _read_peaks(tree))
     else:
         drop = Drop(number, _array(tree, "time"), _array(tree, "load"), tuple(channels))
@@ -325,8 +323,8 @@ def _record(tree: Group, where: str) -> tuple[DropRecord, int]:
         point=str(tree.attributes["point"]),
         drop=drop,
         counts=_array(tree, "counts") if "counts" in tree.members else None,
-        declared=_said(tree, "declared"),
-        metadata=_said(tree, "metadata"),
+        declared=_json_object(tree, "declared"),
+        metadata=_json_object(tree, "metadata"),
         rebounds=tuple(bounces),
     )
     return record, int(tree.attributes["number"])
@@ -344,17 +342,17 @@ def _read_peaks(tree: Group) -> Peaks:
 
 
 def _groups(tree: Group, name: str) -> list[Group]:
-    """The groups ``1``, ``2`` ... of a group, which may be missing."""
+    """Return the groups ``1``, ``2`` ... of a group, which may be missing."""
     parent = tree.members.get(name, Group())
     if not isinstance(parent, Group):
         raise RecordingError(f"{name}: expected a group, got a dataset")
-    found = []
+    groups = []
     for index in range(1, len(parent.members) + 1):
         member = parent.members[str(index)]
         if not isinstance(member, Group):
             raise RecordingError(f"{name}/{index}: expected a group, got a dataset")
-        found.append(member)
-    return found
+        groups.append(member)
+    return groups
 
 
 def _array(tree: Group, name: str) -> Array:
@@ -364,69 +362,69 @@ def _array(tree: Group, name: str) -> Array:
     return member.value
 
 
-def _said(tree: Group, name: str) -> dict[str, Any]:
+def _json_object(tree: Group, name: str) -> dict[str, Any]:
     member = tree.members[name]
     if not isinstance(member, Dataset) or not isinstance(member.value, str):
         raise RecordingError(f"{name}: expected a JSON text, got another thing")
-    said = decode_json(member.value)
-    if not isinstance(said, dict):
+    mapping = decode_json(member.value)
+    if not isinstance(mapping, dict):
         raise RecordingError(f"{name}: expected an object of JSON, got another thing")
-    return said
+    return mapping
 
 
 def _plain_attributes(record: DropRecord) -> dict[str, Attribute]:
-    """What a reader without this program looks for; the whole is in the JSON texts."""
-    known = {**record.metadata, **record.declared}
-    found: dict[str, Attribute] = {}
+    """Return the attributes for other programs; the JSON texts contain everything."""
+    values = {**record.metadata, **record.declared}
+    attributes: dict[str, Attribute] = {}
     for name in _ATTRIBUTES:
-        value = known.get(name)
+        value = values.get(name)
         number = _as_float(value)
         if number is not None:
-            found[name] = number
+            attributes[name] = number
         elif isinstance(value, str):
-            found[name] = clean(value, limit=4096)
+            attributes[name] = clean(value, limit=4096)
         elif name == "notes" and isinstance(value, list):
-            found[name] = clean("; ".join(map(str, value)), limit=4096)
-    position = known.get("position")
+            attributes[name] = clean("; ".join(map(str, value)), limit=4096)
+    position = values.get("position")
     if isinstance(position, Mapping):
         for key in ("latitude", "longitude", "altitude_m"):
             number = _as_float(position.get(key))
             if number is not None:
-                found.setdefault(key, number)
-    return found
+                attributes.setdefault(key, number)
+    return attributes
 
 
 def _calibration(metadata: Mapping[str, Any]) -> dict[str, Attribute]:
-    """Identity and calibration of each channel as attributes ``channel_1_...`` of the counts."""
+    """Return identity and calibration of each channel as attributes ``channel_1_...``."""
     identity = metadata.get("identity")
     channels = identity.get("channels") if isinstance(identity, Mapping) else None
-    found: dict[str, Attribute] = {}
+    attributes: dict[str, Attribute] = {}
     if not isinstance(channels, list):
-        return found
-    for index, channel in enumerate(channels[:MOST_SENSORS], start=1):
+        return attributes
+    for index, channel in enumerate(channels[:MAX_SENSORS], start=1):
         if not isinstance(channel, Mapping):
             continue
         for key, value in list(channel.items())[:32]:
             name = clean(f"channel_{index}_{key}")
             number = _as_float(value)
-            if len(found) == MOST_CALIBRATIONS and name not in found:
-                return found
+            if len(attributes) == MAX_CALIBRATION_ATTRIBUTES and name not in attributes:
+                return attributes
             if number is not None:
-                found[name] = number
+                attributes[name] = number
             elif isinstance(value, str):
-                found[name] = clean(value, limit=256)
-    return found
+                attributes[name] = clean(value, limit=256)
+    return attributes
 
 
 def _as_float(value: object) -> float | None:
     try:
         return float(value) if isinstance(value, int | float) else None
-    except OverflowError:  # an integer of hundreds of digits, which the JSON text keeps
+    except OverflowError:  # an integer of hundreds of digits, which the JSON text contains
         return None
 
 
 def software_version() -> str:
-    """Version of this program."""
+    """Return the version of this program."""
     from importlib.metadata import PackageNotFoundError, version
 
     try:

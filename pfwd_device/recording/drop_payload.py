@@ -1,4 +1,4 @@
-"""A drop and its rebounds as the data and arrays of a record, and back, bit by bit."""
+"""Conversion of a drop and its rebounds to the data and arrays of a record and back, bit by bit."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,22 +13,22 @@ from pfwd_device.recording.payload import Array, decode_payload, encode_payload
 from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.signals import trace_peaks
 
-MOST_SENSORS = 1024
-MOST_REBOUNDS = 1024
+MAX_SENSORS = 1024
+MAX_REBOUNDS = 1024
 
-PEAKS_VERSION = 1
+TRACE_PEAKS_VERSION = 1
 """Version of the peaks in a record. Increment it when :func:`pfwd_device.signals.trace_peaks`
 changes: the peaks of an older record are then computed from its traces."""
 
-SAME_PEAKS = 1e-9
-"""Of the largest value of a trace: another processor adds up in another order. A peak that somebody
-changed so little nobody can tell from one that was not."""
+PEAK_TOLERANCE = 1e-9
+"""Largest difference of a recorded peak, relative to the largest value of the trace: another
+processor may add in another order."""
 
 Parts = tuple[dict[str, Any], dict[str, Array]]
 
 
 def drop_parts(record: DropRecord) -> Parts:
-    """Data and arrays of a drop with the rebounds that it has."""
+    """Return data and arrays of a drop and its rebounds."""
     drop = record.drop
     data: dict[str, Any] = {
         "point": record.point,
@@ -39,9 +39,9 @@ def drop_parts(record: DropRecord) -> Parts:
         "rebounds": [_rebound_data(rebound) for rebound in record.rebounds],
     }
     if drop.only_peaks is not None:
-        # What was recorded; ``peaks`` is what is found in traces, and may be found anew.
-        found = [peak for _, peak in drop.only_peaks.displacements]
-        data["only_peaks"] = {"load": drop.only_peaks.load, "displacements": found}
+        # These peaks were recorded; ``peaks`` are computed from traces.
+        displacements = [peak for _, peak in drop.only_peaks.displacements]
+        data["only_peaks"] = {"load": drop.only_peaks.load, "displacements": displacements}
         return data, {}
     arrays: dict[str, Array] = {"time": drop.time, "load": drop.load}
     for index, channel in enumerate(drop.channels, start=1):
@@ -54,67 +54,74 @@ def drop_parts(record: DropRecord) -> Parts:
 
 
 def is_trace(name: str) -> bool:
-    """Whether an array of a drop's record is one of its traces, in SI units."""
+    """Return True if an array of a drop's record is one of its traces, in SI units."""
     return name in ("time", "load") or name.startswith("sensor ")
 
 
 @dataclass(frozen=True, slots=True)
 class DropFacts:
-    """What a row of a table needs of a drop: its peaks, or the traces to find them in."""
+    """Facts of a drop for the row of a table: its peaks, or its traces."""
 
     declared: Mapping[str, Any]
-    """As in :class:`DropRecord`."""
+    """Declared values; see :class:`DropRecord`."""
     metadata: Mapping[str, Any]
-    """As in :class:`DropRecord`."""
+    """Metadata; see :class:`DropRecord`."""
     peaks: Peaks | None
-    """As they were recorded; None: they were not."""
+    """Recorded peaks; None if the record has none."""
     drop: Drop | None
-    """The traces; None: the peaks are there, and the traces were not read."""
+    """Drop with its traces; None if the peaks are known, so that the traces were not read."""
 
 
 def facts_of(record: DropRecord) -> DropFacts:
-    """Those of a drop whose traces are there."""
+    """Return the facts of a drop with traces."""
     return DropFacts(record.declared, record.metadata, None, record.drop)
 
 
 def peaks_data(drop: Drop) -> dict[str, Any] | None:
-    """What a record says of the peaks of a drop; None when that has to be left to its readers.
+    """Return the peaks of a drop for its record; None if the readers have to compute them.
 
-    They decide what is to be done about missing samples. A drop with any value that is no finite
-    number is one of those.
+    That is a drop with missing samples, which are NaN: each reader decides how to treat them.
     """
     if drop.only_peaks is not None:
-        return None  # they are in the record as what it is
+        return None  # the record has them as its data
     if not all(np.isfinite(trace).all() for trace in (drop.time, drop.load, *_values(drop))):
         return None
-    with np.errstate(over="ignore", invalid="ignore"):  # numbers near the largest
+    with np.errstate(over="ignore", invalid="ignore"):  # values near the largest number overflow
         peaks = trace_peaks(drop)
-    found = [peak for _, peak in peaks.displacements]
-    if not np.isfinite([peaks.load, *found]).all():
+    displacements = [peak for _, peak in peaks.displacements]
+    if not np.isfinite([peaks.load, *displacements]).all():
         return None
-    return {"version": PEAKS_VERSION, "load": peaks.load, "displacements": found}
+    return {"version": TRACE_PEAKS_VERSION, "load": peaks.load, "displacements": displacements}
 
 
 def recorded_peaks(data: Mapping[str, Any]) -> Peaks | None:
-    """The peaks that a record has; None when it has none, or others than this version writes."""
+    """Return the peaks in a record; None without peaks, or with those of another version."""
     if "only_peaks" in data:
-        return None  # made with the drop
-    said = data.get("peaks")
-    if not isinstance(said, dict) or said.get("version") != PEAKS_VERSION:
+        return None  # `drop_from_parts` reads them
+    recorded = data.get("peaks")
+    if not isinstance(recorded, dict) or recorded.get("version") != TRACE_PEAKS_VERSION:
         return None
-    load, found, sensors = said.get("load"), said.get("displacements"), data.get("sensors")
-    if not isinstance(found, list) or not isinstance(sensors, list) or len(found) != len(sensors):
+    load, displacements, sensors = (
+        recorded.get("load"),
+        recorded.get("displacements"),
+        data.get("sensors"),
+    )
+    if (
+        not isinstance(displacements, list)
+        or not isinstance(sensors, list)
+        or len(displacements) != len(sensors)
+    ):
         return None
     try:
-        # As Channel has it: 0.0 takes the sign off -0.
+        # Channel does the same: 0.0 takes the sign off -0.
         offsets = [_number(offset) + 0.0 for offset, _ in sensors]
-        return Peaks(_number(load), tuple(zip(offsets, map(_number, found), strict=True)))
+        return Peaks(_number(load), tuple(zip(offsets, map(_number, displacements), strict=True)))
     except (TypeError, ValueError):
         return None
 
 
 def peaks_problem(payload: bytes) -> str | None:
-    """Why what the record of a drop says of its peaks is not so; None: it is, or it says nothing.
+    """Return the difference between recorded and computed peaks of a drop; None without one.
 
     Raises
     ------
@@ -122,40 +129,41 @@ def peaks_problem(payload: bytes) -> str | None:
         If the payload has no traces.
     """
     data, arrays = decode_payload(payload, is_trace)
-    said = recorded_peaks(data)
-    if said is None:
+    recorded = recorded_peaks(data)
+    if recorded is None:
         return None
     drop = drop_from_parts({**data, "rebounds": []}, arrays).drop
-    found = trace_peaks(drop)
-    if said == found:  # nearly always
+    computed = trace_peaks(drop)
+    if recorded == computed:  # the usual case needs no tolerance
         return None
     if peaks_data(drop) is None:
         return "expected no peaks beside traces with missing samples, got some"
     largest = [float(np.abs(values).max()) for values in (drop.load, *_values(drop))]
-    lasts = float(drop.time[-1] - drop.time[0])
+    duration = float(drop.time[-1] - drop.time[0])
     scales = [
-        size * (lasts if channel.quantity == "velocity" else 1.0)
+        size * (duration if channel.quantity == "velocity" else 1.0)
         for size, channel in zip(largest[1:], drop.channels, strict=True)
     ]
-    pairs = [("load", "N", said.load, found.load, largest[0])]
+    pairs = [("load", "N", recorded.load, computed.load, largest[0])]
     for index, scale in enumerate(scales):
-        peaks = said.displacements[index][1], found.displacements[index][1]
+        peaks = recorded.displacements[index][1], computed.displacements[index][1]
         pairs.append((f"displacement of sensor {index + 1}", "m", *peaks, scale))
-    for name, unit, there, expected, scale in pairs:
-        if not abs(there - expected) <= SAME_PEAKS * scale:
+    for name, unit, actual, expected, scale in pairs:
+        if not abs(actual - expected) <= PEAK_TOLERANCE * scale:
             return (
-                f"expected the peak {name} of its traces, {expected:g} {unit}, got {there:g} {unit}"
+                f"expected the peak {name} of its traces, {expected:g} {unit}, "
+                f"got {actual:g} {unit}"
             )
     return None
 
 
 def drop_from_parts(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> DropRecord:
-    """The drop; RecordingError when data and arrays are not those of one."""
+    """Return the drop of data and arrays; raise RecordingError if they are not those of a drop."""
     try:
         sensors, rebounds = list(data["sensors"]), list(data["rebounds"])
-        if len(sensors) > MOST_SENSORS or len(rebounds) > MOST_REBOUNDS:
-            raise RecordingError(f"expected at most {MOST_SENSORS} sensors and rebounds, got more")
-        number = _whole(data["drop"])
+        if len(sensors) > MAX_SENSORS or len(rebounds) > MAX_REBOUNDS:
+            raise RecordingError(f"expected at most {MAX_SENSORS} sensors and rebounds, got more")
+        number = _integer(data["drop"])
         if "only_peaks" in data:
             drop = Drop.of_peaks(number, _only_peaks(data["only_peaks"], sensors))
         else:
@@ -179,22 +187,22 @@ def drop_from_parts(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> Dro
         raise RecordingError(f"expected the data of a drop, got others: {err}") from err
 
 
-def _only_peaks(said: Any, sensors: list[Any]) -> Peaks:
-    """The peaks of a record without traces."""
+def _only_peaks(recorded: Any, sensors: list[Any]) -> Peaks:
+    """Return the peaks of a record without traces."""
     offsets = [_number(offset) for offset, _ in sensors]
-    found = [_number(peak) for peak in said["displacements"]]
-    return Peaks(_number(said["load"]), tuple(zip(offsets, found, strict=True)))
+    displacements = [_number(peak) for peak in recorded["displacements"]]
+    return Peaks(_number(recorded["load"]), tuple(zip(offsets, displacements, strict=True)))
 
 
 def raised_version(info: Mapping[str, Any], data: Mapping[str, Any]) -> dict[str, Any] | None:
-    """What a survey has to say of itself before it takes this drop; None: it says so already.
+    """Return the survey record with the format version for this drop; None if it is in force.
 
     Parameters
     ----------
     info : mapping
-        What the survey says of itself.
+        Data of the survey record in force.
     data : mapping
-        Of the drop's record.
+        Data of the drop's record.
     """
     if "only_peaks" not in data or info.get("format_version") == PEAKS_FORMAT_VERSION:
         return None
@@ -202,12 +210,12 @@ def raised_version(info: Mapping[str, Any], data: Mapping[str, Any]) -> dict[str
 
 
 def rebound_payload(number: int, rebound: Rebound) -> bytes:
-    """The record of a rebound of the drop with this survey-wide number."""
+    """Return the payload of a rebound of the drop with this survey-wide number."""
     return encode_payload(_rebound_data(rebound) | {"number": number}, {"counts": rebound.counts})
 
 
 def rebound_from_payload(payload: bytes) -> Rebound:
-    """The rebound; RecordingError when the payload is none."""
+    """Return the rebound in a payload; raise RecordingError if there is none."""
     data, arrays = decode_payload(payload)
     try:
         return _rebound_from(data, arrays["counts"])
@@ -216,9 +224,9 @@ def rebound_from_payload(payload: bytes) -> Rebound:
 
 
 def with_rebounds(record: DropRecord, later: tuple[Rebound, ...]) -> DropRecord:
-    """The drop with rebounds that were recorded after it, each of them once."""
-    known = {(rebound.first_sample, rebound.delay) for rebound in record.rebounds}
-    later = tuple(r for r in later if (r.first_sample, r.delay) not in known)
+    """Return the drop with the rebounds that were recorded after it, each of them once."""
+    recorded_earlier = {(rebound.first_sample, rebound.delay) for rebound in record.rebounds}
+    later = tuple(r for r in later if (r.first_sample, r.delay) not in recorded_earlier)
     if not later:
         return record
     return DropRecord(
@@ -243,7 +251,7 @@ def _rebound_from(data: Mapping[str, Any], counts: Array) -> Rebound:
     return Rebound(
         delay=_number(data["delay"]),
         peak_load=_number(data["peak_load"]),
-        first_sample=_whole(data["first_sample"]),
+        first_sample=_integer(data["first_sample"]),
         counts=counts,
     )
 
@@ -258,7 +266,7 @@ def _number(value: object) -> float:
     return float(value)
 
 
-def _whole(value: object) -> int:
+def _integer(value: object) -> int:
     if type(value) is not int:
         raise TypeError("a whole number is missing")
     return value

@@ -32,7 +32,7 @@ class DropPlace(NamedTuple):
     """Number of the drop within the point."""
 
     def read_facts(self) -> DropFacts:
-        """Read the facts as :meth:`SurveyDrop.read_facts` does, from the journal alone.
+        """Read the facts from the journal; see :meth:`SurveyDrop.read_facts`.
 
         Raises
         ------
@@ -40,25 +40,25 @@ class DropPlace(NamedTuple):
             If the journal does not hold the complete drop at this location.
         """
         frame = drop_frame(self.layout, self.entry, self.number)
-        data, found = decode_payload_unless(frame.payload, recorded_peaks, is_trace)
+        data, peaks_or_arrays = decode_payload_unless(frame.payload, recorded_peaks, is_trace)
         expected = (self.number, self.point, self.drop)
-        if not isinstance(found, Peaks):
-            return facts_of(self._record(data, found))
-        refuse_another(expected, data.get("number"), data.get("point"), data.get("drop"))
+        if not isinstance(peaks_or_arrays, Peaks):
+            return facts_of(self._record(data, peaks_or_arrays))
+        require_drop(expected, data.get("number"), data.get("point"), data.get("drop"))
         declared, metadata = data.get("declared"), data.get("metadata")
         if not isinstance(declared, dict) or not isinstance(metadata, dict):
             raise RecordingError(f"expected what is known of drop {self.number}, got others")
-        return DropFacts(declared, metadata, found, None)
+        return DropFacts(declared, metadata, peaks_or_arrays, None)
 
     def read_traces(self) -> DropRecord:
-        """Read the traces as :meth:`SurveyDrop.read_traces` does; raise as `read_facts`."""
+        """Read the traces from the journal; errors as in `read_facts`."""
         frame = drop_frame(self.layout, self.entry, self.number)
         return self._record(*decode_payload(frame.payload, is_trace))
 
     def _record(self, data: dict[str, Any], arrays: Mapping[str, Array]) -> DropRecord:
         record = drop_from_parts({**data, "rebounds": []}, arrays)
         expected = (self.number, self.point, self.drop)
-        refuse_another(expected, data.get("number"), record.point, record.drop.number)
+        require_drop(expected, data.get("number"), record.point, record.drop.number)
         return record
 
 
@@ -70,7 +70,7 @@ def drop_frame(layout: Layout, entry: Entry, number: int) -> Frame:
     return frame
 
 
-def refuse_another(expected: tuple[int, str, int], *found: object) -> None:
+def require_drop(expected: tuple[int, str, int], *actual: object) -> None:
     """Raise RecordingError unless number, point and number within the point are as expected."""
-    if found != expected:
+    if actual != expected:
         raise RecordingError(f"expected drop {expected[0]}, got another one")

@@ -1,4 +1,4 @@
-"""The published files of a survey: verified, listed, made again, or taken out of the way."""
+"""Repair of the published files of a survey: verified, listed, restored, or moved to damaged."""
 
 import os
 from pathlib import Path
@@ -14,23 +14,23 @@ from pfwd_device.recording.payload import decode_json, payload_data
 from pfwd_device.recording.publishing import Publisher
 from pfwd_device.recording.record_log import RecordLog
 
-MOST_FAILURES = 3
-"""Drops that cannot be published before the rest waits for the next recovery."""
+MAX_PUBLISHING_FAILURES = 3
+"""Number of failures after which the other drops wait for the next recovery."""
 
-LARGEST_RESULT = 64 * 2**20
-"""Bytes; what a record may hold."""
+MAX_RESULT_RECORD_BYTES = 64 * 2**20
+"""Largest result that a record can contain."""
 
 
 class FileRepair:
-    """Goes through drops, results and captures once."""
+    """Repair of drops, results and captures in one pass."""
 
     def __init__(self, log: RecordLog, index: Index, helper: Publisher, *, thorough: bool) -> None:
         self.sound: set[str] = set()
-        """Paths of files that are listed and as they were."""
+        """Paths of listed files that are unchanged."""
         self.damaged: list[str] = []
-        """Files that cannot be made again."""
+        """Files that cannot be restored."""
         self.actions: list[str] = []
-        """What was done with files other than those of drops."""
+        """Actions on results, captures and unknown files."""
         self._log = log
         self._layout = log.layout
         self._folder = str(log.layout.folder)
@@ -39,25 +39,31 @@ class FileRepair:
         self._helper = helper
         self._thorough = thorough
 
-    def take_drafts_away(self) -> None:
-        """Keep the bytes of unfinished files in ``damaged``; those of the reserve are nobody's."""
+    def remove_drafts(self) -> None:
+        """Move unfinished files to ``damaged``; delete drafts of files that exist elsewhere."""
         layout = self._layout
         for folder in (layout.folder, layout.drops, layout.results, layout.captures):
             for name in names_in(folder):
                 if not (name.startswith(".") and name.endswith(".tmp")):
                     continue
                 if folder == layout.folder:
-                    # Whole copies of what is there, or about to be: ledger, reserve, writer.txt.
+                    # Drafts of ledger, reserve and writer.txt contain nothing else.
                     self._storage.unlink(folder / name)
                 else:
                     set_aside(layout, self._storage, folder / name)
                     self.actions.append(f"unfinished {name} moved to damaged")
         for name in names_in(layout.damaged):
             if name.startswith(".") and name.endswith(".tmp"):
-                self._storage.unlink(layout.damaged / name)  # what it copies is still in place
+                self._storage.unlink(layout.damaged / name)  # its original is still in place
 
     def repair_drop_files(self, *, publish: bool) -> list[int]:
-        """Numbers of the drops that got their file now; `publish`: make files that are missing."""
+        """Verify the files of drops; return the numbers of those that were published now.
+
+        Parameters
+        ----------
+        publish : bool
+            Make missing files.
+        """
         made: list[int] = []
         failures = 0
         for number, drop in sorted(self._index.drops.items()):
@@ -65,7 +71,7 @@ class FileRepair:
             if listed is not None and self._is_sound(listed):
                 self.sound.add(listed.path)
                 continue
-            if not publish or failures == MOST_FAILURES:
+            if not publish or failures == MAX_PUBLISHING_FAILURES:
                 continue
             path = self._layout.drop_file(number)
             if listed is not None and path.exists():
@@ -79,24 +85,24 @@ class FileRepair:
             self._list({key: answer[key] for key in ("path", "size", "sha256", "number")})
             made.append(number)
         if publish:
-            self._set_strangers_aside()
+            self._set_unknown_files_aside()
         return made
 
-    def repair_other_files(self) -> None:
-        """Results and captures."""
+    def repair_results_and_captures(self) -> None:
+        """Verify and list results and captures; restore results from the journal."""
         for listed in list(self._index.files.values()):
             if not listed.path.startswith(("results/", "captures/")):
                 continue
             if self._is_sound(listed):
                 self.sound.add(listed.path)
-            elif not self._write_again(listed, self._layout.folder / listed.path):
+            elif not self._rewrite_result(listed, self._layout.folder / listed.path):
                 self.damaged.append(f"{listed.path} is damaged or missing")
         for folder in (self._layout.results, self._layout.captures):
             for name in names_in(folder):
                 if f"{folder.name}/{name}" not in self._index.files:
-                    self._take_in(folder / name)
+                    self._list_unlisted(folder / name)
 
-    def _set_strangers_aside(self) -> None:
+    def _set_unknown_files_aside(self) -> None:
         for number in self._layout.drop_files():
             if number not in self._index.drops:
                 path = self._layout.drop_file(number)
@@ -105,7 +111,7 @@ class FileRepair:
 
     def _is_sound(self, listed: FileEntry) -> bool:
         try:
-            # A Path costs more than the call to the system, and a survey has many files.
+            # Making a Path takes longer than the system call, and a survey has many files.
             if os.stat(f"{self._folder}/{listed.path}").st_size != listed.size:
                 return False
             if not self._thorough:
@@ -121,13 +127,13 @@ class FileRepair:
         except RecordingError:
             if not path.exists():
                 raise
-        # There is a file, and it is not this drop's.
+        # The existing file is not that of this drop.
         set_aside(self._layout, self._storage, path)
         self.actions.append(f"{path.name} did not verify and was moved to damaged")
         return self._helper.ask(request)
 
-    def _write_again(self, listed: FileEntry, path: Path) -> bool:
-        """Whether a result could be taken from the journal."""
+    def _rewrite_result(self, listed: FileEntry, path: Path) -> bool:
+        """Restore a result from the journal; return True on success."""
         try:
             frame = read_record(self._layout, listed.entry.segment, listed.entry.offset)
             content = payload_data(frame.payload).get("content")
@@ -142,13 +148,13 @@ class FileRepair:
         self.sound.add(listed.path)
         return True
 
-    def _take_in(self, path: Path) -> None:
-        """List a file that a crash left unlisted."""
+    def _list_unlisted(self, path: Path) -> None:
+        """List a file that was not listed because of a crash."""
         if path.parent == self._layout.results:
             if path.suffix != ".json":
                 return
             try:
-                if path.stat().st_size > LARGEST_RESULT:
+                if path.stat().st_size > MAX_RESULT_RECORD_BYTES:
                     raise RecordingError("expected a result, got a larger file")
                 decode_json(path.read_bytes())
             except RecordingError:
@@ -169,6 +175,6 @@ class FileRepair:
 
 
 def _number_of(name: str) -> int | None:
-    """Survey-wide number in the name of a result."""
+    """Return the survey-wide number of the drop in the name of a result."""
     parts = name.split("-")
     return int(parts[1]) if len(parts) == 3 and parts[1].isdecimal() else None

@@ -1,4 +1,4 @@
-"""Facts of files, and how one is taken out of the way without losing a byte."""
+"""Size and digest of files, and moving of a file to ``damaged`` without losing a byte."""
 
 import hashlib
 from datetime import UTC, datetime
@@ -9,27 +9,27 @@ from pfwd_device.recording.index import DropEntry
 from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.storage import Storage, draft_of
 
-_CHUNK = 2**20
+_COPY_BYTES = 2**20
 
 
 def now() -> str:
-    """The time, UTC, ISO 8601 with milliseconds."""
+    """Return the time in UTC, ISO 8601 with milliseconds."""
     return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def file_facts(layout: Layout, path: Path) -> dict[str, Any]:
-    """Path within the survey, size and SHA-256 of a file; raises OSError."""
+    """Return path within the survey, size and SHA-256 of a file; raise OSError."""
     digest = hashlib.sha256()
     size = 0
     with path.open("rb") as stream:
-        while chunk := stream.read(_CHUNK):
+        while chunk := stream.read(_COPY_BYTES):
             digest.update(chunk)
             size += len(chunk)
     return {"path": layout.relative(path), "size": size, "sha256": digest.hexdigest()}
 
 
 def publish_request(layout: Layout, drop: DropEntry) -> dict[str, Any]:
-    """What the publisher is asked to make the drop's file."""
+    """Return the request to the publisher for the drop's file."""
     return {
         "do": "publish",
         "survey": str(layout.folder),
@@ -42,9 +42,10 @@ def publish_request(layout: Layout, drop: DropEntry) -> dict[str, Any]:
 def keep_copy(
     layout: Layout, storage: Storage, path: Path, name: str, offset: int = 0, length: int = -1
 ) -> None:
-    """Copy a stretch of a file to the folder ``damaged``, where nothing is written over.
+    """Copy a part of a file to the folder ``damaged``, where no file is overwritten.
 
-    A copy with the same content is enough; the copy is on the disk when this returns.
+    If a copy with the same content exists, no further one is made. The copy is on the disk when
+    the function returns.
     """
     count = 1
     while True:
@@ -72,7 +73,7 @@ def keep_copy(
 
 
 def set_aside(layout: Layout, storage: Storage, path: Path) -> None:
-    """Move a file to ``damaged``: copied, on the disk, then its old name is taken away."""
+    """Move a file to ``damaged``: copy it, wait for the disk, then delete its old name."""
     keep_copy(layout, storage, path, path.name.lstrip("."))
     storage.unlink(path)
     storage.sync_directory(path.parent)
@@ -81,16 +82,19 @@ def set_aside(layout: Layout, storage: Storage, path: Path) -> None:
 def _chunks(path: Path, offset: int, length: int) -> Any:
     with path.open("rb") as stream:
         stream.seek(offset)
-        while length and (chunk := stream.read(min(_CHUNK, length) if length > 0 else _CHUNK)):
+        while length and (
+            chunk := stream.read(min(_COPY_BYTES, length) if length > 0 else _COPY_BYTES)
+        ):
             yield chunk
             if length > 0:
                 length -= len(chunk)
 
 
-def _stretch_equal(path: Path, offset: int, length: int, other: Path) -> bool:
-    whole, copy = hashlib.sha256(), hashlib.sha256()
-    for chunk in _chunks(path, offset, length):
-        whole.update(chunk)
-    for chunk in _chunks(other, 0, -1):
-        copy.update(chunk)
-    return whole.digest() == copy.digest()
+def _stretch_equal(path: Path, offset: int, length: int, copy: Path) -> bool:
+    digests = []
+    for chunks in (_chunks(path, offset, length), _chunks(copy, 0, -1)):
+        digest = hashlib.sha256()
+        for chunk in chunks:
+            digest.update(chunk)
+        digests.append(digest.digest())
+    return digests[0] == digests[1]

@@ -1,4 +1,4 @@
-"""Records of the journal and of captures as bytes, and their scan, which survives any damage.
+"""Encoding of the records of journals and captures, and a scan that tolerates any damage.
 
 A record is a header of 48 bytes and a payload; all numbers are little-endian:
 
@@ -14,8 +14,8 @@ offset bytes meaning
 44     4     CRC-32 of the header's first 44 bytes
 ====== ===== =========================================================
 
-The header has a CRC of its own, so that a damaged payload still tells which record is lost, and so
-that a search for the next record after damage costs 48 bytes a candidate and not a whole payload.
+The header has its own CRC: it identifies a record whose payload is damaged, and after damage the
+search for the next record reads 48 bytes for each candidate and no payload.
 """
 
 import io
@@ -30,10 +30,10 @@ from pfwd_device.errors import RecordingError
 
 MAGIC = b"\x89PFWDJ\r\n"
 HEADER = struct.Struct("<8sII16sQII")
-LARGEST_PAYLOAD = 64 * 2**20
-"""Bytes; a drop of 8 channels and 10 s at 50 kHz is 48 MB before compression."""
+MAX_RECORD_PAYLOAD_BYTES = 64 * 2**20
+"""Largest payload; a drop of 8 channels and 10 s at 50 kHz has 48 MB before compression."""
 
-_CHUNK = 2**20
+_SCAN_BYTES = 2**20
 _CHECK = struct.Struct("<I")
 
 
@@ -54,48 +54,48 @@ class Kind(IntEnum):
 
 
 class Frame(NamedTuple):
-    """A record that is whole; a tuple, because a survey has many."""
+    """An undamaged record; a tuple, because a survey has many."""
 
     kind: int
-    """One of Kind; a later version may have more."""
+    """Type, one of Kind; a later version may have more."""
     identity: bytes
-    """Of the survey, 16 bytes."""
+    """Identity of the survey or capture, 16 bytes."""
     sequence: int
     """Number of the record."""
     offset: int
-    """Where it begins in its file, bytes."""
+    """Position in its file, bytes."""
     length: int
-    """Header and payload, bytes."""
+    """Length of header and payload, bytes."""
     check: int
     """CRC-32 in the header, which covers the CRC-32 of the payload."""
     payload: bytes
-    """What it holds."""
+    """Content."""
 
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """A stretch of a file that is no record."""
+    """A part of a file that contains no record."""
 
     offset: int
-    """Where it begins, bytes."""
+    """Position, bytes."""
     length: int
-    """Bytes."""
+    """Length, bytes."""
     at_end: bool
-    """Nothing whole follows: a record that was not finished, or a damaged one."""
+    """True if no record follows: an unfinished record, or a damaged one."""
 
 
 def encode_frame(kind: int, identity: bytes, sequence: int, payload: bytes) -> bytes:
-    """The record as bytes.
+    """Return the bytes of a record.
 
     Raises
     ------
     RecordingError
-        If the payload is longer than a record may be.
+        If the payload is too long.
     """
-    if len(payload) > LARGEST_PAYLOAD:
+    if len(payload) > MAX_RECORD_PAYLOAD_BYTES:
         raise RecordingError(
-            f"record {sequence}: expected at most {LARGEST_PAYLOAD} bytes, got {len(payload)}; "
-            "shorten the recording window"
+            f"record {sequence}: expected at most {MAX_RECORD_PAYLOAD_BYTES} bytes, got "
+            f"{len(payload)}; shorten the recording window"
         )
     crc = zlib.crc32(payload)
     header = HEADER.pack(MAGIC, len(payload), kind, identity, sequence, crc, 0)[:-4]
@@ -103,33 +103,33 @@ def encode_frame(kind: int, identity: bytes, sequence: int, payload: bytes) -> b
 
 
 def scan_bytes(data: bytes) -> tuple[list[Frame], list[Damage]]:
-    """The records and the damaged stretches of `data`, whatever it is; never raises."""
+    """Return the records and the damaged parts of any `data`; never raise."""
     frames: list[Frame] = []
     damage: list[Damage] = []
-    for found in scan(io.BytesIO(data)):
-        (frames if isinstance(found, Frame) else damage).append(found)  # type: ignore[arg-type]
+    for item in scan(io.BytesIO(data)):
+        (frames if isinstance(item, Frame) else damage).append(item)  # type: ignore[arg-type]
     return frames, damage
 
 
 def scan(stream: BinaryIO, size: int | None = None, start: int = 0) -> Iterator[Frame | Damage]:
-    """Records and damaged stretches in the order of the file, without gaps between them.
+    """Yield records and damaged parts in the order of the file, without gaps between them.
 
-    At most one payload and 1 MiB are in memory. After damage the scan goes on with the next
-    magic, wherever it is.
+    At most one payload and 1 MiB are in memory. After damage the scan continues with the next
+    magic.
 
     Parameters
     ----------
     stream : readable and seekable
     size : int, optional
-        Bytes to look at; by default up to the end as it is now.
+        End of the scan; by default the present end of the file.
     start : int
-        Where to begin.
+        Begin of the scan.
     """
     if size is None:
         size = stream.seek(0, io.SEEK_END)
     position = bad = start
-    # Crafted headers, each promising a long payload, would cost the square of the file's size.
-    patience = 16 * size + 4 * LARGEST_PAYLOAD
+    # Crafted headers with long payloads would take time proportional to the square of the size.
+    remaining_cost = 16 * size + 4 * MAX_RECORD_PAYLOAD_BYTES
     while position < size:
         frame, cost = _frame_at(stream, position, size)
         if frame is not None:
@@ -138,19 +138,19 @@ def scan(stream: BinaryIO, size: int | None = None, start: int = 0) -> Iterator[
             yield frame
             position = bad = position + frame.length
             continue
-        patience -= cost
-        position = _next_magic(stream, position + 1, size) if patience > 0 else size
+        remaining_cost -= cost
+        position = _next_magic(stream, position + 1, size) if remaining_cost > 0 else size
     if bad < size:
         yield Damage(bad, size - bad, True)
 
 
 def read_frame(stream: BinaryIO, offset: int) -> Frame | None:
-    """The record at `offset`, or None when there is no whole one."""
+    """Return the record at `offset`; None if there is no undamaged one."""
     return _frame_at(stream, offset, stream.seek(0, io.SEEK_END))[0]
 
 
 def _frame_at(stream: BinaryIO, offset: int, size: int) -> tuple[Frame | None, int]:
-    """The record, and how many bytes were looked at in vain."""
+    """Return the record or None, and the number of bytes read in vain."""
     stream.seek(offset)
     head = stream.read(min(HEADER.size, size - offset))
     if len(head) < HEADER.size:
@@ -158,7 +158,7 @@ def _frame_at(stream: BinaryIO, offset: int, size: int) -> tuple[Frame | None, i
     magic, length, kind, identity, sequence, crc, check = HEADER.unpack(head)
     if magic != MAGIC or zlib.crc32(head[:-4]) != check:
         return None, HEADER.size
-    if length > LARGEST_PAYLOAD or offset + HEADER.size + length > size:
+    if length > MAX_RECORD_PAYLOAD_BYTES or offset + HEADER.size + length > size:
         return None, HEADER.size
     payload = stream.read(length)
     if len(payload) != length or zlib.crc32(payload) != crc:
@@ -167,16 +167,16 @@ def _frame_at(stream: BinaryIO, offset: int, size: int) -> tuple[Frame | None, i
 
 
 def _next_magic(stream: BinaryIO, position: int, size: int) -> int:
-    """Where the next magic begins at or after `position`, or `size`."""
+    """Return the position of the next magic from `position` on, or `size`."""
     overlap = len(MAGIC) - 1
     while position < size:
         stream.seek(position)
-        chunk = stream.read(min(_CHUNK, size - position))
+        chunk = stream.read(min(_SCAN_BYTES, size - position))
         if not chunk:  # the file has become shorter
             return size
-        found = chunk.find(MAGIC)
-        if found >= 0:
-            return position + found
+        index = chunk.find(MAGIC)
+        if index >= 0:
+            return position + index
         if position + len(chunk) >= size:
             return size
         position += max(len(chunk) - overlap, 1)

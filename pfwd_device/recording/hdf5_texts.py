@@ -1,9 +1,9 @@
-"""Texts of variable length in an HDF5 file, read without HDF5.
+"""Reading of texts of variable length in an HDF5 file without HDF5.
 
-Where such a text stands, the file holds its length and its place in a heap. HDF5 takes memory for
-whatever length is written there, and runs through a heap for ever whose sizes are wrong: one bit is
-enough for either. So both are read here, each length compared before it is used. Only the layout
-that this program writes, the oldest one, is known: object headers of version 1 ("HDF5 File Format
+For such a text the file contains its length and its place in a heap. HDF5 allocates memory of any
+stored length, and never ends reading a heap with wrong sizes: one changed bit is enough for either.
+Therefore both are read here, and each length is verified before its use. Only the layout that this
+program writes, the oldest one, is supported: object headers of version 1 ("HDF5 File Format
 Specification", sections III.E and IV.A.1.a).
 """
 
@@ -14,29 +14,29 @@ from typing import BinaryIO
 
 from pfwd_device.errors import RecordingError
 
-LARGEST_HEADER = 4 * 2**20
-"""Bytes that describe an object, its attributes with them; those of 4096 attributes take 1 MB."""
+MAX_OBJECT_HEADER_BYTES = 4 * 2**20
+"""Largest header of an object, including its attributes; 4096 attributes take 1 MB."""
 
-MOST_HEAPS = 16
-"""Heaps that are remembered; those of a drop are two or three."""
+MAX_HEAPS = 16
+"""Largest number of heaps in memory; a drop has two or three."""
 
 _OBJECT = struct.Struct("<BBHIII")
 _MESSAGE = struct.Struct("<HHB3x")
 _PLACE = struct.Struct("<QQ")
 _HEAP = struct.Struct("<4sB3xQ")
 _HEAP_OBJECT = struct.Struct("<HHIQ")
-_TEXT = struct.Struct("<IQI")
+_TEXT_REFERENCE = struct.Struct("<IQI")
 _CONTINUATION, _ATTRIBUTE = 0x10, 0x0C
 
 
 class StoredTexts:
-    """The texts of an open file.
+    """Reader of the texts of an open file.
 
     Parameters
     ----------
-    stream : of the file, from its first byte
+    stream : stream of the file, from its first byte
     largest : int
-        Bytes of a heap, and so of a text.
+        Largest heap, and so the longest text, bytes.
     """
 
     def __init__(self, stream: BinaryIO, largest: int) -> None:
@@ -45,40 +45,42 @@ class StoredTexts:
         self._heaps: dict[int, dict[int, bytes]] = {}
 
     def of_attributes(self, address: int) -> dict[bytes, bytes]:
-        """What the attributes of the object at `address` hold, by name: numbers, or places of
-        texts."""
-        found: dict[bytes, bytes] = {}
+        """Return the values of the attributes of the object at `address` by name.
+
+        A value is a number or the place of a text.
+        """
+        values: dict[bytes, bytes] = {}
         for kind, flags, data in self._messages(address):
             if kind != _ATTRIBUTE:
                 continue
             name, value = _attribute(data)
-            if flags & ~0x04 or name in found:  # 0x04: not to be shared
+            if flags & ~0x04 or name in values:  # 0x04: not to be shared
                 raise RecordingError("expected plain attributes, each once, got others")
-            found[name] = value
-        return found
+            values[name] = value
+        return values
 
     def at(self, offset: int) -> bytes:
-        """The text of a dataset whose values stand at `offset`."""
-        return self.text(self._read(offset, _TEXT.size))
+        """Return the text of a dataset whose values are at `offset`."""
+        return self.text(self._read(offset, _TEXT_REFERENCE.size))
 
     def text(self, place: bytes) -> bytes:
-        """The text whose length and place are these 16 bytes.
+        """Return the text whose length and place are these 16 bytes.
 
         Raises
         ------
         RecordingError
-            If it is not there, or has another length.
+            If it does not exist, or has another length.
         """
-        if len(place) < _TEXT.size:
+        if len(place) < _TEXT_REFERENCE.size:
             raise RecordingError("expected the place of a text, got less")
-        length, address, index = _TEXT.unpack_from(place)
+        length, address, index = _TEXT_REFERENCE.unpack_from(place)
         if length == 0:
             if address or index:
                 raise RecordingError("expected no place of an empty text, got one")
             return b""
         heap = self._heaps.get(address)
         if heap is None:
-            while len(self._heaps) >= MOST_HEAPS:
+            while len(self._heaps) >= MAX_HEAPS:
                 del self._heaps[next(iter(self._heaps))]
             heap = self._heaps[address] = self._heap(address)
         text = heap.get(index)
@@ -93,10 +95,10 @@ class StoredTexts:
         if version != 1:
             raise RecordingError(f"expected the header of an object, got version {version}")
         blocks = [(address + _OBJECT.size, size)]
-        left = LARGEST_HEADER
-        for offset, length in blocks:  # grows while it is gone through
-            left -= length
-            if left < 0 or len(blocks) > LARGEST_HEADER // _MESSAGE.size:
+        remaining = MAX_OBJECT_HEADER_BYTES
+        for offset, length in blocks:  # the loop appends further blocks
+            remaining -= length
+            if remaining < 0 or len(blocks) > MAX_OBJECT_HEADER_BYTES // _MESSAGE.size:
                 raise RecordingError("expected the header of an object, got a longer one")
             data = self._read(offset, length)
             position = 0
@@ -119,23 +121,23 @@ class StoredTexts:
         if magic != b"GCOL" or version != 1 or size > self._largest:
             raise RecordingError("expected a heap of texts, got another thing or too long a one")
         data = self._read(address, size)
-        found: dict[int, bytes] = {}
+        texts: dict[int, bytes] = {}
         position = _HEAP.size
         while position + _HEAP_OBJECT.size <= size:
             index, _, _, length = _HEAP_OBJECT.unpack_from(data, position)
-            if index == 0:  # what is free, up to the end
+            if index == 0:  # free space up to the end
                 if length != size - position:
                     raise RecordingError("expected a heap that ends, got one of another length")
-                return found
+                return texts
             position += _HEAP_OBJECT.size
-            if index in found or length > size - position:
+            if index in texts or length > size - position:
                 raise RecordingError("expected texts in a heap, got others")
-            found[index] = data[position : position + length]
+            texts[index] = data[position : position + length]
             position += length + -length % 8
-        return found
+        return texts
 
     def _read(self, offset: int, length: int) -> bytes:
-        if length > max(self._largest, LARGEST_HEADER):
+        if length > max(self._largest, MAX_OBJECT_HEADER_BYTES):
             raise RecordingError(f"expected parts that are short, got {length} bytes")
         if self._stream.seek(0, io.SEEK_END) - offset < length:
             raise RecordingError("expected the whole file, got a part")
@@ -147,7 +149,7 @@ class StoredTexts:
 
 
 def _attribute(data: bytes) -> tuple[bytes, bytes]:
-    """Name and value of a message that describes an attribute."""
+    """Return name and value of a message that describes an attribute."""
     if len(data) < 9 or data[0] not in (1, 3) or data[1]:
         raise RecordingError("expected an attribute as this program writes it, got another")
     lengths = struct.unpack_from("<HHH", data, 2)

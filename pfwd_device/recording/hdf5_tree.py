@@ -1,10 +1,10 @@
-"""What a reader sees of an HDF5 file: looked at before it is read, bounded, written, its digest.
+"""Visible content of an HDF5 file: safe reading with limits, writing, and its digest.
 
-An HDF5 file may point outside (links, storage and datasets of other files), promise more than there
-is memory, or have bytes whose change nobody notices. Here a file is opened through a stream that
-refuses long reads, every object is looked at before anything is read through it, and only what
-this program writes is taken: hard links, numbers of 8, 32 and 64 bits, texts, its own filters.
-h5py is imported by the functions that need it; recording does without.
+An HDF5 file may point outside (links, storage and datasets of other files), announce more than
+there is memory, or have bytes whose change remains undetected. Here a file is opened through a
+stream that refuses long reads, and every object is inspected before it is read. Only content that
+this program writes is accepted: hard links, numbers of 8, 32 and 64 bits, texts, its own filters.
+h5py is imported by the functions that need it; recording works without it.
 """
 
 import contextlib
@@ -24,38 +24,38 @@ import numpy as np
 
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.hdf5_texts import StoredTexts
-from pfwd_device.recording.payload import LARGEST_ARRAYS, LARGEST_JSON, Array
+from pfwd_device.recording.payload import MAX_ARRAY_BYTES, MAX_JSON_BYTES, Array
 from pfwd_device.text import clean
 
-LARGEST_READ = LARGEST_JSON + 2**20
-"""Bytes that HDF5 may ask for at once. A text is read in one piece together with what HDF5 stores
-beside it, so this is the longest text; arrays come in chunks that are smaller."""
+MAX_READ_BYTES = MAX_JSON_BYTES + 2**20
+"""Largest single read of HDF5. A text is read in one piece together with its heap, so this allows
+for the longest text; arrays are read in smaller chunks."""
 
-READS_OF_A_FILE = 16
-"""How often a file may be read over before something in it is taken to lead in circles."""
+MAX_READS_OF_A_FILE = 16
+"""Number of bytes that may be read of a file, relative to its size; more means a cycle in it."""
 
-FREE_READS = 2**20
-"""Bytes that any file may be read for besides, however small it is."""
+FREE_READ_BYTES = 2**20
+"""Number of bytes that may be read in addition, for small files."""
 
-LARGEST_CHUNK = 2**20
-"""Bytes, unpacked; those of a drop have 512 KiB, those of a capture 1 MiB."""
+MAX_CHUNK_BYTES = 2**20
+"""Largest unpacked chunk; those of a drop have 512 KiB, those of a capture 1 MiB."""
 
-MOST_CHUNKS = 4096
-"""Of a dataset; an array of the largest size has 512."""
+MAX_CHUNKS = 4096
+"""Largest number of chunks of a dataset; the largest array has 512."""
 
-MOST_MEMBERS = 2048
-"""Of a group; a drop has at most 1024 sensors and as many rebounds."""
+MAX_MEMBERS = 2048
+"""Largest number of members of a group; a drop has at most 1024 sensors and 1024 rebounds."""
 
-MOST_ATTRIBUTES = 4096
-"""Of an object; counts of 64 channels with 32 facts each have 2048. HDF5 takes the square of their
-number in time."""
+MAX_ATTRIBUTES = 4096
+"""Largest number of attributes of an object; counts of 64 channels with 32 facts each have 2048.
+The time of HDF5 grows with the square of their number."""
 
-DEEPEST = 4
-"""Groups within each other; a drop has three, such as ``sensors/1/values``."""
+MAX_DEPTH = 4
+"""Largest depth of nested objects; a drop has three levels, such as ``sensors/1/values``."""
 
-_CHUNK = 65_536
+_VALUES_PER_CHUNK = 65_536
 _DTYPES = ("<f8", "<i4", "|u1")
-_LENGTH = struct.Struct("<Q")
+_PART_LENGTH = struct.Struct("<Q")
 
 Attribute = str | int | float
 
@@ -78,17 +78,17 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A file, group or dataset that is open to be read, and not looked at yet."""
+    """An open file, group or dataset whose content is not verified yet."""
 
     item: Any
-    """Of h5py."""
+    """Object of h5py."""
     texts: StoredTexts
-    """Of the file."""
+    """Reader of the texts of the file."""
 
 
 @contextlib.contextmanager
 def opened(source: str | os.PathLike[str] | bytes) -> Iterator[Place]:
-    """An HDF5 file opened for reading through a stream that refuses what is too long.
+    """Open an HDF5 file for reading through a stream that limits the reads.
 
     Parameters
     ----------
@@ -97,9 +97,9 @@ def opened(source: str | os.PathLike[str] | bytes) -> Iterator[Place]:
     Raises
     ------
     RecordingError
-        If it is a pipe, a device or a folder, which may wait for ever.
+        If it is a pipe, a device or a folder, which may block for ever.
     OSError
-        If it cannot be opened, or is no HDF5.
+        If it cannot be opened, or is no HDF5 file.
     """
     import h5py
 
@@ -111,15 +111,15 @@ def opened(source: str | os.PathLike[str] | bytes) -> Iterator[Place]:
                 raise RecordingError("expected a file, got a folder, device or pipe")
             stream = stack.enter_context(open(source, "rb"))
         file = stack.enter_context(h5py.File(_BoundedStream(stream), "r"))
-        yield Place(file, StoredTexts(stream, LARGEST_READ))
+        yield Place(file, StoredTexts(stream, MAX_READ_BYTES))
 
 
 class _BoundedStream(io.RawIOBase):
-    """Passes reads on; refuses single ones that are too long, and files that are read for ever."""
+    """Stream that refuses single reads that are too long, and an unlimited number of reads."""
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
-        self._left = READS_OF_A_FILE * stream.seek(0, io.SEEK_END) + FREE_READS
+        self._remaining = MAX_READS_OF_A_FILE * stream.seek(0, io.SEEK_END) + FREE_READ_BYTES
 
     def readable(self) -> bool:
         return True
@@ -135,38 +135,38 @@ class _BoundedStream(io.RawIOBase):
 
     def readinto(self, buffer: Any) -> int:
         size = len(buffer)
-        self._left -= size
-        if size > LARGEST_READ:
+        self._remaining -= size
+        if size > MAX_READ_BYTES:
             raise RecordingError(
-                f"expected parts of at most {LARGEST_READ} bytes, got one of {size}"
+                f"expected parts of at most {MAX_READ_BYTES} bytes, got one of {size}"
             )
-        if self._left < 0:
+        if self._remaining < 0:
             raise RecordingError("expected a file that ends, got one that leads in circles")
         return self._stream.readinto(buffer)  # type: ignore[attr-defined, no-any-return]
 
 
 @dataclass(slots=True)
 class Allowance:
-    """What may still be read of a file."""
+    """Remaining limits for the reading of a file."""
 
-    arrays: int = LARGEST_ARRAYS
-    """Bytes of arrays."""
-    texts: int = LARGEST_JSON
-    """Bytes of texts, those of attributes with them."""
-    seen: set[int] = field(default_factory=set)
-    """Addresses of objects that were met: each has one place."""
+    arrays: int = MAX_ARRAY_BYTES
+    """Remaining bytes of arrays."""
+    texts: int = MAX_JSON_BYTES
+    """Remaining bytes of texts, including those of attributes."""
+    addresses: set[int] = field(default_factory=set)
+    """Addresses of the objects read so far: each has one place."""
 
 
 def read_group(group: Place, where: str, allowance: Allowance | None = None) -> Group:
-    """All that a reader sees in an HDF5 file or one of its groups.
+    """Read the visible content of an HDF5 file or one of its groups.
 
     Parameters
     ----------
     group : Place
     where : str
-        For messages.
+        Origin, for messages.
     allowance : Allowance, optional
-        How much may be read; less is left of it afterwards.
+        Limits, which are reduced by what is read.
 
     Raises
     ------
@@ -174,29 +174,29 @@ def read_group(group: Place, where: str, allowance: Allowance | None = None) -> 
         If there is anything that this program does not write, or more than it writes.
     """
     reader = _Reader(group.texts, allowance or Allowance())
-    return reader.group(group.item.id, where, DEEPEST)
+    return reader.group(group.item.id, where, MAX_DEPTH)
 
 
 def read_dataset(group: Place, name: str, where: str) -> Dataset:
-    """A dataset at a path within a group, with its attributes; else as `read_group`."""
+    """Read a dataset at a path within a group; parameters and errors as for `read_group`."""
     folder, _, last = name.rpartition("/")
     parent = find(group, folder, where) if folder else group
     if parent is None:
         raise RecordingError(f"{where}, {name}: expected it in the file, got nothing")
     reader = _Reader(group.texts, Allowance())
-    found = reader.member(parent.item.id, last.encode(), f"{where}, {name}", 0)
-    if not isinstance(found, Dataset):
+    dataset = reader.member(parent.item.id, last.encode(), f"{where}, {name}", 0)
+    if not isinstance(dataset, Dataset):
         raise RecordingError(f"{where}, {name}: expected a dataset, got a group")
-    return found
+    return dataset
 
 
 def read_attributes(place: Place, where: str) -> dict[str, Attribute]:
-    """The attributes of an object; parameters and errors as for `read_group`."""
+    """Read the attributes of an object; parameters and errors as for `read_group`."""
     return _Reader(place.texts, Allowance()).attributes(place.item.id, where)
 
 
 def read_attribute(place: Place, name: str, where: str) -> Attribute | None:
-    """One attribute of an object, or None where there is none of the name."""
+    """Read one attribute of an object; None if it does not exist."""
     from h5py import h5a
 
     if not h5a.exists(place.item.id, name.encode()):
@@ -207,45 +207,45 @@ def read_attribute(place: Place, name: str, where: str) -> Attribute | None:
 
 
 def find(group: Place, path: str, where: str) -> Place | None:
-    """What stands at a path within a group, opened but not read; None: nothing.
+    """Open the object at a path within a group without reading it; None if there is none.
 
     Raises
     ------
     RecordingError
-        If the path leads through a link to another place.
+        If the path contains a link that is no hard link.
     """
     item = group.item
     for part in path.split("/"):
         if not item.id.links.exists(part.encode()):
             return None
-        _refuse_other_link(item.id, part.encode(), f"{where}, {clean(part)}")
+        _require_hard_link(item.id, part.encode(), f"{where}, {clean(part)}")
         item = item[part]
     return Place(item, group.texts)
 
 
-def member_names(group: Place, where: str, most: int = MOST_MEMBERS) -> list[str]:
-    """Names in a group, sorted; parameters and errors as for `read_group`."""
-    return [_name(name, where) for name in _links(group.item.id, where, most)]
+def member_names(group: Place, where: str, limit: int = MAX_MEMBERS) -> list[str]:
+    """Return the names in a group, sorted; parameters and errors as for `read_group`."""
+    return [_name(name, where) for name in _links(group.item.id, where, limit)]
 
 
 def digest(group: Group) -> str:
-    """SHA-256 of a group: names, structure, types, values.
+    """Return the SHA-256 of a group: names, structure, types, values.
 
-    Of every object, sorted by path, come the parts ``group`` or ``dataset`` and the path, then of
-    each attribute, sorted by name, ``attribute``, name, type and value, and of a dataset
+    It covers the following parts of every object, sorted by path: ``group`` or ``dataset`` and the
+    path; for each attribute, sorted by name, ``attribute``, name, type and value; for a dataset
     ``value``, type, shape (lengths in decimals with commas between them) and bytes. Types are
     ``text`` (UTF-8), ``<i8``, ``<f8``, ``<i4`` and ``|u1``. Each part is preceded by its length
     in bytes as an unsigned little-endian number of 64 bits.
     """
-    found = hashlib.sha256()
+    hasher = hashlib.sha256()
 
     def put(*parts: bytes) -> None:
-        found.update(b"".join(_LENGTH.pack(len(part)) + part for part in parts))
+        hasher.update(b"".join(_PART_LENGTH.pack(len(part)) + part for part in parts))
 
     for path, item in sorted(_walk("", group)):
         put(b"group" if isinstance(item, Group) else b"dataset", path)
-        for name, said in sorted(item.attributes.items()):
-            put(b"attribute", name.encode(), *_attribute_parts(said))
+        for name, attribute in sorted(item.attributes.items()):
+            put(b"attribute", name.encode(), *_attribute_parts(attribute))
         value = item.value if isinstance(item, Dataset) else None
         if isinstance(value, str):
             put(b"value", b"text", b"", value.encode())
@@ -253,13 +253,13 @@ def digest(group: Group) -> str:
             dtype = value.dtype.newbyteorder("<")
             array = np.ascontiguousarray(value, dtype)
             put(b"value", dtype.str.encode(), ",".join(map(str, value.shape)).encode())
-            found.update(_LENGTH.pack(array.nbytes))
-            found.update(array.data.cast("B") if array.size else b"")
-    return found.hexdigest()
+            hasher.update(_PART_LENGTH.pack(array.nbytes))
+            hasher.update(array.data.cast("B") if array.size else b"")
+    return hasher.hexdigest()
 
 
 def write_group(target: Any, group: Group) -> None:
-    """Write a group into an HDF5 file or group, which is empty."""
+    """Write a group into an empty HDF5 file or group."""
     write_attributes(target, group.attributes)
     for name, item in group.members.items():
         if isinstance(item, Group):
@@ -272,8 +272,8 @@ def write_dataset(target: Any, name: str, dataset: Dataset) -> None:
     """Write a dataset into an HDF5 file or group: arrays chunked, packed, with checksums."""
     values = dataset.value
     options: dict[str, Any] = {}
-    if not isinstance(values, str) and values.size:  # HDF5 has no chunks of nothing
-        rows = max(1, _CHUNK // max(1, math.prod(values.shape[1:])))
+    if not isinstance(values, str) and values.size:  # HDF5 has no empty chunks
+        rows = max(1, _VALUES_PER_CHUNK // max(1, math.prod(values.shape[1:])))
         options = {
             "chunks": (min(values.shape[0], rows), *values.shape[1:]),
             "compression": "gzip",
@@ -307,7 +307,7 @@ def _attribute_parts(value: Attribute) -> tuple[bytes, bytes]:
 
 @dataclass(frozen=True, slots=True)
 class _Reader:
-    """Reads the objects of a file as long as it is allowed to."""
+    """Reader of the objects of a file within an allowance."""
 
     texts: StoredTexts
     allowance: Allowance
@@ -315,23 +315,23 @@ class _Reader:
     def group(self, identity: Any, where: str, depth: int) -> Group:
         attributes = self.attributes(identity, where)
         members = {}
-        for link in _links(identity, where, MOST_MEMBERS):
+        for link in _links(identity, where, MAX_MEMBERS):
             name = _name(link, where)
             members[name] = self.member(identity, link, f"{where}, {clean(name)}", depth)
         return Group(members, attributes)
 
     def member(self, parent: Any, link: bytes, where: str, depth: int) -> Group | Dataset:
-        """What a link leads to; `depth`: how many groups may stand within each other."""
+        """Read the object of a link; `depth` is the remaining depth of nested objects."""
         from h5py import h5d, h5g, h5o
 
-        _refuse_other_link(parent, link, where)
+        _require_hard_link(parent, link, where)
         identity = h5o.open(parent, link)
         about = h5o.get_info(identity)
-        if about.rc != 1 or about.addr in self.allowance.seen:
+        if about.rc != 1 or about.addr in self.allowance.addresses:
             raise RecordingError(
                 f"{where}: expected an object with one place, got one with several"
             )
-        self.allowance.seen.add(about.addr)
+        self.allowance.addresses.add(about.addr)
         if isinstance(identity, h5d.DatasetID):
             return Dataset(self.value(identity, where), self.attributes(identity, where))
         if not isinstance(identity, h5g.GroupID) or depth <= 1:
@@ -342,24 +342,24 @@ class _Reader:
         from h5py import h5a
 
         count = h5a.get_num_attrs(identity)
-        if count > MOST_ATTRIBUTES:
+        if count > MAX_ATTRIBUTES:
             raise RecordingError(
-                f"{where}: expected at most {MOST_ATTRIBUTES} attributes, got {count}"
+                f"{where}: expected at most {MAX_ATTRIBUTES} attributes, got {count}"
             )
         if not count:
             return {}
         names: list[bytes] = []
         h5a.iterate(identity, names.append)
         stored = self.stored(identity)
-        found = {
+        attributes = {
             _name(name, where): self.attribute(identity, name, stored, where) for name in names
         }
-        if len(found) != len(names) or len(stored) != len(names):
+        if len(attributes) != len(names) or len(stored) != len(names):
             raise RecordingError(f"{where}: expected every attribute once, got one twice")
-        return found
+        return attributes
 
     def stored(self, identity: Any) -> dict[bytes, bytes]:
-        """The attributes as they stand in the file, by name."""
+        """Return the stored bytes of the attributes by name."""
         from h5py import h5o
 
         return self.texts.of_attributes(h5o.get_info(identity).addr)
@@ -379,19 +379,18 @@ class _Reader:
                 attribute.read(number)
                 return float(number)
             if kind.equal(h5t.STD_I64LE):
-                whole = np.empty((), np.int64)
-                attribute.read(whole)
-                return int(whole)
+                integer = np.empty((), np.int64)
+                attribute.read(integer)
+                return int(integer)
         raise RecordingError(
             f"{where}, attribute {clean(name)}: expected a text or a number, got another thing"
         )
 
     def value(self, identity: Any, where: str) -> Array | str:
-        """The array or text of a dataset."""
+        """Read the array or text of a dataset."""
         from h5py import h5s
 
-        # What leads out of the file is looked for first: the size of such a dataset is asked
-        # outside.
+        # Refuse storage outside of the file first: even the size of such a dataset is read there.
         refuse_storage(identity, where)
         kind, space = identity.get_type(), identity.get_space()
         if kind.committed():
@@ -411,7 +410,7 @@ class _Reader:
         size = math.prod(shape) * np.dtype(dtype).itemsize
         if size > self.allowance.arrays:
             raise RecordingError(
-                f"{where}: expected at most {LARGEST_ARRAYS} bytes of arrays, got {size} in this"
+                f"{where}: expected at most {MAX_ARRAY_BYTES} bytes of arrays, got {size} in this"
             )
         self.allowance.arrays -= size
         refuse_chunks(identity, where)
@@ -424,7 +423,7 @@ class _Reader:
         self.allowance.texts -= len(data)
         if self.allowance.texts < 0:
             raise RecordingError(
-                f"{where}: expected at most {LARGEST_JSON} bytes of texts, got more"
+                f"{where}: expected at most {MAX_JSON_BYTES} bytes of texts, got more"
             )
         try:
             return data.decode()
@@ -432,10 +431,10 @@ class _Reader:
             raise RecordingError(f"{where}: expected text in UTF-8, got other bytes") from err
 
 
-def _links(identity: Any, where: str, most: int) -> list[bytes]:
+def _links(identity: Any, where: str, limit: int) -> list[bytes]:
     count = identity.get_num_objs()
-    if count > most:
-        raise RecordingError(f"{where}: expected at most {most} names, got {count}")
+    if count > limit:
+        raise RecordingError(f"{where}: expected at most {limit} names, got {count}")
     names: list[bytes] = []
     identity.links.iterate(names.append)
     if len(set(names)) != len(names):
@@ -443,7 +442,7 @@ def _links(identity: Any, where: str, most: int) -> list[bytes]:
     return sorted(names)
 
 
-def _refuse_other_link(parent: Any, link: bytes, where: str) -> None:
+def _require_hard_link(parent: Any, link: bytes, where: str) -> None:
     from h5py import h5l
 
     if not parent.links.exists(link):
@@ -455,10 +454,10 @@ def _refuse_other_link(parent: Any, link: bytes, where: str) -> None:
 
 
 def refuse_storage(identity: Any, where: str) -> None:
-    """Refuse a dataset whose values are elsewhere, or are not packed as this program packs them.
+    """Refuse a dataset with values outside of the file, or with filters of other programs.
 
-    HDF5 opens other files when values are read, and where datasets are joined to a view even when
-    its size is asked for.
+    HDF5 opens other files when it reads values, and for a view of several datasets even when it
+    reads the size.
     """
     from h5py import h5d, h5z
 
@@ -468,15 +467,15 @@ def refuse_storage(identity: Any, where: str) -> None:
     if settings.get_external_count():
         raise RecordingError(f"{where}: expected values in the file, got those of another file")
     filters = tuple(settings.get_filter(n)[0] for n in range(settings.get_nfilters()))
-    usual = (h5z.FILTER_SHUFFLE, h5z.FILTER_DEFLATE, h5z.FILTER_FLETCHER32)
-    if filters not in ((), (h5z.FILTER_DEFLATE,), usual):
+    all_filters = (h5z.FILTER_SHUFFLE, h5z.FILTER_DEFLATE, h5z.FILTER_FLETCHER32)
+    if filters not in ((), (h5z.FILTER_DEFLATE,), all_filters):
         raise RecordingError(f"{where}: expected gzip or nothing, got filters {filters[:8]}")
 
 
 def refuse_chunks(identity: Any, where: str) -> None:
-    """Refuse chunks that are larger than ours, or unpack to more than they say.
+    """Refuse chunks that are larger than those of this program, or than announced when unpacked.
 
-    HDF5 unpacks whatever is there, however long it becomes.
+    HDF5 itself unpacks without a limit.
     """
     from h5py import h5d, h5z
 
@@ -486,24 +485,24 @@ def refuse_chunks(identity: Any, where: str) -> None:
     filters = [settings.get_filter(n)[0] for n in range(settings.get_nfilters())]
     chunk, shape = settings.get_chunk(), identity.shape
     size = math.prod(chunk) * identity.get_type().get_size()
-    most = math.prod(-(-length // step) for length, step in zip(shape, chunk, strict=True))
-    if size > LARGEST_CHUNK or most > MOST_CHUNKS:
+    limit = math.prod(-(-length // step) for length, step in zip(shape, chunk, strict=True))
+    if size > MAX_CHUNK_BYTES or limit > MAX_CHUNKS:
         raise RecordingError(f"{where}: expected chunks of at most 1 MiB, got others")
     count = identity.get_num_chunks()
-    if count > most:
-        raise RecordingError(f"{where}: expected {most} chunks, got {count}")
+    if count > limit:
+        raise RecordingError(f"{where}: expected {limit} chunks, got {count}")
     if h5z.FILTER_DEFLATE not in filters:
         return
     packed = filters.index(h5z.FILTER_DEFLATE)
     for number in range(count):
         about = identity.get_chunk_info(number)
-        if about.size > 2 * LARGEST_CHUNK:
+        if about.size > 2 * MAX_CHUNK_BYTES:
             raise RecordingError(f"{where}: expected chunks of at most 1 MiB, got a longer one")
         mask, data = identity.read_direct_chunk(about.chunk_offset)
         if mask >> packed & 1:
             continue
         try:
-            # The checksum behind the packed bytes is left over.
+            # The checksum behind the packed bytes is ignored.
             unpacked = zlib.decompressobj().decompress(data, size + 1)
         except zlib.error as err:
             raise RecordingError(f"{where}: expected packed values, got {err}") from err
@@ -514,7 +513,7 @@ def refuse_chunks(identity: Any, where: str) -> None:
 def _is_text(kind: Any) -> bool:
     from h5py import h5t
 
-    # HDF5 calls types equal that differ in their character set.
+    # For HDF5 types of different character sets are equal.
     return bool(kind.equal(_types()["text"]) and kind.get_cset() == h5t.CSET_UTF8)
 
 
@@ -527,7 +526,7 @@ def _name(name: bytes, where: str) -> str:
 
 @functools.cache
 def _types() -> Mapping[str, Any]:
-    """The types that this program writes into arrays and texts."""
+    """Return the types that this program writes into arrays and texts."""
     import h5py
     from h5py import h5t
 

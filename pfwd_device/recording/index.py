@@ -1,4 +1,4 @@
-"""What the records of a survey add up to: points, drops, files, and what is missing."""
+"""Index of the records of a survey: points, drops, files, and lost records."""
 
 import contextlib
 import gc
@@ -15,9 +15,10 @@ from pfwd_device.recording.agreement import (
     InconsistentRecords,
     VerifiedRecord,
     ledger_columns,
+    parse_common_file,
+    parse_common_rebound,
     verified_records,
 )
-from pfwd_device.recording.common_records import parse_common_file, parse_common_rebound
 from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.journal import Located, Stretch, read_record, scan_journal
 from pfwd_device.recording.layout import FORMAT_VERSION, PEAKS_FORMAT_VERSION, Layout
@@ -33,17 +34,17 @@ from pfwd_device.recording.payload import Payload, payload_data
 from pfwd_device.recording.record import point_name
 
 EDITS = ("note", "target", "discard", "restore", "position", "name", "operator", "declared")
-"""What can be said of a point or drop later; nothing that was recorded changes."""
+"""Kinds of edits of a point or drop; they change nothing that was recorded."""
 
-LARGEST_NUMBER = 10**9
-"""No survey has as many drops, records of as many kinds, or a millionth of as many records."""
+NUMBER_LIMIT = 10**9
+"""Limit of the numbers of drops and kinds, and a millionth of the limit of record numbers."""
 
 _DROP, _REBOUND, _FILES, _CLOSE = map(int, (Kind.DROP, Kind.REBOUND, Kind.FILE, Kind.CLOSE))
-"""Numbers alone: a survey has many records, and a member of an enumeration takes longer."""
+"""Kinds as integers: a comparison with a member of an enumeration takes longer."""
 
-_FILE = re.compile(r"(drops|results|captures)/\w[\w.-]*", re.ASCII)
+_PUBLISHED_PATH = re.compile(r"(drops|results|captures)/\w[\w.-]*", re.ASCII)
 
-_NEEDED = {
+_INDEXED_KEYS = {
     Kind.SURVEY: ("created_utc", "software", "format_version"),
     Kind.POINT: ("name", "order", "declared"),
     Kind.DROP: ("number", "point", "drop", "key", "restored_from"),
@@ -59,15 +60,15 @@ class DropEntry:
     """A drop of the journal."""
 
     number: int
-    """Survey-wide."""
+    """Survey-wide number."""
     point: str
     drop: int
-    """Within the point."""
+    """Number within the point."""
     key: str | None
     entry: Entry
     rebounds: list[Entry]
     restored_from: int | None
-    """Sequence number of the record that was damaged."""
+    """Sequence number of the damaged record that it replaces."""
 
 
 @dataclass(slots=True)
@@ -83,32 +84,32 @@ class FileEntry:
 
 
 FileStates = tuple[tuple[str, int, int, int, int, int], ...]
-"""Of every file name, device, number, size (bytes), and times of the last changes (ns)."""
+"""Name, device, inode, size (bytes), and times of the last changes (ns) of every file."""
 
 
-class _Numbers:
-    """Which numbers are taken, without a look at every drop for each new one."""
+class _DropNumbers:
+    """Used numbers of drops, for a fast choice of the next one."""
 
     def __init__(self) -> None:
         self.largest = 0
-        """Survey-wide."""
+        """Largest survey-wide number."""
         self._of_point: dict[str, Counter[int]] = {}
-        """How many drops have a number; in a journal of another program it may be several."""
+        """Number of drops for each number within a point; other programs may write duplicates."""
         self._largest: dict[str, int] = {}
-        """Within the point; found anew where it is missing."""
+        """Largest number within each point; determined again where it is missing."""
 
-    def is_taken(self, point: str, drop: int) -> bool:
-        """Whether a drop of the point has this number."""
+    def is_used(self, point: str, drop: int) -> bool:
+        """Return True if a drop of the point has this number."""
         return point in self._of_point and self._of_point[point][drop] > 0
 
     def largest_of(self, point: str) -> int:
-        """The largest number of the point's drops."""
+        """Return the largest number of the point's drops."""
         if point not in self._largest:
             self._largest[point] = max(self._of_point.get(point, ()), default=0)
         return self._largest[point]
 
     def add(self, drop: DropEntry, replaced: DropEntry | None) -> None:
-        """Take a drop in, which may have been recorded under this number before."""
+        """Add a drop, which may replace an earlier record of the same survey-wide number."""
         self.largest = max(self.largest, drop.number)
         if replaced is not None:
             if (replaced.point, replaced.drop) == (drop.point, drop.drop):
@@ -125,66 +126,66 @@ class _Numbers:
 
 @dataclass(slots=True)
 class Index:
-    """All that is known of a survey without its arrays."""
+    """Content of a survey without its arrays."""
 
     survey: bytes | None = None
     info: dict[str, Any] = field(default_factory=dict)
     points: dict[str, dict[str, Any]] = field(default_factory=dict)
     drops: dict[int, DropEntry] = field(default_factory=dict)
     keys: dict[str, int] = field(default_factory=dict)
-    """Survey-wide number of a drop by what identifies it on the instrument."""
-    keys_known: bool = True
-    """Whether `keys` holds those of all drops; see :func:`complete_keys`."""
+    """Survey-wide number of a drop by its key, which identifies it on the instrument."""
+    has_all_keys: bool = True
+    """True if `keys` contains those of all drops; see :func:`complete_keys`."""
     rebounds: dict[int, list[Entry]] = field(default_factory=dict)
     files: dict[str, FileEntry] = field(default_factory=dict)
     edits: list[dict[str, Any]] = field(default_factory=list)
     events: list[Entry] = field(default_factory=list)
     checks: list[Entry] = field(default_factory=list)
     entries: dict[int, Entry] = field(default_factory=dict)
-    """Whole records by sequence number."""
+    """Undamaged records by sequence number."""
     lost: dict[int, Entry] = field(default_factory=dict)
-    """Acknowledged records that the journal does not hold any more."""
+    """Acknowledged records that the journal no longer contains."""
     gaps: list[int] = field(default_factory=list)
-    """Sequence numbers that neither the journal nor the ledger knows."""
+    """Sequence numbers that neither journal nor ledger contains."""
     unacknowledged: list[int] = field(default_factory=list)
-    """Whole records without a line in the ledger."""
+    """Undamaged records without a line in the ledger."""
     damage: list[Stretch] = field(default_factory=list)
     strange: list[tuple[Entry, str]] = field(default_factory=list)
-    """Records that are whole but no part of this survey, and why."""
+    """Undamaged records that do not belong to this survey, and the reason."""
     settled: set[int] = field(default_factory=set)
-    """Lost records that recovery replaced in full."""
-    known_damage: set[tuple[int, int, int, int]] = field(default_factory=set)
-    """Segment, offset, length and CRC-32 of stretches that recovery has dealt with."""
+    """Lost records that recovery has replaced completely."""
+    handled_damage: set[tuple[int, int, int, int]] = field(default_factory=set)
+    """Segment, offset, length and CRC-32 of damaged parts that recovery has handled."""
     ledger: LedgerText = field(default_factory=lambda: LedgerText(None, (), ()))
     closed: bool = False
-    """The last record says that the survey was closed."""
-    _numbers: _Numbers = field(default_factory=_Numbers)
+    """True if the last record closes the survey."""
+    _numbers: _DropNumbers = field(default_factory=_DropNumbers)
 
     @property
     def lost_drops(self) -> dict[int, tuple[str, int]]:
-        """Point and number of acknowledged drops whose record is lost, by survey-wide number."""
-        found = {}
+        """Point and number of the acknowledged drops that are lost, by survey-wide number."""
+        lost = {}
         for entry in self.lost.values():
             about = read_about(entry.about) if entry.kind == Kind.DROP else None
             if about is not None and about[0] not in self.drops:
-                found[about[0]] = about[1:]
-        return found
+                lost[about[0]] = about[1:]
+        return lost
 
     def next_drop(self, point: str) -> int:
-        """The number that the next drop of the point gets."""
+        """Return the number of the next drop of the point."""
         lost = [drop for name, drop in self.lost_drops.values() if name == point]
         return max([self._numbers.largest_of(point), *lost]) + 1
 
-    def is_taken(self, point: str, drop: int) -> bool:
-        """Whether the journal holds a drop with this number within the point."""
-        return self._numbers.is_taken(point, drop)
+    def is_used(self, point: str, drop: int) -> bool:
+        """Return True if the journal contains a drop with this number within the point."""
+        return self._numbers.is_used(point, drop)
 
     def next_number(self) -> int:
-        """The survey-wide number that the next drop gets."""
+        """Return the survey-wide number of the next drop."""
         return max([self._numbers.largest, *self.lost_drops]) + 1
 
     def add(self, entry: Entry, data: Mapping[str, Any]) -> None:
-        """Take a record in; RecordingError when its data are not those of its kind."""
+        """Add a record; raise RecordingError if its data are not those of its kind."""
         try:
             self._add(entry, data)
         except (KeyError, TypeError, ValueError, AttributeError) as err:
@@ -192,12 +193,12 @@ class Index:
         self._added(entry)
 
     def add_file(self, entry: Entry, facts: tuple[str, int, str, int | None]) -> None:
-        """As :meth:`add`, for the record of a file that is written as usual."""
+        """Add the record of a file whose facts are already parsed."""
         self.files[facts[0]] = FileEntry(*facts, entry)
         self._added(entry)
 
     def add_rebound(self, entry: Entry, number: int) -> None:
-        """As :meth:`add`, for the record of a rebound of the drop with this number."""
+        """Add the record of a rebound of the drop with this number."""
         self.rebounds.setdefault(number, []).append(entry)
         self._added(entry)
 
@@ -206,7 +207,7 @@ class Index:
         self.closed = entry.kind == _CLOSE
 
     def relocate(self, moved: Mapping[int, Entry]) -> None:
-        """Take in the new places of records, by sequence number."""
+        """Set the new places of records, by sequence number."""
 
         def now(entry: Entry) -> Entry:
             return moved.get(entry.sequence, entry)
@@ -241,12 +242,12 @@ class Index:
                 self.events.append(entry)
                 if data["event"] == "recovery":
                     self.settled.update(data.get("settled") or ())
-                    self.known_damage.update(tuple(known) for known in data.get("damage") or ())
+                    self.handled_damage.update(tuple(key) for key in data.get("damage") or ())
             case Kind.CHECK:
                 self.checks.append(entry)
             case Kind.FILE:
                 _types(data, path=str, size=int, sha256=str)
-                if _FILE.fullmatch(data["path"]) is None:
+                if _PUBLISHED_PATH.fullmatch(data["path"]) is None:
                     raise ValueError("a path that leads out of the survey")
                 self.files[data["path"]] = FileEntry(
                     data["path"], data["size"], data["sha256"], data.get("number"), entry
@@ -255,7 +256,7 @@ class Index:
     def _add_drop(self, entry: Entry, data: Mapping[str, Any]) -> None:
         _types(data, number=int, point=str, drop=int)
         _check_name(data["point"])
-        if not (0 < data["number"] < LARGEST_NUMBER and 0 < data["drop"] < LARGEST_NUMBER):
+        if not (0 < data["number"] < NUMBER_LIMIT and 0 < data["drop"] < NUMBER_LIMIT):
             raise ValueError("a number that no drop has")
         key = data.get("key")
         drop = DropEntry(
@@ -264,7 +265,7 @@ class Index:
             data["drop"],
             key if isinstance(key, str) else None,
             entry,
-            # A drop restored from its file comes after its rebounds.
+            # A drop restored from its file follows its rebounds.
             self.rebounds.setdefault(data["number"], []),
             data.get("restored_from"),
         )
@@ -276,7 +277,7 @@ class Index:
             self.settled.add(int(drop.restored_from))
 
 
-class _Found(NamedTuple):
+class _ParsedRecord(NamedTuple):
     entry: Entry
     identity: bytes
     data: dict[str, Any]
@@ -285,22 +286,23 @@ class _Found(NamedTuple):
 def build_index(layout: Layout) -> Index:
     """Read ledger and journal.
 
-    The ledger first: what it names was in the journal before, also while another program writes.
+    The ledger is read first: its records are then in the journal, even while another program
+    writes.
 
     Raises
     ------
     RecordingError
-        If a file cannot be read at all; damage is in the index.
+        If a file cannot be read at all; the index contains the damage.
     """
     ledger = read_ledger(layout.ledger)
     index = Index(ledger=ledger)
     acknowledged = {entry.sequence: entry for entry in ledger.entries}
-    chosen: dict[int, _Found] = {}
-    found = _scan(layout, index)
-    index.survey = _identity(ledger, found)
-    for record in found:
+    chosen: dict[int, _ParsedRecord] = {}
+    records = _scan(layout, index)
+    index.survey = _identity(ledger, records)
+    for record in records:
         entry = record.entry
-        if entry.kind > LARGEST_NUMBER or not 0 < entry.sequence < 10**6 * LARGEST_NUMBER:
+        if entry.kind > NUMBER_LIMIT or not 0 < entry.sequence < 10**6 * NUMBER_LIMIT:
             index.strange.append((entry, "a record with numbers that no survey has"))
             continue
         if record.identity != index.survey:
@@ -308,7 +310,8 @@ def build_index(layout: Layout) -> Index:
             continue
         earlier = chosen.get(entry.sequence)
         line = acknowledged.get(entry.sequence)
-        # Written again after a failed sync: the ledger tells which copy counts, else the later.
+        # A record may be written twice after a failed sync: the copy in the ledger counts, or else
+        # the later one.
         if earlier is None or line is None or not _same_place(earlier.entry, line):
             chosen[entry.sequence] = record
     for sequence in sorted(chosen):
@@ -323,50 +326,57 @@ def build_index(layout: Layout) -> Index:
         number: entry for number, entry in acknowledged.items() if number not in index.entries
     }
     index.unacknowledged = [number for number in index.entries if number not in acknowledged]
-    known = index.entries.keys() | index.lost.keys()
-    if len(known) < max(known, default=0):
-        index.gaps = missing_numbers(known)
+    numbers = index.entries.keys() | index.lost.keys()
+    if len(numbers) < max(numbers, default=0):
+        index.gaps = missing_numbers(numbers)
     return index
 
 
 def file_states(layout: Layout) -> FileStates:
-    """What changes in ledger and journal when somebody writes to them; raises OSError."""
+    """Return the states of ledger and journal files, which every write changes; raise OSError."""
     paths = [layout.ledger, *map(layout.segment, layout.segments())]
-    found = []
+    states = []
     for path in paths:
-        said = os.lstat(path)
-        found.append(
-            (path.name, said.st_dev, said.st_ino, said.st_size, said.st_mtime_ns, said.st_ctime_ns)
+        status = os.lstat(path)
+        states.append(
+            (
+                path.name,
+                status.st_dev,
+                status.st_ino,
+                status.st_size,
+                status.st_mtime_ns,
+                status.st_ctime_ns,
+            )
         )
-    return tuple(found)
+    return tuple(states)
 
 
 def read_index(layout: Layout) -> Index:
-    """As :func:`build_index`, for reading: every byte is compared with its checksum all the same.
+    """Read ledger and journal faster than :func:`build_index`, with the same comparison of bytes.
 
-    Where ledger and journal agree about every record, the ledger's lines say of drops what their
-    records say: number, point and number within it, under a checksum of their own that covers the
-    record's. The JSON of a drop is the longest of all and is not taken apart for that; its key is
-    left out here. Anything else than agreement, and :func:`build_index` looks at everything.
+    If ledger and journal agree about every record, the lines of the ledger contain the number,
+    the point and the number within it of each drop, under a checksum that covers the record's. So
+    the JSON of a drop, the longest of all, is not parsed, and the keys of drops are missing. If
+    they differ in anything, :func:`build_index` reads everything.
 
     Raises
     ------
     RecordingError
-        As :func:`build_index`.
+        If a file cannot be read at all.
     """
     try:
         with no_collections():
-            found = _agreed_index(layout)
+            index = _verified_index(layout)
     except RecordingError:
-        found = None  # whatever it is, it is found again
-    return build_index(layout) if found is None else found
+        index = None  # `build_index` raises it again
+    return build_index(layout) if index is None else index
 
 
 @contextlib.contextmanager
 def no_collections() -> Iterator[None]:
-    """Python does not look for cycles meanwhile.
+    """Suspend Python's search for reference cycles.
 
-    An index has several 100,000 tuples and none, as have the rows of a table.
+    An index has several 100,000 tuples and no cycle; the rows of a table are similar.
     """
     enabled = gc.isenabled()
     gc.disable()
@@ -378,14 +388,14 @@ def no_collections() -> Iterator[None]:
 
 
 def complete_keys(layout: Layout, index: Index) -> None:
-    """Take in what :func:`read_index` left out: the keys of the drops.
+    """Read the keys of the drops, which :func:`read_index` skips.
 
     Raises
     ------
     RecordingError
-        If the record of a drop cannot be read any more.
+        If the record of a drop can no longer be read.
     """
-    if index.keys_known:
+    if index.has_all_keys:
         return
     for drop in index.drops.values():
         if drop.key is None:
@@ -394,28 +404,28 @@ def complete_keys(layout: Layout, index: Index) -> None:
             if isinstance(key, str):
                 drop.key = key
                 index.keys[key] = drop.number
-    index.keys_known = True
+    index.has_all_keys = True
 
 
-def _agreed_index(layout: Layout) -> Index | None:
-    """What ledger and journal say when they agree; None or RecordingError when they do not."""
+def _verified_index(layout: Layout) -> Index | None:
+    """Return the index if ledger and journal agree; None or RecordingError if they do not."""
     try:
         data = ledger_data(layout.ledger) or b""
         columns = ledger_columns(data)
         ledger = LedgerText(columns.survey, columns.entries, (), data=data)
-        index = Index(ledger=ledger, survey=columns.survey, keys_known=False)
+        index = Index(ledger=ledger, survey=columns.survey, has_all_keys=False)
         for record in verified_records(layout, columns):
             if isinstance(record, VerifiedRecord):
-                _take_agreed(layout, index, *record)
+                _add_verified(layout, index, *record)
             else:
-                _take_next(layout, index, record)
+                _add_unlisted(layout, index, record)
     except (InconsistentRecords, OSError):
         return None
     return index
 
 
-def _take_agreed(layout: Layout, index: Index, entry: Entry, payload: memoryview) -> None:
-    """Take in a record that ledger and journal name alike."""
+def _add_verified(layout: Layout, index: Index, entry: Entry, payload: memoryview) -> None:
+    """Add a record about which ledger and journal agree."""
     kind = entry.kind
     if kind == _DROP:
         about = read_about(entry.about)
@@ -430,18 +440,18 @@ def _take_agreed(layout: Layout, index: Index, entry: Entry, payload: memoryview
     elif kind == _REBOUND and (number := parse_common_rebound(payload)) is not None:
         index.add_rebound(entry, number)
     else:
-        data = _wanted(kind, payload)
+        data = _indexed_data(kind, payload)
         if kind == Kind.SURVEY:
             _check_version(layout, data)
         index.add(entry, data)
 
 
-def _take_next(layout: Layout, index: Index, item: Located) -> None:
-    """Take in a record that the ledger does not name yet: another program is writing."""
+def _add_unlisted(layout: Layout, index: Index, item: Located) -> None:
+    """Add a record that is not in the ledger yet, because another program is writing."""
     frame = item.frame
     if frame.sequence != len(index.entries) + 1 or frame.identity != index.survey:
         raise InconsistentRecords
-    data = _wanted(frame.kind, frame.payload)
+    data = _indexed_data(frame.kind, frame.payload)
     if frame.kind == Kind.SURVEY:
         _check_version(layout, data)
     index.unacknowledged.append(frame.sequence)
@@ -458,20 +468,20 @@ def _check_version(layout: Layout, data: Mapping[str, Any]) -> None:
         )
 
 
-def missing_numbers(known: set[int] | Any, most: int = 1000) -> list[int]:
-    """The first numbers from 1 that are missing below the largest one."""
+def missing_numbers(numbers: set[int] | Any, limit: int = 1000) -> list[int]:
+    """Return the first missing numbers from 1 to the largest one."""
     gaps: list[int] = []
     expected = 1
-    for number in sorted(known):
-        gaps.extend(range(expected, min(number, expected + most - len(gaps))))
-        if len(gaps) >= most:
+    for number in sorted(numbers):
+        gaps.extend(range(expected, min(number, expected + limit - len(gaps))))
+        if len(gaps) >= limit:
             break
         expected = number + 1
     return gaps
 
 
 def damage_key(layout: Layout, stretch: Stretch) -> tuple[int, int, int, int]:
-    """Segment, offset, length and CRC-32 of a damaged stretch."""
+    """Return segment, offset, length and CRC-32 of a damaged part."""
     crc = 0
     with layout.segment(stretch.segment).open("rb") as stream:
         stream.seek(stretch.damage.offset)
@@ -482,36 +492,36 @@ def damage_key(layout: Layout, stretch: Stretch) -> tuple[int, int, int, int]:
     return (stretch.segment, stretch.damage.offset, stretch.damage.length, crc)
 
 
-def _scan(layout: Layout, index: Index) -> list[_Found]:
-    found = []
+def _scan(layout: Layout, index: Index) -> list[_ParsedRecord]:
+    records = []
     for item in scan_journal(layout):
         if isinstance(item, Stretch):
             index.damage.append(item)
             continue
         try:
-            found.append(_reduced(item))
+            records.append(_reduced(item))
         except RecordingError as err:
             index.strange.append((_entry(item, "-"), str(err)))
-    return found
+    return records
 
 
-def _reduced(item: Located) -> _Found:
-    """What the index needs of a record, without metadata and arrays."""
+def _reduced(item: Located) -> _ParsedRecord:
+    """Return the data of a record that the index needs, without metadata and arrays."""
     frame = item.frame
-    data = _wanted(frame.kind, frame.payload)
-    return _Found(_entry(item, about_of(frame.kind, data)), frame.identity, data)
+    data = _indexed_data(frame.kind, frame.payload)
+    return _ParsedRecord(_entry(item, about_of(frame.kind, data)), frame.identity, data)
 
 
-def _wanted(kind: int, payload: Payload) -> dict[str, Any]:
-    wanted = _NEEDED.get(kind)  # type: ignore[call-overload]
-    if wanted is None:
+def _indexed_data(kind: int, payload: Payload) -> dict[str, Any]:
+    keys = _INDEXED_KEYS.get(kind)  # type: ignore[call-overload]
+    if keys is None:
         return {}
     data = payload_data(payload)
-    return {key: data[key] for key in wanted if key in data}
+    return {key: data[key] for key in keys if key in data}
 
 
 def about_of(kind: int, data: Mapping[str, Any]) -> str:
-    """What the ledger says of a record beside its place."""
+    """Return the description of a record in the ledger."""
     if kind == Kind.DROP:
         number, point, drop = data.get("number"), data.get("point"), data.get("drop")
         if type(number) is int and isinstance(point, str) and type(drop) is int:
@@ -526,15 +536,15 @@ def _entry(item: Located, about: str) -> Entry:
     )
 
 
-def _identity(ledger: LedgerText, found: list[_Found]) -> bytes | None:
+def _identity(ledger: LedgerText, records: list[_ParsedRecord]) -> bytes | None:
     if ledger.survey is not None:
         return ledger.survey
-    counts = Counter(record.identity for record in found)
+    counts = Counter(record.identity for record in records)
     return counts.most_common(1)[0][0] if counts else None
 
 
-def _same_place(one: Entry, other: Entry) -> bool:
-    return (one.segment, one.offset, one.check) == (other.segment, other.offset, other.check)
+def _same_place(a: Entry, b: Entry) -> bool:
+    return (a.segment, a.offset, a.check) == (b.segment, b.offset, b.check)
 
 
 def _check_name(name: str) -> None:
@@ -542,7 +552,7 @@ def _check_name(name: str) -> None:
         raise ValueError("a name that no point has")
 
 
-def _types(data: Mapping[str, Any], **wanted: type) -> None:
-    for key, expected in wanted.items():
+def _types(data: Mapping[str, Any], **keys: type) -> None:
+    for key, expected in keys.items():
         if type(data[key]) is not expected:
             raise TypeError(f"{key} is no {expected.__name__}")

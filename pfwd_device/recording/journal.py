@@ -1,4 +1,4 @@
-"""The journal's segments: records are appended, and are on the disk when the append returns."""
+"""Segments of the journal: an appended record is on the disk when the append returns."""
 
 import contextlib
 import io
@@ -14,19 +14,20 @@ from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import Entry
 from pfwd_device.recording.storage import Stamp, Storage
 
-LARGEST_SEGMENT = 256 * 2**20
-"""Bytes after which a new segment begins: copies and looks at a segment stay quick."""
+MAX_SEGMENT_BYTES = 256 * 2**20
+"""Size after which a new segment begins, so that copying and reading one stay fast."""
 
-MOST_OPEN = 64
-"""Segments that stay open, to be read should their files be taken away: 16 GB."""
+MAX_OPEN_SEGMENTS = 64
+"""Number of segments that stay open, so that they can be read if their files are deleted: 16 GB."""
 
-_LOCK_TRIES = 5
-_LOCK_PAUSE = 0.02  # s; a check that looks whether somebody writes holds the lock for microseconds
+_N_LOCK_TRIES = 5
+_LOCK_PAUSE_S = 0.02
+"""Time between two attempts, s: another program that tests the lock holds it for microseconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """A record that is to be written."""
+    """A record to write."""
 
     sequence: int
     kind: int
@@ -36,11 +37,11 @@ class Record:
 
     @property
     def check(self) -> int:
-        """CRC-32 in its header."""
+        """CRC-32 in the header."""
         return int.from_bytes(self.data[44:48], "little")
 
     def at(self, segment: int, offset: int) -> Entry:
-        """Its entry for the ledger."""
+        """Return the entry for the ledger."""
         return Entry(
             self.sequence, self.kind, segment, offset, len(self.data), self.check, self.about
         )
@@ -50,15 +51,15 @@ class Record:
 class _Segment:
     descriptor: int
     end: int
-    """Bytes that it holds as far as this program knows."""
+    """Length according to this program, bytes."""
     stamp: Stamp
-    """When this program has last written to it, or seen that its records are whole."""
+    """Stamp after the last write or verification by this program."""
     doubtful: bool = False
-    """Somebody else may have written to it since its records were seen to be whole."""
+    """True if another program may have written to it since the last verification."""
 
 
 def open_segment(layout: Layout, number: int, storage: Storage) -> int:
-    """A descriptor of a segment that exists, locked.
+    """Open an existing segment, lock it and return its descriptor.
 
     Raises
     ------
@@ -68,10 +69,10 @@ def open_segment(layout: Layout, number: int, storage: Storage) -> int:
     """
     descriptor = storage.open(layout.segment(number))
     try:
-        for _ in range(_LOCK_TRIES):
+        for _ in range(_N_LOCK_TRIES):
             if storage.lock(descriptor):
                 break
-            time.sleep(_LOCK_PAUSE)
+            time.sleep(_LOCK_PAUSE_S)
         else:
             raise SurveyLocked(
                 f"{layout.segment(number)}: expected to be the only program that writes, got "
@@ -84,18 +85,18 @@ def open_segment(layout: Layout, number: int, storage: Storage) -> int:
 
 
 class JournalWriter:
-    """Appends to the last segment, at an offset of its own.
+    """Writer that appends to the last segment, at an offset that it keeps itself.
 
-    After a failed write the segment is cut back to its last good end; where that fails, a sync
-    failed, somebody else wrote to it or it got a second name, the segment is left alone from then
-    on and a new one begins. Segments stay open, so that they can be read when their files are gone.
+    After a failed write the segment is cut back to its last good end. A new segment begins if that
+    fails, if a sync fails, if another program wrote to the segment, or if it has a second name.
+    Segments stay open, so that they can be read if their files are deleted.
 
     Parameters
     ----------
     layout : Layout
     storage : Storage
     continued : (int, int), optional
-        Number and descriptor of the segment to go on with.
+        Number and descriptor of the segment to continue.
     """
 
     def __init__(
@@ -107,9 +108,9 @@ class JournalWriter:
         self._current: _Segment | None = None
         self._earlier: dict[int, _Segment] = {}
         last = continued[0] if continued is not None else None
-        for number in layout.segments()[-MOST_OPEN:]:
+        for number in layout.segments()[-MAX_OPEN_SEGMENTS:]:
             if number != last:
-                with contextlib.suppress(OSError):  # then it cannot be read should it be deleted
+                with contextlib.suppress(OSError):  # it is then unreadable if it is deleted
                     descriptor = storage.open(layout.segment(number))
                     self._earlier[number] = self._segment(descriptor)
         if continued is not None:
@@ -117,19 +118,19 @@ class JournalWriter:
             self._current = self._segment(descriptor)
 
     def append(self, record: Record) -> Entry:
-        """The record's entry for the ledger, once the record is on the disk.
+        """Write a record; return its entry for the ledger when it is on the disk.
 
         Raises
         ------
         OSError
-            If the disk refuses; the journal is then as it was before.
+            If the disk fails; the journal is then unchanged.
         """
         segment = self._ready(len(record.data))
         self._write(segment, record.data)
         try:
             self._storage.sync(segment.descriptor)
         except OSError:
-            # The system may have dropped what it could not write and call the next sync a success.
+            # After a failed sync the system may discard the data and report the next sync as good.
             self._cut(segment)
             segment = self._begin_segment()
             self._write(segment, record.data)
@@ -144,13 +145,13 @@ class JournalWriter:
         return entry
 
     def append_all(self, records: Iterable[Record]) -> dict[int, Entry]:
-        """Entries of many records by sequence number, once all are on the disk.
+        """Write records; return their entries by sequence number when all are on the disk.
 
         Raises
         ------
         OSError
-            If the disk refuses. Some may be there then; without a line in the ledger they count
-            when they are written again.
+            If the disk fails. Some records may be written then; without a line in the ledger they
+            do not count, and they are written again.
         """
         entries: dict[int, Entry] = {}
         for record in records:
@@ -166,7 +167,7 @@ class JournalWriter:
         return entries
 
     def mark(self) -> tuple[int, int]:
-        """The state to go back to when the next record cannot be acknowledged."""
+        """Return the state to which `rewind` goes back if a record cannot be acknowledged."""
         return self._number, self._current.end if self._current is not None else 0
 
     def rewind(self, mark: tuple[int, int], *, cut: bool = True) -> None:
@@ -175,7 +176,7 @@ class JournalWriter:
         Parameters
         ----------
         cut : bool
-            Take the record away; else it stays where it is, and the next one comes after it.
+            Remove the record; else it stays, and the next one follows it.
         """
         if cut and self._current is not None:
             number, end = mark
@@ -183,7 +184,7 @@ class JournalWriter:
             self._cut(self._current)
 
     def problem(self) -> str | None:
-        """Why others do not find in the journal's folder what was written; None: they do."""
+        """Return the difference between the open segments and the files; None without one."""
         for number, segment in sorted(self._open().items()):
             path = self._layout.segment(number)
             why = self._storage.misplaced(segment.descriptor, path, segment.end)
@@ -192,30 +193,30 @@ class JournalWriter:
         return None
 
     def has_names(self) -> bool:
-        """Whether every open segment has a path somewhere; none has when it was deleted."""
+        """Return True if no open segment was deleted; a moved one still has a path."""
         return all(self._storage.names(each.descriptor) for each in self._open().values())
 
     def name_of(self, number: int) -> str:
-        """Path of a segment within the survey."""
+        """Return the path of a segment within the survey."""
         return self._layout.relative(self._layout.segment(number))
 
     def stamps_changed(self) -> dict[int, Stamp]:
-        """Segments whose stamp is another since this program has written to them, and which."""
-        found = {}
+        """Return the segments that were changed by others, with their present stamps."""
+        stamps = {}
         for number, segment in self._open().items():
             stamp = self._storage.stamp(segment.descriptor)
             if segment.doubtful or stamp is None or stamp != segment.stamp:
-                found[number] = stamp
-        return found
+                stamps[number] = stamp
+        return stamps
 
     def accept_stamps(self, stamps: Mapping[int, Stamp]) -> None:
-        """Take these stamps of segments for this program's own: their records are whole."""
+        """Accept stamps of segments after a verification of their records."""
         for number, segment in self._open().items():
             if number in stamps:
                 segment.stamp, segment.doubtful = stamps[number], False
 
     def read(self, entry: Entry) -> Record | None:
-        """A record from a segment that is still open, whatever its path leads to; None: damaged."""
+        """Read a record from an open segment, whatever its path leads to; None if damaged."""
         segment = self._earlier.get(entry.segment)
         if segment is None and entry.segment == self._number:
             segment = self._current
@@ -231,10 +232,10 @@ class JournalWriter:
         return Record(entry.sequence, entry.kind, data, entry.about)
 
     def close(self) -> None:
-        """Give the descriptors back."""
+        """Close all segments."""
         self._leave()
         for segment in self._earlier.values():
-            with contextlib.suppress(OSError):  # everything in it was synced
+            with contextlib.suppress(OSError):  # all its records were synced
                 self._storage.close(segment.descriptor)
         self._earlier.clear()
 
@@ -243,73 +244,73 @@ class JournalWriter:
         return _Segment(descriptor, storage.size(descriptor), storage.stamp(descriptor))
 
     def _open(self) -> dict[int, _Segment]:
-        """The segments that are open, by number."""
+        """Return the open segments by number."""
         if self._current is None:
             return self._earlier
         return {**self._earlier, self._number: self._current}
 
     def _ready(self, length: int) -> _Segment:
-        """The segment that takes a record of this length."""
+        """Return the segment for a record of this length."""
         segment = self._current
         if segment is not None and (
-            segment.end + length > LARGEST_SEGMENT
-            # Others wrote to it: what they wrote must not be written over.
+            segment.end + length > MAX_SEGMENT_BYTES
+            # Data of other programs must not be overwritten.
             or self._storage.size(segment.descriptor) != segment.end
-            # It has another name, as in a backup made of links: that must stay as it is.
+            # A second name, as in a backup made of links: the backup must not change.
             or self._storage.names(segment.descriptor) > 1
         ):
             segment = None
         return segment if segment is not None else self._begin_segment()
 
     def _write(self, segment: _Segment, data: bytes) -> None:
-        # What others wrote since it was looked at last would be covered by the stamp of this write.
+        # The stamp of this write would hide earlier writes of other programs.
         segment.doubtful |= self._storage.stamp(segment.descriptor) != segment.stamp
         try:
             self._storage.write_at(segment.descriptor, data, segment.end)
         except OSError:
             self._cut(segment)
             raise
-        # Before it waits for the disk: who writes meanwhile changes the stamp once more.
-        segment.stamp = self._storage.stamp_own_write(segment.descriptor)
+        # Before the sync: a write of another program during the sync changes the stamp again.
+        segment.stamp = self._storage.stamp_after_write(segment.descriptor)
 
     def _cut(self, segment: _Segment) -> None:
         try:
             self._storage.truncate(segment.descriptor, segment.end)
-            segment.stamp = self._storage.stamp_own_write(segment.descriptor)
+            segment.stamp = self._storage.stamp_after_write(segment.descriptor)
         except OSError:
-            self._leave(whole=False)
+            self._leave(keeps_length=False)
 
-    def _leave(self, *, whole: bool = True) -> None:
-        """Write no more to the segment; `whole`: its length is as known, and watched."""
+    def _leave(self, *, keeps_length: bool = True) -> None:
+        """End writing to the segment; `keeps_length`: its length is that of this program."""
         segment, self._current = self._current, None
         if segment is None:
             return
-        if not whole:
+        if not keeps_length:
             with contextlib.suppress(OSError):
                 segment.end = self._storage.size(segment.descriptor)
         self._earlier[self._number] = segment
-        while len(self._earlier) > MOST_OPEN:
+        while len(self._earlier) > MAX_OPEN_SEGMENTS:
             oldest = self._earlier.pop(min(self._earlier))
             with contextlib.suppress(OSError):
                 self._storage.close(oldest.descriptor)
 
     def _begin_segment(self) -> _Segment:
-        self._leave(whole=False)
+        self._leave(keeps_length=False)
         number = max([self._number, *self._layout.segments()]) + 1
         descriptor = self._storage.open(self._layout.segment(number), create=True)
-        self._storage.lock(descriptor)  # nobody else can have a file that was made just now
+        self._storage.lock(descriptor)  # no other program can have locked a new file
         self._number, self._current = number, self._segment(descriptor)
         try:
             self._storage.sync_directory(self._layout.journal)
         except OSError:
-            # A file without a name is no place for a record.
+            # A record in a file without a name on the disk would be lost.
             self._leave()
             raise
         return self._current
 
 
 class Located(NamedTuple):
-    """A record with the segment that it is in."""
+    """A record with its segment."""
 
     segment: int
     frame: Frame
@@ -317,14 +318,14 @@ class Located(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A damaged stretch with the segment that it is in."""
+    """A damaged part with its segment."""
 
     segment: int
     damage: Damage
 
 
 def scan_journal(layout: Layout) -> Iterator[Located | Stretch]:
-    """Records and damaged stretches of all segments; one record is in memory at a time.
+    """Yield records and damaged parts of all segments; one record is in memory at a time.
 
     Raises
     ------
@@ -335,11 +336,11 @@ def scan_journal(layout: Layout) -> Iterator[Located | Stretch]:
         path = layout.segment(segment)
         try:
             with path.open("rb") as stream:
-                for found in scan(stream):
-                    if isinstance(found, Frame):
-                        yield Located(segment, found)
+                for item in scan(stream):
+                    if isinstance(item, Frame):
+                        yield Located(segment, item)
                     else:
-                        yield Stretch(segment, found)
+                        yield Stretch(segment, item)
         except FileNotFoundError:
             continue
         except OSError as err:
@@ -347,12 +348,12 @@ def scan_journal(layout: Layout) -> Iterator[Located | Stretch]:
 
 
 def read_record(layout: Layout, segment: int, offset: int) -> Frame:
-    """The record at a place of the journal.
+    """Read the record at a place of the journal.
 
     Raises
     ------
     RecordingError
-        If there is none that is whole.
+        If there is no undamaged record.
     """
     path: Path = layout.segment(segment)
     try:

@@ -10,21 +10,21 @@ from typing import Literal
 from pfwd_device.errors import RecordingError
 
 ResultKind = Literal["drop", "trial", "diagnosis"]
-"""What is kept with a drop: its result, what somebody tried with other settings, or what was found
-of its point. The names of the files begin with it."""
+"""Kind of a stored result, with which the name of its file begins: the result of a drop, a trial
+with other settings, or a diagnosis of its point."""
 
 FORMAT_VERSION = 1
 
 PEAKS_FORMAT_VERSION = 2
-"""Of a survey with drops that have no traces. Programs that know version 1 alone refuse it, and say
-that a newer one reads it; a survey without such drops stays one of version 1."""
+"""Format version of a survey with drops without traces, which programs of version 1 refuse. A
+survey without such drops stays one of version 1."""
 
-_JUNCTION: int | None = getattr(stat, "IO_REPARSE_TAG_MOUNT_POINT", None)  # of Windows alone
+_JUNCTION: int | None = getattr(stat, "IO_REPARSE_TAG_MOUNT_POINT", None)  # exists on Windows
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where the files of a survey are."""
+    """Paths of the files of a survey."""
 
     folder: Path
 
@@ -84,39 +84,39 @@ class Layout:
 
     @staticmethod
     def drop_file_name(number: int) -> str:
-        """Path of a drop's file within the survey, as it is written down."""
+        """Return the path of a drop's file within the survey, as in records."""
         return f"drops/drop-{number:06d}.h5"
 
     def result(self, number: int, count: int, kind: ResultKind) -> Path:
-        """File of the ``count``-th result of a kind that is kept with a drop."""
+        """Return the file of the ``count``-th result of a kind for a drop."""
         return self.results / f"{kind}-{number:06d}-{count}.json"
 
     def segments(self) -> list[int]:
-        """Numbers of the journal's segments that exist."""
+        """Return the numbers of the existing segments of the journal."""
         return sorted(_numbers(self.journal, r"(\d{4,})\.pfwdj"))
 
     def drop_files(self) -> list[int]:
-        """Survey-wide numbers of the drops that have a file."""
+        """Return the survey-wide numbers of the drops with a file."""
         return sorted(_numbers(self.drops, r"drop-(\d{6,})\.h5"))
 
     def relative(self, path: Path) -> str:
-        """Path within the survey as it is written down, with ``/`` on every system."""
+        """Return the path within the survey as in records, with ``/`` on every system."""
         return path.relative_to(self.folder).as_posix()
 
     def exists(self) -> bool:
-        """Whether anything of a survey is in the folder."""
+        """Return True if the folder contains any part of a survey."""
         return bool(self.ledger.exists() or self.segments() or self.drop_files())
 
 
 def refuse_links(layout: Layout) -> None:
-    """Refuse a survey that leads out of its folder; nothing is written through a link in it.
+    """Refuse a survey with links in it, through which a write would leave its folder.
 
-    The folder itself may be reached by a link: that is the will of whoever named it.
+    The folder itself may be a link, as the user has named it.
 
     Raises
     ------
     RecordingError
-        If something in the survey is a link, or no file where one belongs. Naming it.
+        If a part of the survey is a link, or no file where a file belongs; the message names it.
     """
     inner = (*layout.folders, layout.log)
     for folder in (layout.folder, *inner):
@@ -132,12 +132,12 @@ def refuse_links(layout: Layout) -> None:
 
 
 def refuse_special_files(layout: Layout) -> None:
-    """Refuse a survey that holds named pipes, devices and the like: reading them may never end.
+    """Refuse a survey with named pipes or devices in it, whose reading may never end.
 
     Raises
     ------
     RecordingError
-        Naming the first.
+        If there is one; the message names the first.
     """
     for folder in (layout.folder, *layout.folders):
         for entry in _entries(folder):
@@ -152,28 +152,28 @@ def refuse_special_files(layout: Layout) -> None:
 def _leads_to_special(entry: os.DirEntry[str]) -> bool:
     try:
         mode = entry.stat().st_mode
-    except OSError:  # it leads nowhere
+    except OSError:  # a link without a target
         return False
     return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
 
 
 def _entries(folder: Path) -> list[os.DirEntry[str]]:
     try:
-        with os.scandir(folder) as found:
-            return list(found)
+        with os.scandir(folder) as iterator:
+            return list(iterator)
     except OSError:
         return []
 
 
 def _is_junction(entry: os.DirEntry[str]) -> bool:
-    """Whether it is a folder's link of Windows, which does not count as a symbolic one."""
-    if _JUNCTION is None:  # elsewhere every look is a call to the system
+    """Return True for a junction of Windows, which is no symbolic link."""
+    if _JUNCTION is None:  # on other systems the test would only cost a system call
         return False
     return getattr(entry.stat(follow_symlinks=False), "st_reparse_tag", 0) == _JUNCTION
 
 
 def names_in(folder: Path) -> list[str]:
-    """Names in a folder, sorted; none when it does not exist."""
+    """Return the names in a folder, sorted; an empty list if it does not exist."""
     try:
         return sorted(os.listdir(folder))
     except OSError:

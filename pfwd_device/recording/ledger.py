@@ -1,4 +1,4 @@
-"""The ledger: one line of text per acknowledged record, so that what is lost is known by number.
+"""The ledger: one line of text for each acknowledged record, which identifies lost records.
 
 A line is ``sequence kind segment offset length check about crc``, separated by single blanks;
 ``check`` is the CRC of the record's header, ``crc`` the CRC-32 of the line before it, both as eight
@@ -21,20 +21,20 @@ from urllib.parse import quote, unquote
 from pfwd_device.recording.storage import Stamp, Storage
 from pfwd_device.text import clean
 
-LARGEST_LEDGER = 24 * 2**20
-"""Bytes; ten times what a survey of 10,000 drops takes. A line takes ten times its length when
-it is read, so that more would not fit into 500 MB; a larger file is none of ours."""
+MAX_LEDGER_BYTES = 24 * 2**20
+"""Largest ledger: ten times that of a survey of 10,000 drops. Reading takes ten times its size in
+memory, so that a larger one would need more than 500 MB."""
 
-LONGEST_LINE = 4096
+MAX_LEDGER_LINE_BYTES = 4096
 
 _LINE = re.compile(
     rb"(0|[1-9]\d{0,17}) (0|[1-9]\d{0,8}) (0|[1-9]\d{0,8}) (0|[1-9]\d{0,17}) (0|[1-9]\d{0,8}) "
     rb"([0-9a-f]{8}) ([!-~]{1,999}) ([0-9a-f]{8})"
 )
-"""Exactly what :meth:`Entry.line` writes: a number in another form is damage."""
+"""Pattern of the lines that :meth:`Entry.line` writes: a number in another form is damage."""
 
 _ABOUT = re.compile(r"(\d{1,9}):([^/\s]+)/(\d{1,18})", re.ASCII)
-_HEAD = re.compile(r"pfwd-ledger 1 ([0-9a-f]{32}) ([0-9a-f]{8})", re.ASCII)
+_FIRST_LINE = re.compile(r"pfwd-ledger 1 ([0-9a-f]{32}) ([0-9a-f]{8})", re.ASCII)
 
 
 class Entry(NamedTuple):
@@ -49,7 +49,7 @@ class Entry(NamedTuple):
     about: str = "-"
 
     def line(self) -> bytes:
-        """The line of the ledger, with its end."""
+        """Return the line of the ledger, including its end."""
         text = (
             f"{self.sequence} {self.kind} {self.segment} {self.offset} {self.length} "
             f"{self.check:08x} {self.about}"
@@ -59,37 +59,37 @@ class Entry(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class LedgerText:
-    """What is in a ledger."""
+    """Content of a ledger."""
 
     survey: bytes | None
-    """Identity of the survey; None when the first line is damaged."""
+    """Identity of the survey; None if the first line is damaged."""
     entries: tuple[Entry, ...]
-    """The lines that are whole."""
+    """Undamaged lines."""
     damaged: tuple[int, ...]
-    """Numbers of the lines that are not, from 1."""
+    """Numbers of the damaged lines, from 1."""
     missing: bool = False
-    """There is no ledger."""
+    """True if there is no ledger."""
     data: bytes | None = field(default=None, compare=False, repr=False)
-    """Its bytes, where they are known to be exactly these lines."""
+    """Bytes of the ledger, if they are known to be exactly these lines."""
 
 
 def head_line(survey: bytes) -> bytes:
-    """First line of the ledger of a survey."""
+    """Return the first line of the ledger of a survey."""
     return _closed(f"pfwd-ledger 1 {survey.hex()}")
 
 
 def about_drop(number: int, point: str, drop: int) -> str:
-    """What the ledger says of a drop."""
+    """Return the description of a drop in the ledger."""
     return f"{number}:{_quoted(point)}/{drop}"
 
 
-@lru_cache(maxsize=4096)  # the same for all drops of a point
+@lru_cache(maxsize=4096)  # all drops of a point have the same name
 def _quoted(point: str) -> str:
     return quote(point, safe="")
 
 
 def read_about(about: str) -> tuple[int, str, int] | None:
-    """Survey-wide number, point and number within it; None when it is no drop."""
+    """Return survey-wide number, point and number within it; None if it is no drop."""
     match = _ABOUT.fullmatch(about)
     if match is None:
         return None
@@ -102,12 +102,12 @@ def _unquoted(point: str) -> str:
 
 
 def ledger_bytes(survey: bytes, entries: Iterable[Entry]) -> bytes:
-    """A whole ledger."""
+    """Return the bytes of a complete ledger."""
     return head_line(survey) + b"".join(entry.line() for entry in entries)
 
 
 def read_ledger(path: Path) -> LedgerText:
-    """The ledger at `path`; damage is told, never raised."""
+    """Read the ledger at `path`; damage is part of the result and never raised."""
     try:
         data = ledger_data(path)
     except FileNotFoundError:
@@ -118,20 +118,20 @@ def read_ledger(path: Path) -> LedgerText:
 
 
 def ledger_data(path: Path) -> bytes | None:
-    """The bytes of a ledger; None: more than a ledger has. Raises OSError."""
-    return None if os.path.getsize(path) > LARGEST_LEDGER else path.read_bytes()
+    """Return the bytes of a ledger, or None if the file is too large; raise OSError."""
+    return None if os.path.getsize(path) > MAX_LEDGER_BYTES else path.read_bytes()
 
 
 def head_survey(line: bytes) -> bytes | None:
-    """Identity of the survey in the first line, without its end; None when that is damaged."""
-    head = _HEAD.fullmatch(_text(line))
+    """Return the identity of the survey in the first line, without its end; None if damaged."""
+    head = _FIRST_LINE.fullmatch(_text(line))
     if head is None or head_line(bytes.fromhex(head[1])) != line + b"\n":
         return None
     return bytes.fromhex(head[1])
 
 
 def parse_ledger(data: bytes) -> LedgerText:
-    """What the bytes of a ledger say, whatever they are."""
+    """Parse the bytes of a ledger, with any damage."""
     survey = None
     entries: list[Entry] = []
     damaged: list[int] = []
@@ -150,7 +150,7 @@ def parse_ledger(data: bytes) -> LedgerText:
 
 
 class LedgerWriter:
-    """Appends lines; after a failure the next one first puts a whole new ledger in place."""
+    """Writer that appends lines; after a failure it first writes a complete new ledger."""
 
     def __init__(
         self,
@@ -169,32 +169,32 @@ class LedgerWriter:
         self._end = 0
         self._stamp: Stamp | None = None
         self.doubtful: Entry | None = None
-        """The line of a failed append that the disk may hold, until the ledger is rewritten."""
+        """Line of a failed append that may be on the disk until the ledger is rewritten."""
         self._in_place = True
 
     def append(self, entry: Entry) -> None:
-        """Return when the line is on the disk; on OSError the ledger is as it was, or redone."""
+        """Append a line and wait for the disk; on OSError the ledger is unchanged or rewritten."""
         if self._descriptor is None:
             self._reopen()
         assert self._descriptor is not None
         line = entry.line()
-        if self._end + len(line) > LARGEST_LEDGER:  # what is not read again is not written
+        if self._end + len(line) > MAX_LEDGER_BYTES:  # a larger ledger could not be read
             raise OSError(errno.EFBIG, f"{self._path.name} is full: begin another survey")
         self.doubtful = entry
         try:
-            # What others wrote since would be covered by the stamp of this write.
-            known = self._storage.stamp(self._descriptor) == self._stamp
+            # The stamp of this write would hide earlier writes of other programs.
+            unchanged = self._storage.stamp(self._descriptor) == self._stamp
             self._storage.write_at(self._descriptor, line, self._end)
-            stamp = self._storage.stamp_own_write(self._descriptor)
-            self._stamp = stamp if known else None
+            stamp = self._storage.stamp_after_write(self._descriptor)
+            self._stamp = stamp if unchanged else None
         except OSError:
-            self.doubtful = None  # a line in part is none
+            self.doubtful = None  # an incomplete line does not count
             self._cut()
             raise
         try:
             self._storage.sync(self._descriptor)
         except OSError:
-            # What a failed sync leaves on the disk is not known, and a second one may lie.
+            # After a failed sync the disk is unknown, and a second sync may falsely succeed.
             self.close()
             self._rewrite([*self._entries, entry])
         else:
@@ -204,69 +204,69 @@ class LedgerWriter:
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """What is acknowledged, in the order of the lines."""
+        """Acknowledged records, in the order of the lines."""
         return tuple(self._entries)
 
     def problem(self) -> str | None:
-        """Why others do not find in the ledger's place what was written; None: they do."""
-        if self._descriptor is None:  # the next line puts a whole ledger in place
+        """Return the difference between the written ledger and the file; None without one."""
+        if self._descriptor is None:  # the next append writes a complete ledger
             return None
         why = self._storage.misplaced(self._descriptor, self._path, self._end)
         return why if why is not None else self._changed()
 
     def _changed(self) -> str | None:
-        """Why the lines are not those that were written, though their length is the same."""
+        """Return the problem if the lines were changed at the same length; None otherwise."""
         assert self._descriptor is not None
         stamp = self._storage.stamp(self._descriptor)
         if stamp is not None and stamp == self._stamp:
             return None
-        whole = ledger_bytes(self._survey, self._entries)
+        content = ledger_bytes(self._survey, self._entries)
         try:
-            there = self._storage.read_at(self._descriptor, self._end, 0)
+            actual = self._storage.read_at(self._descriptor, self._end, 0)
         except OSError as err:
             return f"{self._path.name} cannot be read any more ({err.strerror or err})"
-        if there != whole:
+        if actual != content:
             return f"{self._path.name} was written over by another program"
         self._stamp = stamp
         return None
 
     def replace(self, entries: list[Entry]) -> None:
-        """Put a whole ledger of these entries in place; raises OSError."""
+        """Write a complete ledger of these entries; raise OSError."""
         self.close()
         self._data = None
         self._rewrite(entries)
         self._entries = entries
 
     def close(self) -> None:
-        """Give the descriptor back."""
+        """Close the file."""
         if self._descriptor is not None:
             descriptor, self._descriptor = self._descriptor, None
-            with contextlib.suppress(OSError):  # every line in it was synced
+            with contextlib.suppress(OSError):  # all its lines were synced
                 self._storage.close(descriptor)
 
     def forget(self, sequence: int) -> None:
-        """Take no line of this number or later for written; the next one rewrites the ledger."""
+        """Remove the lines from this number on; the next append rewrites the ledger."""
         self.close()
         self._data = None
         while self._entries and self._entries[-1].sequence >= sequence:
             self._entries.pop()
 
     def _reopen(self) -> None:
-        # What is known of the beginning holds until the first line is added.
-        whole, self._data = self._data or ledger_bytes(self._survey, self._entries), None
-        if not (self._in_place and self._holds(whole)):
+        # The bytes from the start of the program are valid until the first line is added.
+        content, self._data = self._data or ledger_bytes(self._survey, self._entries), None
+        if not (self._in_place and self._holds(content)):
             self._rewrite(self._entries)
         self._descriptor = self._storage.open(self._path)
-        self._end = len(whole)
-        self._stamp = None  # compared when it is looked at next
+        self._end = len(content)
+        self._stamp = None  # the next call of `problem` compares the content
 
-    def _holds(self, whole: bytes) -> bool:
-        """Whether the file has these bytes; one of another size is not read."""
-        there = self._path.exists() and self._path.stat().st_size == len(whole)
-        return there and self._path.read_bytes() == whole
+    def _holds(self, content: bytes) -> bool:
+        """Return True if the file has these bytes; a file of another size is not read."""
+        same_size = self._path.exists() and self._path.stat().st_size == len(content)
+        return same_size and self._path.read_bytes() == content
 
     def _rewrite(self, entries: list[Entry]) -> None:
-        # Until its name is on the disk, an earlier ledger may come back, whatever can be read now.
+        # Until its name is on the disk, a power cut may bring back an earlier ledger.
         self._in_place = False
         self._storage.write_file(self._path, ledger_bytes(self._survey, entries))
         self._in_place = True
@@ -287,7 +287,7 @@ def _closed(text: str) -> bytes:
 
 
 def _lines(data: bytes) -> Iterator[bytes]:
-    """Lines without their end; the last one, when it has no end, with a mark that spoils it."""
+    """Yield the lines without their ends; an unfinished last line is made invalid."""
     *lines, rest = data.split(b"\n")
     yield from lines
     if rest:
@@ -295,11 +295,11 @@ def _lines(data: bytes) -> Iterator[bytes]:
 
 
 def _text(line: bytes) -> str:
-    return line.decode("latin-1") if len(line) <= LONGEST_LINE else ""
+    return line.decode("latin-1") if len(line) <= MAX_LEDGER_LINE_BYTES else ""
 
 
 def _entry(line: bytes) -> Entry | None:
-    match = _LINE.fullmatch(line) if len(line) <= LONGEST_LINE else None
+    match = _LINE.fullmatch(line) if len(line) <= MAX_LEDGER_LINE_BYTES else None
     if match is None:
         return None
     sequence, kind, segment, offset, length, check, about, crc = match.groups()

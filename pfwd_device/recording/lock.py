@@ -1,4 +1,4 @@
-"""One program writes a survey; a second one learns who that is."""
+"""Lock of a survey: one program writes it, and the message to a second one names the first."""
 
 import contextlib
 import os
@@ -16,12 +16,13 @@ from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.storage import Storage
 from pfwd_device.text import clean
 
-_TRIES = 5
-_PAUSE = 0.02  # s; a check that looks whether somebody writes holds the lock for microseconds
+_N_TRIES = 5
+_RETRY_PAUSE_S = 0.02
+"""Time between two attempts, s: another program that tests the lock holds it for microseconds."""
 
 
 class SurveyLock:
-    """Held from creation to :meth:`release`; the system frees it when the program is killed."""
+    """Lock from creation to :meth:`release`; the system frees it when the program is killed."""
 
     def __init__(self, layout: Layout, storage: Storage) -> None:
         self._layout = layout
@@ -29,20 +30,20 @@ class SurveyLock:
         self._acquire()
 
     def problem(self) -> str | None:
-        """Why the lock does not keep other programs out any more; None: it does."""
+        """Return the reason why the lock no longer excludes other programs; None if it does."""
         path = self._layout.lock
         try:
-            there = os.lstat(path)
+            status = os.lstat(path)
         except FileNotFoundError:
             return f"{path.name} is gone"
         except OSError as err:
             return f"{path.name} cannot be reached any more ({err.strerror or err})"
-        if (there.st_dev, there.st_ino) != self._file:
+        if (status.st_dev, status.st_ino) != self._file:
             return f"{path.name} was replaced by another file"
         return None
 
-    def acquire_again(self) -> None:
-        """Lock the file that is in the lock's place now.
+    def reacquire(self) -> None:
+        """Lock the file that is now at the path of the lock.
 
         Raises
         ------
@@ -51,12 +52,12 @@ class SurveyLock:
         """
         before = self._lock
         self._acquire()
-        with contextlib.suppress(OSError):  # of a file that nobody finds any more
+        with contextlib.suppress(OSError):  # the former file no longer has this path
             before.release()
 
     def release(self) -> None:
-        """Let the next program write."""
-        # An unlock that failed is made good by the system when the program ends.
+        """Release the lock."""
+        # After a failed unlock the system releases it when the program ends.
         with contextlib.suppress(OSError):
             self._lock.release()
 
@@ -65,7 +66,7 @@ class SurveyLock:
         lock = FileLock(layout.lock, timeout=0, thread_local=False)
         try:
             _try(lock)
-            there = os.lstat(layout.lock)
+            status = os.lstat(layout.lock)
         except Timeout as err:
             raise SurveyLocked(
                 f"{layout.folder}: expected to be the only program that writes, got another: "
@@ -75,8 +76,8 @@ class SurveyLock:
             raise RecordingError(
                 f"{layout.folder}: expected a folder that can be written, got {err}"
             ) from err
-        self._lock, self._file = lock, (there.st_dev, there.st_ino)
-        with contextlib.suppress(OSError):  # names the holder, protects nothing
+        self._lock, self._file = lock, (status.st_dev, status.st_ino)
+        with contextlib.suppress(OSError):  # the file only names the holder
             text = (
                 f"pid {os.getpid()}\nhost {clean(socket.gethostname())}\n"
                 f"since {datetime.now(UTC).isoformat(timespec='seconds')}\n"
@@ -86,15 +87,15 @@ class SurveyLock:
 
 @contextlib.contextmanager
 def file_locked(path: Path, timeout: float, storage: Storage) -> Iterator[None]:
-    """Nobody else has locked the file meanwhile; it is made where it is missing.
+    """Hold the lock of a file, which is created if it is missing.
 
-    On POSIX systems closing the file unlocks it. A lock that is given back by a call of its own
-    stays with this program when that call fails, and the next one in the same program waits for it.
+    On POSIX systems closing the file unlocks it. If an explicit unlock failed, the lock would stay
+    with this program, and the next lock in the same program would wait for it.
 
     Raises
     ------
     TimeoutError
-        If somebody holds it for longer than `timeout` s.
+        If another program holds it for longer than `timeout` s.
     OSError
         If the file cannot be opened.
     """
@@ -111,31 +112,31 @@ def file_locked(path: Path, timeout: float, storage: Storage) -> Iterator[None]:
             while not storage.lock(descriptor):
                 if time.monotonic() >= deadline:
                     raise Timeout(str(path))
-                time.sleep(_PAUSE)
+                time.sleep(_RETRY_PAUSE_S)
             yield
         finally:
-            with contextlib.suppress(OSError):  # it is closed all the same, and nothing was in it
+            with contextlib.suppress(OSError):  # it is closed nevertheless, and has no content
                 storage.close(descriptor)
 
 
 def _try(lock: FileLock) -> None:
-    for _ in range(_TRIES - 1):
+    for _ in range(_N_TRIES - 1):
         try:
             lock.acquire()
         except Timeout:
-            time.sleep(_PAUSE)
+            time.sleep(_RETRY_PAUSE_S)
         else:
             return
     lock.acquire()
 
 
 def is_locked(layout: Layout) -> bool:
-    """Whether a program writes the survey now."""
+    """Return True while a program writes the survey."""
     return _lock_is_held(layout) or _journal_is_held(layout)
 
 
 def _journal_is_held(layout: Layout) -> bool:
-    """Whether the last segment is locked, as it is though somebody took ``survey.lock`` away."""
+    """Return True if the last segment is locked, which holds even without ``survey.lock``."""
     storage = Storage()
     for number in layout.segments()[-1:]:
         try:

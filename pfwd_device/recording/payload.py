@@ -1,7 +1,7 @@
-"""Payload of a record: JSON, then arrays as the JSON describes them.
+"""Payload of a record: JSON, then the arrays that the JSON describes.
 
 ``u32 length of the JSON | JSON in ASCII, keys sorted | arrays, little-endian``. The JSON is an
-object with ``data`` (what it says), ``arrays`` (name, dtype and shape of each, in order) and
+object with ``data`` (the values), ``arrays`` (name, dtype and shape of each, in order) and
 ``packed`` (true: the arrays together are compressed by zlib). Numbers that are not finite are
 written NaN, Infinity and -Infinity, as Python's json does.
 """
@@ -21,39 +21,40 @@ from numpy.typing import NDArray
 
 from pfwd_device.errors import RecordingError
 
-LARGEST_ARRAYS = 128 * 2**20
-"""Bytes of all arrays of a record, unpacked: twice a drop of 8 channels and 10 s at 50 kHz, which
-has 58 MB with its counts. A few packed bytes can announce any number."""
+MAX_ARRAY_BYTES = 128 * 2**20
+"""Largest size of all unpacked arrays of a record: twice a drop of 8 channels and 10 s at 50 kHz,
+which has 58 MB with its counts. A few packed bytes can announce any size."""
 
-LARGEST_JSON = 32 * 2**20
-"""Bytes of a JSON text. The longest is what an exported survey says of its drops, some 300 bytes
-of each, so that one of 10,000 drops has 3 MB."""
+MAX_JSON_BYTES = 32 * 2**20
+"""Largest JSON text. The longest describes the drops of an exported survey, some 300 bytes each:
+3 MB for 10,000 drops."""
 
-MOST_JSON_VALUES = 2_500_000
-"""Commas, colons and brackets of a JSON text. Each may stand for a value of up to 100 bytes of
-memory, thirty times what it takes in the text; 10,000 drops of an exported survey have 300,000."""
+MAX_JSON_VALUES = 2_500_000
+"""Largest number of commas, colons and brackets in a JSON text. Each may be a value of up to 100
+bytes of memory, thirty times its length in the text; 10,000 drops of an exported survey have
+300,000."""
 
-MOST_ARRAYS = 4096
+MAX_ARRAYS = 4096
 DTYPES = ("<f8", "<i4", "|u1")
 
-_LENGTH = struct.Struct("<I")
+_JSON_LENGTH = struct.Struct("<I")
 _DECODE = json.JSONDecoder().raw_decode
-_BLANKS = b" \t\n\r"
-"""Those of JSON."""
+_JSON_BLANKS = b" \t\n\r"
+"""White space of JSON."""
 _SIGNS = (",", ":", "[", "{")
 
 Array = NDArray[Any]
 Payload = bytes | memoryview
-Found = TypeVar("Found")
+Parsed = TypeVar("Parsed")
 
 
 def encode_json(data: Any) -> str:
-    """`data` as JSON in ASCII, always the same text for the same data.
+    """Return `data` as JSON in ASCII, always the same text for the same data.
 
     Raises
     ------
     RecordingError
-        If it holds something that JSON does not know.
+        If it contains a value that JSON does not have.
     """
     try:
         return json.dumps(
@@ -74,17 +75,17 @@ def _plain(value: object) -> object:
 
 
 def decode_json(text: str | bytes) -> Any:
-    """What JSON says; every refusal is a RecordingError."""
+    """Parse JSON; every refusal is a RecordingError."""
     if (problem := json_excess(text)) is not None:
         raise RecordingError(problem)
     try:
         if isinstance(text, bytes) and text.isascii():
-            # Half of the time goes to telling UTF-16 and others, and to blanks before the value;
-            # nobody writes those. A result's file ends with the end of a line. An error is found
-            # again, and told, below.
+            # Half of the time of json.loads goes to the detection of UTF-16 and others and to
+            # leading blanks, which no program writes here. The file of a result ends with a line
+            # feed. json.loads below raises the errors.
             with contextlib.suppress(ValueError):
                 value, end = _DECODE(text.decode("ascii"))
-                if end == len(text) or not text[end:].strip(_BLANKS):
+                if end == len(text) or not text[end:].strip(_JSON_BLANKS):
                     return value
         return json.loads(text)
     except (ValueError, RecursionError) as err:  # UnicodeDecodeError is a ValueError
@@ -92,24 +93,24 @@ def decode_json(text: str | bytes) -> Any:
 
 
 def json_excess(text: str | bytes) -> str | None:
-    """What is too much of a JSON text, before anything is made of it; None: nothing."""
-    if len(text) > LARGEST_JSON:
-        return f"expected JSON of at most {LARGEST_JSON} bytes, got {len(text)}"
-    if len(text) <= MOST_JSON_VALUES:  # as every record of the journal
+    """Return the limit that a JSON text exceeds, before it is parsed; None if it exceeds none."""
+    if len(text) > MAX_JSON_BYTES:
+        return f"expected JSON of at most {MAX_JSON_BYTES} bytes, got {len(text)}"
+    if len(text) <= MAX_JSON_VALUES:  # every record of the journal is shorter
         return None
     if isinstance(text, str):
         values = sum(text.count(sign) for sign in _SIGNS)
     else:
         values = sum(text.count(sign.encode()) for sign in _SIGNS)
-    if values > MOST_JSON_VALUES:
-        return f"expected JSON of at most {MOST_JSON_VALUES} values, got {values}"
+    if values > MAX_JSON_VALUES:
+        return f"expected JSON of at most {MAX_JSON_VALUES} values, got {values}"
     return None
 
 
 def encode_payload(
     data: Mapping[str, Any], arrays: Mapping[str, Array] | None = None, *, pack: bool = True
 ) -> bytes:
-    """`data` and `arrays` as the payload of a record."""
+    """Return `data` and `arrays` as the payload of a record."""
     head, parts = _described_parts(data, arrays or {}, pack=pack)
     if not (pack and parts):
         return b"".join([head, *parts])
@@ -120,7 +121,7 @@ def encode_payload(
 def _described_parts(
     data: Mapping[str, Any], arrays: Mapping[str, Array], *, pack: bool
 ) -> tuple[bytes, list[memoryview]]:
-    """What stands before the arrays, and the bytes of those that have any."""
+    """Return the bytes before the arrays, and the bytes of the arrays that are not empty."""
     described = []
     parts = []
     total = 0
@@ -132,59 +133,60 @@ def _described_parts(
         total += array.nbytes
         if array.nbytes:
             parts.append(np.ascontiguousarray(array, dtype=dtype).data.cast("B"))
-    if total > LARGEST_ARRAYS:
-        raise RecordingError(f"expected arrays of at most {LARGEST_ARRAYS} bytes, got {total}")
+    if total > MAX_ARRAY_BYTES:
+        raise RecordingError(f"expected arrays of at most {MAX_ARRAY_BYTES} bytes, got {total}")
     pack = pack and bool(parts)
     text = encode_json({"data": data, "arrays": described, "packed": pack}).encode("ascii")
-    if (problem := json_excess(text)) is not None:  # what is not read again is not written
+    if (problem := json_excess(text)) is not None:  # a larger text could not be read
         raise RecordingError(problem)
-    return _LENGTH.pack(len(text)) + text, parts
+    return _JSON_LENGTH.pack(len(text)) + text, parts
 
 
 def decode_payload(
-    payload: bytes, wanted: Callable[[str], bool] = lambda _: True
+    payload: bytes, select: Callable[[str], bool] = lambda _: True
 ) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Data and arrays (read-only) of a payload.
+    """Return data and arrays (read-only) of a payload.
 
     Parameters
     ----------
     payload : bytes
-    wanted : callable
-        Whether an array is, by its name; nothing is unpacked behind the last that is.
+    select : callable
+        Function of the name of an array that returns True if it is required; nothing behind the
+        last required one is unpacked.
 
     Raises
     ------
     RecordingError
-        If the payload is anything else than what :func:`encode_payload` makes.
+        If the payload has another form than that of :func:`encode_payload`.
     """
     head, end = _head(payload)
-    return _object(head.get("data")), _arrays(head, payload[end:], wanted)
+    return _object(head.get("data")), _arrays(head, payload[end:], select)
 
 
 def decode_payload_unless(
-    payload: bytes, find: Callable[[dict[str, Any]], Found | None], wanted: Callable[[str], bool]
-) -> tuple[dict[str, Any], Found | dict[str, Array]]:
-    """As :func:`decode_payload`, with what is found in the data in place of the arrays."""
+    payload: bytes, find: Callable[[dict[str, Any]], Parsed | None], select: Callable[[str], bool]
+) -> tuple[dict[str, Any], Parsed | dict[str, Array]]:
+    """Return the data and the result of `find`, or the selected arrays if that is None."""
     head, end = _head(payload)
     data = _object(head.get("data"))
-    found = find(data)
-    return data, _arrays(head, payload[end:], wanted) if found is None else found
+    parsed = find(data)
+    return data, _arrays(head, payload[end:], select) if parsed is None else parsed
 
 
 def _arrays(
-    head: Mapping[str, Any], rest: bytes, wanted: Callable[[str], bool]
+    head: Mapping[str, Any], rest: bytes, select: Callable[[str], bool]
 ) -> dict[str, Array]:
     described = head.get("arrays")
-    if not isinstance(described, list) or len(described) > MOST_ARRAYS:
-        raise RecordingError(f"expected a list of at most {MOST_ARRAYS} arrays, got another thing")
+    if not isinstance(described, list) or len(described) > MAX_ARRAYS:
+        raise RecordingError(f"expected a list of at most {MAX_ARRAYS} arrays, got another thing")
     layout = [_described(entry) for entry in described]
     total = sum(size for *_, size in layout)
-    if total > LARGEST_ARRAYS:
-        raise RecordingError(f"expected arrays of at most {LARGEST_ARRAYS} bytes, got {total}")
+    if total > MAX_ARRAY_BYTES:
+        raise RecordingError(f"expected arrays of at most {MAX_ARRAY_BYTES} bytes, got {total}")
     if len({name for name, *_ in layout}) != len(layout):
         raise RecordingError("expected every array once, got a name twice")
     ends = list(accumulate(size for *_, size in layout))
-    last = max((n for n, (name, *_) in enumerate(layout) if wanted(name)), default=-1)
+    last = max((n for n, (name, *_) in enumerate(layout) if select(name)), default=-1)
     needed = ends[last] if last >= 0 else 0
     if head.get("packed") is not True:
         block = rest
@@ -196,35 +198,35 @@ def _arrays(
         raise RecordingError(f"expected arrays of {total} bytes, got {len(block)}")
     arrays: dict[str, Array] = {}
     for (name, dtype, shape, size), end in zip(layout, ends, strict=True):
-        if end <= needed and wanted(name):
+        if end <= needed and select(name):
             values = np.frombuffer(block, dtype, math.prod(shape), end - size)
             arrays[name] = values.reshape(shape)
     return arrays
 
 
 def payload_data(payload: Payload) -> dict[str, Any]:
-    """The data of a payload alone, its arrays unread."""
+    """Return the data of a payload without reading its arrays."""
     return _object(_head(payload)[0].get("data"))
 
 
 def content_digest(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
-    """SHA-256 of data and arrays, which no compression changes."""
+    """Return the SHA-256 of data and arrays, independent of compression."""
     head, parts = _described_parts(data, arrays, pack=False)
-    found = hashlib.sha256(head)
+    digest = hashlib.sha256(head)
     for part in parts:
-        found.update(part)
-    return found.hexdigest()
+        digest.update(part)
+    return digest.hexdigest()
 
 
 def _head(payload: Payload) -> tuple[dict[str, Any], int]:
-    """The JSON, and where the arrays begin: they are not copied for who does not want them."""
-    if len(payload) < _LENGTH.size:
+    """Return the JSON and the position of the arrays, which are not copied."""
+    if len(payload) < _JSON_LENGTH.size:
         raise RecordingError(f"expected a payload, got {len(payload)} bytes")
-    (length,) = _LENGTH.unpack_from(payload)
-    end = _LENGTH.size + length
+    (length,) = _JSON_LENGTH.unpack_from(payload)
+    end = _JSON_LENGTH.size + length
     if end > len(payload):
         raise RecordingError(f"expected {length} bytes of JSON, got {len(payload)}")
-    return _object(decode_json(bytes(payload[_LENGTH.size : end]))), end
+    return _object(decode_json(bytes(payload[_JSON_LENGTH.size : end]))), end
 
 
 def _object(value: object) -> dict[str, Any]:
@@ -241,7 +243,7 @@ def _described(entry: object) -> tuple[str, str, tuple[int, ...], int]:
     if (
         not isinstance(shape, list)
         or len(shape) > 2
-        or not all(type(n) is int and 0 <= n <= LARGEST_ARRAYS for n in shape)
+        or not all(type(n) is int and 0 <= n <= MAX_ARRAY_BYTES for n in shape)
     ):
         raise RecordingError(f"array {name[:64]}: expected one or two lengths, got another shape")
     sides = tuple(shape)
@@ -249,7 +251,7 @@ def _described(entry: object) -> tuple[str, str, tuple[int, ...], int]:
 
 
 def _begin_of_unpacked(packed: bytes, size: int) -> bytes:
-    """The first bytes; what follows is not looked at: the record's checksum is of all of it."""
+    """Unpack the first bytes; the checksum of the record has verified the rest."""
     if not size:
         return b""
     try:
@@ -259,7 +261,7 @@ def _begin_of_unpacked(packed: bytes, size: int) -> bytes:
 
 
 def _unpacked(packed: bytes, size: int) -> bytes:
-    # Never more than was announced: a few bytes can promise gigabytes.
+    # Unpack no more than announced: a few bytes can contain gigabytes.
     opener = zlib.decompressobj()
     try:
         block = opener.decompress(packed, size + 1)

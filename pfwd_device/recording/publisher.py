@@ -1,8 +1,8 @@
-"""The program that makes drop files, so that HDF5 never runs where a drop is being recorded.
+"""Program that makes drop files, so that HDF5 does not run in the process that records drops.
 
-Started as ``python -m pfwd_device.recording.publisher``; reads requests as JSON lines from its
-input and answers each with one line. After an error of HDF5 or of the disk it answers and ends:
-what HDF5 does after that is not defined.
+It is started as ``python -m pfwd_device.recording.publisher``, reads requests as JSON lines from
+its input and responds to each with one line. After an error of HDF5 or of the disk it responds and
+ends, because the later behaviour of HDF5 is undefined.
 """
 
 import base64
@@ -34,31 +34,31 @@ from pfwd_device.recording.payload import decode_payload, encode_payload
 from pfwd_device.recording.record import DropRecord
 from pfwd_device.recording.storage import Storage, draft_of
 
-LOCK_TIMEOUT = 30.0
-"""s; one file takes 0.1 s, so somebody who holds the lock longer is stuck."""
+LOCK_TIMEOUT_S = 30.0
+"""Longest wait for the lock, s: one file takes 0.1 s, so a program that holds it longer hangs."""
 
 
 def answer(request: Mapping[str, Any], storage: Storage) -> dict[str, Any]:
-    """What a request asks for.
+    """Return the response to a request.
 
-    Requests: ``{"do": "publish", "survey", "drop": [segment, offset], "rebounds": [[...]]}`` is
-    answered by path, size and SHA-256 of the file; ``{"do": "read", "survey", "number"}`` by the
-    payload of a drop record that the file holds, for recovery.
+    The response to ``{"do": "publish", "survey", "drop": [segment, offset], "rebounds": [[...]]}``
+    is path, size and SHA-256 of the file; that to ``{"do": "read", "survey", "number"}`` is the
+    payload of a record of the drop in the file, for recovery.
 
     Raises
     ------
     RecordingError, OSError
-        If it cannot be done.
+        If the request fails.
     """
     layout = Layout(Path(request["survey"]))
     if request["do"] == "read":
         return _read(layout, int(request["number"]))
     drop = (int(request["drop"][0]), int(request["drop"][1]))
     rebounds = [(int(segment), int(offset)) for segment, offset in request["rebounds"]]
-    if not layout.journal.is_dir():  # the lock would make the folder again
+    if not layout.journal.is_dir():  # the lock would create the folder
         raise RecordingError(f"{layout.journal}: expected the journal, got none")
     try:
-        with file_locked(layout.publish_lock, LOCK_TIMEOUT, storage):
+        with file_locked(layout.publish_lock, LOCK_TIMEOUT_S, storage):
             return publish(layout, drop, rebounds, storage, parent=request.get("parent"))
     except TimeoutError as err:
         raise RecordingError(
@@ -70,7 +70,7 @@ def answer(request: Mapping[str, Any], storage: Storage) -> dict[str, Any]:
 def journal_drop(
     layout: Layout, drop: tuple[int, int], rebounds: list[tuple[int, int]]
 ) -> tuple[DropRecord, int, bytes]:
-    """The drop with its rebounds, its survey-wide number, and the identity of the survey."""
+    """Return the drop with its rebounds, its survey-wide number, and the identity of the survey."""
     frame = read_record(layout, *drop)
     data, arrays = decode_payload(frame.payload)
     later = tuple(rebound_from_payload(read_record(layout, *place).payload) for place in rebounds)
@@ -88,22 +88,22 @@ def publish(
     *,
     parent: int | None = None,
 ) -> dict[str, Any]:
-    """Make the file of a drop: draft, on the disk, read again and compared, renamed."""
+    """Make the file of a drop: write a draft, wait for the disk, read, compare, rename."""
     record, number, survey = journal_drop(layout, drop, rebounds)
     target = layout.drop_file(number)
     if target.exists():
-        # Published before a crash, or by a program that was slower to end than to be killed.
-        found, found_number, found_survey = read_drop_file_parts(target)
-        if not _same_drop(found, record) or (found_number, found_survey) != (number, survey):
+        # It was published before a crash, or by a killed program that was still running.
+        stored, stored_number, stored_survey = read_drop_file_parts(target)
+        if not _same_drop(stored, record) or (stored_number, stored_survey) != (number, survey):
             raise RecordingError(f"{target}: expected the file of drop {number}, got another")
         return _published(layout, target, target.read_bytes(), number)
     data = drop_file_bytes(record, number, survey)
-    if not layout.drops.is_dir():  # somebody has deleted it meanwhile
+    if not layout.drops.is_dir():  # the folder was deleted meanwhile
         storage.make_folder(layout.drops)
     draft = draft_of(target)
     storage.write_draft(draft, data)
-    again = draft.read_bytes()
-    if again != data or drop_digest(drop_from_file_bytes(again, str(draft))[0], number) != (
+    written = draft.read_bytes()
+    if written != data or drop_digest(drop_from_file_bytes(written, str(draft))[0], number) != (
         drop_digest(record, number)
     ):
         raise RecordingError(f"{draft}: expected what was written, got other content")
@@ -114,11 +114,11 @@ def publish(
     return _published(layout, target, data, number)
 
 
-def _same_drop(found: DropRecord, record: DropRecord) -> bool:
-    """Whether the file holds the drop; rebounds may have been recorded after it was published."""
-    whole = (*found.rebounds, *record.rebounds[len(found.rebounds) :])
+def _same_drop(stored: DropRecord, record: DropRecord) -> bool:
+    """Return True if the file contains the drop, perhaps without later rebounds."""
+    all_rebounds = (*stored.rebounds, *record.rebounds[len(stored.rebounds) :])
     completed = DropRecord(
-        found.point, found.drop, found.counts, found.declared, found.metadata, whole
+        stored.point, stored.drop, stored.counts, stored.declared, stored.metadata, all_rebounds
     )
     return drop_digest(completed, 0) == drop_digest(record, 0)
 
@@ -133,20 +133,20 @@ def _published(layout: Layout, path: Path, data: bytes, number: int) -> dict[str
 
 
 def _read(layout: Layout, number: int) -> dict[str, Any]:
-    record, found, survey = read_drop_file_parts(layout.drop_file(number))
+    record, stored_number, survey = read_drop_file_parts(layout.drop_file(number))
     data, arrays = drop_parts(record)
     payload = encode_payload(data, arrays)
     return {
-        "number": found,
+        "number": stored_number,
         "survey_id": survey.hex(),
         "payload": base64.b64encode(payload).decode("ascii"),
     }
 
 
 def main() -> int:
-    """Answer requests until the input ends; 1 after an error."""
+    """Respond to requests until the input ends; return 1 after an error."""
     answers = os.fdopen(os.dup(1), "w", encoding="ascii")
-    # What libraries print must not get between the answers.
+    # Output of libraries must not mix with the responses.
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     storage = Storage()
@@ -158,7 +158,7 @@ def main() -> int:
         try:
             answers.write(json.dumps(reply) + "\n")
             answers.flush()
-        except OSError:  # whoever asked has gone
+        except OSError:  # the requesting process has ended
             return 1
         if "error" in reply:
             return 1

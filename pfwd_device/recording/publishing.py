@@ -1,4 +1,4 @@
-"""Talks to the program that makes drop files, in a thread of its own; recording never waits."""
+"""Requests to the program that makes drop files, in a thread, so that recording never waits."""
 
 import contextlib
 import json
@@ -15,42 +15,42 @@ from pfwd_device.child_python import start_child
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.storage import Storage
 
-ANSWER_TIMEOUT = 60.0
-"""s; a file takes 0.1 s, the start of the child 0.5 s."""
+PUBLISHER_TIMEOUT_S = 60.0
+"""Longest wait for a response, s: a file takes 0.1 s, the start of the child 0.5 s."""
 
-LONGEST_PAUSE = 30.0
-"""s between two starts of a child that keeps failing."""
+MAX_RETRY_PAUSE_S = 30.0
+"""Longest time between two starts of a failing child, s."""
 
 _log = logging.getLogger(__name__)
 
 
 class Publisher(Protocol):
-    """Answers the requests of :mod:`pfwd_device.recording.publisher`."""
+    """Interface that responds to the requests of :mod:`pfwd_device.recording.publisher`."""
 
     def ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """The answer; RecordingError when there is none."""
+        """Return the response; raise RecordingError without one."""
         ...
 
     def close(self) -> None:
-        """End whatever runs."""
+        """End all processes."""
         ...
 
 
 class ChildPublisher:
-    """Asks a child process, which is started when it is needed and after each failure."""
+    """Publisher in a child process, which is started for the first request and after a failure."""
 
-    def __init__(self, timeout: float = ANSWER_TIMEOUT) -> None:
+    def __init__(self, timeout: float = PUBLISHER_TIMEOUT_S) -> None:
         self._timeout = timeout
         self._child: subprocess.Popen[bytes] | None = None
         self._lock = threading.Lock()
 
     def ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """The child's answer; RecordingError when it refuses, ends or is silent for too long."""
+        """Return the response; raise RecordingError if the child fails, ends or is too slow."""
         with self._lock:
             child = self._child = self._child or _start()
             assert child.stdin is not None
             assert child.stdout is not None
-            # A read from a pipe has no timeout on every system; a killed child ends it.
+            # A read from a pipe has no timeout on some systems; killing the child ends it.
             watch = threading.Timer(self._timeout, child.kill)
             watch.daemon = True
             watch.start()
@@ -71,12 +71,12 @@ class ChildPublisher:
             return reply
 
     def close(self) -> None:
-        """Let the child end, and end it when it does not."""
+        """End the child; kill it if it does not end by itself."""
         with self._lock:
             self._end()
 
     def kill(self) -> None:
-        """End the child at once, also while it is asked."""
+        """Kill the child at once, even during a request."""
         child = self._child
         if child is not None:
             child.kill()
@@ -98,14 +98,14 @@ class ChildPublisher:
 
 
 class InlinePublisher:
-    """Makes the files in this process: for tests, and where no child can be started."""
+    """Publisher in this process, for tests and where no child can be started."""
 
     def __init__(self, storage: Storage) -> None:
         self._storage = storage
 
     def ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """The answer; RecordingError when it cannot be given."""
-        from pfwd_device.recording.publisher import answer  # not where only recording happens
+        """Return the response; raise RecordingError without one."""
+        from pfwd_device.recording.publisher import answer  # recording does not load HDF5
 
         try:
             return answer(request, self._storage)
@@ -113,17 +113,17 @@ class InlinePublisher:
             raise RecordingError(f"the drop file cannot be made: {err}") from err
 
     def close(self) -> None:
-        """Nothing runs."""
+        """Do nothing: there is no process."""
 
 
 class PublishingThread:
-    """Publishes drops one after the other; the results are called back from its thread.
+    """Thread that publishes drops one after the other and calls back with the results.
 
     Parameters
     ----------
     publisher : Publisher
-    published : called with the request and the answer
-    failed : called with the survey-wide number of a drop and why it has no file yet
+    published : called with the request and the response
+    failed : called with the survey-wide number of a drop and the reason why it has no file yet
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class PublishingThread:
         failed: Callable[[int, str], None] = lambda number, reason: None,
     ) -> None:
         self.failures: dict[int, str] = {}
-        """Why a drop has no file yet, by survey-wide number; recovery tries again."""
+        """Reasons why drops have no file yet, by survey-wide number; recovery tries again."""
         self._publisher = publisher
         self._published = published
         self._failed = failed
@@ -144,45 +144,45 @@ class PublishingThread:
         self._thread.start()
 
     def submit(self, request: Mapping[str, Any]) -> None:
-        """Publish a drop when those before it are done; returns at once."""
+        """Add a drop to the queue; return at once."""
         self._queue.put(request)
 
     def close(self, timeout: float) -> bool:
-        """Whether everything submitted was dealt with within `timeout` s."""
+        """End the thread; return True if all submitted drops were processed within `timeout` s."""
         self._queue.put(None)
-        self._hurry.set()  # nobody waits out a pause while the program ends
+        self._hurry.set()  # skip the pause after a failure while the program ends
         self._thread.join(timeout)
-        done = not self._thread.is_alive()
+        finished = not self._thread.is_alive()
         self._stopped.set()
-        if not done and isinstance(self._publisher, ChildPublisher):
+        if not finished and isinstance(self._publisher, ChildPublisher):
             self._publisher.kill()
             self._thread.join(5.0)
         self._publisher.close()
-        return done
+        return finished
 
     def _run(self) -> None:
         pause = 0.0
         while (request := self._queue.get()) is not None and not self._stopped.is_set():
             if pause:
                 self._hurry.wait(pause)
-            begun = time.monotonic()
+            started = time.monotonic()
             number = int(request["number"])
             try:
                 self._published(request, self._publisher.ask(request))
-            except Exception as err:  # whatever it is, the drop stays safe in the journal
+            except Exception as err:  # after any error the drop stays safe in the journal
                 self.failures[number] = str(err)
                 _log.warning("drop %d is not published yet: %s", number, err)
                 self._failed(number, str(err))
-                pause = min(LONGEST_PAUSE, max(0.5, 2 * pause))
+                pause = min(MAX_RETRY_PAUSE_S, max(0.5, 2 * pause))
             else:
                 self.failures.pop(number, None)
                 pause = 0.0
-                _log.debug("drop %d published in %.3f s", number, time.monotonic() - begun)
+                _log.debug("drop %d published in %.3f s", number, time.monotonic() - started)
 
 
 def _start() -> subprocess.Popen[bytes]:
     try:
-        # Ctrl+C ends the recording, which then lets the child finish its file.
+        # Ctrl+C ends the recording, which lets the child finish its file.
         return start_child("-m", "pfwd_device.recording.publisher")
     except OSError as err:
         raise RecordingError(f"the program that publishes cannot be started: {err}") from err

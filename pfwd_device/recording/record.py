@@ -14,7 +14,7 @@ from pfwd_device.text import LONGEST_TEXT, clean
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rebound:
-    """A later bounce of the same hammer, kept with the drop that it belongs to."""
+    """A later bounce of the weight, recorded with its drop."""
 
     delay: float
     """Time from the trigger of the drop to the trigger of the rebound, s."""
@@ -43,10 +43,10 @@ class DropRecord:
     declared: Mapping[str, Any] = field(default_factory=dict)
     """Declared values, with the keys of a trace file's header (plate_radius_m, ...)."""
     metadata: Mapping[str, Any] = field(default_factory=dict)
-    """Everything else, as JSON knows it: identity, calibration, detection, missing samples, marks,
+    """Everything else as JSON values: identity, calibration, detection, missing samples, marks,
     checks, time_utc, software version, position, operator."""
     rebounds: tuple[Rebound, ...] = ()
-    """Later bounces of the hammer, in order."""
+    """Later bounces of the weight, in order."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "point", point_name(self.point))
@@ -73,14 +73,14 @@ def point_name(name: str) -> str:
 
 
 def _read_only_counts(values: NDArray[np.int32], where: str) -> NDArray[np.int32]:
-    given = np.asarray(values)
-    if given.ndim != 2 or given.dtype.kind not in "iu":
+    array_like = np.asarray(values)
+    if array_like.ndim != 2 or array_like.dtype.kind not in "iu":
         raise RecordingError(
-            f"{where}: expected counts as integers, (n, channels), got {given.dtype} of shape "
-            f"{given.shape}"
+            f"{where}: expected counts as integers, (n, channels), got {array_like.dtype} of shape "
+            f"{array_like.shape}"
         )
-    counts = np.array(given, dtype=np.int32)
-    if given.dtype != counts.dtype and not np.array_equal(counts, given):
+    counts = np.array(array_like, dtype=np.int32)
+    if array_like.dtype != counts.dtype and not np.array_equal(counts, array_like):
         raise RecordingError(f"{where}: expected counts of 32 bits, got larger ones")
     counts.flags.writeable = False
     return counts

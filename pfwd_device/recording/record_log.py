@@ -1,10 +1,10 @@
-"""Journal and ledger together: a record counts when both hold it, where others find them.
+"""Journal and ledger of a survey: a record is acknowledged when both contain it at their paths.
 
-A record goes to the survey's folder, its home. Before it counts, the open files are compared with
-what is at their paths: when a journal, a ledger or a lock was deleted, replaced, cut or written to
-by somebody else, new files are begun there, and what the folder does not hold any more is written
-again. Where home does not take it, the record goes to the spare folder, if there is one, with the
-number that it has; it is brought home as soon as home takes it.
+A record is written to the survey's folder, called home. Before it counts, the open files are
+compared with the files at their paths. If journal, ledger or lock was deleted, replaced, cut or
+written to by another program, new files are created there, and the records that the folder has
+lost are written again. If home fails, the record is written to the spare folder, if there is one,
+with the same number; it is merged into home as soon as home works again.
 """
 
 import contextlib
@@ -36,16 +36,16 @@ from pfwd_device.recording.storage_reports import (
 )
 
 RESERVE_BYTES = 2 * 2**20
-"""Held back for the drop in hand when the disk is full: several drops, and hardly missed."""
+"""Disk space reserved for the present drop when the disk is full: enough for several drops."""
 
 RECENT_BYTES = 32 * 2**20
-"""Of the last records kept in memory: some 300 drops, should a journal be cut under its writer."""
+"""Memory for the latest records, some 300 drops, in case the journal is cut while it is open."""
 
-HOME_AGAIN = 2.0
-"""s between attempts to write at home while records go to the spare folder."""
+HOME_RETRY_INTERVAL_S = 2.0
+"""Time between attempts to write at home while records go to the spare folder, s."""
 
-MOST_REPAIRS = 3
-"""Times that files are begun anew for one record; somebody who takes them away faster wins."""
+MAX_REPAIRS = 3
+"""Largest number of times that new files are created for one record, if they are deleted again."""
 
 
 class RecordFiles:
@@ -63,48 +63,51 @@ class RecordFiles:
         lost: Iterable[int] = (),
     ) -> None:
         self.lost = set(lost)
-        """Sequence numbers of acknowledged records that were not here any more when it began."""
+        """Sequence numbers of acknowledged records that were lost before the start."""
         self._journal = JournalWriter(layout, storage, continued=continued)
         self._ledger = LedgerWriter(layout.ledger, survey, entries, storage, ledger)
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """What is acknowledged here."""
+        """Acknowledged records of this folder."""
         return self._ledger.entries
 
     def append(self, record: Record) -> Entry:
-        """The record's entry, once journal and ledger are on the disk; raises OSError."""
+        """Write a record; return its entry when journal and ledger are on the disk.
+
+        Raise OSError if the disk fails.
+        """
         mark = self._journal.mark()
         entry: Entry | None = None
         try:
             entry = self._journal.append(record)
             self._ledger.append(entry)
         except BaseException as err:
-            # A line that may be on the disk keeps its record: without it, it would read as a loss.
+            # If its line may be on the disk, the record stays: else the line would mean a loss.
             listed = entry is not None and self._ledger.doubtful == entry
             self._journal.rewind(mark, cut=not listed)
-            if not isinstance(err, OSError):  # an interrupt, anywhere
+            if not isinstance(err, OSError):  # an interrupt at any step
                 self._ledger.forget(record.sequence)
             raise
         return entry
 
     def append_all(self, records: Iterable[Record]) -> dict[int, Entry]:
-        """Entries of many records by sequence number, once journal and ledger are on the disk."""
+        """Write records; return their entries by number when journal and ledger are on the disk."""
         new = self._journal.append_all(records)
-        known = {entry.sequence: entry for entry in self._ledger.entries} | new
-        self._ledger.replace([entry for _, entry in sorted(known.items())])
+        entries_by_number = {entry.sequence: entry for entry in self._ledger.entries} | new
+        self._ledger.replace([entry for _, entry in sorted(entries_by_number.items())])
         return new
 
     def forget(self, sequence: int) -> None:
-        """Take no record of this number or later for acknowledged."""
+        """Remove the acknowledgement of the records from this number on."""
         self._ledger.forget(sequence)
 
     def problem(self) -> str | None:
-        """Why others do not find what was written; None: they do."""
+        """Return the difference between written and present files; None without one."""
         return self._journal.problem() or self._overwritten() or self._ledger.problem()
 
     def _overwritten(self) -> str | None:
-        """Why the records are not those that were written, though the length is the same."""
+        """Return the problem if records were changed at the same length; None otherwise."""
         changed = self._journal.stamps_changed()
         if not changed:
             return None
@@ -118,39 +121,39 @@ class RecordFiles:
         return None
 
     def has_names(self) -> bool:
-        """Whether the open journal has a path somewhere; it has none when it was deleted."""
+        """Return True if the open journal was not deleted; a moved one still has a path."""
         return self._journal.has_names()
 
     def read(self, entry: Entry) -> Record | None:
-        """A record, whatever its path leads to by now; None: it cannot be read."""
+        """Read a record from the open files, whatever their paths lead to; None if unreadable."""
         return self._journal.read(entry)
 
     def close(self) -> None:
-        """Give the descriptors back."""
+        """Close the files."""
         self._journal.close()
         self._ledger.close()
 
 
 class RecordLog:
-    """Writes the records of a survey.
+    """Writer of the records of a survey.
 
     Parameters
     ----------
     layout : Layout
-        Of the survey's folder.
+        Paths of the survey's folder.
     survey : bytes
-        Its identity.
+        Identity of the survey.
     storage : Storage
     entries : list of Entry
-        What is acknowledged already.
+        Acknowledged records.
     ledger : bytes, optional
-        The same as it stands in the ledger, which is not made anew from `entries` then.
+        Bytes of the ledger with these entries, so that they need not be formatted again.
     lost : iterable of int
-        Sequence numbers of those among them that the journal does not hold any more.
+        Sequence numbers of acknowledged records that the journal no longer contains.
     continued : (int, int), optional
-        Number and descriptor of the segment to go on with.
+        Number and descriptor of the segment to continue.
     lock : SurveyLock
-        Keeps other programs from writing.
+        Lock that excludes other programs.
     """
 
     def __init__(
@@ -170,15 +173,15 @@ class RecordLog:
         self.storage = storage
         self.lock = threading.RLock()
         self.report: Callable[[StorageReport], None] = lambda _: None
-        """Told what happens to the files."""
+        """Function that receives reports on the files."""
         self.moved: Callable[[Mapping[int, Entry]], None] = lambda _: None
-        """Told the new places of records, by sequence number."""
+        """Function that receives the new places of records, by sequence number."""
         self.spare: SpareFolder | None = None
-        """Takes what home does not, once it is set."""
+        """Folder for records when home fails; None: they are refused."""
         self._closed = False
         self._ending = False
-        self.left_behind = False
-        """Whether the survey was moved away and no other one is begun in its old place."""
+        self.is_abandoned = False
+        """True if the survey was moved away and is not written again in its old place."""
         self._survey_lock = lock
         self._sequence = max((entry.sequence for entry in entries), default=0) + 1
         self._recent: dict[int, Record] = {}
@@ -191,7 +194,7 @@ class RecordLog:
         self._refused_records: set[tuple[int, int]] = set()
         self._home_failure: RecordingError | None = None
         self._next_try = 0.0
-        self._told_problem: str | None = None
+        self._reported_problem: str | None = None
         try:
             self._home = RecordFiles(
                 layout,
@@ -212,25 +215,25 @@ class RecordLog:
         arrays: Mapping[str, Array] | None = None,
         about: str = "-",
     ) -> Entry:
-        """The record's entry, once journal and ledger are on the disk.
+        """Write a record; return its entry when journal and ledger are on the disk.
 
         Raises
         ------
         StorageFull
             If there is no room, even with the reserve. Nothing is recorded; try again when there
-            is.
+            is room.
         RecordingError
             If the disk fails otherwise, or the data cannot be written as JSON.
         """
         return self.append_payload(kind, encode_payload(data, arrays), about)
 
     def append_payload(self, kind: int, payload: bytes, about: str = "-") -> Entry:
-        """As :meth:`append`, for a payload that is ready."""
+        """Write a record with an encoded payload; see :meth:`append`."""
         with self.lock:
             self._refuse_closed()
             data = encode_frame(kind, self.survey, self._sequence, payload)
             record = Record(self._sequence, kind, data, about)
-            self._remember(record)  # before: somebody may cut the journal while it is written
+            self._remember(record)  # first, as the journal may be cut while it is written
             try:
                 entry = self._append(record)
             except BaseException:
@@ -239,8 +242,8 @@ class RecordLog:
             self._sequence += 1
             return entry
 
-    def take_in(self, record: Record) -> Entry:
-        """Write a record of this survey with the number that it has, which must be free."""
+    def append_record(self, record: Record) -> Entry:
+        """Write a record of this survey under its present number, which must be free."""
         with self.lock:
             self._refuse_closed()
             self._remember(record)
@@ -248,17 +251,17 @@ class RecordLog:
             self._sequence = max(self._sequence, record.sequence + 1)
             return entry
 
-    def away(self, entry: Entry) -> Path | None:
-        """The folder that holds a record which is not at home; None: it is at home."""
+    def spare_folder_of(self, entry: Entry) -> Path | None:
+        """Return the spare folder that contains a record; None if it is at home."""
         with self.lock:
             if entry.sequence in self._away and self._spare_part is not None:
                 return self._spare_part.layout.folder
             return None
 
-    def look_after(self) -> None:
-        """Look whether the files are still in place, and put right what is not; raises nothing.
+    def maintain(self) -> None:
+        """Verify that the files are in place, and restore them if not; never raise.
 
-        To be called every second or so: somebody may take them away while no drop falls.
+        Call it about every second: the files may be deleted while no drop is recorded.
         """
         with self.lock:
             if self._closed or (self._home_failure is not None and not self._try_home()):
@@ -269,36 +272,36 @@ class RecordLog:
                 self._settle(for_drop=False)
             except (OSError, RecordingError) as err:
                 self._home_refused(_as_recording_error(err, self.layout))
-                if self.spare is not None and not self.left_behind:
-                    # What the spare folder says is told when the next drop comes.
+                if self.spare is not None and not self.is_abandoned:
+                    # The next drop reports an error of the spare folder.
                     with contextlib.suppress(OSError, RecordingError):
                         self._open_spare()
             else:
                 self._home_failure = None
 
     def expect_end(self) -> None:
-        """No drops are to come: a survey that is moved away is reported and stays where it is.
+        """Announce the end: a survey that is moved away from now on is only reported.
 
-        Until then, and for a drop that comes all the same, it is written again in its old place.
+        Before, and for a late drop, it is written again in its old place.
         """
         with self.lock:
             self._ending = True
 
     def make_reserve(self, size: int = RESERVE_BYTES) -> bool:
-        """Whether the reserve is there; it is not when the disk is nearly full already."""
+        """Create the reserve; return False if the disk is nearly full."""
         path = self.layout.reserve
         with contextlib.suppress(OSError):
             if path.exists() and path.stat().st_size == size:
                 return True
             if self.storage.free_bytes(self.layout.folder) < 4 * size:
                 return False
-            # Random bytes: a file system that compresses would keep nothing back for zeros.
+            # Random bytes: a compressing file system would reserve no space for zeros.
             self.storage.write_file(path, os.urandom(size))
             return True
         return False
 
     def release_reserve(self) -> bool:
-        """Give the reserve's room to the drop in hand; False when there was none."""
+        """Free the space of the reserve; return False if there is none."""
         try:
             self.storage.unlink(self.layout.reserve)
             self.storage.sync_directory(self.layout.folder)
@@ -307,7 +310,7 @@ class RecordLog:
         return True
 
     def close(self) -> None:
-        """Give the descriptors back."""
+        """Close all files."""
         with self.lock:
             self._closed = True
             self._home.close()
@@ -333,13 +336,13 @@ class RecordLog:
         return self._home_failure is None or time.monotonic() >= self._next_try
 
     def _append(self, record: Record) -> Entry:
-        if self._try_home() or self.left_behind:
+        if self._try_home() or self.is_abandoned:
             try:
                 entry = self._append_home(record)
             except RecordingError as err:
                 self._home_refused(err)
                 self._refused_records.add((record.sequence, record.check))
-                if self.spare is None or self.left_behind:
+                if self.spare is None or self.is_abandoned:
                     raise
             else:
                 self._home_failure = None
@@ -348,8 +351,10 @@ class RecordLog:
 
     def _home_refused(self, err: RecordingError) -> None:
         self._home_failure = err
-        # Without a spare folder every drop is a new attempt.
-        self._next_try = time.monotonic() + (HOME_AGAIN if self.spare is not None else 0.0)
+        # Without a spare folder every drop is an attempt at home.
+        self._next_try = time.monotonic() + (
+            HOME_RETRY_INTERVAL_S if self.spare is not None else 0.0
+        )
 
     def _append_home(self, record: Record) -> Entry:
         for_drop = record.kind in (Kind.DROP, Kind.REBOUND)
@@ -362,7 +367,7 @@ class RecordLog:
                     raise
                 entry = self._home.append(record)
             try:
-                # Only now: what is taken away while a record is written is no place for it.
+                # Verify after the write: the files may have been deleted during it.
                 moved = self._settle(for_drop=for_drop)
             except BaseException:
                 self._home.forget(record.sequence)
@@ -377,71 +382,71 @@ class RecordLog:
         return self._survey_lock.problem() or self._home.problem()
 
     def _is_moved_away(self) -> bool:
-        """Whether the whole survey has another place now: its files still have names."""
+        """Return True if the survey was moved: its files still have names."""
         return not self.layout.folder.is_dir() and self._home.has_names()
 
     def _settle(self, *, for_drop: bool) -> dict[int, Entry]:
-        """What was acknowledged is at home when this returns; the new places of what moved."""
+        """Restore all acknowledged records at home; return their new places."""
         moved: dict[int, Entry] = {}
         repairs = 0
         while (problem := self._problem()) is not None:
             if self._ending and not for_drop and self._is_moved_away():
                 report = SurveyMovedAway(self.layout.folder)
-                if not self.left_behind:
-                    self.left_behind = True
+                if not self.is_abandoned:
+                    self.is_abandoned = True
                     self.report(report)
                 raise RecordingError(report.text)
-            if repairs == MOST_REPAIRS:
+            if repairs == MAX_REPAIRS:
                 raise OSError(errno.EBUSY, f"{problem}, again and again")
             repairs += 1
-            moved |= self._write_again(problem)
-        self._told_problem, self.left_behind = None, False
+            moved |= self._rewrite_files(problem)
+        self._reported_problem, self.is_abandoned = None, False
         if self._away:
             moved |= self._bring_home()
         return moved
 
-    def _write_again(self, problem: str) -> dict[int, Entry]:
-        """New files in the survey's folder, with everything in them that it does not hold."""
-        if problem != self._told_problem:
-            self._told_problem = problem
+    def _rewrite_files(self, problem: str) -> dict[int, Entry]:
+        """Create new files in the survey's folder with the records that it has lost."""
+        if problem != self._reported_problem:
+            self._reported_problem = problem
             self.report(SurveyFilesRemoved(self.layout.folder, problem))
         self._prepare_folder()
-        found = build_index(self.layout)
+        index = build_index(self.layout)
         acknowledged = {entry.sequence: entry for entry in self._home.entries}
-        self._refuse_strangers(found, acknowledged)
-        there = {
-            number: found.entries[number]
+        self._refuse_strangers(index, acknowledged)
+        present = {
+            number: index.entries[number]
             for number, entry in acknowledged.items()
-            if number in found.entries and found.entries[number].check == entry.check
+            if number in index.entries and index.entries[number].check == entry.check
         }
-        entries = [there.get(number, entry) for number, entry in sorted(acknowledged.items())]
+        entries = [present.get(number, entry) for number, entry in sorted(acknowledged.items())]
         files = RecordFiles(self.layout, self.survey, self.storage, entries=entries)
         lost: list[Entry] = []
-        missing = [entry for number, entry in sorted(acknowledged.items()) if number not in there]
+        missing = [entry for number, entry in sorted(acknowledged.items()) if number not in present]
         try:
-            again = files.append_all(self._still_readable(missing, lost))
+            rewritten = files.append_all(self._still_readable(missing, lost))
         except BaseException:
             files.close()
             raise
         files.lost = {entry.sequence for entry in lost}
         self._home.close()
         self._home = files
-        moved = there | again
+        moved = present | rewritten
         self.moved(moved)
-        drops = sum(entry.kind == Kind.DROP for entry in again.values())
+        drops = sum(entry.kind == Kind.DROP for entry in rewritten.values())
         self.report(
             FilesRewritten(
-                self.layout.folder, len(again), drops, tuple(_name_of(entry) for entry in lost)
+                self.layout.folder, len(rewritten), drops, tuple(_name_of(entry) for entry in lost)
             )
         )
         return moved
 
-    def _refuse_strangers(self, found: Index, acknowledged: dict[int, Entry]) -> None:
-        """Refuse a folder in which another program acknowledged something."""
+    def _refuse_strangers(self, index: Index, acknowledged: dict[int, Entry]) -> None:
+        """Refuse a folder in which another program has acknowledged records."""
         mine = {(number, entry.check) for number, entry in (acknowledged | self._away).items()}
         mine |= self._refused_records
-        theirs = {(line.sequence, line.check) for line in found.ledger.entries} - mine
-        if theirs or found.survey not in (None, self.survey):
+        theirs = {(line.sequence, line.check) for line in index.ledger.entries} - mine
+        if theirs or index.survey not in (None, self.survey):
             raise RecordingError(
                 f"{self.layout.folder}: expected the survey that is being written, got one with "
                 "records of another program; take it away, or name another folder"
@@ -450,17 +455,17 @@ class RecordLog:
     def _prepare_folder(self) -> None:
         folder = self.layout.folder
         if not folder.is_dir() and _disk_of(folder.parent) != self._disk:
-            # Made on the disk below, it would be hidden as soon as the right one is back.
+            # On the disk below the mount point it would be hidden when the right disk is back.
             raise OSError(errno.ENOENT, f"{folder.parent} is not the disk that it was")
         self.storage.make_folder(folder)
         if self._survey_lock.problem() is not None:
-            self._survey_lock.acquire_again()
+            self._survey_lock.reacquire()
         refuse_links(self.layout)
         for path in self.layout.folders:
             self.storage.make_folder(path)
 
     def _still_readable(self, entries: Iterable[Entry], lost: list[Entry]) -> Iterator[Record]:
-        """The records that the open files or the memory hold; the others are added to `lost`."""
+        """Yield the records that the open files or the memory contain; add the rest to `lost`."""
         for entry in entries:
             record = self._home.read(entry) or self._recent.get(entry.sequence)
             if record is not None:
@@ -499,7 +504,7 @@ class RecordLog:
                 if problem is not None:
                     raise OSError(errno.EBUSY, problem)
             except BaseException:
-                # Whatever it is: the number is free, and the next record gets it.
+                # After any error the number is free for the next record.
                 files.forget(record.sequence)
                 raise
         except (OSError, RecordingError) as err:
@@ -512,7 +517,7 @@ class RecordLog:
         return entry
 
     def _open_spare(self) -> RecordFiles:
-        """Journal and ledger in the spare folder, with what the home folder does not hold."""
+        """Return journal and ledger in the spare folder, with the records that home lacks."""
         assert self.spare is not None
         if self._spare_files is not None and self._spare_files.problem() is not None:
             self._replace_spare()
@@ -542,7 +547,7 @@ class RecordLog:
         return files
 
     def _replace_spare(self) -> None:
-        """Open the spare folder anew, its files were taken away too, and write them again."""
+        """Open the spare folder again after its files were deleted, and write them again."""
         assert self._spare_files is not None
         records = []
         for number, entry in self._away.items():
@@ -553,19 +558,20 @@ class RecordLog:
         self._away |= self._begin_spare().append_all(records)
 
     def _copy_to_spare(self, spare: RecordFiles) -> None:
-        """What the spare cannot be read without, and everything that is nowhere else."""
-        gone = self._home.problem() is not None
-        if self._spare_holds_home and gone:
+        """Copy the records that the spare folder needs, and those that are nowhere else."""
+        home_is_damaged = self._home.problem() is not None
+        if self._spare_holds_home and home_is_damaged:
             return
-        known = {entry.sequence for entry in spare.entries}
-        wanted = [
+        entries_by_number = {entry.sequence for entry in spare.entries}
+        missing = [
             entry
             for entry in self._home.entries
-            if (gone or entry.kind in (Kind.SURVEY, Kind.POINT)) and entry.sequence not in known
+            if (home_is_damaged or entry.kind in (Kind.SURVEY, Kind.POINT))
+            and entry.sequence not in entries_by_number
         ]
-        if wanted:
-            spare.append_all(self._still_readable(wanted, []))
-        self._spare_holds_home = gone
+        if missing:
+            spare.append_all(self._still_readable(missing, []))
+        self._spare_holds_home = home_is_damaged
 
     def _close_spare(self) -> None:
         files, self._spare_files = self._spare_files, None
@@ -576,7 +582,7 @@ class RecordLog:
 
 
 def refused(err: OSError, where: str) -> RecordingError:
-    """The error of this package for what the system said."""
+    """Return the error of this package for an error of the system."""
     reason = err.strerror or str(err)
     if is_full(err):
         return StorageFull(

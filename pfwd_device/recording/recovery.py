@@ -1,4 +1,4 @@
-"""Puts a survey right after a crash or damage; each step may be interrupted and done again."""
+"""Recovery of a survey after a crash or damage; each step may be interrupted and repeated."""
 
 import base64
 import contextlib
@@ -34,38 +34,38 @@ from pfwd_device.recording.payload import decode_payload, payload_data
 from pfwd_device.recording.publishing import ChildPublisher, Publisher
 from pfwd_device.recording.record import Rebound
 from pfwd_device.recording.record_log import RecordLog, refused
-from pfwd_device.recording.returning import bring_home, waiting_texts
 from pfwd_device.recording.spare import SpareFolder, home_of
+from pfwd_device.recording.spare_merge import describe_records_only_in_spare, merge_spare_records
 from pfwd_device.recording.storage import Storage
 
-PUBLISH_TIMEOUT = 30.0
-"""s; longer than the publisher of a killed program takes for the file in hand."""
+PUBLISHER_WAIT_S = 30.0
+"""Longest wait for the publisher of a killed program to finish its present file, s."""
 
 
-MOST_NAMED = 1000
-"""Lost records other than drops that are told one by one; nobody reads a list of 600,000."""
+MAX_NAMED_RECORDS = 1000
+"""Largest number of lost records other than drops that are listed one by one."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecoveryReport:
-    """What recovery found and did."""
+    """Result of a recovery."""
 
     survey: str
-    """Folder."""
+    """Folder of the survey."""
     drops_acknowledged: int
-    """Drops that were acknowledged, lost ones with them."""
+    """Number of acknowledged drops, including lost ones."""
     drops_published: int
-    """Drops with a verified file."""
+    """Number of drops with a verified file."""
     recovered: int
-    """Drops put back: into the ledger, into the journal, or into a file."""
+    """Number of drops restored: in the ledger, in the journal, or as a file."""
     damaged: tuple[str, ...]
-    """What is still missing or damaged, a short text each."""
+    """Remaining damage and losses, a short text each."""
     actions: tuple[str, ...]
-    """What was done."""
+    """Actions, a short text each."""
 
     @property
     def ok(self) -> bool:
-        """Nothing acknowledged is missing."""
+        """True if nothing acknowledged is missing."""
         return not self.damaged
 
 
@@ -76,10 +76,10 @@ def recover(
     publisher: Publisher | None = None,
     spare: SpareFolder | None = None,
 ) -> RecoveryReport:
-    """Put right whatever a crash left in a survey; doing it again changes nothing.
+    """Recover a survey after a crash or damage; a repetition changes nothing.
 
-    What the spare folder holds of the survey is brought home; a survey of which nothing else is
-    left is made anew from it.
+    The records of the survey in the spare folder are merged into it; if nothing else is left, the
+    survey is restored from them.
 
     Raises
     ------
@@ -109,9 +109,9 @@ def recover(
         report = repair(log, index, helper, thorough=True)
         if not index.closed:
             log.append(Kind.CLOSE, {"by": "recovery", "time_utc": now()})
-        left = waiting_texts(spare, index)
+        still_in_spare = describe_records_only_in_spare(spare, index)
         return replace(
-            report, damaged=(*report.damaged, *left), actions=(*actions, *report.actions)
+            report, damaged=(*report.damaged, *still_in_spare), actions=(*actions, *report.actions)
         )
     except OSError as err:
         if isinstance(err, RecordingError):
@@ -125,12 +125,12 @@ def recover(
 
 
 def prepare(layout: Layout) -> bool:
-    """Whether there is a survey; refuse a folder that is not to be written to as one.
+    """Return True if there is a survey; refuse a folder that must not be written as one.
 
     Raises
     ------
     RecordingError
-        If it is a part of the spare folder, holds links, or cannot be looked into.
+        If it is a part of the spare folder, contains links, or cannot be read.
     """
     facts = home_of(layout.folder)
     if facts is not None:
@@ -155,16 +155,16 @@ def begin(
     fall_back: bool = False,
     read: Callable[[Layout], Index] = read_index,
 ) -> tuple[RecordLog, Index, list[str]]:
-    """Journal and ledger ready to be appended to, and what was brought home.
+    """Open journal and ledger for writing; return them, the index, and the merged records as texts.
 
-    Torn ends are cut, the ledger is put right. With `fall_back` the spare folder takes what the
-    survey's own refuses from then on. `read` gives what is there, once nobody else can write;
-    :func:`build_index` looks at the content of every record. Raises OSError or RecordingError.
+    Unfinished ends are cut, and the ledger is repaired. With `fall_back` the spare folder receives
+    the records that the survey's folder refuses later. `read` reads the index after the lock is
+    held; :func:`build_index` reads the content of every record. Raise OSError or RecordingError.
     """
     segments = layout.segments()
     continued: tuple[int, int] | None = None
     if segments:
-        # First of all: while another program has it open, nothing is to be cut.
+        # Lock first: nothing may be cut while another program has the segment open.
         continued = segments[-1], open_segment(layout, segments[-1], storage)
     try:
         log, index = _begin(layout, storage, helper, lock, spare, continued, read)
@@ -174,7 +174,7 @@ def begin(
                 storage.close(continued[1])
         raise
     try:
-        actions = bring_home(log, index, spare)
+        actions = merge_spare_records(log, index, spare)
         if not index.info:
             data: dict[str, Any] = {
                 "format_version": FORMAT_VERSION,
@@ -213,7 +213,7 @@ def _begin(
     _sync_journal(layout, storage, index)
     entries = [entry for _, entry in sorted((index.lost | index.entries).items())]
     data = _repair_ledger(layout, storage, index, entries)
-    index.ledger = replace(index.ledger, data=None)  # of no use any more, and large
+    index.ledger = replace(index.ledger, data=None)  # free the memory
     log = RecordLog(
         layout,
         index.survey,
@@ -236,12 +236,12 @@ def repair(
     publish: bool = True,
     thorough: bool = False,
 ) -> RecoveryReport:
-    """Restore drops and files, and tell what is lost.
+    """Restore drops and files, and report the losses.
 
     Parameters
     ----------
     publish : bool
-        Make the files of drops that have none.
+        Make missing files of drops.
     thorough : bool
         Compare the content of every file, not only its size.
     """
@@ -251,7 +251,7 @@ def repair(
     actions = [f"drop {number} entered in the ledger" for number in sorted(recovered)]
     _wait_for_publisher(layout, log.storage)
     files = FileRepair(log, index, helper, thorough=thorough)
-    files.take_drafts_away()
+    files.remove_drafts()
     for number in _restorable(layout, index):
         if _restore(log, index, helper, number):
             recovered.add(number)
@@ -262,7 +262,7 @@ def repair(
     made = files.repair_drop_files(publish=publish)
     recovered |= set(made)
     actions += [f"drop {number} published" for number in made]
-    files.repair_other_files()
+    files.repair_results_and_captures()
     _settle(log, index, files_listed=publish, restored=set(rebounds))
     return RecoveryReport(
         str(layout.folder),
@@ -275,17 +275,17 @@ def repair(
 
 
 def lost_texts(index: Index) -> list[str]:
-    """A short text for everything acknowledged that is missing, by number.
+    """Return a short text for each acknowledged record that is missing, by number.
 
-    Drops are always named each; of very many other records the first and the last are.
+    Each drop is named; for very many other records only the first and the last are.
     """
     lost = [entry for number, entry in sorted(index.lost.items()) if number not in index.settled]
-    others = [entry.sequence for entry in lost if entry.kind != Kind.DROP]
-    if len(others) > MOST_NAMED:
+    unnamed = [entry.sequence for entry in lost if entry.kind != Kind.DROP]
+    if len(unnamed) > MAX_NAMED_RECORDS:
         lost = [entry for entry in lost if entry.kind == Kind.DROP]
     texts = [f"{describe(entry)} is lost" for entry in lost]
-    if len(others) > MOST_NAMED:
-        texts.append(f"{len(others)} records between {others[0]} and {others[-1]} are lost")
+    if len(unnamed) > MAX_NAMED_RECORDS:
+        texts.append(f"{len(unnamed)} records between {unnamed[0]} and {unnamed[-1]} are lost")
     if index.gaps:
         first, last = index.gaps[0], index.gaps[-1]
         texts.append(f"{len(index.gaps)} records between {first} and {last} are lost unnamed")
@@ -293,7 +293,7 @@ def lost_texts(index: Index) -> list[str]:
 
 
 def describe(entry: Entry) -> str:
-    """Name of a record for people: a drop by its point and number."""
+    """Return the name of a record for messages: a drop by its point and number."""
     about = read_about(entry.about) if entry.kind == Kind.DROP else None
     if about is not None:
         return f"drop {about[1]}/{about[2]}"
@@ -305,7 +305,7 @@ def describe(entry: Entry) -> str:
 
 
 def _cut(layout: Layout, storage: Storage, segment: int, offset: int, length: int) -> None:
-    """Take the torn end of a segment away; its bytes are kept."""
+    """Cut the unfinished end of a segment; its bytes are copied to ``damaged``."""
     path = layout.segment(segment)
     keep_copy(layout, storage, path, f"journal-{segment:04d}-{offset}.bytes", offset, length)
     descriptor = storage.open(path)
@@ -317,9 +317,9 @@ def _cut(layout: Layout, storage: Storage, segment: int, offset: int, length: in
 
 
 def _sync_journal(layout: Layout, storage: Storage, index: Index) -> None:
-    """What a killed program wrote is there to be read, and need not be on the disk.
+    """Sync segments that a killed program wrote: their records may not be on the disk yet.
 
-    The ledger must not name it, and no record follow it in its segment, before it is.
+    Only then may the ledger name them, and may records follow them.
     """
     segments = {index.entries[number].segment for number in index.unacknowledged}
     for segment in sorted(segments | set(layout.segments()[-1:])):
@@ -332,20 +332,20 @@ def _sync_journal(layout: Layout, storage: Storage, index: Index) -> None:
 
 
 def _repair_ledger(layout: Layout, storage: Storage, index: Index, entries: list[Entry]) -> bytes:
-    """What is in the ledger now."""
+    """Rewrite the ledger if it differs from the entries; return its bytes."""
     assert index.survey is not None
     ledger = index.ledger
-    known = ledger.survey == index.survey and ledger.entries == tuple(entries)
-    whole = (ledger.data if known else None) or ledger_bytes(index.survey, entries)
-    if not _holds(layout.ledger, whole):
+    recorded = ledger.survey == index.survey and ledger.entries == tuple(entries)
+    expected = (ledger.data if recorded else None) or ledger_bytes(index.survey, entries)
+    if not _holds(layout.ledger, expected):
         if index.ledger.damaged:
             keep_copy(layout, storage, layout.ledger, layout.ledger.name)
-        storage.write_file(layout.ledger, whole)
-    return whole
+        storage.write_file(layout.ledger, expected)
+    return expected
 
 
 def _holds(path: Path, data: bytes) -> bool:
-    """Whether a file has these bytes; one of another size is not read."""
+    """Return True if a file has these bytes; a file of another size is not read."""
     try:
         return path.stat().st_size == len(data) and path.read_bytes() == data
     except FileNotFoundError:
@@ -353,11 +353,11 @@ def _holds(path: Path, data: bytes) -> bool:
 
 
 def _wait_for_publisher(layout: Layout, storage: Storage) -> None:
-    """The publisher of a killed program may be at its last file."""
+    """Wait for the publisher of a killed program, which may be writing its last file."""
     if not layout.publish_lock.exists():
         return
     try:
-        with file_locked(layout.publish_lock, PUBLISH_TIMEOUT, storage):
+        with file_locked(layout.publish_lock, PUBLISHER_WAIT_S, storage):
             pass
     except TimeoutError as err:
         raise RecordingError(
@@ -371,17 +371,17 @@ def _restorable(layout: Layout, index: Index) -> list[int]:
 
 
 def _restore(log: RecordLog, index: Index, helper: Publisher, number: int) -> bool:
-    """Whether the drop, whose record is damaged, could be taken from its file."""
+    """Restore a drop with a damaged record from its file; return True on success."""
     lost = {
         about[0]: entry
         for entry in index.lost.values()
         if entry.kind == Kind.DROP and (about := read_about(entry.about)) is not None
     }
     try:
-        found = _file_record(log.layout, helper, number)
-        if found["number"] != number or found["survey_id"] != log.survey.hex():
+        response = _file_record(log.layout, helper, number)
+        if response["number"] != number or response["survey_id"] != log.survey.hex():
             return False
-        data, arrays = decode_payload(base64.b64decode(found["payload"]))
+        data, arrays = decode_payload(base64.b64decode(response["payload"]))
         key = data["metadata"].get("key")
     except (RecordingError, KeyError, ValueError, TypeError, AttributeError):
         return False  # the file is damaged too; repair_drop_files names it
@@ -399,10 +399,10 @@ def _restore(log: RecordLog, index: Index, helper: Publisher, number: int) -> bo
 
 
 def _restore_rebounds(log: RecordLog, index: Index, helper: Publisher) -> dict[int, int]:
-    """Numbers of the drops whose lost rebounds were in their files, by number of the lost record.
+    """Restore lost rebounds from the files; return the drops by number of the lost record.
 
-    The ledger does not say whose rebound a lost record was; each that a file holds and the journal
-    does not settles one of them.
+    The ledger does not contain the drop of a lost rebound: each rebound that only a file contains
+    replaces one of them.
     """
     lost = [
         number
@@ -423,24 +423,24 @@ def _restore_rebounds(log: RecordLog, index: Index, helper: Publisher) -> dict[i
 def _rebounds_of_file_alone(
     log: RecordLog, index: Index, helper: Publisher, number: int
 ) -> list[Rebound]:
-    """Rebounds that the drop's file holds and the journal does not."""
+    """Return the rebounds that only the drop's file contains."""
     layout, drop = log.layout, index.drops[number]
     if not layout.drop_file(number).exists():
         return []
     try:
-        found = _file_record(layout, helper, number)
-        if found["number"] != number or found["survey_id"] != log.survey.hex():
+        response = _file_record(layout, helper, number)
+        if response["number"] != number or response["survey_id"] != log.survey.hex():
             return []
-        in_file = drop_from_parts(*decode_payload(base64.b64decode(found["payload"])))
+        in_file = drop_from_parts(*decode_payload(base64.b64decode(response["payload"])))
         frame = read_record(layout, drop.entry.segment, drop.entry.offset)
-        known = list(drop_from_parts(*decode_payload(frame.payload)).rebounds)
+        recorded = list(drop_from_parts(*decode_payload(frame.payload)).rebounds)
         for entry in drop.rebounds:
             frame = read_record(layout, entry.segment, entry.offset)
-            known.append(rebound_from_payload(frame.payload))
+            recorded.append(rebound_from_payload(frame.payload))
     except (RecordingError, KeyError, ValueError, TypeError):
-        return []  # what is damaged is named by others
-    there = {(rebound.first_sample, rebound.delay) for rebound in known}
-    return [r for r in in_file.rebounds if (r.first_sample, r.delay) not in there]
+        return []  # other steps report this damage
+    recorded_keys = {(rebound.first_sample, rebound.delay) for rebound in recorded}
+    return [r for r in in_file.rebounds if (r.first_sample, r.delay) not in recorded_keys]
 
 
 def _file_record(layout: Layout, helper: Publisher, number: int) -> dict[str, Any]:
@@ -448,7 +448,7 @@ def _file_record(layout: Layout, helper: Publisher, number: int) -> dict[str, An
 
 
 def _survey_of_files(layout: Layout, helper: Publisher) -> bytes | None:
-    """Identity of the survey from a drop file, when journal and ledger are gone."""
+    """Return the identity of the survey from a drop file, without journal and ledger."""
     for number in layout.drop_files():
         try:
             return bytes.fromhex(str(_file_record(layout, helper, number)["survey_id"]))
@@ -458,7 +458,7 @@ def _survey_of_files(layout: Layout, helper: Publisher) -> bytes | None:
 
 
 def _survey_of_spare(layout: Layout, spare: SpareFolder | None) -> bytes | None:
-    """Identity of the survey from the spare folder, when nothing is left at home."""
+    """Return the identity of the survey from the spare folder, without any file at home."""
     for part in spare.parts(home=layout.folder) if spare is not None else ():
         facts = home_of(part.folder)
         if facts is not None:
@@ -482,7 +482,7 @@ def _restore_points(log: RecordLog, index: Index) -> None:
 
 
 def _settle(log: RecordLog, index: Index, *, files_listed: bool, restored: set[int]) -> None:
-    """Note which damage has been dealt with, so that a check does not name it again."""
+    """Record the handled damage, so that a check does not report it again."""
     replaced = {Kind.CLOSE, Kind.SURVEY} | ({Kind.FILE} if files_listed else set())
     settled = sorted(
         number
@@ -493,7 +493,7 @@ def _settle(log: RecordLog, index: Index, *, files_listed: bool, restored: set[i
         damage_key(log.layout, stretch) for stretch in index.damage if not stretch.damage.at_end
     ]
     damage += [(e.segment, e.offset, e.length, e.check) for e, _ in index.strange]
-    fresh = [list(key) for key in damage if key not in index.known_damage]
+    fresh = [list(key) for key in damage if key not in index.handled_damage]
     if settled or fresh:
         data = {"event": "recovery", "settled": settled, "damage": fresh, "time_utc": now()}
         index.add(log.append(Kind.EVENT, data), data)

@@ -1,9 +1,9 @@
-"""The spare folder: a second place for records that a survey's folder does not take.
+"""The spare folder: a second place for records when the folder of a survey, its home, fails.
 
-In it stands one folder for each survey that needed it, named after the survey and its identity,
-with a journal and a ledger like the survey's own. The records keep the survey's identity and the
-numbers that they would have had at home, so that they can be brought home as they are.
-``home.json`` says where home is.
+It contains one folder for each survey that needed it, named after the survey and its identity,
+with a journal and a ledger like those of the survey. The records have the survey's identity and
+the numbers that they would have at home, so that they can be merged unchanged. ``home.json``
+contains the path of home.
 """
 
 import contextlib
@@ -25,40 +25,40 @@ HOME_FILE = "home.json"
 
 RETURNED_FILE = "returned.json"
 
-_LARGEST_NOTE = 64 * 2**20
-"""Bytes of a file of this module; a million records that were brought home take less."""
+_MAX_JSON_FILE_BYTES = 64 * 2**20
+"""Largest JSON file of the spare folder; a million merged records take less."""
 
-_LONGEST_NAME = 40
+_MAX_FOLDER_NAME_LENGTH = 40
 
 
 @dataclass(frozen=True, slots=True)
 class SparePart:
-    """What the spare folder holds for a survey, open for writing."""
+    """Part of the spare folder for one survey, open for writing."""
 
     layout: Layout
     entries: list[Entry]
-    """What is acknowledged there already."""
+    """Acknowledged records in it."""
     lock: SurveyLock
 
 
 @dataclass(frozen=True, slots=True)
 class SpareFolder:
-    """The folder that holds the parts of all surveys."""
+    """Folder with the parts of all surveys."""
 
     root: Path
 
     def layout_of(self, home: Path, survey: bytes) -> Layout:
-        """Names of the files for a survey."""
+        """Return the paths of the files for a survey."""
         name = "".join(c if c.isalnum() and c.isascii() else "-" for c in home.name)
-        return Layout(self.root / f"{name[:_LONGEST_NAME] or 'survey'}-{survey.hex()}")
+        return Layout(self.root / f"{name[:_MAX_FOLDER_NAME_LENGTH] or 'survey'}-{survey.hex()}")
 
     def open(self, home: Path, survey: bytes, storage: Storage) -> SparePart:
-        """The part of a survey, made when it is not there.
+        """Open the part of a survey, and create it if it is missing.
 
         Raises
         ------
         OSError, RecordingError
-            If it cannot be made or written, or another program writes it.
+            If it cannot be created or written, or another program writes it.
         """
         layout = self.layout_of(home, survey)
         storage.make_folder(layout.journal)
@@ -70,7 +70,7 @@ class SpareFolder:
                 text = encode_json({"survey": str(home), "survey_id": survey.hex()})
                 storage.write_file(where, text.encode("ascii") + b"\n")
             index = build_index(layout)
-            # What an ended program wrote is there to be read, and need not be on the disk.
+            # Records of an ended program can be read, but may not be on the disk yet.
             for number in layout.segments():
                 descriptor = storage.open(layout.segment(number))
                 try:
@@ -85,8 +85,8 @@ class SpareFolder:
         return SparePart(layout, entries, lock)
 
     def parts(self, *, home: Path | None = None, survey: bytes | None = None) -> list[Layout]:
-        """The parts of the survey with this identity, or of whatever was recorded at `home`."""
-        found = []
+        """Return the parts of the survey with this identity, or of any survey at `home`."""
+        layouts = []
         for name in names_in(self.root):
             layout = Layout(self.root / name)
             facts = home_of(layout.folder)
@@ -97,12 +97,12 @@ class SpareFolder:
             else:
                 fits = home is not None and facts["survey"] == str(home)
             if fits:
-                found.append(layout)
-        return found
+                layouts.append(layout)
+        return layouts
 
 
 def home_of(folder: Path) -> dict[str, str] | None:
-    """Path (``survey``) and identity (``survey_id``) of the survey that a part belongs to."""
+    """Return path (``survey``) and identity (``survey_id``) of the survey of a part; else None."""
     data = _read_json(folder / HOME_FILE)
     if not isinstance(data, dict):
         return None
@@ -115,8 +115,8 @@ def home_of(folder: Path) -> dict[str, str] | None:
     return None
 
 
-def returned(layout: Layout) -> set[tuple[int, int]]:
-    """Sequence number and check of the records that were brought home under other numbers."""
+def renumbered_records(layout: Layout) -> set[tuple[int, int]]:
+    """Return sequence number and check of the records that were merged under other numbers."""
     data = _read_json(layout.folder / RETURNED_FILE)
     pairs = data if isinstance(data, list) else []
     return {
@@ -126,16 +126,16 @@ def returned(layout: Layout) -> set[tuple[int, int]]:
     }
 
 
-def note_returned(layout: Layout, storage: Storage, pairs: set[tuple[int, int]]) -> None:
-    """Keep what was brought home under other numbers; raises OSError."""
+def store_renumbered_records(layout: Layout, storage: Storage, pairs: set[tuple[int, int]]) -> None:
+    """Store which records were merged under other numbers; raise OSError."""
     text = json.dumps(sorted(pairs)) + "\n"
     storage.write_file(layout.folder / RETURNED_FILE, text.encode("ascii"))
 
 
 def _read_json(path: Path) -> Any:
-    """What a small file of ours holds; None when it is missing or damaged."""
+    """Return the content of a small JSON file; None if it is missing or damaged."""
     try:
-        if path.is_symlink() or not path.is_file() or path.stat().st_size > _LARGEST_NOTE:
+        if path.is_symlink() or not path.is_file() or path.stat().st_size > _MAX_JSON_FILE_BYTES:
             return None
         return decode_json(path.read_bytes())
     except (OSError, RecordingError):

@@ -1,4 +1,4 @@
-"""The operating system's files, as thin as can be, so that a test can put failing ones in place."""
+"""Thin layer over the files of the operating system, which tests replace by failing ones."""
 
 import contextlib
 import errno
@@ -12,44 +12,43 @@ FULL_ERRORS = frozenset(
     for name in ("ENOSPC", "EDQUOT", "EFBIG")
     if (number := getattr(errno, name, None)) is not None
 )
-"""What the system says when a disk, a quota or the longest file is full."""
+"""Error numbers of the system for a full disk, a full quota or a file that is too long."""
 
-_BINARY = getattr(os, "O_BINARY", 0)  # Windows would translate line ends otherwise
-_NO_LINK = getattr(
+_BINARY = getattr(os, "O_BINARY", 0)  # without it Windows translates line ends
+_NO_FOLLOW = getattr(
     os, "O_NOFOLLOW", 0
 )  # a survey from a stranger may hold links that lead out of it
 _NOT_INHERITED = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOINHERIT", 0)
 
 
 Stamp = tuple[int, int] | None
-"""Times (ns) of the last change of a file's content, and of what is known of it.
+"""Times (ns) of the last change of a file's content and of its metadata; None if unknown.
 
-An equal stamp does not say that nobody wrote: the clock of a file system may stand still for 4 ms,
-or 2 s. Another one does not say that somebody did. Content decides. None: the system does not say
-it.
+An equal stamp does not prove that nothing was written: the clock of a file system may stand still
+for 4 ms, or for 2 s. Another stamp does not prove that something was written. The content decides.
 """
 
 
 class Storage:
-    """Writes files so that a power cut is survived; nothing here is buffered.
+    """Writing of files that survive a power cut, without buffers.
 
-    Every method may raise OSError where nothing else is said. The offsets are the caller's: no
-    descriptor has a position that matters, so that what was torn can be written over.
+    Unless stated otherwise every method may raise OSError. The caller passes all offsets, and no
+    descriptor has a position, so that an incomplete write can be repeated.
     """
 
     def open(self, path: Path, *, create: bool = False) -> int:
-        """A descriptor for reading and writing; `create`: the file must not exist yet."""
-        flags = os.O_RDWR | _BINARY | _NOT_INHERITED | _NO_LINK
+        """Open a file for reading and writing; with `create` the file must not exist yet."""
+        flags = os.O_RDWR | _BINARY | _NOT_INHERITED | _NO_FOLLOW
         if create:
             flags |= os.O_CREAT | os.O_EXCL
         return os.open(path, flags, 0o666)
 
     def close(self, descriptor: int) -> None:
-        """Give the descriptor back."""
+        """Close a descriptor."""
         os.close(descriptor)
 
     def pwrite(self, descriptor: int, data: memoryview, offset: int) -> int:
-        """Bytes written, which may be fewer than there are."""
+        """Write at an offset; return the number of written bytes, perhaps fewer than all."""
         if sys.platform != "win32":
             return os.pwrite(descriptor, data, offset)
         else:  # noqa: RET505 - only an else is left out of the checks for other platforms
@@ -57,7 +56,7 @@ class Storage:
             return os.write(descriptor, data)
 
     def write_at(self, descriptor: int, data: bytes, offset: int) -> None:
-        """Write all of `data`, however short the single writes are."""
+        """Write all of `data`, with further writes after an incomplete one."""
         rest = memoryview(data)
         while rest:
             written = self.pwrite(descriptor, rest, offset)
@@ -67,8 +66,8 @@ class Storage:
             offset += written
 
     def sync(self, descriptor: int) -> None:
-        """Return when content and length are on the disk."""
-        if sys.platform == "darwin":  # there fsync stops at the drive's cache
+        """Wait until content and length are on the disk."""
+        if sys.platform == "darwin":  # fsync of macOS only reaches the drive's cache
             import fcntl
 
             fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
@@ -78,7 +77,7 @@ class Storage:
             os.fsync(descriptor)
 
     def read_at(self, descriptor: int, length: int, offset: int) -> bytes:
-        """What is at `offset`; fewer bytes than asked for where the file ends."""
+        """Read at `offset`; return fewer than `length` bytes at the end of the file."""
         parts = []
         while length > 0:
             if sys.platform != "win32":
@@ -94,10 +93,10 @@ class Storage:
         return b"".join(parts)
 
     def lock(self, descriptor: int) -> bool:
-        """Whether no other program has locked the file; it is locked until it is closed.
+        """Lock a file until it is closed; return False if another program has locked it.
 
-        On Windows nothing is locked and nothing needs to be: there a lock keeps readers out, and a
-        file that is open, such as ``survey.lock``, can be neither deleted nor replaced.
+        On Windows no lock is needed: a lock would exclude readers, and an open file, such as
+        ``survey.lock``, can be neither deleted nor replaced.
         """
         if sys.platform == "win32":
             return True
@@ -107,70 +106,70 @@ class Storage:
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as err:
-                # Other errors: a file system without locks. What others write is noticed all the
-                # same.
+                # Other errors: a file system without locks. Writes of other programs are detected
+                # nevertheless.
                 return err.errno not in (errno.EACCES, errno.EAGAIN)
             return True
 
     def size(self, descriptor: int) -> int:
-        """Length of the file, bytes."""
+        """Return the length of the file, bytes."""
         return os.fstat(descriptor).st_size
 
     def names(self, descriptor: int) -> int:
-        """How many names the file has: 0 when it was deleted, 2 when it was linked."""
+        """Return the number of names of the file: 0 after a deletion, 2 after a link was made."""
         return os.fstat(descriptor).st_nlink
 
     def stamp(self, descriptor: int) -> Stamp:
-        """What changes when anybody writes to the file, and hardly ever otherwise; never raises."""
+        """Return the stamp of the file, which changes with each write; never raise."""
         try:
-            said = os.fstat(descriptor)
+            status = os.fstat(descriptor)
         except OSError:
             return None
-        return said.st_mtime_ns, said.st_ctime_ns
+        return status.st_mtime_ns, status.st_ctime_ns
 
-    def stamp_own_write(self, descriptor: int) -> Stamp:
-        """The stamp after a write of one's own, where it can be set one that no clock gives.
+    def stamp_after_write(self, descriptor: int) -> Stamp:
+        """Return the stamp after a write of this program, with a time that no clock gives.
 
-        The clock of a file system stands still for some ms: who writes within the same tick would
-        leave the same time.
+        The clock of a file system stands still for some ms: a write of another program within the
+        same tick would leave the same time. Not all systems can set the time.
         """
         if os.utime in os.supports_fd:
-            with contextlib.suppress(OSError):  # then a tick is what cannot be told apart
-                said = os.fstat(descriptor)
-                os.utime(descriptor, ns=(said.st_atime_ns, said.st_mtime_ns + 1))
+            with contextlib.suppress(OSError):  # writes within one tick then have equal stamps
+                status = os.fstat(descriptor)
+                os.utime(descriptor, ns=(status.st_atime_ns, status.st_mtime_ns + 1))
         return self.stamp(descriptor)
 
     def misplaced(self, descriptor: int, path: Path, end: int) -> str | None:
-        """Why the file at `path` is not the open one with `end` bytes; None when it is."""
+        """Return why the file at `path` is not the open one with `end` bytes; None if it is."""
         try:
-            there = os.lstat(path)
+            present = os.lstat(path)
         except OSError as err:
             if isinstance(err, FileNotFoundError):
                 return f"{path.name} is gone"
             return f"{path.name} cannot be reached any more ({err.strerror or err})"
-        mine = os.fstat(descriptor)
-        if not os.path.samestat(mine, there):
+        opened = os.fstat(descriptor)
+        if not os.path.samestat(opened, present):
             return f"{path.name} was replaced by another file"
-        if mine.st_size < end:
-            return f"{path.name} was cut from {end} to {mine.st_size} bytes"
-        if mine.st_size > end:
+        if opened.st_size < end:
+            return f"{path.name} was cut from {end} to {opened.st_size} bytes"
+        if opened.st_size > end:
             return f"{path.name} was written to by another program"
         return None
 
     def truncate(self, descriptor: int, size: int) -> None:
-        """Cut the file at `size` bytes."""
+        """Cut the file to `size` bytes."""
         os.ftruncate(descriptor, size)
 
     def replace(self, source: Path, target: Path) -> None:
-        """Rename within one folder; what was at `target` is gone."""
+        """Rename within one folder; a file at `target` is replaced."""
         os.replace(source, target)
 
     def unlink(self, path: Path) -> None:
-        """Take a name away: of the reserve, of drafts and of what has a copy in ``damaged``."""
+        """Delete a file: the reserve, a draft, or a file with a copy in ``damaged``."""
         os.unlink(path)
 
     def make_directory(self, path: Path) -> None:
-        """Make one folder; one that exists is fine."""
+        """Create one folder, unless it exists."""
         if not path.is_dir():
             try:
                 os.mkdir(path)
@@ -179,8 +178,8 @@ class Storage:
                     raise
 
     def sync_directory(self, path: Path) -> None:
-        """Return when names made or changed in the folder are on the disk."""
-        if os.name == "nt":  # has no such call; NTFS journals names itself
+        """Wait until new and changed names in the folder are on the disk."""
+        if os.name == "nt":  # Windows has no such call; NTFS has a journal of names
             return
         descriptor = os.open(path, os.O_RDONLY | _NOT_INHERITED)
         try:
@@ -189,34 +188,34 @@ class Storage:
             os.close(descriptor)
 
     def free_bytes(self, path: Path) -> int:
-        """Bytes that may still be written to the disk of `path`."""
+        """Return the free space on the disk of `path`, bytes."""
         return shutil.disk_usage(path).free
 
     def make_folder(self, path: Path) -> None:
-        """Make the folder and its parents, each on the disk before this returns."""
+        """Create the folder and its parents, and wait until each is on the disk."""
         missing = []
         while not path.is_dir():
             missing.append(path)
             if path.parent == path:
                 break
             path = path.parent
-        # The last one that is there may be of a run that ended before its name was on the disk.
-        with contextlib.suppress(PermissionError):  # then it was not made by this program
+        # A former run may have ended before the name of the last existing folder was on the disk.
+        with contextlib.suppress(PermissionError):  # a folder of another user
             self.sync_directory(path.parent)
         for folder in reversed(missing):
             self.make_directory(folder)
             self.sync_directory(folder.parent)
 
     def write_file(self, path: Path, data: bytes) -> None:
-        """Put a whole file in place at once: draft, on the disk, renamed, name on the disk."""
+        """Replace a file atomically: write a draft, sync, rename, sync the name."""
         draft = draft_of(path)
         self.write_draft(draft, data)
         self.replace(draft, path)
         self.sync_directory(path.parent)
 
     def write_draft(self, draft: Path, data: bytes) -> None:
-        """Write a file that has not its final name yet, and wait until it is on the disk."""
-        if draft.exists():  # of a run that was killed
+        """Write a file under a temporary name, and wait until it is on the disk."""
+        if draft.exists():  # left by a run that was killed
             self.unlink(draft)
         descriptor = self.open(draft, create=True)
         try:
@@ -230,10 +229,10 @@ class Storage:
 
 
 def draft_of(path: Path) -> Path:
-    """Name of the file that becomes `path` once it is whole."""
+    """Return the temporary name of a file that becomes `path` when it is complete."""
     return path.with_name(f".{path.name}.tmp")
 
 
 def is_full(err: OSError) -> bool:
-    """Whether the error says that there is no room, rather than that the disk fails."""
+    """Return True if the error means that there is no room."""
     return err.errno in FULL_ERRORS

@@ -6,7 +6,7 @@ from pathlib import Path
 
 @dataclass(frozen=True, slots=True)
 class SurveyFilesRemoved:
-    """Files of the survey were deleted, replaced, cut or changed; their records are not safe."""
+    """Report that files of the survey were deleted or changed, so that records are not safe."""
 
     folder: Path
     """Folder of the survey."""
@@ -21,7 +21,7 @@ class SurveyFilesRemoved:
 
 @dataclass(frozen=True, slots=True)
 class FilesRewritten:
-    """New files hold all acknowledged records again."""
+    """Report that new files contain all acknowledged records again."""
 
     folder: Path
     """Folder of the survey."""
@@ -35,10 +35,12 @@ class FilesRewritten:
     @property
     def text(self) -> str:
         """Message to the operator."""
-        again = f"{self.drops} drops and {self.records - self.drops} other records written again"
+        rewritten = (
+            f"{self.drops} drops and {self.records - self.drops} other records written again"
+        )
         text = (
             f"safe again: {self.folder} holds everything that was recorded "
-            f"({again if self.records else 'nothing was missing'})"
+            f"({rewritten if self.records else 'nothing was missing'})"
         )
         if self.lost:
             names = ", ".join(self.lost[:10]) + (", ..." if len(self.lost) > 10 else "")
@@ -51,7 +53,7 @@ class FilesRewritten:
 
 @dataclass(frozen=True, slots=True)
 class SpareUsed:
-    """The survey's folder cannot be written to; further records go to the spare folder."""
+    """Report that the survey's folder fails and further records go to the spare folder."""
 
     folder: Path
     """Folder of the survey."""
@@ -70,7 +72,7 @@ class SpareUsed:
 
 @dataclass(frozen=True, slots=True)
 class SurveyMovedAway:
-    """The survey was moved to another place while its session ended; it stays there."""
+    """Report that the survey was moved to another place while its session ended."""
 
     folder: Path
     """Former folder of the survey."""
@@ -87,7 +89,7 @@ class SurveyMovedAway:
 
 @dataclass(frozen=True, slots=True)
 class FallbackMerged:
-    """The records of the spare folder were moved to the survey's folder."""
+    """Report that the records of the spare folder were merged into the survey's folder."""
 
     folder: Path
     """Folder of the survey."""
@@ -103,7 +105,7 @@ class FallbackMerged:
 
 @dataclass(frozen=True, slots=True)
 class PublishingFailed:
-    """A drop has no file of its own yet; its record is safe in the journal."""
+    """Report that a drop has no file yet; its record is safe in the journal."""
 
     number: int
     """Number of the drop within the survey."""

@@ -1,6 +1,6 @@
-"""What a survey holds, wherever it is kept: in its folder, or whole in one exported file.
+"""Content of a survey, independent of its storage in a folder or in one exported file.
 
-Both give the same points and drops; a drop asks the survey that it is of for what has to be read.
+Both have the same points and drops; a drop reads its data through its survey.
 """
 
 from collections.abc import Mapping
@@ -14,58 +14,58 @@ from pfwd_device.recording.drop_place import DropPlace
 from pfwd_device.recording.payload import decode_json
 from pfwd_device.recording.record import DropRecord
 
-LARGEST_RESULT = 10_000_000
-"""Bytes of a result; one takes some 3 kB."""
+MAX_RESULT_BYTES = 10_000_000
+"""Largest stored result; a usual one takes 3 kB."""
 
 Result = Mapping[str, Any]
 
 
 class DropOrigin(Protocol):
-    """A survey that reads its drops by their number within it."""
+    """Interface of a survey that reads its drops by their survey-wide number."""
 
     def key_of(self, number: int, /) -> str | None:
-        """What identifies a drop on the instrument."""
+        """Return the key of a drop, which identifies it on the instrument."""
 
     def results_of(self, number: int, /) -> tuple[Path, ...]:
-        """Files with results of a drop, in order."""
+        """Return the files with results of a drop, in order."""
 
     def result_count_of(self, number: int, /) -> int:
-        """How many results of a drop are stored."""
+        """Return the number of stored results of a drop."""
 
     def last_result_of(self, number: int, /) -> Path | None:
-        """The last of the files with results of a drop."""
+        """Return the last of the files with results of a drop."""
 
     def read_diagnosis(self, number: int, /) -> Result | None:
-        """The last diagnosis that was kept with a drop."""
+        """Return the last diagnosis that was stored with a drop."""
 
     def place_of(self, number: int, /) -> DropPlace | None:
-        """Where another process finds the facts of a drop; None: it cannot."""
+        """Return the place from which another process reads a drop; None if it cannot."""
 
     def file_of(self, number: int, /) -> Path | None:
-        """The HDF5 file of a drop, when it is published."""
+        """Return the HDF5 file of a drop; None if it is not published."""
 
     def file_bytes_of(self, number: int, /) -> bytes | None:
-        """That file, when it is there as it was published."""
+        """Return the bytes of the HDF5 file of a drop; None unless it is unchanged."""
 
     def read_drop(self, number: int, /) -> DropRecord:
-        """A drop with all its rebounds."""
+        """Read a drop with all its rebounds."""
 
     def read_traces(self, number: int, /) -> DropRecord:
-        """A drop without rebounds and without what the converter gave."""
+        """Read a drop without rebounds and without raw counts."""
 
     def read_facts(self, number: int, /) -> DropFacts:
-        """Peaks of a drop where they are known, else its traces, with what is known of it."""
+        """Read the recorded peaks of a drop, or else its traces, with its declarations."""
 
     def read_results(self, number: int, /) -> tuple[Result, ...]:
-        """The stored results of a drop, what was tried first, what counts last."""
+        """Read the stored results of a drop: trials first, the result that counts last."""
 
     def read_last_result(self, number: int, /) -> Result | None:
-        """The last of them; None: there is none."""
+        """Read the last stored result; None if there is none."""
 
 
 @dataclass(slots=True)
 class SurveyDrop:
-    """A drop with what was said of it later; its arrays are read when asked for."""
+    """A drop with its later edits; its arrays are read on request."""
 
     number: int
     """Survey-wide number, from 1."""
@@ -76,68 +76,68 @@ class SurveyDrop:
     discarded: bool
     notes: tuple[str, ...]
     position: Any
-    """As it was edited last; None: as recorded."""
+    """Position after the last edit; None: as recorded."""
     target: Any
     edits: tuple[dict[str, Any], ...]
     """All edits, in order."""
     source: str
-    """Where the record comes from: "journal", "file" when the journal is damaged there, or "export"
-    of an exported survey."""
+    """Source of the record: "journal", "file" if the journal is damaged there, or "export" for an
+    exported survey."""
     _origin: DropOrigin = field(repr=False)
 
     @property
     def key(self) -> str | None:
-        """What identifies the drop on the instrument; read when asked for."""
+        """Key that identifies the drop on the instrument; read on request."""
         return self._origin.key_of(self.number)
 
     @property
     def results(self) -> tuple[Path, ...]:
-        """Files with results, what was tried first, what counts last.
+        """Files with results: trials first, the result that counts last.
 
-        An exported survey has none, its results are within it.
+        An exported survey has no such files, as it contains the results.
         """
         return self._origin.results_of(self.number)
 
     @property
     def result_count(self) -> int:
-        """How many results are stored; no path is made of them, and none is read."""
+        """Number of stored results, without reading them."""
         return self._origin.result_count_of(self.number)
 
     @property
     def last_result(self) -> Path | None:
-        """The file that `read_last_result` reads, for another process too."""
+        """File of the last result, which another process can read as well."""
         return self._origin.last_result_of(self.number)
 
     @property
     def place(self) -> DropPlace | None:
-        """Where another process finds its facts; None: it has to be read in this one."""
+        """Place from which another process reads its facts; None if only this one can."""
         return self._origin.place_of(self.number)
 
     @property
     def file(self) -> Path | None:
-        """Its HDF5 file, when it is published; None of an exported survey."""
+        """HDF5 file of the drop; None if it is not published, or in an exported survey."""
         return self._origin.file_of(self.number)
 
     def read(self) -> DropRecord:
-        """The drop with all its rebounds.
+        """Read the drop with all its rebounds.
 
         Raises
         ------
         RecordingError
-            If it is not there whole.
+            If there is no undamaged record of it.
         """
         return self._origin.read_drop(self.number)
 
     def read_traces(self) -> DropRecord:
-        """As :meth:`read`, without rebounds and without what the converter gave."""
+        """Read the drop without rebounds and without raw counts; errors as in :meth:`read`."""
         return self._origin.read_traces(self.number)
 
     def read_facts(self) -> DropFacts:
-        """Its peaks where they were recorded, else its traces, with what is known of it."""
+        """Read the recorded peaks, or else the traces, with the declarations."""
         return self._origin.read_facts(self.number)
 
     def read_results(self) -> tuple[Result, ...]:
-        """The stored results, what was tried first, what counts last.
+        """Read the stored results: trials first, the result that counts last.
 
         Raises
         ------
@@ -147,14 +147,16 @@ class SurveyDrop:
         return self._origin.read_results(self.number)
 
     def read_last_result(self) -> Result | None:
-        """The last of them, None where there is none; raises as :meth:`read_results`.
+        """Read the last stored result; None if there is none; errors as in `read_results`.
 
-        Of a survey's folder the others are not looked at.
+        In the folder of a survey the other results are not read.
         """
         return self._origin.read_last_result(self.number)
 
     def read_diagnosis(self) -> Result | None:
-        """The last diagnosis of its point, where it was the last drop then; None: there is none.
+        """Read the last diagnosis stored with this drop, the last one of its point at that time.
+
+        None if there is none.
 
         Raises
         ------
@@ -164,7 +166,7 @@ class SurveyDrop:
         return self._origin.read_diagnosis(self.number)
 
     def read_file(self) -> bytes | None:
-        """Its HDF5 file, when it is there as it was published; rebounds may have followed."""
+        """Read the bytes of its HDF5 file; None unless it is unchanged. Rebounds may be missing."""
         return self._origin.file_bytes_of(self.number)
 
 
@@ -173,39 +175,39 @@ class SurveyPoint:
     """A test point."""
 
     name: str
-    """As its drops name it."""
+    """Name in the records of its drops."""
     title: str
-    """As it was renamed last."""
+    """Name after the last edit."""
     order: int
     declared: dict[str, Any]
-    """What was declared, edits included."""
+    """Declared values, including edits."""
     discarded: bool
     notes: tuple[str, ...]
     position: Any
     target: Any
     edits: tuple[dict[str, Any], ...]
     drops: tuple[SurveyDrop, ...]
-    """In the order of recording, discarded ones with them."""
+    """Drops in the order of recording, including discarded ones."""
 
 
 class SurveyContent(Protocol):
-    """A survey, for who does not need to know how it is kept."""
+    """Interface of a survey, independent of its storage."""
 
     @property
     def path(self) -> str:
-        """Folder or file."""
+        """Path of the folder or file."""
 
     @property
     def survey_id(self) -> str:
-        """32 hexadecimal digits; empty when it is not known any more."""
+        """Identity, 32 hexadecimal digits; empty if it is lost."""
 
     @property
     def info(self) -> Mapping[str, Any]:
-        """When and by what it was made."""
+        """Time and program of its creation."""
 
     @property
     def points(self) -> tuple[SurveyPoint, ...]:
-        """In order."""
+        """Points in order."""
 
     @property
     def drops(self) -> tuple[SurveyDrop, ...]:
@@ -221,17 +223,17 @@ class SurveyContent(Protocol):
 
     @property
     def captures(self) -> tuple[Path, ...]:
-        """Files with the bytes of links; an exported survey has them inside."""
+        """Files with raw captures; an exported survey contains the captures."""
 
     @property
     def damage(self) -> tuple[str, ...]:
-        """What is lost, a short text each."""
+        """Losses, a short text each."""
 
 
 def read_result(path: Path) -> Result:
-    """A stored result in its file; raises as `parse_result`."""
+    """Read a stored result from its file; errors as in `parse_result`."""
     try:
-        if path.stat().st_size > LARGEST_RESULT:
+        if path.stat().st_size > MAX_RESULT_BYTES:
             raise RecordingError(f"{path}: expected a result, got a file of over 10 MB")
         return parse_result(path.read_bytes(), str(path))
     except OSError as err:
@@ -239,12 +241,12 @@ def read_result(path: Path) -> Result:
 
 
 def parse_result(data: bytes | str, where: str) -> Result:
-    """A stored result.
+    """Parse a stored result.
 
     Raises
     ------
     RecordingError
-        If it is none.
+        If the data are no result.
     """
     try:
         result = decode_json(data)

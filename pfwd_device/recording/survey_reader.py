@@ -1,4 +1,4 @@
-"""Reads a survey without locking it, also while another program writes it."""
+"""Reading of a survey without a lock, even while another program writes it."""
 
 import hashlib
 import os
@@ -15,7 +15,7 @@ from pfwd_device.recording.drop_payload import (
     rebound_from_payload,
     with_rebounds,
 )
-from pfwd_device.recording.drop_place import DropPlace, drop_frame, refuse_another
+from pfwd_device.recording.drop_place import DropPlace, drop_frame, require_drop
 from pfwd_device.recording.files import file_facts
 from pfwd_device.recording.framing import Frame
 from pfwd_device.recording.index import (
@@ -35,19 +35,19 @@ from pfwd_device.recording.recovery import lost_texts
 from pfwd_device.recording.survey_content import Result, SurveyDrop, SurveyPoint, read_result
 from pfwd_device.text import clean
 
-_LONGEST_NOTE = 4096
+_MAX_NOTE_LENGTH = 4096
 
 
 class Survey:
-    """What the folder of a survey holds; made by :func:`read_survey`."""
+    """Content of the folder of a survey, read by :func:`read_survey`."""
 
     def __init__(self, layout: Layout, index: Index, states: FileStates | None = None) -> None:
         self.folder = layout.folder
         self.info: dict[str, Any] = dict(index.info)
-        """``created_utc``, ``software``, ``format_version``."""
+        """Survey record: ``created_utc``, ``software``, ``format_version``."""
         self.survey_id = index.survey.hex() if index.survey else ""
         self.damage: tuple[str, ...] = ()
-        """What is lost, a short text each; ``check`` tells more."""
+        """Losses, a short text each; ``check`` reports more."""
         self._layout = layout
         self._index = index
         self._states = states
@@ -62,22 +62,22 @@ class Survey:
                 self._diagnoses.setdefault(listed.number, []).append(listed.path)
             elif listed.path.startswith("results/"):
                 self._results.setdefault(listed.number, []).append(listed.path)
-        found = self._found()
-        self.drops: tuple[SurveyDrop, ...] = tuple(drop for _, drop in sorted(found.items()))
+        drops = self._read_drops()
+        self.drops: tuple[SurveyDrop, ...] = tuple(drop for _, drop in sorted(drops.items()))
         """All drops by survey-wide number."""
-        self.points: tuple[SurveyPoint, ...] = self._points(found)
-        """In order."""
+        self.points: tuple[SurveyPoint, ...] = self._points(drops)
+        """Points in order."""
 
     @property
     def path(self) -> str:
-        """Its folder."""
+        """Path of its folder."""
         return os.fspath(self.folder)
 
     def index_if_unchanged(self) -> Index | None:
-        """What was read, for who writes next; None: ledger or journal have changed since.
+        """Return the index for writing; None if ledger or journal have changed since the reading.
 
-        To be asked while nobody else can write. What is read once more a second later would be no
-        safer than this: whatever changes a byte changes the time of the change.
+        Call it while the lock excludes other programs. Reading again would not be safer: each
+        change of a byte changes the time of the file.
         """
         try:
             return self._index if self._states == file_states(self._layout) else None
@@ -85,10 +85,10 @@ class Survey:
             return None
 
     def close(self) -> None:
-        """Let go of the drops and points.
+        """Release the drops and points.
 
-        They know their survey and it knows them, so that the memory of many is given back at once
-        only by this, and otherwise by a long search for such circles.
+        Drops and survey refer to each other. Without this call their memory is only freed by
+        Python's search for reference cycles, which takes long for many drops.
         """
         self.drops = self.points = ()
 
@@ -109,7 +109,7 @@ class Survey:
         return tuple(self.folder / path for path in sorted(paths, key=_last))
 
     def read_traces(self, number: int) -> DropRecord:
-        """As :meth:`read_drop`, without rebounds and without what the converter gave."""
+        """Read a drop without rebounds and without raw counts; errors as in `read_drop`."""
         place = self.place_of(number)
         if place is not None:
             try:
@@ -119,7 +119,7 @@ class Survey:
         return replace(self.read_drop(number), counts=None, rebounds=())
 
     def read_facts(self, number: int) -> DropFacts:
-        """Peaks of a drop where they were recorded, else its traces, with what is known of it."""
+        """Read the recorded peaks of a drop, or else its traces, with its declarations."""
         place = self.place_of(number)
         if place is not None:
             try:
@@ -129,19 +129,19 @@ class Survey:
         return facts_of(self.read_traces(number))
 
     def place_of(self, number: int) -> DropPlace | None:
-        """Where the journal has the drop with this survey-wide number; None: it has not."""
-        found = self._index.drops.get(number)
-        if found is None:
+        """Return the place of a drop in the journal; None if the journal lacks it."""
+        entry = self._index.drops.get(number)
+        if entry is None:
             return None
-        return DropPlace(self._layout, found.entry, number, found.point, found.drop)
+        return DropPlace(self._layout, entry.entry, number, entry.point, entry.drop)
 
     def read_drop(self, number: int) -> DropRecord:
-        """The drop with this survey-wide number, with all its rebounds.
+        """Read the drop with this survey-wide number and all its rebounds.
 
         Raises
         ------
         RecordingError
-            If neither journal nor file holds it whole.
+            If neither journal nor file contains it undamaged.
         """
         entry = self._index.drops.get(number)
         later = self._index.rebounds.get(number, [])
@@ -159,7 +159,7 @@ class Survey:
         return with_rebounds(record, self._rebounds(later))
 
     def key_of(self, number: int) -> str | None:
-        """What identifies the drop with this survey-wide number on the instrument."""
+        """Return the key of a drop, which identifies it on the instrument."""
         entry = self._index.drops.get(number)
         key: object = None if entry is None else entry.key
         if entry is not None and key is None:
@@ -173,41 +173,41 @@ class Survey:
         return key if isinstance(key, str) else None
 
     def results_of(self, number: int) -> tuple[Path, ...]:
-        """Files with results of the drop with this survey-wide number, in order."""
+        """Return the files with results of a drop, in order."""
         return tuple(
             self.folder / path for path in sorted(self._results.get(number, ()), key=_last)
         )
 
     def result_count_of(self, number: int) -> int:
-        """How many results of the drop with this survey-wide number are stored."""
+        """Return the number of stored results of a drop."""
         return len(self._results.get(number, ()))
 
     def last_result_of(self, number: int) -> Path | None:
-        """The last of the files with results of the drop with this survey-wide number."""
+        """Return the last of the files with results of a drop."""
         paths = self._results.get(number)
         return self.folder / max(paths, key=_last) if paths else None
 
     def read_diagnosis(self, number: int) -> Result | None:
-        """The last diagnosis that was kept with the drop with this survey-wide number."""
+        """Return the last diagnosis that was stored with a drop."""
         paths = self._diagnoses.get(number)
         return read_result(self.folder / max(paths, key=_last)) if paths else None
 
     def read_results(self, number: int) -> tuple[Result, ...]:
-        """The stored results of the drop with this survey-wide number, in order."""
+        """Return the stored results of a drop, in order."""
         return tuple(read_result(path) for path in self.results_of(number))
 
     def read_last_result(self, number: int) -> Result | None:
-        """The last of them; None: there is none. The others are not looked at."""
+        """Return the last stored result of a drop without reading the others; None if none."""
         path = self.last_result_of(number)
         return None if path is None else read_result(path)
 
     def file_of(self, number: int) -> Path | None:
-        """The HDF5 file of the drop with this survey-wide number, when it is published."""
+        """Return the HDF5 file of a drop; None if it is not published."""
         name = self._layout.drop_file_name(number)
         return self.folder / name if name in self._index.files else None
 
     def file_bytes_of(self, number: int) -> bytes | None:
-        """The drop's HDF5 file, when it is there as it was published; rebounds may have followed.
+        """Return the bytes of the drop's HDF5 file; None unless it is unchanged since publication.
 
         Parameters
         ----------
@@ -224,8 +224,8 @@ class Survey:
             return None
         return data if hashlib.sha256(data).hexdigest() == listed.sha256 else None
 
-    def _found(self) -> dict[int, SurveyDrop]:
-        """Drops of the journal, then those of files that the journal has lost; sets `damage`."""
+    def _read_drops(self) -> dict[int, SurveyDrop]:
+        """Return the drops of the journal, and lost ones from their files; set `damage`."""
         drops = {entry.number: self._drop(entry) for entry in self._index.drops.values()}
         restored: set[str] = set()
         for number in sorted({*self._index.lost_drops, *self._layout.drop_files()} - set(drops)):
@@ -236,16 +236,16 @@ class Survey:
         self.damage = tuple(text for text in lost_texts(self._index) if text not in restored)
         return drops
 
-    def _points(self, found: dict[int, SurveyDrop]) -> tuple[SurveyPoint, ...]:
-        known = dict(self._index.points)
-        for drop in found.values():  # in the order of their records
-            if drop.point not in known:
-                order = len(known) + 1
-                known[drop.point] = {"name": drop.point, "order": order, "declared": {}}
+    def _points(self, drops_by_number: dict[int, SurveyDrop]) -> tuple[SurveyPoint, ...]:
+        points = dict(self._index.points)
+        for drop in drops_by_number.values():  # in the order of their records
+            if drop.point not in points:
+                order = len(points) + 1
+                points[drop.point] = {"name": drop.point, "order": order, "declared": {}}
         drops: dict[str, list[SurveyDrop]] = {}
         for drop in self.drops:
             drops.setdefault(drop.point, []).append(drop)
-        ordered = sorted(known.values(), key=lambda point: int(point["order"]))
+        ordered = sorted(points.values(), key=lambda point: int(point["order"]))
         return tuple(self._point(point, tuple(drops.get(point["name"], ()))) for point in ordered)
 
     def _point(self, data: dict[str, Any], drops: tuple[SurveyDrop, ...]) -> SurveyPoint:
@@ -305,43 +305,43 @@ class Survey:
         data, arrays = decode_payload(self._frame(entry).payload)
         record = drop_from_parts(data, arrays)
         expected = (entry.number, entry.point, entry.drop)
-        refuse_another(expected, data.get("number"), record.point, record.drop.number)
+        require_drop(expected, data.get("number"), record.point, record.drop.number)
         return record
 
     def _frame(self, entry: DropEntry) -> Frame:
         return drop_frame(self._layout, entry.entry, entry.number)
 
     def _rebounds(self, entries: list[Entry]) -> tuple[Rebound, ...]:
-        found = []
+        rebounds = []
         for entry in entries:
             try:
                 frame = read_record(self._layout, entry.segment, entry.offset)
-                found.append(rebound_from_payload(frame.payload))
+                rebounds.append(rebound_from_payload(frame.payload))
             except RecordingError:
                 continue
-        return tuple(found)
+        return tuple(rebounds)
 
     def _from_file(self, number: int) -> DropRecord | None:
-        """The drop of a file that is as it was published, or None."""
+        """Return the drop in its file; None unless the file is unchanged."""
         path = self._layout.drop_file(number)
         listed = self._index.files.get(self._layout.drop_file_name(number))
         try:
-            # HDF5 may do anything with damaged bytes; the checksum goes first where there is one.
+            # HDF5 may do anything with damaged bytes: compare the checksum first if there is one.
             if listed and file_facts(self._layout, path)["sha256"] != listed.sha256:
                 return None
             from pfwd_device.recording.drop_file import read_drop_file_parts
 
-            record, found, survey = read_drop_file_parts(path)
+            record, number_in_file, survey = read_drop_file_parts(path)
         except (OSError, RecordingError):
             return None
-        same = found == number and (self._index.survey in (None, survey))
+        same = number_in_file == number and (self._index.survey in (None, survey))
         return record if same else None
 
 
 def read_survey(folder: str | os.PathLike[str]) -> Survey:
-    """The survey in a folder, read-only; arrays are read when asked for.
+    """Read the survey in a folder; arrays are read on request.
 
-    Drops come from the journal; where it is damaged, from the drop's file.
+    Drops are read from the journal; where it is damaged, from the drop's file.
 
     Raises
     ------
@@ -355,7 +355,7 @@ def read_survey(folder: str | os.PathLike[str]) -> Survey:
         )
     refuse_special_files(layout)
     try:
-        states = file_states(layout)  # before: what changes while it is read has changed since
+        states = file_states(layout)  # before the reading, so that a later change is detected
     except OSError:
         states = None
     with no_collections():
@@ -363,22 +363,22 @@ def read_survey(folder: str | os.PathLike[str]) -> Survey:
 
 
 def _last(path: str) -> tuple[bool, int, str]:
-    """Sorts files of one folder by what they say: what counts last, then by their numbers."""
+    """Return the sort key of the file of a result: trials first, then by number."""
     return not path.startswith("results/trial-"), len(path), path
 
 
 def _state(edits: tuple[dict[str, Any], ...]) -> dict[str, Any]:
-    """What counts after all edits: the last of each kind."""
+    """Return the values after all edits: the last of each kind."""
     state: dict[str, Any] = {}
     for edit in edits:
-        what = edit["what"]
-        if what in ("discard", "restore"):
-            state["discarded"] = what == "discard"
+        kind = edit["what"]
+        if kind in ("discard", "restore"):
+            state["discarded"] = kind == "discard"
         else:
-            state[what] = edit.get("value")
+            state[kind] = edit.get("value")
     return state
 
 
 def _notes(edits: tuple[dict[str, Any], ...]) -> tuple[str, ...]:
     texts = (str(edit.get("value")) for edit in edits if edit["what"] == "note")
-    return tuple(clean(text.replace("\n", " "), limit=_LONGEST_NOTE) for text in texts)
+    return tuple(clean(text.replace("\n", " "), limit=_MAX_NOTE_LENGTH) for text in texts)

@@ -1,4 +1,4 @@
-"""Writes a survey: what :meth:`SurveyWriter.save_drop` returned for is never lost again."""
+"""Writing of a survey: a drop is safe on the disk when :meth:`SurveyWriter.save_drop` returns."""
 
 import contextlib
 import hashlib
@@ -41,28 +41,28 @@ from pfwd_device.recording.storage import Storage
 from pfwd_device.recording.storage_reports import PublishingFailed, StorageReport
 from pfwd_device.recording.survey_reader import Survey
 
-WARN_BYTES = 200 * 10**6
-"""Free space below which the operator is told."""
+WARNING_FREE_BYTES = 200 * 10**6
+"""Free space below which the operator is warned."""
 
-WARN_DROPS = 500
-"""Free drops below which the operator is told: a long day."""
+WARNING_FREE_DROPS = 500
+"""Room for drops below which the operator is warned: those of a long day."""
 
-FEWEST_DROPS = 20
-"""Free drops below which nothing is armed: enough to end the point in hand."""
+MIN_FREE_DROPS = 20
+"""Room for drops below which no drop is started: enough to complete the present point."""
 
-USUAL_DROP = 250_000
-"""Bytes of a drop in journal and file, until one has been saved."""
+DEFAULT_DROP_BYTES = 250_000
+"""Size of a drop in journal and file, until one has been saved."""
 
-_MOST_EDIT = 65_536
+_MAX_EDIT_BYTES = 65_536
 
 _log = logging.getLogger(__name__)
 
 
 class SurveyWriter:
-    """Writes one survey; made by :meth:`open`, used as a context manager.
+    """Writer of one survey; create it by :meth:`open` and use it as a context manager.
 
-    Its methods may be called from several threads. Nothing is buffered: when a method returns,
-    what it was given is on the disk.
+    Its methods may be called from several threads. Nothing is buffered: when a method returns, its
+    data are on the disk.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class SurveyWriter:
     ) -> None:
         self.folder = layout.folder
         self.recovery = report
-        """What was put right when the survey was opened."""
+        """Result of the recovery when the survey was opened."""
         self._layout = layout
         self._storage = storage
         self._survey_lock = lock
@@ -87,7 +87,7 @@ class SurveyWriter:
         self._submitted: set[int] = set()
         self._unlisted: list[dict[str, Any]] = []
         self._captures: list[CaptureWriter] = []
-        self._drop_bytes = USUAL_DROP
+        self._drop_bytes = DEFAULT_DROP_BYTES
         self._closed = False
         self._reports: queue.SimpleQueue[StorageReport] = queue.SimpleQueue()
         self._deferred: set[int] = set()
@@ -107,40 +107,40 @@ class SurveyWriter:
         spare: SpareFolder | None = None,
         fall_back: bool = True,
         edits_only: bool = False,
-        known: Survey | None = None,
+        already_read: Survey | None = None,
     ) -> Self:
-        """Begin a survey in `folder`, or continue the one that is there.
+        """Begin a survey in `folder`, or continue an existing one.
 
-        Everything made is on the disk, names included, before this returns.
+        All new files and their names are on the disk before this returns.
 
         Parameters
         ----------
         folder : path
-            Made with its parents when it is missing.
+            Folder of the survey; it is created with its parents if it is missing.
         storage : Storage, optional
-            The files; by default those of the system.
+            Access to the files; by default that of the system.
         publish : bool
-            Make a file of every drop, in a child process. Without, recovery makes them later.
+            Make a file of each drop in a child process. Otherwise recovery makes them later.
         publisher : Publisher, optional
-            Makes the files instead of the child process.
+            Publisher in place of the child process.
         reserve_bytes : int
-            Held back for the drop in hand when the disk is full.
+            Disk space reserved for the present drop when the disk is full.
         spare : SpareFolder, optional
-            What it holds of the survey is brought home.
+            Spare folder, whose records of the survey are merged.
         fall_back : bool
-            Records that the folder does not take go to the spare folder; else they are refused.
+            Write records that the folder refuses to the spare folder; else raise an error.
         edits_only : bool
-            No drops are to be saved: what identifies them on the instrument is not read beforehand.
-        known : Survey, optional
-            The survey as it was read just now, which is not read again unless it has changed since.
-            It is not to be used afterwards.
+            No drops will be saved: the keys of drops are not read beforehand.
+        already_read : Survey, optional
+            The survey as read before; it is read again only if it has changed since. It must not
+            be used afterwards.
 
         Raises
         ------
         SurveyLocked
             If another program writes this survey; the message names it.
         StorageFull, RecordingError
-            If the folder cannot be made or written.
+            If the folder cannot be created or written.
         """
         storage = storage or Storage()
         layout = Layout(Path(folder).absolute())
@@ -162,14 +162,14 @@ class SurveyWriter:
                 lock,
                 spare,
                 fall_back=fall_back,
-                read=_reader_of(known, layout),
+                read=_reader_of(already_read, layout),
             )
             if reserve_bytes:
                 log.make_reserve(reserve_bytes)
             report = repair(log, index, helper, publish=publish)
             report = replace(report, actions=(*actions, *report.actions))
             writer = cls(layout, storage, lock, log, index, report)
-            if not edits_only:  # drops may come: then nothing is to be looked up first
+            if not edits_only:  # read the keys now, so that saving a drop is fast
                 complete_keys(layout, index)
             writer._start(helper, publish)
         except BaseException as err:
@@ -201,7 +201,7 @@ class SurveyWriter:
             return tuple(str(point["name"]) for point in ordered)
 
     def contents(self) -> Survey:
-        """The survey as it is acknowledged now, without reading it again."""
+        """Return the survey as acknowledged so far, without reading it again."""
         with self._lock:
             return Survey(self._layout, self._index)
 
@@ -212,88 +212,94 @@ class SurveyWriter:
 
     @property
     def drops_acknowledged(self) -> int:
-        """How many drops are safe."""
+        """Number of acknowledged drops."""
         with self._lock:
             return len(self._index.drops)
 
     @property
     def publishing_failures(self) -> dict[int, str]:
-        """Why a drop has no file yet, by survey-wide number; its record is safe in the journal."""
+        """Reasons why drops have no file yet, by survey-wide number; the journal has the drops."""
         return dict(self._thread.failures) if self._thread else {}
 
     def take_reports(self) -> list[StorageReport]:
-        """What happened to the files since the last call, in order; from any thread."""
-        found = []
+        """Return the reports on the files since the last call, in order; from any thread."""
+        reports = []
         with contextlib.suppress(queue.Empty):
             while True:
-                found.append(self._reports.get_nowait())
-        return found
+                reports.append(self._reports.get_nowait())
+        return reports
 
-    def look_after(self) -> None:
-        """See to it that everything recorded is at home; to be called every second or so.
+    def maintain(self) -> None:
+        """Verify that all records are at home, and restore them if not; call it every second.
 
-        Files that were taken away are written again, what the spare folder holds is brought home.
-        What happens is among :meth:`take_reports`.
+        Deleted files are written again, and records in the spare folder are merged.
+        :meth:`take_reports` returns reports on it.
         """
-        self._records.look_after()
+        self._records.maintain()
 
     def expect_end(self) -> None:
-        """No drops are to come: from now on a survey that is moved away is reported among
-        :meth:`take_reports`, and not written again in its old place."""
+        """Announce the end: a survey that is moved away from now on is only reported.
+
+        It is not written again in its old place; see :meth:`take_reports`.
+        """
         self._records.expect_end()
 
-    def kept_in_spare(self, number: int) -> Path | None:
-        """The folder that holds a drop which the survey's own does not take; None: it is home."""
+    def spare_folder_of(self, number: int) -> Path | None:
+        """Return the spare folder that contains a drop; None if the drop is at home."""
         with self._lock:
-            return self._records.away(self._drop(number).entry)
+            return self._records.spare_folder_of(self._drop(number).entry)
 
     def drops_in_spare(self) -> dict[int, Path]:
-        """The folders of the drops that the survey's own does not hold, by survey-wide number."""
+        """Return the spare folders of the drops that are not at home, by survey-wide number."""
         with self._lock:
-            places = {n: self._records.away(drop.entry) for n, drop in self._index.drops.items()}
+            places = {
+                n: self._records.spare_folder_of(drop.entry)
+                for n, drop in self._index.drops.items()
+            }
         return {number: place for number, place in places.items() if place is not None}
 
     def next_number(self, point: str) -> int:
-        """The number that the next drop of the point gets, from 1."""
+        """Return the number of the next drop of the point, from 1."""
         with self._lock:
             return self._index.next_drop(point_name(point))
 
     def find_key(self, key: str) -> int | None:
-        """Survey-wide number of the drop with this ``metadata["key"]``, when it is recorded."""
+        """Return the survey-wide number of the drop with this ``metadata["key"]``, or None."""
         with self._lock:
             complete_keys(self._layout, self._index)
             return self._index.keys.get(key)
 
     def add_point(self, name: str, declared: Mapping[str, Any] | None = None) -> str:
-        """The point's name as it is kept; a known point with other declarations gets these."""
+        """Add a point, or change its declarations; return its name as it is recorded."""
         name = point_name(name)
         plain = decode_json(encode_json(declared or {}))
         with self._lock:
-            known = self._index.points.get(name)
-            if known is not None and encode_json(known["declared"]) == encode_json(plain):
+            point = self._index.points.get(name)
+            if point is not None and encode_json(point["declared"]) == encode_json(plain):
                 return name
-            order = int(known["order"]) if known else len(self._index.points) + 1
+            order = int(point["order"]) if point else len(self._index.points) + 1
             self._write(Kind.POINT, {"name": name, "order": order, "declared": plain})
             return name
 
     def save_drop(self, record: DropRecord) -> int:
-        """Survey-wide number of the drop, once it is on the disk: this is the acknowledgement.
+        """Save a drop; return its survey-wide number when it is on the disk.
 
-        A drop whose ``metadata["key"]`` is recorded already is not recorded again; its number is
-        returned, so that an instrument that sends a drop twice is answered twice alike.
+        The return is the acknowledgement. A drop with a recorded ``metadata["key"]`` is not
+        recorded again; its number is returned, so that a drop that the instrument sends twice is
+        acknowledged twice.
 
         Raises
         ------
         StorageFull, RecordingError
-            If it is not on the disk, or its number within the point is taken. The caller keeps
+            If it is not on the disk, or its number within the point is used. The caller keeps
             the drop and may try again.
         """
         key = record.metadata.get("key")
         if key is not None and not isinstance(key, str):
             raise RecordingError(f"key of a drop: expected text, got {type(key).__name__}")
         with self._lock:
-            if key is not None and (known := self.find_key(key)) is not None:
-                return known
+            if key is not None and (number := self.find_key(key)) is not None:
+                return number
             self._check_number(record)
             if record.point not in self._index.points:
                 self.add_point(record.point, record.declared)
@@ -306,12 +312,12 @@ class SurveyWriter:
                 self._write(Kind.SURVEY, {**info, "survey_id": self.survey_id})
             entry = self._records.append(Kind.DROP, data, arrays, about_of(Kind.DROP, data))
             self._index.add(entry, data)
-            # The file takes about as much again as the record.
+            # The file is about as large as the record.
             self._drop_bytes = max(2 * entry.length, 4096)
             return number
 
     def save_rebound(self, number: int, rebound: Rebound) -> None:
-        """Keep a rebound of the drop with this survey-wide number."""
+        """Save a rebound of the drop with this survey-wide number."""
         with self._lock:
             self._drop(number)
             payload = rebound_payload(number, rebound)
@@ -319,24 +325,24 @@ class SurveyWriter:
             self._index.add(entry, {"number": number})
 
     def edit(
-        self, what: str, value: Any = None, *, point: str | None = None, number: int | None = None
+        self, kind: str, value: Any = None, *, point: str | None = None, number: int | None = None
     ) -> None:
-        """Say something of a point or drop; nothing recorded changes, the last edit counts.
+        """Add an edit of a point or drop; no record changes, and the last edit counts.
 
         Parameters
         ----------
-        what : one of ``note, target, discard, restore, position, name, operator, declared``
-        value : what JSON knows
-        point : name of the point it is about
-        number : survey-wide number of the drop it is about, instead of a point
+        kind : one of ``note, target, discard, restore, position, name, operator, declared``
+        value : JSON value
+        point : name of the point
+        number : survey-wide number of the drop, in place of a point
         """
-        if what not in EDITS:
-            raise RecordingError(f"edit: expected one of {', '.join(EDITS)}, got {what!r}")
+        if kind not in EDITS:
+            raise RecordingError(f"edit: expected one of {', '.join(EDITS)}, got {kind!r}")
         if (point is None) == (number is None):
             raise RecordingError("edit: expected a point or the number of a drop")
         text = encode_json(value)
-        if len(text) > _MOST_EDIT:
-            raise RecordingError(f"edit: expected at most {_MOST_EDIT} bytes, got {len(text)}")
+        if len(text) > _MAX_EDIT_BYTES:
+            raise RecordingError(f"edit: expected at most {_MAX_EDIT_BYTES} bytes, got {len(text)}")
         with self._lock:
             if number is not None:
                 self._drop(number)
@@ -344,36 +350,36 @@ class SurveyWriter:
                 raise RecordingError(f"edit: expected one of the survey's points, got {point!r}")
             self._write(
                 Kind.EDIT,
-                {"what": what, "value": decode_json(text), "point": point, "number": number},
+                {"what": kind, "value": decode_json(text), "point": point, "number": number},
             )
 
     def note_event(self, kind: str, details: Mapping[str, Any] | None = None) -> None:
-        """Keep that something happened: a gap, a reconnection, an overrun."""
+        """Record an event: a gap, a reconnection, an overrun."""
         if kind == "recovery":
             raise RecordingError("event: expected another name, got recovery's own")
         self._write(Kind.EVENT, {"event": kind, "details": dict(details or {})})
 
     def save_check(self, details: Mapping[str, Any]) -> None:
-        """Keep a check of zero or span."""
+        """Record a check of zero or span."""
         self._write(Kind.CHECK, {"details": dict(details)})
 
     def save_result(
         self, number: int, result: Mapping[str, Any], kind: ResultKind = "drop"
     ) -> Path:
-        """Path of the file with a result of the drop; earlier results stay as they are.
+        """Store a result of the drop and return the path of its file; earlier results stay.
 
         Parameters
         ----------
         number : int
-            Survey-wide number of the drop; of a diagnosis that of its point's last drop.
+            Survey-wide number of the drop; for a diagnosis that of the last drop of the point.
         result : mapping
         kind : "drop", "trial" or "diagnosis"
-            What counts for the drop, what somebody tried, or what is said of its point.
+            Result that counts for the drop, trial with other settings, or diagnosis of its point.
         """
         with self._lock:
             self._drop(number)
             count = 1
-            while self._taken(path := self._layout.result(number, count, kind)):
+            while self._exists(path := self._layout.result(number, count, kind)):
                 count += 1
             text = encode_json(result) + "\n"
             try:
@@ -381,35 +387,41 @@ class SurveyWriter:
             except OSError as err:
                 if not self._records.spare:
                     raise refused(err, str(path)) from err
-                # The journal's record holds it too, and recovery makes the file from that.
+                # The record in the journal contains it, and recovery makes the file from that.
             self._list_file(path, text.encode("ascii"), number, content=text)
             return path
 
     def publish(self, number: int) -> None:
-        """Make the drop's file: its rebounds are in. Returns at once; twice is once."""
+        """Request the drop's file after its last rebound; return at once; ignore repetitions."""
         with self._lock:
             drop = self._drop(number)
             if self._thread is None or number in self._submitted:
                 return
-            if any(self._records.away(entry) for entry in (drop.entry, *drop.rebounds)):
-                self._deferred.add(number)  # its file is made at home
+            if any(self._records.spare_folder_of(entry) for entry in (drop.entry, *drop.rebounds)):
+                self._deferred.add(number)  # its file is made when it is at home
                 return
             self._submitted.add(number)
             self._thread.submit(publish_request(self._layout, drop))
 
     def open_capture(self, name: str, header: Mapping[str, Any]) -> CaptureWriter:
-        """A new raw capture ``captures/NAME-1.pfwdc`` (-2, ... follow); closed with the survey."""
+        """Begin a raw capture ``captures/NAME-1.pfwdc`` (then -2, ...), closed with the survey."""
         stem = "".join(c if c.isalnum() and c.isascii() else "-" for c in name)[:40] or "link"
         with self._lock:
             count = 1
-            while self._taken(path := self._layout.captures / f"{stem}-{count}.pfwdc"):
+            while self._exists(path := self._layout.captures / f"{stem}-{count}.pfwdc"):
                 count += 1
             capture = CaptureWriter(path, header, storage=self._storage)
             self._captures.append(capture)
             return capture
 
     def free_drops(self, size_estimate: int | None = None) -> int:
-        """How many more drops the disk takes; `size_estimate`: bytes of one, journal and file."""
+        """Return the number of drops for which the disk has room.
+
+        Parameters
+        ----------
+        size_estimate : int, optional
+            Size of a drop in journal and file, bytes.
+        """
         try:
             free = self._storage.free_bytes(self.folder)
         except OSError:
@@ -417,28 +429,28 @@ class SurveyWriter:
         return int(free // max(size_estimate or self._drop_bytes, 1))
 
     def scarce_drops(self) -> int | None:
-        """How many more drops the disk takes when it is filling, below 200 MB or 500 drops.
+        """Return the number of drops for which there is room if it is below 200 MB or 500 drops.
 
-        None: it has room, or the folder is not there.
+        None with more room, or if the folder is missing.
         """
-        if not self.folder.is_dir():  # gone, which is reported as what it is
+        if not self.folder.is_dir():  # `maintain` reports a missing folder
             return None
         drops = self.free_drops()
-        if drops * self._drop_bytes >= WARN_BYTES and drops >= WARN_DROPS:
+        if drops * self._drop_bytes >= WARNING_FREE_BYTES and drops >= WARNING_FREE_DROPS:
             return None
         return drops
 
     def check_room(self) -> None:
-        """Raise StorageFull when there is room for fewer than 20 drops: do not arm then."""
+        """Raise StorageFull if there is room for fewer than 20 drops: do not start one then."""
         drops = self.free_drops()
-        if drops < FEWEST_DROPS:
+        if drops < MIN_FREE_DROPS:
             raise StorageFull(
-                f"{self.folder}: expected room for {FEWEST_DROPS} drops before arming, got room "
+                f"{self.folder}: expected room for {MIN_FREE_DROPS} drops before arming, got room "
                 f"for {drops}; free some space or name another folder"
             )
 
     def close(self, timeout: float = 60.0) -> None:
-        """Wait for the files of the drops, at most `timeout` s, and end the survey for now."""
+        """Wait for the files of the drops, at most `timeout` s, and close the survey."""
         with self._lock:
             if self._closed:
                 return
@@ -452,15 +464,15 @@ class SurveyWriter:
             try:
                 self._finish(timeout)
             except (RecordingError, OSError) as err:
-                # What is acknowledged is safe; recovery lists what could not be listed now.
+                # Acknowledged records are safe; recovery lists the remaining files.
                 _log.warning("%s could not be closed cleanly: %s", self.folder, err)
 
     def _finish(self, timeout: float) -> None:
-        self._records.look_after()
-        if self._records.left_behind:
+        self._records.maintain()
+        if self._records.is_abandoned:
             for capture in self._captures:
                 capture.close()
-            return  # the rest is made by recovery, where the survey is now
+            return  # recovery completes the survey in its new place
         for number in sorted(self._index.drops):
             if self._layout.drop_file_name(number) not in self._index.files:
                 self.publish(number)
@@ -470,42 +482,44 @@ class SurveyWriter:
             self._write(Kind.FILE, listed)
         self._close_captures()
         if self._rewritten:
-            # Results were taken away with the rest, and their content is in the journal.
+            # Results may have been deleted with the other files; the journal has their content.
             helper = InlinePublisher(self._storage)
-            FileRepair(self._records, self._index, helper, thorough=False).repair_other_files()
+            FileRepair(
+                self._records, self._index, helper, thorough=False
+            ).repair_results_and_captures()
         self._write(Kind.CLOSE, {"by": "writer"})
 
     def _start(self, helper: Publisher, publish: bool) -> None:
         if publish:
-            self._thread = PublishingThread(helper, self._took, self._not_published)
+            self._thread = PublishingThread(helper, self._list_published, self._not_published)
         else:
             helper.close()
 
     def _not_published(self, number: int, reason: str) -> None:
-        """From the publishing thread: a file cannot be made."""
+        """Report, in the publishing thread, that a file cannot be made."""
         with self._lock:
             drop = self._drop(number)
         self._reports.put(PublishingFailed(number, drop.point, drop.drop, reason))
 
     def _relocate(self, moved: Mapping[int, Entry]) -> None:
-        """Records stand elsewhere now: in new files, or at home instead of in the spare folder."""
+        """Set new places of records, in new files or at home instead of in the spare folder."""
         self._index.relocate(moved)
         self._rewritten = True
-        again = self._deferred | {
+        to_publish = self._deferred | {
             number for number in self._submitted if not self._layout.drop_file(number).exists()
         }
         self._deferred = set()
-        self._submitted -= again
-        for number in sorted(again):
+        self._submitted -= to_publish
+        for number in sorted(to_publish):
             self.publish(number)
 
-    def _took(self, request: Mapping[str, Any], answer: Mapping[str, Any]) -> None:
-        """From the publishing thread: a file is there."""
+    def _list_published(self, request: Mapping[str, Any], answer: Mapping[str, Any]) -> None:
+        """Record, in the publishing thread, that a file was made."""
         listed = {key: answer[key] for key in ("path", "size", "sha256", "number")}
         try:
             self._write(Kind.FILE, listed)
         except RecordingError:
-            self._unlisted.append(listed)  # the disk may take it later
+            self._unlisted.append(listed)  # `close` tries again
             raise
 
     def _close_captures(self) -> None:
@@ -523,7 +537,7 @@ class SurveyWriter:
         }
         self._write(Kind.FILE, facts | {"content": content})
 
-    def _taken(self, path: Path) -> bool:
+    def _exists(self, path: Path) -> bool:
         try:
             return self._layout.relative(path) in self._index.files or path.exists()
         except OSError as err:
@@ -538,8 +552,8 @@ class SurveyWriter:
     def _check_number(self, record: DropRecord) -> None:
         drop = record.drop.number
         expected = self._index.next_drop(record.point)
-        taken = self._index.is_taken(record.point, drop)
-        if drop < 1 or taken or (drop < expected and self._lost(record.point, drop)):
+        is_used = self._index.is_used(record.point, drop)
+        if drop < 1 or is_used or (drop < expected and self._lost(record.point, drop)):
             raise RecordingError(
                 f"drop {record.point}/{drop}: expected a number that is free from 1 on, got one "
                 f"that is not; {expected} is the next"
@@ -550,16 +564,19 @@ class SurveyWriter:
 
     def _write(self, kind: int, data: Mapping[str, Any]) -> None:
         with self._lock:
-            whole = dict(data) | {"time_utc": now()}
-            entry = self._records.append(kind, whole)
-            self._index.add(entry, whole)
+            full_data = dict(data) | {"time_utc": now()}
+            entry = self._records.append(kind, full_data)
+            self._index.add(entry, full_data)
 
 
-def _reader_of(known: Survey | None, layout: Layout) -> Callable[[Layout], Index]:
-    """What gives the index once nobody else can write."""
+def _reader_of(already_read: Survey | None, layout: Layout) -> Callable[[Layout], Index]:
+    """Return the function that reads the index when the lock is held."""
 
-    def read(asked: Layout) -> Index:
-        found = known.index_if_unchanged() if known and known.folder == layout.folder else None
-        return read_index(asked) if found is None else found
+    def read(layout_to_read: Layout) -> Index:
+        if already_read is not None and already_read.folder == layout.folder:
+            index = already_read.index_if_unchanged()
+            if index is not None:
+                return index
+        return read_index(layout_to_read)
 
     return read

@@ -72,7 +72,7 @@ _DROPS = struct.Struct("<HI")
 """Additional fields of a status in version 2."""
 _TRIGGER = struct.Struct("<BBIHIII")
 _FETCH = struct.Struct("<IQHH")
-_NAME = struct.Struct("<IQ")
+_DROP_NAME = struct.Struct("<IQ")
 """Name of a drop: run of the sampler and index of the first sample."""
 _RANGE = struct.Struct("<IQI")
 _CALIBRATE = struct.Struct("<BdddddII")
@@ -165,9 +165,9 @@ def _pack_version_2(
         case Fetch(stream, first, block, blocks):
             return FETCH, _FETCH.pack(stream, first, block, blocks)
         case Acknowledge(stream, first):
-            return ACKNOWLEDGE, _NAME.pack(stream, first)
+            return ACKNOWLEDGE, _DROP_NAME.pack(stream, first)
         case Released(stream, first):
-            return RELEASED, _NAME.pack(stream, first)
+            return RELEASED, _DROP_NAME.pack(stream, first)
         case Resend(stream, first, count):
             return RESEND, _RANGE.pack(stream, first, count)
         case SamplesGone(stream, first, count):
@@ -344,7 +344,7 @@ _FROM_INSTRUMENT: dict[int, Callable[[bytes], InstrumentMessage]] = {
     ARMED: lambda payload: Armed(_read_trigger(payload)),
     OFFER: _read_offer,
     BLOCK: _read_block,
-    RELEASED: lambda payload: Released(*Reader(payload).fields(_NAME)),
+    RELEASED: lambda payload: Released(*Reader(payload).fields(_DROP_NAME)),
     GONE: lambda payload: SamplesGone(*Reader(payload).fields(_RANGE)),
 }
 _FROM_HOST: dict[int, Callable[[bytes], HostMessage]] = {
@@ -355,7 +355,7 @@ _FROM_HOST: dict[int, Callable[[bytes], HostMessage]] = {
     SHUNT: _read_shunt,
     ARM: lambda payload: Arm(_read_trigger(payload)),
     FETCH: lambda payload: Fetch(*Reader(payload).fields(_FETCH)),
-    ACKNOWLEDGE: lambda payload: Acknowledge(*Reader(payload).fields(_NAME)),
+    ACKNOWLEDGE: lambda payload: Acknowledge(*Reader(payload).fields(_DROP_NAME)),
     RESEND: lambda payload: Resend(*Reader(payload).fields(_RANGE)),
     CALIBRATE: _read_calibrate,
 }

@@ -26,7 +26,7 @@ def table(survey: Path, path: Path, form: str = "table") -> bytes:
 def computed_anew() -> Iterator[None]:
     """No peaks of a record are taken: those that this version writes are another version's."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(drop_payload, "PEAKS_VERSION", drop_payload.PEAKS_VERSION + 1)
+        patch.setattr(drop_payload, "TRACE_PEAKS_VERSION", drop_payload.TRACE_PEAKS_VERSION + 1)
         yield
 
 

@@ -21,21 +21,21 @@ Write = Callable[..., Path]
 def test_limits_are_beyond_what_is_real() -> None:
     """Each number is derived once more from what instruments and surveys have."""
     long_drop = 10 * 50_000 * (2 * 8 + 8 * 8 + 9 * 4)  # 10 s at 50 kHz: times, 9 channels, counts
-    assert 2 * long_drop < payload.LARGEST_ARRAYS <= 3 * long_drop
+    assert 2 * long_drop < payload.MAX_ARRAY_BYTES <= 3 * long_drop
     survey = 10_000  # drops of a large survey: some 450 bytes and 30 signs of JSON of each
-    assert 5 * survey * 450 < payload.LARGEST_JSON
-    assert 5 * survey * 30 < payload.MOST_JSON_VALUES
+    assert 5 * survey * 450 < payload.MAX_JSON_BYTES
+    assert 5 * survey * 30 < payload.MAX_JSON_VALUES
     # What a text may become in memory leaves room for the program itself.
-    assert payload.MOST_JSON_VALUES * 100 + 3 * payload.LARGEST_JSON < 400e6
-    assert hdf5_tree.LARGEST_READ >= payload.LARGEST_JSON + 4096
-    assert drop_file.LARGEST_FILE >= payload.LARGEST_ARRAYS + payload.LARGEST_JSON
+    assert payload.MAX_JSON_VALUES * 100 + 3 * payload.MAX_JSON_BYTES < 400e6
+    assert hdf5_tree.MAX_READ_BYTES >= payload.MAX_JSON_BYTES + 4096
+    assert drop_file.MAX_DROP_FILE_BYTES >= payload.MAX_ARRAY_BYTES + payload.MAX_JSON_BYTES
     # The largest array in the chunks that are written, and the longest capture.
-    assert payload.LARGEST_ARRAYS / (65_536 * 4) <= hdf5_tree.MOST_CHUNKS
-    assert survey_file.MAX_CAPTURE_BYTES / hdf5_tree.LARGEST_CHUNK <= hdf5_tree.MOST_CHUNKS
-    assert hdf5_tree.LARGEST_CHUNK >= 65_536 * 8
-    assert drop_file.MOST_CALIBRATIONS + 10 < hdf5_tree.MOST_ATTRIBUTES
-    assert hdf5_tree.MOST_MEMBERS > 1024
-    assert hdf5_texts.LARGEST_HEADER > hdf5_tree.MOST_ATTRIBUTES * 200
+    assert payload.MAX_ARRAY_BYTES / (65_536 * 4) <= hdf5_tree.MAX_CHUNKS
+    assert survey_file.MAX_CAPTURE_BYTES / hdf5_tree.MAX_CHUNK_BYTES <= hdf5_tree.MAX_CHUNKS
+    assert hdf5_tree.MAX_CHUNK_BYTES >= 65_536 * 8
+    assert drop_file.MAX_CALIBRATION_ATTRIBUTES + 10 < hdf5_tree.MAX_ATTRIBUTES
+    assert hdf5_tree.MAX_MEMBERS > 1024
+    assert hdf5_texts.MAX_OBJECT_HEADER_BYTES > hdf5_tree.MAX_ATTRIBUTES * 200
     assert 100 * survey <= survey_file.MAX_SURVEY_DROPS
     assert traces.MAX_FILE_NUMBERS >= 3 * 10 * 50_000 * 10
     assert traces.MAX_FILE_NUMBERS * 8 * 2 < 400e6
@@ -87,11 +87,11 @@ def test_a_bad_line_is_found_among_many(row: int, write: Write) -> None:
 
 def test_json_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     assert payload.decode_json('{"a": [1, 2]}') == {"a": [1, 2]}
-    monkeypatch.setattr(payload, "MOST_JSON_VALUES", 3)
+    monkeypatch.setattr(payload, "MAX_JSON_VALUES", 3)
     for text in ('{"a": [1, 2]}', b'{"a": [1, 2]}'):
         with pytest.raises(RecordingError, match="at most 3 values, got 4"):
             payload.decode_json(text)
-    monkeypatch.setattr(payload, "LARGEST_JSON", 3)
+    monkeypatch.setattr(payload, "MAX_JSON_BYTES", 3)
     with pytest.raises(RecordingError, match="at most 3 bytes, got 4"):
         payload.decode_json("1234")
     with pytest.raises(RecordingError, match="at most 3 bytes"):  # nor is it written

@@ -141,7 +141,7 @@ def test_a_disk_that_fills_is_said_and_that_it_has_room_again(
 def test_a_drop_in_the_spare_folder_is_acknowledged_as_such(
     survey: Path, tmp_path: Path, told: Told, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(record_log, "HOME_AGAIN", 0.0)
+    monkeypatch.setattr(record_log, "HOME_RETRY_INTERVAL_S", 0.0)
     disk = FullDisk(survey)
     spare = SpareFolder(tmp_path / "spare")
     with SurveyWriter.open(
@@ -152,7 +152,7 @@ def test_a_drop_in_the_spare_folder_is_acknowledged_as_such(
         disk.full = True
         recorder.keep(make_record(2, np.random.default_rng(2)))
         assert recorder.held == 0
-        part = writer.kept_in_spare(2)
+        part = writer.spare_folder_of(2)
         assert part is not None
         assert told.events[-1] == (2, part)
         recorder.finish(lambda: True)

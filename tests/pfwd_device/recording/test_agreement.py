@@ -12,8 +12,13 @@ from hypothesis import strategies as st
 
 from pfwd_device.recording import SurveyWriter, agreement, check, read_survey, recover
 from pfwd_device.recording import index as index_module
-from pfwd_device.recording.agreement import InconsistentRecords, ledger_columns, verified_records
-from pfwd_device.recording.common_records import parse_common_file, parse_common_rebound
+from pfwd_device.recording.agreement import (
+    InconsistentRecords,
+    ledger_columns,
+    parse_common_file,
+    parse_common_rebound,
+    verified_records,
+)
 from pfwd_device.recording.framing import HEADER, Kind, encode_frame, scan_bytes
 from pfwd_device.recording.index import build_index, read_index
 from pfwd_device.recording.layout import Layout
@@ -259,7 +264,7 @@ def readings(monkeypatch: pytest.MonkeyPatch) -> list[Layout]:
 
 def opened(folder: Path, known: Survey) -> SurveyWriter:
     helper = InlinePublisher(Storage())
-    return SurveyWriter.open(folder, publish=False, publisher=helper, known=known)
+    return SurveyWriter.open(folder, publish=False, publisher=helper, already_read=known)
 
 
 def test_a_survey_that_was_read_just_now_is_not_read_again(

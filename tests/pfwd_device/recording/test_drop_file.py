@@ -14,7 +14,7 @@ from pfwd_device.errors import RecordingError
 from pfwd_device.recording import DropRecord, hdf5_tree
 from pfwd_device.recording.drop_file import (
     DIGEST,
-    MOST_CALIBRATIONS,
+    MAX_CALIBRATION_ATTRIBUTES,
     drop_digest,
     drop_file_bytes,
     drop_from_file_bytes,
@@ -22,7 +22,7 @@ from pfwd_device.recording.drop_file import (
     stored_drop,
 )
 from pfwd_device.recording.hdf5_tree import Allowance, opened, read_dataset, read_group
-from pfwd_device.recording.payload import LARGEST_ARRAYS
+from pfwd_device.recording.payload import MAX_ARRAY_BYTES
 from tests.hdf5_visible import visible
 from tests.pfwd_device.recording.make_recording_v1 import values
 
@@ -345,7 +345,7 @@ def test_the_digest_is_made_as_it_is_documented(whole: bytes) -> None:
 def test_the_largest_drop_that_is_real_fits() -> None:
     # 8 channels and the load, 10 s at 50 kHz: times and loads, values, counts.
     samples = 10 * 50_000
-    assert 2 * samples * (2 * 8 + 8 * 8 + 9 * 4) <= LARGEST_ARRAYS
+    assert 2 * samples * (2 * 8 + 8 * 8 + 9 * 4) <= MAX_ARRAY_BYTES
 
 
 def test_attributes_of_many_channels_end_where_a_reader_ends() -> None:
@@ -355,9 +355,9 @@ def test_attributes_of_many_channels_end_where_a_reader_ends() -> None:
     record = DropRecord("P", drop, np.zeros((4, 1), np.int32), {}, metadata)
     data = drop_file_bytes(record, 1, SURVEY)
     with h5py.File(io.BytesIO(data), "r") as file:
-        assert len(file["counts"].attrs) == MOST_CALIBRATIONS + 1
+        assert len(file["counts"].attrs) == MAX_CALIBRATION_ATTRIBUTES + 1
     assert drop_from_file_bytes(data, "drop.h5")[0].metadata == metadata
-    assert MOST_CALIBRATIONS < hdf5_tree.MOST_ATTRIBUTES
+    assert MAX_CALIBRATION_ATTRIBUTES < hdf5_tree.MAX_ATTRIBUTES
 
 
 def test_no_more_is_read_of_a_file_than_is_allowed(whole: bytes) -> None:

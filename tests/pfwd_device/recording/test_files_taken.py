@@ -146,12 +146,12 @@ def test_what_is_taken_away_is_put_back_before_the_next_drop(tmp_path: Path, att
     with open_writer(survey) as writer:
         expected = {number: save(writer, number) for number in (1, 2, 3)}
         ATTACKS[attack](survey)
-        writer.look_after()
+        writer.maintain()
         told = writer.take_reports()
         assert [type(report) for report in told] == [SurveyFilesRemoved, FilesRewritten]
         assert "NOT SAFE" in told[0].text
         assert digests(survey) == expected
-        writer.look_after()
+        writer.maintain()
         assert writer.take_reports() == []
 
 
@@ -182,7 +182,7 @@ def test_times_of_files_alone_raise_no_alarm(tmp_path: Path, storage: Storage) -
         for number in range(1, 6):
             save(writer, number)
             writer.publish(number)
-            writer.look_after()
+            writer.maintain()
         assert writer.take_reports() == []
     assert check(survey).ok
     assert len(list((survey / "journal").iterdir())) == 1
@@ -194,12 +194,12 @@ def test_what_changes_times_and_no_bytes_raises_no_alarm(tmp_path: Path) -> None
         save(writer, 1)
         for path in (survey / "journal" / "0001.pfwdj", survey / "acknowledged.txt"):
             os.utime(path, (1, 1))
-            writer.look_after()
+            writer.maintain()
             path.chmod(0o600)
-            writer.look_after()
+            writer.maintain()
             write_over(path, 10, 5)
             write_over(path, 10, 5)  # back again
-            writer.look_after()
+            writer.maintain()
         save(writer, 2)
         assert writer.take_reports() == []
     assert len(list((survey / "journal").iterdir())) == 1
@@ -222,7 +222,7 @@ def test_what_was_lost_before_raises_no_alarm(tmp_path: Path) -> None:
         assert not writer.recovery.ok
         os.utime(journal, (1, 1))
         save(writer, 4)
-        writer.look_after()
+        writer.maintain()
         assert writer.take_reports() == []
 
 
@@ -281,7 +281,7 @@ def test_a_cut_journal_is_written_again_from_memory(
         for number in range(1, 11):
             save(writer, number)
         os.truncate(survey / "journal" / "0001.pfwdj", 0)
-        writer.look_after()
+        writer.maintain()
         (lost,) = [r.lost for r in writer.take_reports() if isinstance(r, FilesRewritten)]
         there = set(digests(survey))
         assert {3, 10} & there == {10}
@@ -569,8 +569,8 @@ def test_a_survey_that_is_moved_away_at_the_end_is_not_begun_anew(
         survey.rename(tmp_path / "moved")
         assert writer.scarce_drops() is None  # a folder that is gone is no full disk
         if last_check:
-            writer.look_after()
-            writer.look_after()
+            writer.maintain()
+            writer.maintain()
             assert [type(report) for report in writer.take_reports()] == [SurveyMovedAway]
             with pytest.raises(RecordingError, match="moved away while the session ended"):
                 writer.save_result(1, {"modulus_pa": 45e6})
@@ -590,7 +590,7 @@ def test_a_drop_that_comes_at_the_end_is_saved_where_the_survey_was(tmp_path: Pa
         expected = {1: save(writer, 1)}
         writer.expect_end()
         survey.rename(tmp_path / "moved")
-        writer.look_after()
+        writer.maintain()
         expected[2] = save(writer, 2)  # it has to be somewhere, and said to be
         told = [type(report) for report in writer.take_reports()]
     assert told == [SurveyMovedAway, SurveyFilesRemoved, FilesRewritten]

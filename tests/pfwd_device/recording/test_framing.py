@@ -84,14 +84,14 @@ def test_a_file_cut_anywhere_keeps_the_records_before() -> None:
 
 
 def test_a_magic_across_the_border_of_two_chunks_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(framing, "_CHUNK", 16)
+    monkeypatch.setattr(framing, "_SCAN_BYTES", 16)
     for garbage in range(1, 40):
         frames, _ = scan_bytes(b"\x89" * garbage + journal([b"x"]))
         assert [frame.payload for frame in frames] == [b"x"]
 
 
 def test_a_payload_that_is_too_long_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(framing, "LARGEST_PAYLOAD", 10)
+    monkeypatch.setattr(framing, "MAX_RECORD_PAYLOAD_BYTES", 10)
     with pytest.raises(RecordingError, match=r"record 4: expected at most 10 bytes, got 11"):
         encode_frame(3, ME, 4, bytes(11))
 

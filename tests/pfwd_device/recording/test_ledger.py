@@ -12,7 +12,7 @@ from pfwd_device.errors import StorageFull
 from pfwd_device.recording import Storage, SurveyWriter, check, ledger, read_survey, recover
 from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.ledger import (
-    LARGEST_LEDGER,
+    MAX_LEDGER_BYTES,
     Entry,
     LedgerWriter,
     about_drop,
@@ -149,7 +149,7 @@ def test_a_ledger_that_is_no_ledger_of_ours_is_not_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Longer than any that a survey of ours has, whatever is in it: recovery makes it anew."""
-    assert ledger.LARGEST_LEDGER == 24 * 2**20  # ten times that of a survey of 10,000 drops
+    assert ledger.MAX_LEDGER_BYTES == 24 * 2**20  # ten times that of a survey of 10,000 drops
     survey = tmp_path / "survey"
     helper = InlinePublisher(Storage())
     with SurveyWriter.open(survey, publisher=helper, reserve_bytes=0) as writer:
@@ -157,7 +157,7 @@ def test_a_ledger_that_is_no_ledger_of_ours_is_not_read(
     path = survey / "acknowledged.txt"
     whole = path.read_bytes()
     path.write_bytes(whole + b"x" * 100_000)
-    monkeypatch.setattr(ledger, "LARGEST_LEDGER", 10_000)
+    monkeypatch.setattr(ledger, "MAX_LEDGER_BYTES", 10_000)
     read: list[Path] = []
     of = Path.read_bytes
 
@@ -183,7 +183,7 @@ def test_a_full_ledger_takes_no_line_that_would_not_be_read_again(
     with SurveyWriter.open(survey, publisher=helper, publish=False, reserve_bytes=0) as writer:
         writer.save_drop(make_record(1, np.random.default_rng(1)))
         size = (survey / "acknowledged.txt").stat().st_size
-        monkeypatch.setattr(ledger, "LARGEST_LEDGER", size + 10)
+        monkeypatch.setattr(ledger, "MAX_LEDGER_BYTES", size + 10)
         with pytest.raises(StorageFull, match="begin another survey"):
             writer.save_drop(make_record(2, np.random.default_rng(2)))
         monkeypatch.undo()
@@ -254,8 +254,8 @@ def test_what_is_forgotten_stands_in_no_line_any_more(tmp_path: Path) -> None:
 def test_a_ledger_beyond_the_limit_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "acknowledged.txt"
     path.write_bytes(ledger_bytes(ME, ENTRIES))
-    assert LARGEST_LEDGER == 24 * 2**20
-    monkeypatch.setattr("os.path.getsize", lambda _: LARGEST_LEDGER)
+    assert MAX_LEDGER_BYTES == 24 * 2**20
+    monkeypatch.setattr("os.path.getsize", lambda _: MAX_LEDGER_BYTES)
     assert read_ledger(path).entries == tuple(ENTRIES)
-    monkeypatch.setattr("os.path.getsize", lambda _: LARGEST_LEDGER + 1)
+    monkeypatch.setattr("os.path.getsize", lambda _: MAX_LEDGER_BYTES + 1)
     assert read_ledger(path).damaged == (1,)

@@ -45,7 +45,7 @@ def test_numbers_are_those_of_a_look_at_every_drop(
         gone = [drop for name, drop in index.lost_drops.values() if name == point]
         assert index.next_drop(point) == max([0, *taken, *gone]) + 1
         for drop in range(8):
-            assert index.is_taken(point, drop) == (drop in taken)
+            assert index.is_used(point, drop) == (drop in taken)
 
 
 class CountingDrops(dict[int, DropEntry]):

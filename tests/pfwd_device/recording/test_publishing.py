@@ -81,14 +81,14 @@ def test_a_failed_unlock_does_not_keep_the_next_file_waiting(
         for number in (1, 2):
             writer.save_drop(new_record(number))
     monkeypatch.setattr(fcntl, "flock", flock)
-    monkeypatch.setattr(publisher, "LOCK_TIMEOUT", 0.5)
+    monkeypatch.setattr(publisher, "LOCK_TIMEOUT_S", 0.5)
     helper = InlinePublisher(Storage())
     drops = read_survey(tmp_path)._index.drops
     for number in (1, 2):
         answered = helper.ask(publish_request(Layout(tmp_path), drops[number]))
         assert answered["number"] == number
     monkeypatch.undo()
-    monkeypatch.setattr(publisher, "LOCK_TIMEOUT", 0.0)
+    monkeypatch.setattr(publisher, "LOCK_TIMEOUT_S", 0.0)
     with (
         file_locked(Layout(tmp_path).publish_lock, 0.0, Storage()),
         pytest.raises(RecordingError, match="another program that publishes"),
@@ -283,7 +283,7 @@ class Waits(list[float]):
 
 def test_after_each_failure_the_pause_is_longer(monkeypatch: pytest.MonkeyPatch) -> None:
     waits = Waits()
-    monkeypatch.setattr(publishing, "LONGEST_PAUSE", 3.0)
+    monkeypatch.setattr(publishing, "MAX_RETRY_PAUSE_S", 3.0)
     thread = PublishingThread(Unable(1, 2, 3, 4, 6), lambda request, answer: None)
     thread._hurry = waits  # type: ignore[assignment]
     for number in range(1, 9):

@@ -11,7 +11,7 @@ from pfwd_device import Channel, Drop
 from pfwd_device.drop import Peaks
 from pfwd_device.recording import DropRecord, SurveyWriter, check, read_survey, survey_writer
 from pfwd_device.recording.drop_payload import (
-    PEAKS_VERSION,
+    TRACE_PEAKS_VERSION,
     drop_parts,
     peaks_data,
     peaks_problem,
@@ -42,7 +42,7 @@ def record_data(**changed: Any) -> dict[str, Any]:
 def test_these_numbers_change_only_with_the_version() -> None:
     """Whoever changes what peaks are has to raise the version, else old records are taken."""
     found = trace_peaks(a_drop())
-    assert (PEAKS_VERSION, found.load) == (1, 23 * 64.0)
+    assert (TRACE_PEAKS_VERSION, found.load) == (1, 23 * 64.0)
     # Half a metre a second, from rest through one step of half that, then 22 whole ones.
     assert found.displacements == ((0.0, 22.5 * 0.5 / 1024), (-0.5, 23 * 64.0 / 2**20))
     assert peaks_data(a_drop()) == {
@@ -60,7 +60,7 @@ def test_peaks_come_back_bit_by_bit() -> None:
 @pytest.mark.parametrize(
     "changed",
     [
-        {"version": PEAKS_VERSION + 1},
+        {"version": TRACE_PEAKS_VERSION + 1},
         {"version": None},
         {"load": "8"},
         {"load": None},

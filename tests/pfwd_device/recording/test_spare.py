@@ -54,12 +54,12 @@ class Refusing(Storage):
             raise OSError(self._number, "refused")
 
 
-HOME_AGAIN = record_log.HOME_AGAIN
+HOME_RETRY_INTERVAL_S = record_log.HOME_RETRY_INTERVAL_S
 
 
 @pytest.fixture(autouse=True)
 def _no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(record_log, "HOME_AGAIN", 0.0)
+    monkeypatch.setattr(record_log, "HOME_RETRY_INTERVAL_S", 0.0)
 
 
 @pytest.fixture
@@ -104,11 +104,11 @@ def test_a_drop_that_home_refuses_is_in_the_spare_folder_at_once(
     disk = Refusing(survey, number)
     writer = open_writer(survey, disk, spare)
     expected = {1: save(writer, 1)}
-    assert writer.kept_in_spare(1) is None
+    assert writer.spare_folder_of(1) is None
     disk.refuse()
     expected |= {n: save(writer, n) for n in (2, 3)}
     (part,) = spare.root.iterdir()
-    assert writer.kept_in_spare(2) == part
+    assert writer.spare_folder_of(2) == part
     assert part.name == f"site-1-{writer.survey_id}"
     assert digests(part) == {n: expected[n] for n in (2, 3)}
     (told,) = writer.take_reports()
@@ -165,18 +165,18 @@ def test_home_takes_everything_back_as_soon_as_it_can(
         expected[2] = save(writer, 2)
         writer.publish(2)
         disk.refuse(False)
-        writer.look_after()
+        writer.maintain()
         used, home = writer.take_reports()
         assert isinstance(used, SpareUsed)
         assert isinstance(home, FallbackMerged)
         assert home.drops == 1
-        assert writer.kept_in_spare(2) is None
+        assert writer.spare_folder_of(2) is None
         assert digests(survey) == expected
         disk.refuse()
         expected[3] = save(writer, 3)
         disk.refuse(False)
         expected[4] = save(writer, 4)
-        assert writer.kept_in_spare(3) is None
+        assert writer.spare_folder_of(3) is None
     assert digests(survey) == expected
     assert (survey / "drops" / "drop-000002.h5").exists()
     assert check(survey, spare=spare).ok
@@ -186,20 +186,20 @@ def test_home_is_not_tried_at_every_drop(
     survey: Path, spare: SpareFolder, disk: Refusing, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A network drive that is gone may need seconds to say so."""
-    monkeypatch.setattr(record_log, "HOME_AGAIN", 3600.0)
+    monkeypatch.setattr(record_log, "HOME_RETRY_INTERVAL_S", 3600.0)
     with open_writer(survey, disk, spare) as writer:
         disk.refuse()
         save(writer, 1)
         disk.refuse(False)
         save(writer, 2)
-        assert writer.kept_in_spare(2) is not None
+        assert writer.spare_folder_of(2) is not None
 
 
 def test_home_is_tried_again_after_a_while(
     survey: Path, spare: SpareFolder, disk: Refusing, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = [1000.0]
-    monkeypatch.setattr(record_log, "HOME_AGAIN", HOME_AGAIN)
+    monkeypatch.setattr(record_log, "HOME_RETRY_INTERVAL_S", HOME_RETRY_INTERVAL_S)
     monkeypatch.setattr(record_log.time, "monotonic", lambda: now[0])
     with open_writer(survey, disk, spare) as writer:
         disk.refuse()
@@ -207,10 +207,10 @@ def test_home_is_tried_again_after_a_while(
         disk.refuse(False)
         now[0] += 1.9
         save(writer, 2)
-        assert writer.kept_in_spare(2) is not None
+        assert writer.spare_folder_of(2) is not None
         now[0] += 0.2
         save(writer, 3)
-        assert writer.kept_in_spare(3) is None
+        assert writer.spare_folder_of(3) is None
 
 
 def test_the_next_program_brings_home_what_waits(
@@ -300,7 +300,7 @@ def test_a_record_that_the_spare_folder_did_not_keep_leaves_its_number_free(
             save(writer, 3)
         assert len(files.entries) == acknowledged
         monkeypatch.undo()
-        monkeypatch.setattr(record_log, "HOME_AGAIN", 0.0)
+        monkeypatch.setattr(record_log, "HOME_RETRY_INTERVAL_S", 0.0)
         save(writer, 3)
     assert recover(survey, spare=spare).ok
     assert check(survey, spare=spare).ok
@@ -370,7 +370,7 @@ def test_a_folder_that_is_gone_for_good_is_kept_whole(
         expected = {n: save(writer, n) for n in (1, 2)}
         shutil.rmtree(survey)
         monkeypatch.setattr(record_log, "_disk_of", lambda folder: -1)
-        writer.look_after()
+        writer.maintain()
         (part,) = spare.root.iterdir()
         assert digests(part) == expected
         expected[3] = save(writer, 3)
@@ -396,7 +396,7 @@ def test_a_spare_folder_that_is_taken_away_too_is_begun_anew(
         (part,) = spare.root.iterdir()
         assert digests(part) == expected
         disk.refuse(False)
-        writer.look_after()
+        writer.maintain()
     assert digests(survey) == expected
     assert check(survey, spare=spare).ok
 

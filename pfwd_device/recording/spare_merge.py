@@ -1,4 +1,4 @@
-"""Brings home what the spare folder holds of a survey."""
+"""Merging of the records in the spare folder into their survey."""
 
 import contextlib
 from collections.abc import Iterator
@@ -14,89 +14,91 @@ from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import Entry, read_about
 from pfwd_device.recording.payload import Array, decode_payload, encode_payload
 from pfwd_device.recording.record_log import RecordLog
-from pfwd_device.recording.spare import SpareFolder, note_returned, returned
+from pfwd_device.recording.spare import SpareFolder, renumbered_records, store_renumbered_records
 
 _OF_THE_FILES = (Kind.SURVEY, Kind.FILE, Kind.CLOSE)
-"""Records that say something of the files at home and mean nothing under another number."""
+"""Kinds of records that describe the files at home and have no meaning under another number."""
 
 
-def waiting(spare: SpareFolder | None, index: Index) -> list[tuple[Layout, list[Entry]]]:
-    """What the spare folder holds of the survey and its own folder does not."""
+def records_only_in_spare(
+    spare: SpareFolder | None, index: Index
+) -> list[tuple[Layout, list[Entry]]]:
+    """Return the records of the survey that only the spare folder contains."""
     if spare is None or index.survey is None:
         return []
-    found = []
+    parts_with_records = []
     for part in spare.parts(survey=index.survey):
-        with contextlib.suppress(RecordingError):  # not even readable: it stays where it is
+        with contextlib.suppress(RecordingError):  # an unreadable part stays where it is
             away = build_index(part)
-            done = returned(part)
+            renumbered = renumbered_records(part)
             entries = [
                 entry
                 for number, entry in sorted(away.entries.items())
-                if not _is_home(entry, index) and (number, entry.check) not in done
+                if not _is_home(entry, index) and (number, entry.check) not in renumbered
             ]
             if entries:
-                found.append((part, entries))
-    return found
+                parts_with_records.append((part, entries))
+    return parts_with_records
 
 
-def waiting_texts(spare: SpareFolder | None, index: Index) -> list[str]:
-    """A short text for each drop, and one for all else, that waits in the spare folder."""
+def describe_records_only_in_spare(spare: SpareFolder | None, index: Index) -> list[str]:
+    """Return a short text for each drop, and one for all other records, in the spare folder."""
     texts = []
-    for part, entries in waiting(spare, index):
-        others = 0
+    for part, entries in records_only_in_spare(spare, index):
+        remaining = 0
         for entry in entries:
             about = read_about(entry.about) if entry.kind == Kind.DROP else None
             if about is None:
-                others += entry.kind not in _OF_THE_FILES
+                remaining += entry.kind not in _OF_THE_FILES
             else:
                 texts.append(
                     f"drop {about[1]}/{about[2]} is in the spare folder {part.folder} only"
                 )
-        if others:
-            texts.append(f"{others} other records are in the spare folder {part.folder} only")
+        if remaining:
+            texts.append(f"{remaining} other records are in the spare folder {part.folder} only")
     return texts
 
 
-def bring_home(log: RecordLog, index: Index, spare: SpareFolder | None) -> list[str]:
-    """Write into the survey what the spare folder holds of it; what was done, in words.
+def merge_spare_records(log: RecordLog, index: Index, spare: SpareFolder | None) -> list[str]:
+    """Write the records in the spare folder into the survey; return the actions as texts.
 
-    A record keeps its number where that is free. Where somebody went on with the survey without
-    what was in the spare folder, it gets the next one, and so does a drop.
+    A record keeps its number if that is free. If the survey was continued without the records in
+    the spare folder, they get the next numbers, and so do drops.
 
     Raises
     ------
     OSError, RecordingError
-        If home does not take it, or the spare folder cannot be read.
+        If home cannot be written or the spare folder cannot be read.
     """
     actions = []
-    for part, entries in waiting(spare, index):
+    for part, entries in records_only_in_spare(spare, index):
         complete_keys(log.layout, index)
         numbers: dict[int, int] = {}
-        brought = returned(part)
+        renumbered = renumbered_records(part)
         drops = 0
-        left_out = False
+        is_renumbering = False
         for entry, frame in _frames(part, entries):
             free = frame.sequence not in index.entries and frame.sequence not in index.lost
-            if free and not left_out:
+            if free and not is_renumbering:
                 data, _ = decode_payload(frame.payload)
-                if data.get("number") in numbers or _is_known(entry, data, index):
-                    pass  # its drop, or it itself, is there under another number
+                if data.get("number") in numbers or _is_present(entry, data, index):
+                    pass  # the record or its drop exists at home under another number
                 else:
                     _take_in(log, index, part, frame, entry, data)
                     drops += entry.kind == Kind.DROP
                     continue
-            drops += _write_anew(log, index, frame, numbers)
-            brought.add((frame.sequence, frame.check))
-            # What follows it must not keep its number: the one between would look like a loss.
-            left_out |= free and frame.sequence not in index.entries
-        note_returned(part, log.storage, brought)
+            drops += _write_renumbered(log, index, frame, numbers)
+            renumbered.add((frame.sequence, frame.check))
+            # Later records must not keep their numbers: the gap would look like a loss.
+            is_renumbering |= free and frame.sequence not in index.entries
+        store_renumbered_records(part, log.storage, renumbered)
         actions.append(f"{drops} drops brought home from the spare folder {part.folder}")
     return actions
 
 
 def _is_home(entry: Entry, index: Index) -> bool:
-    known = index.entries.get(entry.sequence)
-    return known is not None and known.check == entry.check
+    entry_at_home = index.entries.get(entry.sequence)
+    return entry_at_home is not None and entry_at_home.check == entry.check
 
 
 def _frames(part: Layout, entries: list[Entry]) -> Iterator[tuple[Entry, Frame]]:
@@ -110,11 +112,11 @@ def _take_in(
     with part.segment(entry.segment).open("rb") as stream:
         stream.seek(frame.offset)
         raw = stream.read(frame.length)
-    index.add(log.take_in(Record(frame.sequence, frame.kind, raw, entry.about)), data)
+    index.add(log.append_record(Record(frame.sequence, frame.kind, raw, entry.about)), data)
 
 
-def _is_known(entry: Entry, data: dict[str, Any], index: Index) -> bool:
-    """Whether number, or point and number within it, of a drop are taken."""
+def _is_present(entry: Entry, data: dict[str, Any], index: Index) -> bool:
+    """Return True if the number, or point and number within it, of a drop are used at home."""
     if entry.kind != Kind.DROP:
         return False
     return (
@@ -127,15 +129,15 @@ def _is_known(entry: Entry, data: dict[str, Any], index: Index) -> bool:
     )
 
 
-def _write_anew(log: RecordLog, index: Index, frame: Frame, numbers: dict[int, int]) -> int:
-    """Write a record under new numbers; how many drops that brought."""
+def _write_renumbered(log: RecordLog, index: Index, frame: Frame, numbers: dict[int, int]) -> int:
+    """Write a record under new numbers; return the number of added drops."""
     data, arrays = decode_payload(frame.payload)
     if frame.kind in _OF_THE_FILES:
         return 0
     if frame.kind == Kind.POINT and data.get("name") in index.points:
         return 0
     if frame.kind == Kind.DROP:
-        return _drop_anew(log, index, data, arrays, numbers)
+        return _write_renumbered_drop(log, index, data, arrays, numbers)
     if isinstance(data.get("number"), int):
         data["number"] = numbers.get(data["number"], data["number"])
     payload = encode_payload(data, arrays)
@@ -143,7 +145,7 @@ def _write_anew(log: RecordLog, index: Index, frame: Frame, numbers: dict[int, i
     return 0
 
 
-def _drop_anew(
+def _write_renumbered_drop(
     log: RecordLog,
     index: Index,
     data: dict[str, Any],
