@@ -1,4 +1,4 @@
-"""Offset, sensors, displacement and peaks of a raw record."""
+"""Offset, sensors, displacement, peaks and response correction of a raw record."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,3 +86,44 @@ def trace_peaks(drop: Drop) -> Peaks:
         values = displacement_of(channel, drop.time)
         peaks.append((channel.offset, float(np.max(values))))
     return Peaks(float(np.max(load)), tuple(peaks))
+
+
+def correct_response(
+    values: NDArray[np.float64], sampling_rate: float, natural_frequency: float, damping: float
+) -> NDArray[np.float64]:
+    r"""Return the velocity of the ground from a geophone record without offset, for display only.
+
+    A geophone with the natural frequency :math:`f_n` and the damping h turns the velocity v of its
+    case into u, where
+
+    .. math:: \ddot u + 2 h \omega_n \dot u + \omega_n^2 u = \ddot v, \qquad
+        \omega_n = 2 \pi f_n
+
+    (Havskov and Alguacil, Instrumentation in Earthquake Seismology, 2nd ed., eq. 2.29, with unit
+    gain at high frequency). Integrated twice from rest:
+    :math:`v = u + 2 h \omega_n \int u + \omega_n^2 \iint u`. Every error of the offset grows with
+    the square of the time. Therefore recorded and inverted data are never corrected; the inversion
+    applies the response to the model.
+
+    Parameters
+    ----------
+    values : (n,) ndarray of float, m/s
+        Record that begins at rest.
+    sampling_rate : float, Hz
+    natural_frequency : float, Hz
+    damping : float
+
+    Returns
+    -------
+    (n,) ndarray of float, m/s
+    """
+    omega = 2 * np.pi * natural_frequency
+    once = _integrate(values, sampling_rate)
+    twice = _integrate(once, sampling_rate)
+    return values + 2 * damping * omega * once + omega**2 * twice
+
+
+def _integrate(values: NDArray[np.float64], sampling_rate: float) -> NDArray[np.float64]:
+    """Integrate by the trapezoidal rule from zero."""
+    steps = (values[1:] + values[:-1]) / (2 * sampling_rate)
+    return np.concatenate([[0.0], np.cumsum(steps)])

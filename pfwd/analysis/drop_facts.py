@@ -14,8 +14,13 @@ from pfwd.files.header import IMPORTED, PEAK_DEVIATIONS, PointSetup
 from pfwd.procedures import Kind, PointDrop
 from pfwd_device import Channel, Drop
 from pfwd_device.drop import Peaks
-from pfwd_device.response import correct_response
-from pfwd_device.signals import displacement_of, quiet_samples, remove_offset, trace_peaks
+from pfwd_device.signals import (
+    correct_response,
+    displacement_of,
+    quiet_samples,
+    remove_offset,
+    trace_peaks,
+)
 
 FACTS_VERSION = 1
 """Version of the facts: raise it when :func:`point_drop` changes; stored facts are then ignored."""

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from pfwd.files.header import PointSetup
 from pfwd.peaks.basin import CENTRE_TOLERANCE_M
 from pfwd_device import Channel, Drop
-from pfwd_device.response import correct_response
-from pfwd_device.signals import remove_offset
+from pfwd_device.signals import correct_response, remove_offset
 
 STIFFNESS_BAND_HZ = (15.0, 30.0)
 """Band of the dynamic stiffness."""

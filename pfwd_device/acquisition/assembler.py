@@ -7,8 +7,7 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from pfwd_device.acquisition.counters import Counters
-from pfwd_device.acquisition.items import Gap, Item, Samples, StreamBegan
+from pfwd_device.acquisition.items import Counters, Gap, Item, Samples, StreamBegan
 from pfwd_device.identity import Identity
 from pfwd_device.wire.messages import HostMessage, Resend, SampleBlock, SamplesGone
 

@@ -5,9 +5,8 @@ from collections import deque
 
 from pfwd_device.acquisition.assembler import Assembler
 from pfwd_device.acquisition.clock import DeviceClock
-from pfwd_device.acquisition.counters import Counters
 from pfwd_device.acquisition.drop_transfers import DropTransfers
-from pfwd_device.acquisition.items import Connected, Item
+from pfwd_device.acquisition.items import Connected, Counters, Item
 from pfwd_device.identity import Identity
 from pfwd_device.wire.dialect import Dialect
 from pfwd_device.wire.messages import (

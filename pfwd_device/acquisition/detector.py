@@ -122,7 +122,7 @@ class Detector:
                 f"sampling rate: expected at least {MIN_RECORD_SAMPLES} samples in the "
                 f"{settings.pre_trigger + settings.post_trigger:g} s of a record, got "
                 f"{self._before + self._after} at {rate:g} Hz; sampling_rate_hz under [link] of "
-                "the setup file asks for another rate"
+                "the setup file requests another rate"
             )
         self._rebound_before = round(settings.rebound_pre_trigger * rate)
         self._rebound_after = max(1, round(settings.rebound_post_trigger * rate))

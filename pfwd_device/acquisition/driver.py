@@ -13,9 +13,8 @@ from pfwd_device.acquisition.conversation import (
     SampleAction,
     Stage,
 )
-from pfwd_device.acquisition.counters import Counters
 from pfwd_device.acquisition.decoder import Decoder
-from pfwd_device.acquisition.items import Connected, Disconnected, Item
+from pfwd_device.acquisition.items import Connected, Counters, Disconnected, Item
 from pfwd_device.acquisition.link import (
     MAX_QUEUE_BYTES,
     SILENCE_TIMEOUT_S,

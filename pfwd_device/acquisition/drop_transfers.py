@@ -11,8 +11,7 @@ from collections import OrderedDict
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeVar
 
-from pfwd_device.acquisition.counters import Counters
-from pfwd_device.acquisition.items import BufferedDrop, UnusableDrop
+from pfwd_device.acquisition.items import BufferedDrop, Counters, UnusableDrop
 from pfwd_device.wire.fields import unpack_int24
 from pfwd_device.wire.messages import (
     Acknowledge,

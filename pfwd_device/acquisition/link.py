@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from pfwd_device.acquisition.counters import Counters
+from pfwd_device.acquisition.items import Counters
 from pfwd_device.errors import DeviceError, DeviceLost
 from pfwd_device.transport.base import Transport
 
@@ -263,8 +263,8 @@ class Link:
             # Require several empty reads: this computer may have been asleep.
             if received is not None and empty > 2 and now - received > self._silence:
                 return (
-                    f"{transport.url}: silent: expected to hear from the instrument at least "
-                    f"every {self._silence:g} s, got nothing; is it switched on and within reach?"
+                    f"{transport.url}: silent: expected a message of the instrument at least every "
+                    f"{self._silence:g} s, got nothing; is it switched on and within reach?"
                 )
 
 

@@ -245,7 +245,7 @@ def new_link(link: InstrumentLink) -> str:
     silent = any(isinstance(each, Status) and not each.sampling for each in messages)
     require(
         bool(continued) or silent,
-        "expected the stream to go on or a Status that says that it does not, got neither",
+        "expected the stream to continue or a Status that it has stopped, got neither",
     )
     link.request(Stop(), Status)
     return "continues" if continued else "has stopped, and reports it"

@@ -47,7 +47,7 @@ class DropPlace(NamedTuple):
         require_drop(expected, data.get("number"), data.get("point"), data.get("drop"))
         declared, metadata = data.get("declared"), data.get("metadata")
         if not isinstance(declared, dict) or not isinstance(metadata, dict):
-            raise RecordingError(f"expected what is known of drop {self.number}, got others")
+            raise RecordingError(f"expected declarations of drop {self.number}, got other data")
         return DropFacts(declared, metadata, peaks_or_arrays, None)
 
     def read_traces(self) -> DropRecord:

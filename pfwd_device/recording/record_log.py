@@ -590,7 +590,7 @@ def refused(err: OSError, where: str) -> RecordingError:
             "space and save again"
         )
     return RecordingError(
-        f"{where}: expected a disk that takes what is written, got {reason!r}; save to another one"
+        f"{where}: expected a disk that can be written, got {reason!r}; save to another one"
     )
 
 

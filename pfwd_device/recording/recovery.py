@@ -135,7 +135,7 @@ def prepare(layout: Layout) -> bool:
     facts = home_of(layout.folder)
     if facts is not None:
         raise RecordingError(
-            f"{layout.folder}: expected a survey, got what the spare folder keeps of "
+            f"{layout.folder}: expected a survey, got the part of the spare folder for "
             f"{facts['survey']}; try pfwd recover {facts['survey']}, or pfwd import it elsewhere"
         )
     try:

@@ -92,7 +92,7 @@ def merge_spare_records(log: RecordLog, index: Index, spare: SpareFolder | None)
             # Later records must not keep their numbers: the gap would look like a loss.
             is_renumbering |= free and frame.sequence not in index.entries
         store_renumbered_records(part, log.storage, renumbered)
-        actions.append(f"{drops} drops brought home from the spare folder {part.folder}")
+        actions.append(f"{drops} drops moved home from the spare folder {part.folder}")
     return actions
 
 

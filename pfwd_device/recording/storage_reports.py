@@ -16,7 +16,7 @@ class SurveyFilesRemoved:
     @property
     def text(self) -> str:
         """Message to the operator."""
-        return f"NOT SAFE in {self.folder}: {self.reason}; what was recorded is written again"
+        return f"NOT SAFE in {self.folder}: {self.reason}; the recorded data are written again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class FilesRewritten:
             f"{self.drops} drops and {self.records - self.drops} other records written again"
         )
         text = (
-            f"safe again: {self.folder} holds everything that was recorded "
+            f"safe again: {self.folder} contains all recorded data "
             f"({rewritten if self.records else 'nothing was missing'})"
         )
         if self.lost:
@@ -65,8 +65,8 @@ class SpareUsed:
     def text(self) -> str:
         """Message to the operator."""
         return (
-            f"NOT SAFE in {self.folder}: {self.reason}. What follows is kept in {self.spare}; it "
-            "is brought home as soon as the folder takes it, or by pfwd recover"
+            f"NOT SAFE in {self.folder}: {self.reason}. Further records go to {self.spare}; they "
+            "are moved back as soon as the folder can be written, or by pfwd recover"
         )
 
 
@@ -81,9 +81,9 @@ class SurveyMovedAway:
     def text(self) -> str:
         """Message to the operator."""
         return (
-            f"{self.folder}: the survey was moved away while the session ended. Everything "
-            "recorded is where it was moved to; nothing is written in the old place. Run pfwd "
-            "recover on the moved survey to complete its files"
+            f"{self.folder}: the survey was moved away while the session ended. All recorded data "
+            "are in its new place; nothing is written in the old place. Run pfwd recover on the "
+            "moved survey to complete its files"
         )
 
 
@@ -100,7 +100,7 @@ class FallbackMerged:
     @property
     def text(self) -> str:
         """Message to the operator."""
-        return f"safe again: {self.drops} drops were brought from {self.spare} to {self.folder}"
+        return f"safe again: {self.drops} drops were moved from {self.spare} to {self.folder}"
 
 
 @dataclass(frozen=True, slots=True)

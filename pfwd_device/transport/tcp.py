@@ -114,5 +114,5 @@ def _address(url: str) -> tuple[str, int]:
         raise PortError(f"{expected}, got {err}; check the spelling") from err
     if not host or not port:
         missing = "no port" if host else "no host"
-        raise PortError(f"{expected}, got {missing}; the instrument's display or manual tells it")
+        raise PortError(f"{expected}, got {missing}; see the instrument's display or manual")
     return host, port

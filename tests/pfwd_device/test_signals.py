@@ -1,12 +1,19 @@
-"""Offsets and displacements of raw records."""
+r"""Offsets and displacements of raw records; correction for the response against closed forms.
+
+A geophone obeys u'' + 2 h w u' + w^2 u = v''. For v a step of 1 at t = 0 and h < 1,
+u = exp(-h w t) (cos(d t) - (h w / d) sin(d t)) with d = w sqrt(1 - h^2). For v a unit impulse u is
+delta(t) plus the derivative of that.
+"""
 
 import numpy as np
 import pytest
 
 from pfwd_device import Channel
-from pfwd_device.signals import displacement_of, quiet_samples, remove_offset
+from pfwd_device.signals import correct_response, displacement_of, quiet_samples, remove_offset
 
 TIME = np.arange(-10, 90) / 1000
+RATE = 20_000.0
+LONG_TIME = np.arange(4000) / RATE
 
 
 def test_quiet_is_the_first_half_before_the_trigger() -> None:
@@ -36,3 +43,46 @@ def test_a_displacement_is_freed_of_its_offset_alone() -> None:
     values = 0.01 + np.maximum(TIME, 0.0)
     found = displacement_of(Channel(0.0, "displacement", values), TIME)
     assert found == pytest.approx(np.maximum(TIME, 0.0))
+
+
+def step_response(frequency: float, damping: float) -> np.ndarray:
+    w = 2 * np.pi * frequency
+    d = w * np.sqrt(1 - damping**2)
+    swing = np.cos(d * LONG_TIME) - damping * w / d * np.sin(d * LONG_TIME)
+    return np.asarray(np.exp(-damping * w * LONG_TIME) * swing)
+
+
+def impulse_response(frequency: float, damping: float) -> np.ndarray:
+    """Return the response after a unit impulse, the derivative of the step response."""
+    w = 2 * np.pi * frequency
+    d = w * np.sqrt(1 - damping**2)
+    cosine = -2 * damping * w
+    sine = (2 * damping**2 * w**2 - w**2) / d
+    decay = np.exp(-damping * w * LONG_TIME)
+    return np.asarray(decay * (cosine * np.cos(d * LONG_TIME) + sine * np.sin(d * LONG_TIME)))
+
+
+@pytest.mark.parametrize(("frequency", "damping"), [(4.5, 0.6), (10.0, 0.3), (4.5, 0.05)])
+def test_a_step_comes_back(frequency: float, damping: float) -> None:
+    corrected = correct_response(step_response(frequency, damping), RATE, frequency, damping)
+    np.testing.assert_allclose(corrected, 1.0, atol=2e-5)
+
+
+@pytest.mark.parametrize(("frequency", "damping"), [(4.5, 0.6), (10.0, 0.3)])
+def test_an_impulse_comes_back(frequency: float, damping: float) -> None:
+    record = impulse_response(frequency, damping)
+    # The impulse itself is the first sample: half of its area lies before it (trapezoidal rule).
+    record[0] = record[0] / 2 + 2 * RATE / 2
+    corrected = correct_response(np.concatenate([[0.0], record]), RATE, frequency, damping)
+    late = corrected[50:]
+    early = np.abs(impulse_response(frequency, damping)).max()
+    assert np.abs(late).max() < 0.02 * early
+
+
+def test_the_error_falls_with_the_square_of_the_step() -> None:
+    errors = []
+    for stride in (1, 2, 4):
+        record = step_response(30.0, 0.5)[::stride]
+        errors.append(np.abs(correct_response(record, RATE / stride, 30.0, 0.5) - 1).max())
+    assert errors[1] / errors[0] == pytest.approx(4, rel=0.1)
+    assert errors[2] / errors[1] == pytest.approx(4, rel=0.1)

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pfwd_device.response import correct_response
+from pfwd_device.signals import correct_response
 
 Vector = NDArray[np.float64]
 

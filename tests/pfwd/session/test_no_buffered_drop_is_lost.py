@@ -22,9 +22,8 @@ from pfwd.session.buffered_drops import trigger_for
 from pfwd.session.events import N_REPORTED_FIRST
 from pfwd.session.plan import SessionPlan
 from pfwd.session.session import Session
-from pfwd_device.acquisition.counters import Counters
 from pfwd_device.acquisition.drop_transfers import DropId, DropTransfers
-from pfwd_device.acquisition.items import BufferedDrop, UnusableDrop
+from pfwd_device.acquisition.items import BufferedDrop, Counters, UnusableDrop
 from pfwd_device.recording import SurveyWriter, read_survey
 from pfwd_device.wire.fields import pack_int24
 from pfwd_device.wire.messages import (

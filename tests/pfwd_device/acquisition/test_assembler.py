@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pfwd_device.acquisition.assembler import Assembler
-from pfwd_device.acquisition.counters import Counters
-from pfwd_device.acquisition.items import Gap, Item, Samples, StreamBegan
+from pfwd_device.acquisition.items import Counters, Gap, Item, Samples, StreamBegan
 from pfwd_device.wire.messages import SampleBlock
 from tests.pfwd_device.acquisition.scripted import block, counts, identity
 

@@ -4,9 +4,8 @@ from typing import Any
 
 import pytest
 
-from pfwd_device.acquisition.counters import Counters
 from pfwd_device.acquisition.driver import Driver
-from pfwd_device.acquisition.items import Connected, Disconnected, Samples
+from pfwd_device.acquisition.items import Connected, Counters, Disconnected, Samples
 from pfwd_device.acquisition.link import Chunk, Lost, Queue
 from pfwd_device.errors import DeviceRefused
 from pfwd_device.wire.binary import BinaryDialect

@@ -8,7 +8,6 @@ import zlib
 import numpy as np
 
 from pfwd_device.acquisition.assembler import RESEND_INTERVAL_S, RESEND_TIMEOUT_S, Assembler
-from pfwd_device.acquisition.counters import Counters
 from pfwd_device.acquisition.drop_transfers import (
     MAX_TRANSFER_BYTES,
     N_UNSOUND_BEFORE_REPORT,
@@ -18,7 +17,7 @@ from pfwd_device.acquisition.drop_transfers import (
     UNSOUND_RETRY_S,
     DropTransfers,
 )
-from pfwd_device.acquisition.items import BufferedDrop, Gap, Item, Samples, UnusableDrop
+from pfwd_device.acquisition.items import BufferedDrop, Counters, Gap, Item, Samples, UnusableDrop
 from pfwd_device.wire.fields import pack_int24
 from pfwd_device.wire.messages import (
     Acknowledge,

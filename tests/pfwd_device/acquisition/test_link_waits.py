@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from pfwd_device.acquisition.counters import Counters
+from pfwd_device.acquisition.items import Counters
 from pfwd_device.acquisition.link import Chunk, Link, Lost, Queue, WakeUp, _now
 from pfwd_device.errors import PortError
 from pfwd_device.wire.dialect import LinkCounters

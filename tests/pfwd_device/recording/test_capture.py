@@ -74,7 +74,7 @@ def _ends(data: bytes) -> list[int]:
 def test_what_waits_is_written_after_a_second(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pfwd_device.recording.capture.FLUSH_INTERVAL", 0.2)
+    monkeypatch.setattr("pfwd_device.recording.capture.FLUSH_INTERVAL_S", 0.2)
     path = tmp_path / "a.pfwdc"
     writer = CaptureWriter(path, {})
     for data in (b"abc", b"def"):

@@ -369,7 +369,7 @@ def test_a_failed_sync_is_never_tried_again(tmp_path: Path, new_record: NewRecor
         fail = 1
         assert writer.save_drop(new_record(2)) == 2
         fail = 2
-        with pytest.raises(RecordingError, match="expected a disk that takes what is written"):
+        with pytest.raises(RecordingError, match="expected a disk that can be written"):
             writer.save_drop(new_record(3))
         assert writer.save_drop(new_record(3)) == 3
     assert len(list((survey / "journal").iterdir())) == 4

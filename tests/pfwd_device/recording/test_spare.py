@@ -123,7 +123,7 @@ def test_a_drop_that_home_refuses_is_in_the_spare_folder_at_once(
     disk.refuse(False)
     home = recover(survey, spare=spare)
     assert home.ok, home.damaged
-    assert f"2 drops brought home from the spare folder {part}" in home.actions
+    assert f"2 drops moved home from the spare folder {part}" in home.actions
     assert digests(survey) == expected
     assert check(survey, spare=spare).ok
     assert sorted(path.name for path in (survey / "drops").iterdir()) == [
@@ -222,7 +222,7 @@ def test_the_next_program_brings_home_what_waits(
         expected[2] = save(writer, 2)
     disk.refuse(False)
     with open_writer(survey, disk, spare) as writer:
-        assert any("brought home" in text for text in writer.recovery.actions)
+        assert any("moved home" in text for text in writer.recovery.actions)
         expected[3] = save(writer, 3)
     assert digests(survey) == expected
 
@@ -434,7 +434,7 @@ def test_a_part_of_the_spare_folder_is_no_survey_to_go_on_with(
         save(writer, 1)
     (part,) = spare.root.iterdir()
     for action in (SurveyWriter.open, recover):
-        with pytest.raises(RecordingError, match=f"keeps of {survey}; try pfwd recover {survey}"):
+        with pytest.raises(RecordingError, match=f"for {survey}; try pfwd recover {survey}"):
             action(part)
     assert len(read_survey(part).drops) == 1
 

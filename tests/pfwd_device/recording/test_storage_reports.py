@@ -18,7 +18,7 @@ HOME, SPARE = Path("site 1"), Path("spare")
 )
 def test_files_written_again(records: int, drops: int, words: str) -> None:
     report = FilesRewritten(HOME, records, drops, ())
-    assert report.text == f"safe again: site 1 holds everything that was recorded ({words})"
+    assert report.text == f"safe again: site 1 contains all recorded data ({words})"
 
 
 @pytest.mark.parametrize(
@@ -38,12 +38,12 @@ def test_what_is_lost_is_named_up_to_ten(lost: tuple[str, ...], names: str) -> N
 
 def test_what_is_not_safe_begins_with_it() -> None:
     assert SurveyFilesRemoved(HOME, "journal/0001.pfwdj: deleted").text == (
-        "NOT SAFE in site 1: journal/0001.pfwdj: deleted; what was recorded is written again"
+        "NOT SAFE in site 1: journal/0001.pfwdj: deleted; the recorded data are written again"
     )
     assert SpareUsed(HOME, SPARE, "no space left").text == (
-        "NOT SAFE in site 1: no space left. What follows is kept in spare; it is brought home as "
-        "soon as the folder takes it, or by pfwd recover"
+        "NOT SAFE in site 1: no space left. Further records go to spare; they are moved back as "
+        "soon as the folder can be written, or by pfwd recover"
     )
     assert FallbackMerged(HOME, SPARE, 9, 4).text == (
-        "safe again: 4 drops were brought from spare to site 1"
+        "safe again: 4 drops were moved from spare to site 1"
     )
