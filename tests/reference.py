@@ -75,20 +75,6 @@ def uniform_pressure_centre_displacement(
     return 2 * (1 - poisson_ratio**2) * pressure * radius / modulus
 
 
-def uniform_pressure_edge_displacement(
-    pressure: float, radius: float, modulus: float, poisson_ratio: float
-) -> float:
-    """Love 1927: w(a) = 4 (1 - nu^2) p a / (pi E)."""
-    return 4 * (1 - poisson_ratio**2) * pressure * radius / (math.pi * modulus)
-
-
-def uniform_pressure_mean_displacement(
-    pressure: float, radius: float, modulus: float, poisson_ratio: float
-) -> float:
-    """Love 1927, average over the circle: 16 (1 - nu^2) p a / (3 pi E)."""
-    return 16 * (1 - poisson_ratio**2) * pressure * radius / (3 * math.pi * modulus)
-
-
 def smooth_disc_stiffness(modulus: float, poisson_ratio: float, radius: float) -> float:
     """Boussinesq 1885, Sneddon 1965: F/w = 4 G a / (1 - nu)."""
     return 4 * shear_modulus(modulus, poisson_ratio) * radius / (1 - poisson_ratio)
@@ -105,11 +91,6 @@ def smooth_disc_outside_displacement(
 ) -> float:
     """Sneddon 1965, r >= a: w(r) = (2/pi) w0 arcsin(a/r)."""
     return 2 / math.pi * plate_displacement * math.asin(radius / offset)
-
-
-def smooth_disc_pressure(force: float, radius: float, offset: float) -> float:
-    """Boussinesq 1885, r < a: p(r) = F / (2 pi a^2 sqrt(1 - r^2/a^2))."""
-    return force / (2 * math.pi * radius**2 * math.sqrt(1 - (offset / radius) ** 2))
 
 
 # --- static layer on a rigid base ----------------------------------------------------------------

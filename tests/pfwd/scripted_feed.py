@@ -14,7 +14,7 @@ from pfwd.session.session import Session
 from pfwd_device.acquisition.items import Connected, Disconnected, Gap, Samples, StreamBegan
 from pfwd_device.errors import StorageFull
 from pfwd_device.identity import ChannelIdentity, Identity, Role
-from pfwd_device.recording import DropRecord, Rebound, SurveyWriter
+from pfwd_device.recording import DropRecord, Rebound, SurveyWriter, read_survey
 from pfwd_device.wire.messages import DropOffer
 
 RATE = 10_000
@@ -193,3 +193,10 @@ def run(
 ) -> Ending:
     """The ending of a session without inversion."""
     return Session(feed, log, SessionPlan(options=options, **plan), writer).run()
+
+
+ONE_DROP = stream(3.0, [(1.0, 8000.0)])
+
+
+def recorded(writer: Any) -> list[Any]:
+    return [drop.read() for drop in read_survey(writer.folder).drops]

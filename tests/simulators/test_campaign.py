@@ -1,9 +1,7 @@
 """The blind campaign: what is in its files, what is kept out of them, and that it repeats."""
 
-import csv
 import json
 import math
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from pfwd.files.traces import read_traces
 from simulators.campaign import (
@@ -27,6 +24,7 @@ from simulators.effects.catalogue import CLEAN, EFFECTS
 from simulators.effects.mechanics import two_layers
 from simulators.effects.recording import Converter
 from simulators.mesh import Ground, GroundError
+from tests.simulators.test_simulated_traces import read
 
 # One finite-element run serves them all: only the shallowest site is offered.
 QUICK = ("clean", "sensor_lag", "permanent_set", "spring_rig", "gain_glitch", "plate_inertia")
@@ -49,14 +47,6 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def one_site(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("simulators.campaign.SITES", (SITES[3],))
     monkeypatch.setattr("simulators.campaign.CONTACT_SITES", (SITES[3],))
-
-
-def read(path: Path) -> tuple[dict[str, object], list[str], NDArray[np.float64]]:
-    """Header, column names and numbers, by nothing but TOML and CSV."""
-    lines = path.read_text(encoding="utf-8").splitlines()
-    header = [line.removeprefix("# ") for line in lines if line.startswith("# ")]
-    rows = list(csv.reader(lines[len(header) :]))
-    return tomllib.loads("\n".join(header)), rows[0], np.array(rows[1:], dtype=float)
 
 
 def test_equal_seeds_give_equal_files(tmp_path: Path, cache: Path) -> None:

@@ -33,11 +33,6 @@ Change = Callable[[Record], Record]
 
 
 @pytest.fixture(scope="module")
-def library() -> SurrogateLibrary:
-    return SurrogateLibrary()
-
-
-@pytest.fixture(scope="module")
 def drop() -> SimulatedDrop:
     ground = Ground.uniform(MODULUS, 5e4, 1900.0, 0.35, DEPTH)
     hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)

@@ -22,11 +22,6 @@ RADIUS, MASS = 0.15, 12.0
 
 
 @pytest.fixture(scope="module")
-def library() -> SurrogateLibrary:
-    return SurrogateLibrary()
-
-
-@pytest.fixture(scope="module")
 def drop() -> SimulatedDrop:
     ground = Ground.uniform(MODULUS, 5e4, 1900.0, 0.35, 1.2)
     hammer = Hammer(mass=10.0, stiffness=4e5, velocity=4.0)

@@ -12,11 +12,6 @@ from pfwd.analysis.analyse import record_of
 from pfwd.files.traces import TracePoint, read_traces
 
 
-@pytest.fixture(scope="module")
-def library() -> SurrogateLibrary:
-    return SurrogateLibrary()
-
-
 def computed_elsewhere(shared: Path, number: int) -> tuple[float, float, TracePoint]:
     """Modulus, Pa, depth of the rock, m, and the drops of other finite elements."""
     table = (shared / "fe_drops" / "README.md").read_text(encoding="utf-8").splitlines()

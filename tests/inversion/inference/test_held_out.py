@@ -60,11 +60,6 @@ def simulated(modulus: float, speed: float, seed: int, offsets: Sequence[float] 
 
 
 @pytest.fixture(scope="module")
-def library() -> SurrogateLibrary:
-    return SurrogateLibrary()
-
-
-@pytest.fixture(scope="module")
 def point() -> PointRecords:
     drops = zip(MODULI, SPEEDS, strict=True)
     records = [simulated(modulus, speed, i) for i, (modulus, speed) in enumerate(drops)]

@@ -27,11 +27,6 @@ STRUCTURE: Structure = frozenset(
 
 
 @pytest.fixture(scope="module")
-def library() -> SurrogateLibrary:
-    return SurrogateLibrary()
-
-
-@pytest.fixture(scope="module")
 def points(shared: Path) -> list[PointRecords]:
     files = sorted((shared / "measured").glob("maxidyn_a_*.csv"))
     entries = [entry for file in files for entry in entries_of(str(file), AnalysisOptions())]

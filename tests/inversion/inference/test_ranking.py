@@ -63,11 +63,6 @@ def simulated(depth: float = np.inf, exponent: float = 0.0) -> PointRecords:
     return PointRecords("simulated", (record,), (1,))
 
 
-@pytest.fixture(scope="module")
-def library() -> SurrogateLibrary:
-    return SurrogateLibrary()
-
-
 def fit_all(point: Point, drop: int) -> dict[Structure, float]:
     """Return the log evidence of every candidate structure."""
     candidates = candidate_structures([model.context for model in point.drops])

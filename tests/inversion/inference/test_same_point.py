@@ -45,11 +45,6 @@ def simulated(share: float) -> Record:
     )
 
 
-@pytest.fixture(scope="module")
-def library() -> SurrogateLibrary:
-    return SurrogateLibrary()
-
-
 def centre_only(record: Record) -> Record:
     return replace(record, sensors=record.sensors[:1])
 

@@ -68,11 +68,6 @@ def simulated(ground: Ground, offsets: tuple[float, ...] = ()) -> tuple[PointRec
     ).pulse_duration
 
 
-@pytest.fixture(scope="module")
-def library() -> SurrogateLibrary:
-    return SurrogateLibrary()
-
-
 def names_of(found: PointDiagnosis) -> set[str]:
     return {effect.key for effect in found.effects}
 

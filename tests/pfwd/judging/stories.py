@@ -7,6 +7,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
+from benchmarks.scale import UnsyncedStorage
 from pfwd.analysis.result_store import basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
 from pfwd.analysis.screening.drops import compare
@@ -34,7 +35,6 @@ from pfwd.session.live_view import CompletePoints, apply_event
 from pfwd.session.setup_file import setup_of
 from pfwd.session.stored_drops import point_event, read_point_event
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
-from pfwd_device.recording.storage import Storage
 from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
 from tui.screen.session.screen_events import SessionStarted
 from tui.screen.session.state import SessionState
@@ -106,16 +106,6 @@ stories = st.builds(
     beginnings,
     st.lists(drops | edits, max_size=14),
 )
-
-
-class UnsyncedStorage(Storage):
-    """Does not wait for the disk: nobody needs these surveys after the test."""
-
-    def sync(self, descriptor: int) -> None:
-        """Nothing."""
-
-    def sync_directory(self, path: Path) -> None:
-        """Nothing."""
 
 
 def writing(folder: Path) -> SurveyWriter:

@@ -1,7 +1,6 @@
 """A session against scripted samples: what is saved, told and when."""
 
 import dataclasses
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -31,33 +30,17 @@ from tests.pfwd.scripted_feed import (
     GEOPHONE,
     IDENTITY,
     LOAD,
+    ONE_DROP,
     RATE,
     Log,
     ScriptedFeed,
-    SpyWriter,
     began,
     connected,
     pieces,
+    recorded,
     run,
     stream,
 )
-
-ONE_DROP = stream(3.0, [(1.0, 8000.0)])
-
-
-@pytest.fixture
-def log() -> Log:
-    return Log()
-
-
-@pytest.fixture
-def writer(tmp_path: Path, log: Log) -> Iterator[Any]:
-    with SurveyWriter.open(tmp_path / "survey", publish=False) as inner:
-        yield SpyWriter(inner, log)
-
-
-def recorded(writer: Any) -> list[Any]:
-    return [drop.read() for drop in read_survey(writer.folder).drops]
 
 
 def test_a_drop_is_saved_before_it_is_acknowledged(log: Log, writer: Any) -> None:

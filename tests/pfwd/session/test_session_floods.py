@@ -1,8 +1,6 @@
 """An instrument that says the same without end: what is told, what is kept, when it ends."""
 
 import time
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,13 +16,12 @@ from pfwd.session.events import (
 )
 from pfwd.session.plan import Ending, SessionPlan
 from pfwd.session.session import STOPPED_DROP, TRIGGER_PAUSE, Session
-from pfwd_device.recording import SurveyWriter, read_survey
+from pfwd_device.recording import read_survey
 from pfwd_device.wire.messages import Event, EventKind, Refusal
 from tests.pfwd.scripted_feed import (
     RATE,
     Log,
     ScriptedFeed,
-    SpyWriter,
     began,
     connected,
     pieces,
@@ -34,17 +31,6 @@ from tests.pfwd.scripted_feed import (
 
 QUIET = stream(8.0)
 TRIGGER = Event(EventKind.TRIGGER, 0)
-
-
-@pytest.fixture
-def log() -> Log:
-    return Log()
-
-
-@pytest.fixture
-def writer(tmp_path: Path, log: Log) -> Iterator[Any]:
-    with SurveyWriter.open(tmp_path / "survey", publish=False) as inner:
-        yield SpyWriter(inner, log)
 
 
 def test_of_a_kind_the_first_are_told_and_then_one_a_while_with_a_count() -> None:

@@ -29,34 +29,18 @@ from tests.pfwd.scripted_feed import (
     GEOPHONE,
     IDENTITY,
     LOAD,
+    ONE_DROP,
     Log,
     ScriptedFeed,
-    SpyWriter,
     began,
     connected,
     lost,
     pieces,
+    recorded,
     run,
     stream,
     with_gaps,
 )
-
-ONE_DROP = stream(3.0, [(1.0, 8000.0)])
-
-
-@pytest.fixture
-def log() -> Log:
-    return Log()
-
-
-@pytest.fixture
-def writer(tmp_path: Path, log: Log) -> Iterator[Any]:
-    with SurveyWriter.open(tmp_path / "survey", publish=False) as inner:
-        yield SpyWriter(inner, log)
-
-
-def recorded(writer: Any) -> list[Any]:
-    return [drop.read() for drop in read_survey(writer.folder).drops]
 
 
 def test_what_the_disk_does_not_take_is_kept_and_saved_later_in_order(

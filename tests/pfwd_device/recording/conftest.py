@@ -6,14 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pfwd_device.recording import DropRecord, Rebound, Storage, SurveyWriter
+from pfwd_device.recording import DropRecord, Storage, SurveyWriter
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.publishing import InlinePublisher
 from tests.campaigns.power_loss import make_record
-
-
-def a_rebound(sample: int = 7000) -> Rebound:
-    return Rebound(0.41, 912.5, sample, np.arange(12, dtype=np.int32).reshape(4, 3))
 
 
 @pytest.fixture

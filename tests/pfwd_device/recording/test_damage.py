@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import (
     DropRecord,
-    Rebound,
     RecoveryReport,
     Storage,
     SurveyWriter,
@@ -24,6 +23,7 @@ from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.framing import Kind, scan_bytes
 from pfwd_device.recording.publishing import InlinePublisher
 from tests.campaigns.power_loss import make_record
+from tests.pfwd_device.recording.records import a_rebound
 
 NewSurvey = Callable[..., dict[int, str]]
 
@@ -41,10 +41,6 @@ def content(folder: Path) -> dict[str, bytes]:
 
 def mend(folder: Path) -> RecoveryReport:
     return recover(folder, publisher=InlinePublisher(Storage()))
-
-
-def a_rebound(sample: int = 7000) -> Rebound:
-    return Rebound(0.41, 912.5, sample, np.arange(12, dtype=np.int32).reshape(4, 3))
 
 
 def found(folder: Path) -> dict[int, str]:

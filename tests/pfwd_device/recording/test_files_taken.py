@@ -30,6 +30,7 @@ from pfwd_device.recording import (
 from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.publishing import InlinePublisher
 from tests.campaigns.power_loss import make_record
+from tests.pfwd_device.recording.records import digests, save
 
 pytestmark = pytest.mark.posix  # Windows refuses to delete, rename or replace a file that is open
 
@@ -98,16 +99,6 @@ def append(path: Path, data: bytes) -> None:
 
 def open_writer(folder: Path) -> SurveyWriter:
     return SurveyWriter.open(folder, publisher=InlinePublisher(Storage()), reserve_bytes=0)
-
-
-def save(writer: SurveyWriter, number: int) -> str:
-    record = make_record(number, np.random.default_rng(number))
-    assert writer.save_drop(record) == number
-    return drop_digest(record, 0)
-
-
-def digests(folder: Path) -> dict[int, str]:
-    return {drop.number: drop_digest(drop.read(), 0) for drop in read_survey(folder).drops}
 
 
 @pytest.mark.parametrize("attack", ATTACKS)

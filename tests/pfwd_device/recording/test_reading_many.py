@@ -11,10 +11,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from benchmarks.scale import UnsyncedStorage
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording import (
     DropRecord,
-    Storage,
     Survey,
     SurveyPoint,
     SurveyWriter,
@@ -34,16 +34,6 @@ from tests.pfwd_device.recording.operations import growth, operations
 
 FLAT = 1.2
 """How much more a drop may cost among many; the square would be 4 or more."""
-
-
-class UnsyncedStorage(Storage):
-    """Does not wait for the disk."""
-
-    def sync(self, descriptor: int) -> None:
-        """Nothing."""
-
-    def sync_directory(self, path: Path) -> None:
-        """Nothing."""
 
 
 def record(folder: Path, drops: int, *, publish: bool = False, per_point: int = 2) -> Path:

@@ -11,7 +11,6 @@ import pytest
 from pfwd_device.errors import RecordingError, StorageFull
 from pfwd_device.recording import (
     FallbackMerged,
-    Rebound,
     SpareFolder,
     SpareUsed,
     Storage,
@@ -21,9 +20,9 @@ from pfwd_device.recording import (
     record_log,
     recover,
 )
-from pfwd_device.recording.drop_file import drop_digest
 from pfwd_device.recording.publishing import InlinePublisher
 from tests.campaigns.power_loss import make_record
+from tests.pfwd_device.recording.records import a_rebound, digests, save
 
 
 class Refusing(Storage):
@@ -81,20 +80,6 @@ def open_writer(survey: Path, disk: Storage, spare: SpareFolder | None) -> Surve
     return SurveyWriter.open(
         survey, storage=disk, publisher=InlinePublisher(disk), reserve_bytes=0, spare=spare
     )
-
-
-def save(writer: SurveyWriter, number: int) -> str:
-    record = make_record(number, np.random.default_rng(number))
-    assert writer.save_drop(record) == number
-    return drop_digest(record, 0)
-
-
-def digests(folder: Path) -> dict[int, str]:
-    return {drop.number: drop_digest(drop.read(), 0) for drop in read_survey(folder).drops}
-
-
-def a_rebound() -> Rebound:
-    return Rebound(0.41, 912.5, 7000, np.arange(12, dtype=np.int32).reshape(4, 3))
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO, errno.EROFS])
