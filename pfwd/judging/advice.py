@@ -70,7 +70,7 @@ class Advised(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """One thing to do."""
+    """Advice with one step to take."""
 
     about: Advised
     text: str
@@ -144,7 +144,7 @@ def _is_uneven(residual: float, survey_residuals: Sequence[float]) -> bool:
 
 
 def _loose_sensor(residuals: Mapping[int, float]) -> int | None:
-    """The one sensor that is fitted badly beside others that are fitted well; None: none is."""
+    """Return the only sensor that is fitted badly; None: no sensor, or several."""
     if len(residuals) < 2:
         return None
     worst = max(residuals, key=lambda sensor: residuals[sensor])

@@ -1,4 +1,4 @@
-"""One drop of a survey, and what it counts as among the drops of its point.
+"""One drop of a survey, and its kind among the drops of its point.
 
 A rebound is recognised by comparison with the largest drop of its point, which may come later.
 Hence a drop has facts of its own record, and `classify_drops` decides with all drops of the point.
@@ -31,7 +31,7 @@ class DropView:
     own_pulse_peak: float
     """Peak by which rebounds are recognised, N; 0: the drop is not compared."""
     setup: PointSetup
-    """Setup that is declared now."""
+    """Present setup."""
     discarded: str | None = None
     """Reason of the person who discarded it, which may be empty; None: it is not discarded."""
     moved_to: str | None = None
@@ -94,7 +94,7 @@ class DropView:
 
     @cached_property
     def facts(self) -> PointDrop:
-        """Facts with the modulus in force, after a person discarded or moved the drop."""
+        """Facts after a person discarded or moved the drop, with its modulus."""
         if self.moved_to is not None:
             return PointDrop(self.number, Kind.REJECTED, reason=self.moved_to)
         facts = with_modulus(self.own, self.result, self.setup)

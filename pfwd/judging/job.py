@@ -40,7 +40,7 @@ from pfwd_device.schema import (
 PROCEDURE_EVENT, JOB_EVENT = "procedure", "job"
 
 MAX_STATIONS = 100_000
-"""More than the stations of any one job; a longer list is another file."""
+"""Limit of a job's stations; a longer list is a wrong file."""
 
 SCREEN_UNITS = ("si", "us")
 
@@ -49,7 +49,7 @@ _SHORT_TEXT = Text(200, min_length=1)
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """A place that is to be measured."""
+    """Place that is to be measured."""
 
     name: str = field(metadata=describe(_SHORT_TEXT, "Name that the point shall have."))
     chainage_m: float | None = declared(None, Number("m"), "Distance along the line.")
@@ -114,9 +114,9 @@ class Job:
     device: str | None = None
     """Serial number of the instrument."""
     calibration: tuple[Mapping[str, Any], ...] = ()
-    """Channel, and when it was calibrated and is due again."""
+    """Channels with the dates of their last and their next calibration."""
     units: str | None = None
-    """si or us, as they are shown."""
+    """Units of the screen: ``si`` or ``us``."""
     time_zone: str | None = None
     """Offset of local time at the site: +02:00."""
     changes: tuple[JobChange, ...] = ()
@@ -131,12 +131,12 @@ class Job:
 
     @property
     def procedure_in_force(self) -> Procedure:
-        """The chosen one, or the one that averages every measured drop."""
+        """Chosen procedure, or that which averages every measured drop."""
         return self.procedure or NO_PROCEDURE
 
     @property
     def quantity(self) -> Quantity:
-        """Quantity that its points are judged by."""
+        """Quantity by which its points are judged."""
         return self.procedure_in_force.quantity
 
     def station(self, name: str) -> Station | None:
@@ -303,7 +303,7 @@ def target_unit(procedure: Procedure) -> tuple[str, float, str]:
 
 
 def target_si(shown: float, procedure: Procedure, where: str = "--target") -> float:
-    """A target in SI, from a number in the unit in which the procedure's quantity is shown.
+    """Return a target in SI from a number in the shown unit of the procedure's quantity.
 
     Raises
     ------
@@ -331,7 +331,7 @@ in MPa; a bituminous base has 10 GPa, and every modulus in kPa from 10 MPa on li
 
 
 def target_fault(target: float, procedure: Procedure, unit: tuple[str, float] | None = None) -> str:
-    """Describe why a target is outside what a drop can reach; empty: it is not.
+    """Return the fault of a target that no drop can reach; empty: no fault.
 
     Parameters
     ----------
@@ -366,7 +366,7 @@ def target_fault(target: float, procedure: Procedure, unit: tuple[str, float] | 
 
 
 def time_zone_of(text: str, where: str = "--time-zone") -> str:
-    """An offset of local time as a job keeps it: ``+02:00``.
+    """Return an offset of local time in the form of a job: ``+02:00``.
 
     Raises
     ------
@@ -393,7 +393,7 @@ MAX_OFFSET_HOURS = 14
 
 
 def target_text(target: float) -> str:
-    """A target with its unit; its size decides which quantity it belongs to."""
+    """Return a target with the unit of the quantity that its size implies."""
     from pfwd.procedures.judging import MAX_DEFLECTION_M
 
     if target < MAX_DEFLECTION_M:
@@ -424,7 +424,7 @@ def job_of(survey: SurveyContent, procedure: Procedure | None = None) -> Job:
 def job_from_events(
     events: Iterable[Mapping[str, Any]], where: str, before: Procedure | None = None
 ) -> Job:
-    """The job that events amount to.
+    """Return the job after a sequence of events.
 
     Parameters
     ----------

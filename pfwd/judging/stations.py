@@ -1,4 +1,4 @@
-"""The stations of a job, from a text with columns or from GPX waypoints."""
+"""Reader of the stations of a job, from a text with columns or from GPX waypoints."""
 
 import csv
 import difflib
@@ -17,7 +17,7 @@ from pfwd.judging.places import number as finite_number
 from pfwd.procedures import Procedure
 
 MAX_STATION_FILE_CHARACTERS = 50_000_000
-"""Characters; 100,000 stations take a tenth of it."""
+"""Limit of the file's length; 100,000 stations need a tenth of it."""
 
 MAX_STATION_NAME_CHARACTERS = 64
 """Characters of the name of a point."""
@@ -40,7 +40,7 @@ _PARTS_OF_HEADINGS: Mapping[str, tuple[str, ...]] = {
 """Parts of a heading, without its spaces and underlines, that show what the column probably is."""
 
 _CLOSE_MATCH = 0.8
-"""Similarity from which a heading is a known one misspelt: one letter in four may differ."""
+"""Similarity above which a heading counts as misspelt: one letter in four may differ."""
 
 _CHAINAGE = re.compile(r"(\d+)\+(\d{3}(?:[.,]\d+)?)(?!\d)")
 """Kilometres and metres in a name: 12+320."""
@@ -51,7 +51,7 @@ def read_stations(
     procedure: Procedure,
     on_remark: Callable[[str], None] = lambda _: None,
 ) -> tuple[Station, ...]:
-    """The stations of a file, in its order.
+    """Return the stations of a file, in its order.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def chainage_of_point(
 
 
 def next_along(name: str, step_m: float) -> str | None:
-    """The name of the station a step further; None: the name has no chainage.
+    """Return the name of the station one step further; None: the name has no chainage.
 
     Examples
     --------
@@ -149,7 +149,7 @@ def next_along(name: str, step_m: float) -> str | None:
 
 
 def next_name(name: str, taken_names: Collection[str] = (), step_m: float | None = None) -> str:
-    """The name with its last number one higher, as often as it is known already.
+    """Return the name with its last number increased until it is new.
 
     A name with a chainage continues by the step between stations, where one is declared.
 
@@ -257,7 +257,7 @@ def _quoted_heading(heading: str) -> str:
 
 
 def _column_of_heading(heading: str) -> str | None:
-    """Return the known column that a heading probably means; None: no known one."""
+    """Return the column that a heading probably means; None: no such column."""
     letters = re.sub(r"[\W_]", "", heading.lower())
     for key, parts in _PARTS_OF_HEADINGS.items():
         if any(part in letters for part in parts):

@@ -50,7 +50,7 @@ class PointView:
     diagnosis: DiagnosisResult | None = None
     """Last diagnosis, even if the point has changed since; None: there is none."""
     title: str = ""
-    """Name that it was given later; empty: it has its first name."""
+    """Later name; empty: it has its first name."""
     job: Job = field(default_factory=Job)
     """Job that it is judged by."""
     fallback_target: tuple[float, str] | None = None
@@ -84,7 +84,7 @@ class PointView:
 
     @property
     def shown_name(self) -> str:
-        """Name that it has now."""
+        """Present name."""
         return self.title or self.name
 
     @cached_property
@@ -264,7 +264,7 @@ def _plate_of(point: PointView) -> PointPlate:
 
 
 def value_of_drop(job: Job, drop: DropView) -> PointValue | None:
-    """Return the judged quantity of one drop by itself; None: the drop does not have it.
+    """Return the judged quantity of one drop by itself; None: the drop lacks it.
 
     One drop has no scatter: only the modulus of the inversion has an interval, that of its model.
     """

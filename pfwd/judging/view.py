@@ -269,7 +269,7 @@ def setup_now(declared: Mapping[str, Any], later: Mapping[str, Any], where: str)
 
 
 def _discarding_of(drop: SurveyDrop) -> tuple[str | None, str | None]:
-    """Return reason of the discard and the point to which the drop was moved, None where not."""
+    """Return the reason of a discard, and the sentence that names the point of a moved drop."""
     if not drop.discarded:
         return None, None
     reasons = [edit.get("value") for edit in drop.edits if edit["what"] == "discard"]
@@ -279,7 +279,7 @@ def _discarding_of(drop: SurveyDrop) -> tuple[str | None, str | None]:
 
 
 def _target_of(point: SurveyPoint) -> float | None:
-    """Return the target of the point itself, Pa or m; None: it has none that could be one."""
+    """Return the target of the point itself, Pa or m; None: no valid target."""
     target = point.target
     sound = isinstance(target, int | float) and not isinstance(target, bool)
     return float(target) if sound and 0 < target < float("inf") else None

@@ -1,4 +1,4 @@
-"""Has the drops of a session inverted: a quick answer first, the full search after it."""
+"""Inversion of the drops of a session: a quick fit first, the full search after it."""
 
 import contextlib
 import queue
@@ -21,12 +21,12 @@ from pfwd_device.identity import Identity
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _PendingAnalysis:
-    """An analysis under way."""
+    """Analysis that runs in the worker."""
 
     saved: SavedDrop
     urgency: Urgency
     final: bool
-    """No other answer follows."""
+    """True: no further result follows."""
 
 
 MAX_PENDING_FOR_FULL_SEARCH = 60
@@ -35,7 +35,7 @@ slow for them would hold ever more drops in memory. The first modulus is worth n
 
 
 class Analyses:
-    """The analyses of one session.
+    """Analyses of one session.
 
     Parameters
     ----------
@@ -69,12 +69,12 @@ class Analyses:
         return len(self._pending)
 
     def prepare(self, identity: Identity, setup: PointSetup) -> None:
-        """Have the model's table ready for drops of this instrument."""
+        """Build the model's table for drops of this instrument."""
         counts = np.zeros((64, len(identity.channels)), np.int32)
         self._worker.prepare(calibrate(1, counts, (), 32, identity), setup, self._options)
 
     def request(self, saved: SavedDrop) -> None:
-        """Have a drop inverted."""
+        """Request the inversion of a drop."""
         if saved.screening.status == "rejected":
             return
         if self._has_single_answer:
@@ -121,7 +121,7 @@ class Analyses:
                 self._report(DropAnalysed(pending.saved, None, result, None, False, True))
 
     def close(self) -> None:
-        """End the worker; what is not answered stays so."""
+        """End the worker; pending drops get no result."""
         self._worker.close()
 
     def _take(self, response: TaskResponse | Building) -> None:
@@ -144,6 +144,6 @@ class Analyses:
 
 
 def _failed(saved: SavedDrop, fault: str) -> DropResult:
-    """The result of a drop that could not be inverted, with all its keys."""
+    """Return the result of a drop that could not be inverted, with all its keys."""
     failed = DropAnalysis(saved.drop, saved.screening, None, fault, saved.setup)
     return drop_result(saved.file, failed)

@@ -1,4 +1,4 @@
-"""Drops that the instrument detects and buffers itself: its trigger, and their conversion."""
+"""Drops that the instrument detects and buffers: settings of its trigger, conversion of a drop."""
 
 import math
 from dataclasses import replace
@@ -12,13 +12,13 @@ from pfwd_device.identity import Identity
 from pfwd_device.wire.messages import Trigger
 
 _MIN_SAMPLES_AT_REST = 8
-"""Samples before the trigger from which the load at rest is known."""
+"""Number of samples before the trigger from which the load at rest is estimated."""
 _MIN_PRE_TRIGGER = 1e-9
-"""s; shortest time before the trigger, as settings have no zero."""
+"""Shortest time before the trigger, s; settings do not allow 0."""
 
 
 def trigger_for(identity: Identity, settings: DetectionSettings) -> Trigger:
-    """Return the trigger of the instrument that matches the detection that was set up.
+    """Return the trigger of the instrument that matches the settings of the detection.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def trigger_for(identity: Identity, settings: DetectionSettings) -> Trigger:
 
 
 def raw_drop_of(item: BufferedDrop, trigger: Trigger | None, identity: Identity) -> RawDrop:
-    """The drop as the detection here would have found it.
+    """Return a buffered drop in the form that the detection here produces.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def raw_drop_of(item: BufferedDrop, trigger: Trigger | None, identity: Identity)
 
 
 def settings_of(item: BufferedDrop, settings: DetectionSettings) -> DetectionSettings:
-    """The detection with the times that this drop was kept for, so that a replay cuts it alike."""
+    """Return the detection's settings with the times of a buffered drop, for its replay."""
     rate, offer = item.offer.sampling_rate, item.offer
     return replace(
         settings,

@@ -1,4 +1,4 @@
-"""Comparison of an instrument's calibration with that of its drops recorded before."""
+"""Comparison of an instrument's calibration with that of its recorded drops."""
 
 from collections.abc import Iterator
 
@@ -8,7 +8,7 @@ from pfwd_device.recording import SurveyWriter
 
 
 def calibration_changes(before: Identity, now: Identity) -> tuple[str, ...]:
-    """Everything that makes other values of the same counts, one phrase each.
+    """Return the differences that change the values of the same counts, one phrase each.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def _text(value: float | None, unit: str) -> str:
 
 
 def last_recorded_identity(writer: SurveyWriter, serial_number: str) -> Identity | None:
-    """The identity that the last drop of an instrument was calibrated with; None: it has none.
+    """Return the identity recorded with the last drop of an instrument; None: there is none.
 
     Parameters
     ----------

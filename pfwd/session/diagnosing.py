@@ -1,4 +1,4 @@
-"""Diagnoses of the points of a session while they are measured, beside the moduli of the drops.
+"""Diagnoses of the points of a session while they are measured.
 
 They have a process of their own: the first modulus of the next drop must not wait for it. Effects
 of the device that the points so far show are used for the next one.
@@ -19,12 +19,12 @@ from pfwd.procedures import Kind
 from pfwd.session.events import Notice, PointDiagnosed, SavedDrop
 
 MIN_POINTS_WITH_EFFECT = 2
-"""Points with an effect of the device from which on the next point is presumed to have it."""
+"""Number of points with a device effect from which the next point is presumed to have it."""
 
 DeviceEffects = dict[str, dict[str, float]]
 KeepDiagnosis = Callable[[int, DiagnosisResult], object]
 EarlierDrops = Callable[[str, int], list[SavedDrop]]
-"""Returns the drops of a point before a number, read from the survey."""
+"""Function that reads the drops of a point before a number from the survey."""
 
 MAX_POINTS = 20
 """Points whose traces stay in memory, some 10 MB. A discard at an earlier point requests no new
@@ -33,17 +33,17 @@ diagnosis; when a drop falls there again, the traces of the others are read from
 
 @dataclass(slots=True)
 class _Point:
-    """A point with the traces of its drops."""
+    """Point with the traces of its drops."""
 
     setup: PointSetup
     drops: dict[int, SavedDrop]
-    """Drops that are safe, by their number within the point."""
+    """Safe drops by their number within the point."""
     task: int | None = None
-    """Number of the task that waits or is under way."""
+    """Number of the waiting or running task."""
 
     @property
     def has_measured_drop(self) -> bool:
-        """A drop neither seats the plate nor is rejected; else there is no residual."""
+        """True: a drop neither seats the plate nor is rejected, and there is a residual."""
         return any(_is_measured(drop, self.setup) for drop in self.drops.values())
 
 
@@ -88,7 +88,7 @@ class PointDiagnoses:
         return len(self._pending)
 
     def request(self, saved: SavedDrop) -> None:
-        """Diagnose the point of a drop that is safe, unless it seats the plate or is rejected."""
+        """Diagnose the point of a safe drop, unless it seats the plate or is rejected."""
         point = self._points.pop(saved.point, None)
         if point is None:
             earlier = self._earlier(saved.point, saved.number)
@@ -139,7 +139,7 @@ class PointDiagnoses:
                 self._take(response)
 
     def close(self) -> None:
-        """End the process; what is not answered stays so."""
+        """End the process; waiting requests are dropped."""
         self._worker.close()
 
     def _take(self, response: TaskResponse) -> None:
@@ -159,7 +159,7 @@ class PointDiagnoses:
             self._report(PointDiagnosed(name, result))
 
     def _note_device(self, name: str, result: DiagnosisResult) -> None:
-        """Effects of the device that the point itself showed: not those that it was given."""
+        """Record the device effects that the point showed, without those that were presumed."""
         measured: DeviceEffects = {}
         for effect in result.effects or ():
             if effect.scope == "device" and effect.evidence is not None:

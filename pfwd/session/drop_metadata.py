@@ -106,7 +106,7 @@ def load_of(counts: float, identity: Identity) -> float:
 
 
 def rebound_of(raw: RawRebound, identity: Identity) -> Rebound:
-    """A rebound in SI."""
+    """Return a rebound in SI units."""
     return Rebound(
         delay=(raw.trigger - raw.after) / identity.sampling_rate,
         peak_load=load_of(raw.peak, identity),

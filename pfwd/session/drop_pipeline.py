@@ -1,4 +1,4 @@
-"""The way of a detected drop: screened, saved, acknowledged, inverted; and its rebounds."""
+"""Pipeline of a detected drop: screening, saving, acknowledgement, inversion, rebounds."""
 
 import time
 import traceback
@@ -25,7 +25,7 @@ from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.survey_writer import SurveyWriter
 
 LAST_REBOUNDS = 3.0
-"""s by the host; how long the end waits for bounces after the last drop."""
+"""Time for which the end waits for bounces after the last drop, s by the host's clock."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -33,14 +33,14 @@ class _Coming:
     """Drop that is not acknowledged yet."""
 
     view: DropView
-    """Screened by its own record."""
+    """The drop, screened by its own record."""
     received: float | None
     source: RecordedDrop | ImportedDrop | None
     release: Callable[[], None] | None
 
 
 class DropPipeline:
-    """Takes the drops of a session.
+    """Pipeline for the drops of a session.
 
     Parameters
     ----------
@@ -94,24 +94,24 @@ class DropPipeline:
 
     @property
     def settled(self) -> bool:
-        """The hammer has come to rest after the last drop."""
+        """True: the hammer has come to rest after the last drop."""
         return self._last is None
 
     @property
     def complete(self) -> bool:
-        """Everything is safe and no rebound is expected any more."""
+        """True: all drops are safe, and no rebound is expected."""
         waiting = not self._live or time.monotonic() <= self._rebounds_until
         return not self.held and (self.settled or not waiting)
 
-    def know(self, point: PointView) -> None:
-        """Screen further drops of a stored point by its largest one and by the rejected ones."""
+    def add_stored_point(self, point: PointView) -> None:
+        """Use the largest and the rejected drops of a stored point to screen further ones."""
         largest = max((drop.pulse_peak for drop in point.drops), default=0.0)
         self._largest[point.name] = max(largest, self._largest.get(point.name, 0.0))
         rejected = sum(fact.kind is Kind.REJECTED for fact in point.facts)
         self._rejected.setdefault(point.name, rejected)
 
     def number_for(self, point: str, requested: int | None = None) -> int:
-        """The number that a drop gets: as recorded if that is free, else the next one."""
+        """Return the number of a drop: as recorded if that is free, else the next one."""
         if self.recorder is not None:
             return max(requested or 0, self.recorder.next_number(point))
         return requested or self.acknowledged + 1
@@ -123,7 +123,7 @@ class DropPipeline:
         source: RecordedDrop | ImportedDrop | None = None,
         release: Callable[[], None] | None = None,
     ) -> None:
-        """Have a drop saved; it is acknowledged when it is safe.
+        """Save a drop, and acknowledge it when it is safe.
 
         `release` is called then: no other copy of the drop is needed any more.
         """
@@ -150,7 +150,7 @@ class DropPipeline:
     def take_buffered(
         self, record: DropRecord, received: float, release: Callable[[], None]
     ) -> None:
-        """Take a drop that the instrument buffers under a name of its own choice; see `take`.
+        """Save a drop that the instrument buffers under a key of its own choice; see `take`.
 
         A name that the survey has for other samples is reported, and the drop gets a key of its
         own: `release` has the instrument erase it.
@@ -168,7 +168,7 @@ class DropPipeline:
         self.take(record, received, release=release)
 
     def take_rebound(self, rebound: Rebound, *, recorded: bool) -> None:
-        """Keep a rebound with its drop; one that was recorded with it is there already."""
+        """Add a rebound to its drop, unless it was recorded with it."""
         if self._last is None:
             return
         self._rebounds_until = time.monotonic() + LAST_REBOUNDS
@@ -177,20 +177,20 @@ class DropPipeline:
         self._report(Rebounded(*self._last, rebound.delay, rebound.peak_load))
 
     def take_late_rebound(self, point: str, number: int, rebound: Rebound) -> None:
-        """Keep a rebound of a drop whose rebounds seemed to be over."""
+        """Record a rebound of a drop whose rebounds seemed to be over."""
         if self.recorder is not None:
             record = self._records.get((point, number))
             self.recorder.keep_rebound(point, number, record, rebound)
         self._report(Rebounded(point, number, rebound.delay, rebound.peak_load))
 
     def end_of_rebounds(self) -> None:
-        """No more will come: the drop's file can be made."""
+        """Publish the file of a drop: no further rebound will come."""
         if self.recorder is not None and self._last_record is not None:
             self.recorder.publish(self._last_record)
         self._last = self._last_record = None
 
     def _on_saved(self, record: DropRecord, number: int | None, spare: Path | None) -> None:
-        """A drop is safe: acknowledge it, then have it inverted."""
+        """Acknowledge a safe drop, then request its inversion."""
         key = record.point, record.drop.number
         coming = self._coming.pop(key)
         if coming.release is not None:
@@ -249,7 +249,7 @@ class DropPipeline:
         return counted(screening, drop.number, before, drop.setup)
 
     def _earlier_drops(self, point: str, number: int) -> list[SavedDrop]:
-        """Return the drops of a point before a number that count, as they are known now.
+        """Return the drops of a point before a number, without discarded ones.
 
         Their traces are read from the survey: those of all its drops would fill the memory.
         """
@@ -274,7 +274,7 @@ class DropPipeline:
 
 
 def renumbered(record: DropRecord, number: int) -> DropRecord:
-    """The same drop with another number within its point."""
+    """Return a drop with another number within its point."""
     if record.drop.number == number:
         return record
     return replace(record, drop=replace(record.drop, number=number))

@@ -29,9 +29,9 @@ class InstrumentReady:
     differences: tuple[str, ...]
     """Differences of the setup file from the instrument."""
     warnings: tuple[str, ...]
-    """On calibration and response of the channels."""
+    """Warnings on calibration and response of the channels."""
     again: bool
-    """The instrument had been lost."""
+    """True: the instrument was lost before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,12 +82,12 @@ class InstrumentStatus:
 
     status: Status
     counters: Mapping[str, float | None]
-    """Everything that was discarded, by name, and the drift of the clock."""
+    """Counts of discarded items by name, and the drift of the clock."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """The load at rest is known: a drop would be found from now on."""
+    """The load at rest is known: the detection finds drops from now on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +107,7 @@ class SavedDrop:
     point: str
     """Name of its test point."""
     view: DropView
-    """Screened, as all readers have it."""
+    """The screened drop."""
     drop: Drop
     """Traces."""
     file: str = ""
@@ -186,7 +186,7 @@ class DropNotPublished:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DropAnalysed:
-    """A modulus, or why there is none."""
+    """Modulus of a drop, or the reason why it has none."""
 
     saved: SavedDrop
     delay: float | None
@@ -215,9 +215,9 @@ class Rebounded:
     point: str
     number: int
     delay: float
-    """s after the trigger of the drop."""
+    """Time after the trigger of the drop, s."""
     peak_load: float
-    """N."""
+    """Peak load, N."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,7 +241,7 @@ class PointReported:
     """A point that the survey holds already."""
 
     point: PointView
-    """Its job is that of the listener."""
+    """The point; its job is that of the listener."""
     is_replayed: bool = False
     """Its drops come again, one by one, in a replay."""
 
@@ -274,7 +274,7 @@ class Notice:
     text: str
     serious: bool = False
     details: str = field(default="", repr=False)
-    """More, for the log."""
+    """Details for the log."""
     kind: str = ""
     """Kind of a notice that an instrument can cause as often as it likes: a session reports only
     some of a kind, see `Repeats`. Empty: it is always reported."""
@@ -290,7 +290,7 @@ class StorageLow(Notice):
     """The disk is filling, or has room again."""
 
     drops_remaining: int | None = 0
-    """About how many more it takes; None: there is room again."""
+    """Approximate number of drops for which there is room; None: there is room again."""
 
 
 SessionEvent = (
@@ -326,7 +326,7 @@ instrument can send a hundred thousand messages a second: a day of them is less 
 
 
 class Repeats:
-    """Decides for each kind by itself, so that a flood of one hides no other.
+    """Limits for repeated notices, for each kind by itself: a flood of one kind hides no other.
 
     Parameters
     ----------

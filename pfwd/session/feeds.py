@@ -16,7 +16,7 @@ from pfwd_device.wire.messages import DropOffer
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RecordedDrop:
-    """The samples that follow are those of a drop that was recorded before."""
+    """Announcement of a recorded drop, whose samples follow."""
 
     record: DropRecord
     """The drop as it was recorded."""
@@ -29,7 +29,7 @@ class RecordedDrop:
     first: int
     """Index of the first sample."""
     at_rest: AtRest
-    """The load at rest as the detection knew it."""
+    """Load at rest at the time of the detection."""
     operator_trigger: int | None
     """Index of the sample at which the operator triggered; None: the load did."""
     file: str
@@ -38,7 +38,7 @@ class RecordedDrop:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ImportedDrop:
-    """A drop that has no samples of a converter: it goes on as it is."""
+    """Drop without samples of a converter, which skips the detection."""
 
     record: DropRecord
     file: str
@@ -47,20 +47,20 @@ class ImportedDrop:
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """There is nothing more to come."""
+    """End of a feed."""
 
 
 FeedItem = Item | RecordedDrop | ImportedDrop | Ended
 
 
 class Feed(Protocol):
-    """A source of samples."""
+    """Source of samples."""
 
     live: bool
-    """An instrument is connected: it can be checked, and its drops are new."""
+    """True: an instrument is connected; it can be checked, and its drops are new."""
 
     def next(self, timeout: float) -> FeedItem | None:
-        """Return the next item; None when none came within a number of seconds."""
+        """Return the next item; None: no item within a number of seconds."""
         ...
 
     def shunt(self, on: bool) -> None:
@@ -68,15 +68,15 @@ class Feed(Protocol):
         ...
 
     def acknowledge(self, offer: DropOffer) -> None:
-        """The buffered drop of this Offer is safe here: the instrument may erase it."""
+        """Report that the buffered drop of an offer is safe: the instrument may erase it."""
         ...
 
     def settle(self) -> None:
-        """Wait a moment until the instrument has let go of such drops, before the end."""
+        """Wait until the instrument has released its safe drops, or a few seconds."""
         ...
 
     def counters(self) -> dict[str, float | None]:
-        """Everything that was discarded, by name, and the drift of the clock in ppm."""
+        """Return counts of discarded items by name, and the drift of the clock in ppm."""
         ...
 
     @property
@@ -85,5 +85,5 @@ class Feed(Protocol):
         ...
 
     def close(self) -> None:
-        """End it."""
+        """End the feed."""
         ...

@@ -1,4 +1,4 @@
-"""An instrument as the feed of a session."""
+"""Feed of a session from an instrument."""
 
 import dataclasses
 import datetime
@@ -14,12 +14,12 @@ from pfwd_device.recording import CaptureWriter
 from pfwd_device.wire.messages import DropOffer
 
 SETTLE_TIME_S = 2.0
-"""s; an Acknowledge that was lost is sent again after 1 s, when the drop is offered again. A drop
-that is offered again to this survey is recognised."""
+"""Time to wait at the end. A lost Acknowledge is repeated after 1 s, when the drop is offered
+again; later the survey recognises the drop by its key."""
 
 
 class LiveFeed:
-    """Feed of an instrument, and of nothing else.
+    """Feed of one instrument.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class LiveFeed:
         self._driver.open_port()
 
     def open(self) -> None:
-        """Begin, with the port opened unless it is; done by `next` otherwise.
+        """Begin, and open the port unless it is open; without this call `next` does it.
 
         Raises
         ------
@@ -73,7 +73,7 @@ class LiveFeed:
         self._driver.open()
 
     def next(self, timeout: float) -> FeedItem | None:
-        """Return the next item; None when none came within a number of seconds."""
+        """Return the next item; None: no item within a number of seconds."""
         return self._driver.next(timeout)
 
     def shunt(self, on: bool) -> None:
@@ -84,15 +84,15 @@ class LiveFeed:
             return  # it only sends, and has no shunt that could be switched
 
     def acknowledge(self, offer: DropOffer) -> None:
-        """The buffered drop of this Offer is safe here."""
+        """Report that the buffered drop of an offer is safe."""
         self._driver.acknowledge(offer)
 
     def settle(self) -> None:
-        """Wait a moment until the instrument has let go of the drops that are safe."""
+        """Wait until the instrument has released its safe drops, or `SETTLE_TIME_S`."""
         self._driver.settle(SETTLE_TIME_S)
 
     def counters(self) -> dict[str, float | None]:
-        """Everything that was discarded, by name, and the drift of the clock in ppm."""
+        """Return counts of discarded items by name, and the drift of the clock in ppm."""
         nested = dataclasses.asdict(self._driver.counters)
         link: dict[str, Any] = nested.pop("link")
         driver = self._driver
@@ -115,5 +115,5 @@ class LiveFeed:
 
 
 def random_stream() -> int:
-    """A number for the first run of a sampler, so that its drops differ from those before."""
+    """Return a random number for the first run of a sampler: keys of its drops are new."""
     return secrets.randbits(32)

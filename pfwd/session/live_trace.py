@@ -1,4 +1,4 @@
-"""The last seconds of load and velocity, as few numbers as a screen can show.
+"""Last seconds of load and velocity, reduced to the numbers that a screen can show.
 
 Samples are reduced to the least and the largest value of short intervals where they arrive, so that
 a peak is kept however narrow, and a display never sees the samples themselves.
@@ -14,25 +14,26 @@ from pfwd.session.events import LiveSamples
 from pfwd_device.calibration import load_channel, sensor_channels, to_si
 
 ENVELOPE_INTERVAL = 0.01
-"""s; shorter than a pulse, and 5 s of it are more columns than a terminal has."""
+"""Interval of the envelope, s: shorter than a pulse. A window has more of them than a terminal has
+columns."""
 
 WINDOW = 5.0
-"""s."""
+"""Length of the trace, s."""
 
 RECENT = 3
-"""Intervals that count as now."""
+"""Number of intervals for the current peak."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Envelope:
-    """Least and largest values of consecutive intervals, oldest first."""
+    """Smallest and largest values of consecutive intervals, oldest first."""
 
     interval: float
-    """s."""
+    """Length of an interval, s."""
     load: NDArray[np.float64]
-    """(n, 2), N: least, largest."""
+    """Smallest and largest load, (n, 2), N."""
     velocity: NDArray[np.float64]
-    """(n, 2), m/s or, for a sensor of displacement, m."""
+    """Smallest and largest motion, (n, 2), m/s, or m for a sensor of displacement."""
     samples: int
     """Number of samples since the start."""
     unit: str
@@ -40,7 +41,7 @@ class Envelope:
 
 
 class LiveTrace:
-    """Takes samples in one thread, shows them in another.
+    """Buffer between the thread that receives samples and the thread that draws them.
 
     Parameters
     ----------
@@ -61,12 +62,12 @@ class LiveTrace:
         self._stream: int | None = None
 
     def clear(self) -> None:
-        """Forget what was seen: the instrument was lost."""
+        """Remove all samples, after the instrument was lost."""
         with self._lock:
             self._clear()
 
     def feed(self, event: LiveSamples) -> None:
-        """Take samples that follow the last ones, or start a new trace."""
+        """Append samples that follow the last ones, or start a new trace."""
         samples, identity = event.samples, event.identity
         if samples.shunt or not len(samples.counts):  # the shunt is no load
             return
@@ -109,7 +110,7 @@ class LiveTrace:
         return self._samples
 
     def last_peak(self) -> float:
-        """Largest load of the last intervals above the middle of all that is kept, N."""
+        """Largest load of the last intervals above the median of the window, N."""
         with self._lock:
             if len(self._rows) < 2:
                 return 0.0

@@ -1,4 +1,4 @@
-"""The view of a survey while it is measured: events of the session update it.
+"""View of a survey while it is measured, updated by the events of the session.
 
 Screen and headless log apply the same events. A survey that goes on reports its points as
 `PointReported`; in a replay a stored drop counts from when it comes again.
@@ -53,7 +53,7 @@ def apply_event(view: SurveyView, event: SessionEvent) -> tuple[SurveyView, str 
 def with_stored(
     view: SurveyView, points: Iterable[PointView], *, is_replayed: bool = False
 ) -> SurveyView:
-    """Return the survey with points as they are stored; drops that have come since are newer.
+    """Return the survey with its stored points, and the drops that were measured since.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def _changes(drop: DropView, event: Edited) -> dict[str, Any]:
 
 
 class CompletePoints:
-    """Reports a point when it is complete, and again when its verdict changes.
+    """Reporter of complete points, and of changes of their verdicts.
 
     A reported point that is not complete any more is reported again. One of which only the value
     has changed is reported at the end of the session.
@@ -203,7 +203,7 @@ class CompletePoints:
             self._report_if_changed(name)
 
     def rest(self) -> None:
-        """End the session: report what was held back for a result that does not come any more."""
+        """End the session: report the points that waited for a result."""
         self._waiting.clear()
         for name in self._view.points:
             self._report_if_changed(name, last=True)

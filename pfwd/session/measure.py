@@ -1,4 +1,4 @@
-"""One call for one measurement: open what is needed, run the session, close it all.
+"""Measurement in one call: open port and survey, run the session, close them.
 
 A script measures with::
 
@@ -46,7 +46,7 @@ def measure(
     control: Control = nullcontext,
     spare: str | os.PathLike[str] | None = None,
 ) -> Ending:
-    """Measure with an instrument into a survey, new or begun.
+    """Measure with an instrument into a new or existing survey.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def replay(
     control: Control = nullcontext,
     spare: str | os.PathLike[str] | None = None,
 ) -> Ending:
-    """Recorded drops, or the recorded bytes of a link, through the same pipeline.
+    """Run recorded drops, or the recorded bytes of a link, through the same pipeline.
 
     Parameters
     ----------

@@ -71,7 +71,7 @@ class SessionPlan:
 
     @property
     def named_point(self) -> str | None:
-        """The point that was named, here or in the setup."""
+        """Name of the point by the plan or the setup; None: it has no name."""
         declared = self.setup.declared.get("point")
         return self.point or (None if declared is None else point_name(str(declared)))
 

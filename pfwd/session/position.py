@@ -79,7 +79,7 @@ class Fix:
 
 
 class NmeaParser:
-    """Sentences out of bytes, however they were cut.
+    """Parser of NMEA sentences from bytes in parts of any size.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class NmeaParser:
         """Number of sentences without a position."""
 
     def feed(self, data: bytes) -> list[Fix]:
-        """The positions that are complete with these bytes."""
+        """Return the positions that are complete with further bytes."""
         *lines, self._rest = (self._rest + data).split(b"\n")
         if len(self._rest) > LONGEST_SENTENCE:
             self._rest = b""
@@ -151,7 +151,7 @@ def _number(value: object) -> float | None:
 
 
 class PositionReceiver:
-    """Reads a receiver in a thread of its own; used as a context manager.
+    """Reader of a receiver in a thread of its own; a context manager.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ class PositionReceiver:
         self.close()
 
     def latest(self) -> Fix | None:
-        """The last position, unless it is stale."""
+        """Last position; None: there is none, or it is stale."""
         fix = self._last
         if fix is None or self._clock() - fix.received > self._stale:
             return None

@@ -1,4 +1,4 @@
-"""Feeds a session from what was recorded: the drops of a survey, or the bytes of a link."""
+"""Feeds of a session from recorded drops of a survey or recorded bytes of a link."""
 
 import dataclasses
 import datetime
@@ -22,7 +22,7 @@ from pfwd_device.wire.messages import DropOffer
 
 
 class Pace:
-    """The pace of a replay; every method may be called from any thread.
+    """Pace of a replay; every method may be called from any thread.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Pace:
 
     @property
     def speed(self) -> float:
-        """Times real time; 0: as fast as possible."""
+        """Speed over real time; 0: as fast as possible."""
         return self._speed
 
     @speed.setter
@@ -57,16 +57,16 @@ class Pace:
 
     @property
     def paused(self) -> bool:
-        """The replay waits, or will when the step is done."""
+        """True: the replay waits, or will after the step."""
         return self._paused
 
     @property
     def flows(self) -> bool:
-        """Items may come now."""
+        """True: items may be fed now."""
         return not self._paused or self._stepping
 
     def pause(self) -> None:
-        """Wait."""
+        """Begin a pause."""
         with self._lock:
             self._paused, self._steps, self._stepping = True, 0, False
 
@@ -94,13 +94,13 @@ class Pace:
 
 
 CHUNKS_PER_SECOND = 50
-"""Samples are handed on in such parts, as an instrument would."""
+"""Number of parts of samples per second, like those of an instrument."""
 
 LONGEST_PAUSE = 10.0
-"""s between two drops of a replay in real time; longer pauses of the day are cut to it."""
+"""Longest time between two drops of a replay in real time, s."""
 
 FIRST_PAUSE = 1.0
-"""s before the first drop."""
+"""Time before the first drop, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +111,7 @@ class Pause:
 
 
 class RecordedFeed:
-    """Feeds items that are made one by one; the base of both replays.
+    """Feed of items from an iterator; base of both replays.
 
     Parameters
     ----------
@@ -162,20 +162,20 @@ class RecordedFeed:
             return item
 
     def shunt(self, on: bool) -> None:
-        """There is nothing to switch."""
+        """Do nothing: there is no shunt."""
 
     def acknowledge(self, offer: DropOffer) -> None:
         """Do nothing: there is no instrument."""
 
     def settle(self) -> None:
-        """There is nothing to wait for."""
+        """Do nothing: there is no instrument."""
 
     def counters(self) -> dict[str, float | None]:
-        """Nothing is discarded."""
+        """Return no counts: nothing is discarded."""
         return {}
 
     def close(self) -> None:
-        """End it."""
+        """End the feed."""
         self._items.close()
 
 
@@ -186,7 +186,7 @@ def _generator(items: Iterable[FeedItem | Pause]) -> Generator[FeedItem | Pause,
 def survey_feed(
     survey: Survey, speed: float | Pace = 0.0, sleep: Callable[[float], None] = time.sleep
 ) -> RecordedFeed:
-    """The drops of a survey in the order in which they were measured, discarded ones too.
+    """Return a feed of the drops of a survey in the order of measuring, discarded ones included.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def _time_of(record: DropRecord) -> datetime.datetime | None:
 
 
 def _samples(item: RecordedDrop) -> Iterator[Samples | Gap | Pause]:
-    """The samples of a drop and of its rebounds, with what was missing and what lay between."""
+    """Yield the samples of a drop and its rebounds, and the gaps within and between them."""
     record = item.record
     assert record.counts is not None
     rate = item.identity.sampling_rate
@@ -269,7 +269,7 @@ def capture_feed(
     setup: MeasuringSetup | None = None,
     sleep: Callable[[float], None] = time.sleep,
 ) -> tuple[RecordedFeed, MeasuringSetup, CaptureReader]:
-    """The bytes of a link as they came.
+    """Return a feed of the recorded bytes of a link.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Zero and span of the load cell, and whether every channel is alive, before it is relied upon."""
+"""Check of zero and span of the load cell, and of the noise of every channel."""
 
 from typing import Any, Protocol
 
@@ -10,41 +10,41 @@ from pfwd_device.calibration import load_channel, to_si
 from pfwd_device.identity import UNIT_OF_ROLE, Identity, Role
 
 AT_REST = 0.3
-"""s of samples at rest that are looked at: fifteen periods of mains hum."""
+"""Length of the samples at rest, s: fifteen periods of mains hum."""
 
 SHUNTED = 0.2
-"""s of samples with the shunt, after `SETTLING`."""
+"""Length of the samples with the shunt, s, after `SETTLING`."""
 
 SETTLING = 0.05
-"""s after the shunt has been switched, which are left out."""
+"""Time after the switching of the shunt whose samples are left out, s."""
 
 LARGEST_ZERO = 0.01
 """Part of the load channel's range by which its zero may be off: a percent of full scale is what a
 load cell drifts over a season; more means that something leans on it or that it is overstrained."""
 
 LARGEST_ZERO_FLOOR = 150.0
-"""N; the weight that rests on its springs counts as zero too."""
+"""Weight on its springs, N, which counts as zero, too."""
 
 SHUNT_ANSWER = 2.0
-"""s of samples within which the shunt has to be on after the request."""
+"""Time within which the shunt has to be on after the request, s."""
 
 HIT = 400.0
-"""N; a load that changes by more while the shunt is on is no noise."""
+"""Largest change of the load while the shunt is on, N; a larger one is no noise."""
 
 REPEAT_AFTER = 0.25
-"""s of samples after which a command without effect is repeated."""
+"""Time after which a command without effect is repeated, s."""
 
 SPAN_TOLERANCE = 0.02
 """Relative tolerance of the shunt's reading: the accuracy of a calibration."""
 
 CHECK_INTERVAL = 600.0
-"""s without a drop, by the samples, after which the sensors are checked again."""
+"""Time without a drop after which the sensors are checked again, s of samples."""
 
 Finding = tuple[dict[str, Any], tuple[str, ...]]
 
 
 class Switch(Protocol):
-    """Switches the calibration shunt of the load cell."""
+    """Function that switches the calibration shunt of the load cell."""
 
     def __call__(self, on: bool) -> None: ...
 

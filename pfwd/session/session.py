@@ -367,7 +367,7 @@ class Session:
             return
         stored = read_point_event(self._recorder.writer, name)
         if stored is not None:
-            self._pipeline.know(stored.point)
+            self._pipeline.add_stored_point(stored.point)
             self._report(stored)
 
     def _report_similar_point(self) -> None:
