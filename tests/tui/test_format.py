@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pfwd.analysis.results import DropResult
+from tests.snapshots import check_snapshot
 from tui.format import drop_line
 from tui.survey_lines import result_lines
 
@@ -61,20 +62,8 @@ def test_the_load_is_the_measured_one() -> None:
 
 def test_a_point_is_shown_with_its_units() -> None:
     second = replace(RESULT, drop=2, status="seating", modulus_pa=35.0e6, explained=False)
-    assert result_lines([RESULT, second, REJECTED]) == [
-        "point.csv",
-        "  rigid plate without slip, radius 0.150 m; Poisson's ratio 0.350; "
-        "peak-method factor 1.57",
-        "  soil on bedrock; measured load; genetic search, seed 0",
-        "  drop  E MPa      95 % MPa     η kPa s    ρ kg/m³            bedrock m",
-        "     1   35.1  34.2 to 35.9  20.1 ± 0.4  1990 ± 10  0.70 (0.64 to 0.76)",
-        "     2   35.0  34.2 to 35.9  20.1 ± 0.4  1990 ± 10  0.70 (0.64 to 0.76)",
-        "  drop      kind    kN  kPa    ms  peak E MPa  residual %  contact %          fit",
-        "     1  measured  9.75  138  18.2        38.2        0.41       0.32    explained",
-        "     2   seating  9.75  138  18.2        38.2        0.41       0.32  UNEXPLAINED",
-        "  rejected, drop 3: false trigger: peak load 1.1 kN, less than 1.5 kN",
-        "  warning, drops 1, 2: plate_mass_kg is not declared: taken as 0",
-    ]
+    lines = result_lines([RESULT, second, REJECTED])
+    check_snapshot("\n".join(lines) + "\n", __file__, "point")
 
 
 def cell(result: DropResult, column: str) -> str:
@@ -225,12 +214,7 @@ LAYERED = DropResult.from_json(
 
 def test_layers_have_a_table_and_one_modulus_for_all() -> None:
     lines = result_lines([LAYERED])
-    assert lines[5:9] == [
-        "  drop  layer  E MPa        95 % MPa    h m          95 % m  η kPa s  ρ kg/m³",
-        "     1      1    180      174 to 186  0.200  0.195 to 0.205      120     2049",
-        "     1      2  50.02  49.70 to 50.30      -               -     50.1     1951",
-        "  drop 1: one modulus for all 95.0 MPa (94.4 to 95.6), down to 0.818 m",
-    ]
+    check_snapshot("\n".join(lines) + "\n", __file__, "point-of-layers")
     assert max(map(len, lines[5:9])) <= 80
     assert "one modulus" not in "\n".join(result_lines([RESULT]))
     alone = DropResult.from_json(LAYERED.to_json() | {"layers": [LOWER]})

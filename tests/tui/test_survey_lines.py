@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from pfwd.analysis.results import DropResult
+from tests.snapshots import check_snapshot
 from tui.survey_lines import result_lines
 
 DROP = DropResult(
@@ -42,15 +43,7 @@ def survey(points: int, drops: int = 3, **values: object) -> list[DropResult]:
 
 def test_a_block_a_point_with_its_name_residual_and_verdict() -> None:
     lines = result_lines(survey(2))
-    assert lines[3:10] == [
-        "  point       drop  kN  E MPa  95 % MPa   bedrock m  residual %  fit",
-        "  km 1   1 seating   -     45  41 to 49  1.00 to 18         2.3  explained",
-        "                 2   -     45  41 to 49  1.00 to 18         2.3  explained",
-        "                 3   -     45  41 to 49  1.00 to 18         2.3  explained",
-        "  km 2   1 seating   -     45  41 to 49  1.00 to 18         2.3  explained",
-        "                 2   -     45  41 to 49  1.00 to 18         2.3  explained",
-        "                 3   -     45  41 to 49  1.00 to 18         2.3  explained",
-    ]
+    check_snapshot("\n".join(lines) + "\n", __file__, "points")
     assert max(map(len, lines[3:10])) <= 80
 
 

@@ -1,7 +1,5 @@
 """The measure page as text, at every size: a few whole pictures, and what must always hold."""
 
-import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +9,7 @@ from pfwd.judging import Job, Station
 from pfwd.procedures import plain_procedure
 from pfwd.session.events import JobReported
 from pfwd.session.live_trace import Envelope
+from tests.snapshots import check_snapshot
 from tests.tui.screen.scripted import Session, analysed, ready, saved, status, whole_point
 from tui.screen.drawing.glyphs import ASCII, BRAILLE, Glyphs
 from tui.screen.drawing.lines import text_of, width_of
@@ -22,7 +21,6 @@ from tui.screen.session.stations import ReceiverStatus
 from tui.screen.session.status import status_of
 from tui.screen.units import SI, US, Units
 
-PICTURES = Path(__file__).with_name("pictures")
 SIZES = [(80, 24), (120, 40), (200, 60)]
 
 
@@ -53,21 +51,13 @@ def text(shown: MeasureView, size: tuple[int, int]) -> str:
 
 @pytest.mark.parametrize("size", SIZES)
 def test_the_page_looks_as_it_was_looked_at(size: tuple[int, int]) -> None:
-    """Run with PFWD_NEW_PICTURES=1 to take new ones, then look at the difference."""
-    compare(text(view(*whole_point(), chosen=6), size), f"measure-{size[0]}x{size[1]}.txt")
+    page = text(view(*whole_point(), chosen=6), size)
+    check_snapshot(page, __file__, f"measure-{size[0]}x{size[1]}")
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_a_point_that_is_done_looks_as_it_was_looked_at(size: tuple[int, int]) -> None:
-    compare(text(view(*whole_point()), size), f"done-{size[0]}x{size[1]}.txt")
-
-
-def compare(shown: str, name: str) -> None:
-    file = PICTURES / name
-    if os.environ.get("PFWD_NEW_PICTURES"):
-        file.parent.mkdir(exist_ok=True)
-        file.write_text(shown, encoding="utf-8")
-    assert shown == file.read_text(encoding="utf-8")
+    check_snapshot(text(view(*whole_point()), size), __file__, f"done-{size[0]}x{size[1]}")
 
 
 CASES = {
