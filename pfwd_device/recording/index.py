@@ -499,17 +499,12 @@ def _scan(layout: Layout, index: Index) -> list[_ParsedRecord]:
             index.damage.append(item)
             continue
         try:
-            records.append(_reduced(item))
+            data = _indexed_data(item.frame.kind, item.frame.payload)
+            entry = _entry(item, about_of(item.frame.kind, data))
+            records.append(_ParsedRecord(entry, item.frame.identity, data))
         except RecordingError as err:
             index.strange.append((_entry(item, "-"), str(err)))
     return records
-
-
-def _reduced(item: Located) -> _ParsedRecord:
-    """Return the data of a record that the index needs, without metadata and arrays."""
-    frame = item.frame
-    data = _indexed_data(frame.kind, frame.payload)
-    return _ParsedRecord(_entry(item, about_of(frame.kind, data)), frame.identity, data)
 
 
 def _indexed_data(kind: int, payload: Payload) -> dict[str, Any]:

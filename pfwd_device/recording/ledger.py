@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import quote, unquote
 
-from pfwd_device.recording.storage import Stamp, Storage
+from pfwd_device.recording.storage import Stamp, Storage, has_content
 from pfwd_device.text import clean
 
 MAX_LEDGER_BYTES = 24 * 2**20
@@ -254,16 +254,11 @@ class LedgerWriter:
     def _reopen(self) -> None:
         # The bytes from the start of the program are valid until the first line is added.
         content, self._data = self._data or ledger_bytes(self._survey, self._entries), None
-        if not (self._in_place and self._holds(content)):
+        if not (self._in_place and has_content(self._path, content)):
             self._rewrite(self._entries)
         self._descriptor = self._storage.open(self._path)
         self._end = len(content)
         self._stamp = None  # the next call of `problem` compares the content
-
-    def _holds(self, content: bytes) -> bool:
-        """Return True if the file has these bytes; a file of another size is not read."""
-        same_size = self._path.exists() and self._path.stat().st_size == len(content)
-        return same_size and self._path.read_bytes() == content
 
     def _rewrite(self, entries: list[Entry]) -> None:
         # Until its name is on the disk, a power cut may bring back an earlier ledger.

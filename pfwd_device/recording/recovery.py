@@ -12,7 +12,6 @@ from typing import Any
 from pfwd_device.errors import RecordingError
 from pfwd_device.recording.drop_payload import (
     drop_from_parts,
-    raised_version,
     rebound_from_payload,
     rebound_payload,
 )
@@ -21,7 +20,6 @@ from pfwd_device.recording.files import keep_copy, now
 from pfwd_device.recording.framing import Kind
 from pfwd_device.recording.index import (
     Index,
-    about_of,
     build_index,
     damage_key,
     read_index,
@@ -35,8 +33,13 @@ from pfwd_device.recording.publishing import ChildPublisher, Publisher
 from pfwd_device.recording.record import Rebound
 from pfwd_device.recording.record_log import RecordLog, refused
 from pfwd_device.recording.spare import SpareFolder, home_of
-from pfwd_device.recording.spare_merge import describe_records_only_in_spare, merge_spare_records
-from pfwd_device.recording.storage import Storage
+from pfwd_device.recording.spare_merge import (
+    append_drop,
+    append_point,
+    describe_records_only_in_spare,
+    merge_spare_records,
+)
+from pfwd_device.recording.storage import Storage, has_content
 
 PUBLISHER_WAIT_S = 30.0
 """Longest wait for the publisher of a killed program to finish its present file, s."""
@@ -252,7 +255,7 @@ def repair(
     _wait_for_publisher(layout, log.storage)
     files = FileRepair(log, index, helper, thorough=thorough)
     files.remove_drafts()
-    for number in _restorable(layout, index):
+    for number in sorted(set(layout.drop_files()) - set(index.drops)):
         if _restore(log, index, helper, number):
             recovered.add(number)
             actions.append(f"drop {number} restored from its file")
@@ -337,19 +340,11 @@ def _repair_ledger(layout: Layout, storage: Storage, index: Index, entries: list
     ledger = index.ledger
     recorded = ledger.survey == index.survey and ledger.entries == tuple(entries)
     expected = (ledger.data if recorded else None) or ledger_bytes(index.survey, entries)
-    if not _holds(layout.ledger, expected):
+    if not has_content(layout.ledger, expected):
         if index.ledger.damaged:
             keep_copy(layout, storage, layout.ledger, layout.ledger.name)
         storage.write_file(layout.ledger, expected)
     return expected
-
-
-def _holds(path: Path, data: bytes) -> bool:
-    """Return True if a file has these bytes; a file of another size is not read."""
-    try:
-        return path.stat().st_size == len(data) and path.read_bytes() == data
-    except FileNotFoundError:
-        return False
 
 
 def _wait_for_publisher(layout: Layout, storage: Storage) -> None:
@@ -364,10 +359,6 @@ def _wait_for_publisher(layout: Layout, storage: Storage) -> None:
             f"{layout.publish_lock}: expected to be free, got a program that still publishes; "
             "end it and try again"
         ) from err
-
-
-def _restorable(layout: Layout, index: Index) -> list[int]:
-    return [number for number in layout.drop_files() if number not in index.drops]
 
 
 def _restore(log: RecordLog, index: Index, helper: Publisher, number: int) -> bool:
@@ -391,10 +382,7 @@ def _restore(log: RecordLog, index: Index, helper: Publisher, number: int) -> bo
         "key": key if isinstance(key, str) else None,
         "restored_from": entry.sequence if entry else 0,
     }
-    if (info := raised_version(index.info, data)) is not None:
-        info = {**info, "survey_id": log.survey.hex()}
-        index.add(log.append(Kind.SURVEY, info), info)
-    index.add(log.append(Kind.DROP, data, arrays, about_of(Kind.DROP, data)), data)
+    append_drop(log, index, data, arrays)
     return True
 
 
@@ -471,14 +459,7 @@ def _restore_points(log: RecordLog, index: Index) -> None:
         if drop.point in index.points:
             continue
         frame = read_record(log.layout, drop.entry.segment, drop.entry.offset)
-        declared = payload_data(frame.payload).get("declared")
-        data = {
-            "name": drop.point,
-            "order": len(index.points) + 1,
-            "declared": declared if isinstance(declared, dict) else {},
-            "time_utc": now(),
-        }
-        index.add(log.append(Kind.POINT, data), data)
+        append_point(log, index, drop.point, payload_data(frame.payload).get("declared"))
 
 
 def _settle(log: RecordLog, index: Index, *, files_listed: bool, restored: set[int]) -> None:

@@ -1,7 +1,6 @@
 """Merging of the records in the spare folder into their survey."""
 
 import contextlib
-from collections.abc import Iterator
 from typing import Any
 
 from pfwd_device.errors import RecordingError
@@ -77,7 +76,8 @@ def merge_spare_records(log: RecordLog, index: Index, spare: SpareFolder | None)
         renumbered = renumbered_records(part)
         drops = 0
         is_renumbering = False
-        for entry, frame in _frames(part, entries):
+        for entry in entries:
+            frame = read_record(part, entry.segment, entry.offset)
             free = frame.sequence not in index.entries and frame.sequence not in index.lost
             if free and not is_renumbering:
                 data, _ = decode_payload(frame.payload)
@@ -99,11 +99,6 @@ def merge_spare_records(log: RecordLog, index: Index, spare: SpareFolder | None)
 def _is_home(entry: Entry, index: Index) -> bool:
     entry_at_home = index.entries.get(entry.sequence)
     return entry_at_home is not None and entry_at_home.check == entry.check
-
-
-def _frames(part: Layout, entries: list[Entry]) -> Iterator[tuple[Entry, Frame]]:
-    for entry in entries:
-        yield entry, read_record(part, entry.segment, entry.offset)
 
 
 def _take_in(
@@ -161,16 +156,27 @@ def _write_renumbered_drop(
     if any((drop.point, drop.drop) == (point, data["drop"]) for drop in index.drops.values()):
         data["drop"] = index.next_drop(point)
     if point not in index.points:
-        declared = data.get("declared")
-        new = {
-            "name": point,
-            "order": len(index.points) + 1,
-            "declared": declared if isinstance(declared, dict) else {},
-            "time_utc": now(),
-        }
-        index.add(log.append(Kind.POINT, new), new)
+        append_point(log, index, point, data.get("declared"))
+    append_drop(log, index, data, arrays)
+    return 1
+
+
+def append_point(log: RecordLog, index: Index, name: str, declared: object) -> None:
+    """Append the record of a point with the declarations of its first drop."""
+    data = {
+        "name": name,
+        "order": len(index.points) + 1,
+        "declared": declared if isinstance(declared, dict) else {},
+        "time_utc": now(),
+    }
+    index.add(log.append(Kind.POINT, data), data)
+
+
+def append_drop(
+    log: RecordLog, index: Index, data: dict[str, Any], arrays: dict[str, Array]
+) -> None:
+    """Append the record of a drop, after a survey record if it needs another format version."""
     if (info := raised_version(index.info, data)) is not None:
         info = {**info, "survey_id": log.survey.hex()}
         index.add(log.append(Kind.SURVEY, info), info)
     index.add(log.append(Kind.DROP, data, arrays, about_of(Kind.DROP, data)), data)
-    return 1

@@ -233,6 +233,14 @@ def draft_of(path: Path) -> Path:
     return path.with_name(f".{path.name}.tmp")
 
 
+def has_content(path: Path, data: bytes) -> bool:
+    """Return True if a file has exactly these bytes; a file of another size is not read."""
+    try:
+        return path.stat().st_size == len(data) and path.read_bytes() == data
+    except FileNotFoundError:
+        return False
+
+
 def is_full(err: OSError) -> bool:
     """Return True if the error means that there is no room."""
     return err.errno in FULL_ERRORS

@@ -96,13 +96,13 @@ class LockedTransport(ABC):
             return
         self._closing.set()
         self._interrupt()
-        inside = [lock for lock in (self._reading, self._writing) if not _acquired(lock)]
+        locks = (self._reading, self._writing)
+        acquired = [lock for lock in locks if lock.acquire(timeout=_CLOSE_TIMEOUT_S)]
         try:
             self._close()
         finally:
-            for lock in (self._reading, self._writing):
-                if lock not in inside:
-                    lock.release()
+            for lock in acquired:
+                lock.release()
 
     def _require_open(self) -> None:
         if self._closing.is_set():
@@ -121,7 +121,3 @@ class LockedTransport(ABC):
 
     @abstractmethod
     def _close(self) -> None: ...
-
-
-def _acquired(lock: threading.Lock) -> bool:
-    return lock.acquire(timeout=_CLOSE_TIMEOUT_S)
