@@ -44,11 +44,11 @@ class Truth:
     """Ground under one test point, which the files do not declare."""
 
     modulus: float
-    """Pa."""
+    """Young's modulus, Pa."""
     viscosity: float
-    """Pa s."""
+    """Viscosity, Pa s."""
     bedrock_depth: float = math.inf
-    """m."""
+    """Depth of the rock, m."""
 
     @property
     def ground(self) -> Ground:

@@ -52,7 +52,7 @@ class Site:
     growth: float = 0.0
     """Plate radius over z0 of `Growth`; 0: none, otherwise the modulus is that of the surface."""
     exponent: float = 1.0
-    """n of `Growth`."""
+    """Exponent n of `Growth`."""
 
     @property
     def ground(self) -> Ground:

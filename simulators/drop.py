@@ -28,7 +28,7 @@ class Hammer:
     """Mass that falls on a spring above the plate. The spring transmits no tension."""
 
     mass: float
-    """kg, > 0."""
+    """Mass, kg, > 0."""
     stiffness: float
     """Stiffness of the spring, N/m, > 0."""
     velocity: float
@@ -52,9 +52,9 @@ class PrescribedLoad:
     """Force history above the plate, linear between its samples and zero outside."""
 
     time: Array
-    """(n,) increasing, s; 0 is the start of the drop."""
+    """Increasing times (n,), s; 0 is the start of the drop."""
     force: Array
-    """(n,) N, downward positive."""
+    """Forces (n,), N, downward positive."""
 
     def __post_init__(self) -> None:
         require(self.time.shape == self.force.shape, "force", "as many as times", self.force.shape)
@@ -77,21 +77,21 @@ class SimulatedDrop:
     """Signals of ideal instruments, and quantities that no instrument measures."""
 
     time: Array
-    """(n,) s, from the first touch."""
+    """Times (n,) from the first touch, s."""
     load: Array
-    """(n,) N: force in the load cell above the plate."""
+    """Force in the load cell above the plate, (n,), N."""
     contact_force: Array
-    """(n,) N: force on the ground, load - plate mass * acceleration."""
+    """Force on the ground, load - plate mass * acceleration, (n,), N."""
     plate_displacement: Array
-    """(n,) m, downward positive."""
+    """Displacement of the plate, (n,), m, downward positive."""
     plate_velocity: Array
-    """(n,) m/s."""
+    """Velocity of the plate, (n,), m/s."""
     offsets: Array
-    """(n_offsets,) m from the plate centre."""
+    """Distances from the plate centre, (n_offsets,), m."""
     ground_displacement: Array
-    """(n_offsets, n) m; up to the plate radius the displacement of the plate."""
+    """Displacement at the offsets, (n_offsets, n), m; up to the plate radius that of the plate."""
     ground_velocity: Array
-    """(n_offsets, n) m/s."""
+    """Velocity at the offsets, (n_offsets, n), m/s."""
 
     def scaled(self, factor: float) -> SimulatedDrop:
         """Return the drop from another height; without gravity all signals are proportional."""

@@ -169,7 +169,7 @@ class Played:
 
     identity: Identity
     counts: NDArray[np.int32]
-    """(n, channels)."""
+    """Counts of the converter, (n, channels)."""
     truth: tuple[dict[str, Any], ...] = ()
     """True values of each drop, with `touch_sample`."""
     rates: tuple[float, ...] = ()

@@ -45,13 +45,13 @@ class Layer:
     modulus: float
     """Young's modulus E, Pa, > 0."""
     viscosity: float
-    """eta, Pa s, >= 0."""
+    """Viscosity eta, Pa s, >= 0."""
     density: float
-    """rho, kg/m3, > 0."""
+    """Density rho, kg/m3, > 0."""
     poisson_ratio: float
-    """nu, 0 <= value < 0.5 (up to 0.499 was tried)."""
+    """Poisson's ratio nu, 0 <= value < 0.5 (tested up to 0.499)."""
     thickness: float = math.inf
-    """m, > 0; infinite only for the lowest layer of a ground without base."""
+    """Thickness, m, > 0; infinite only for the lowest layer of a ground without base."""
 
     def __post_init__(self) -> None:
         require(0 < self.modulus < math.inf, "modulus", "Pa, > 0", self.modulus)
@@ -80,9 +80,9 @@ class Growth:
     """
 
     depth: float
-    """z_0, m, > 0: for n = 1 the depth at which the modulus has doubled."""
+    """Depth z_0, m, > 0, at which the modulus has doubled for n = 1."""
     exponent: float = 1.0
-    """n, -, > 0."""
+    """Exponent n, > 0."""
     limit: float = math.inf
     """Depth below which the modulus is constant, m, > 0."""
 
@@ -116,7 +116,7 @@ class ConstantQ:
     """
 
     quality: float
-    """Q, -, > 0."""
+    """Quality factor Q, > 0."""
     reference: float
     r""":math:`\omega_0`, rad/s, > 0, at which :math:`|G^*|` is the stated modulus."""
 
@@ -238,7 +238,7 @@ class Plate:
     """Rigid circular plate on the surface."""
 
     radius: float
-    """a, m, > 0."""
+    """Radius a, m, > 0."""
     mass: float = 0.0
     """Mass that moves between the load cell and the ground, kg, >= 0."""
     contact: Literal["rough", "smooth"] = "rough"
@@ -288,9 +288,9 @@ class Grid:
     """Lines of the product grid and position of its absorbing zone."""
 
     radii: Array
-    """(n_r,) increasing from 0, m."""
+    """Radii of the grid lines, (n_r,), increasing from 0, m."""
     depths: Array
-    """(n_z,) increasing from 0, m."""
+    """Depths of the grid lines, (n_z,), increasing from 0, m."""
     damping_start: float
     """Distance (radius, and depth where there is no base) at which absorption begins, m."""
     damping_width: float

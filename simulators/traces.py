@@ -28,7 +28,7 @@ class Geophone:
     """Geophone: a second-order high-pass of the velocity."""
 
     natural_frequency: float
-    """Hz, > 0."""
+    """Natural frequency, Hz, > 0."""
     damping: float
     """Fraction of critical, >= 0."""
 
@@ -58,11 +58,11 @@ class RecordedDrop:
     """Channels of one drop as the instrument stores them."""
 
     time: Array
-    """(n,) s, 0 at the first touch, negative before."""
+    """Times (n,), s; 0 at the first touch, negative before."""
     load: Array
-    """(n,) N."""
+    """Load (n,), N."""
     sensors: Array
-    """(n_offsets, n) m/s or m."""
+    """Signals of the sensors (n_offsets, n), m/s or m."""
 
 
 def geophone_output(velocity: Array, time_step: float, geophone: Geophone) -> Array:

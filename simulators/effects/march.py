@@ -59,11 +59,11 @@ class Indentation:
     """Permanent plastic indentation of the plate, :math:`p = s (F_{max}/F_{ref})^m`."""
 
     depth: float
-    """s, m."""
+    """Indentation s under the reference force, m."""
     force: float
-    """F_ref, N, > 0."""
+    """Reference force F_ref, N, > 0."""
     exponent: float = 2.0
-    """m, -, >= 1."""
+    """Exponent m, >= 1."""
 
     def at(self, largest_force: float) -> float:
         """Return the indentation, m, for the largest contact force so far, N."""

@@ -51,9 +51,9 @@ class GroundResponse:
     offsets: tuple[float, ...]
     """m from the plate centre; the first is 0, the plate itself."""
     displacement: Array
-    """(n_offsets, n) m/N; 0 at the first sample."""
+    """Displacement response (n_offsets, n), m/N; 0 at the first sample."""
     velocity: Array
-    """(n_offsets, n) m/(s N)."""
+    """Velocity response (n_offsets, n), m/(s N)."""
     static_stiffness: float
     """Static force over displacement of the plate, N/m; for constant-Q soil at its reference."""
     modulus: float

@@ -52,9 +52,9 @@ class Scene:
     offsets: tuple[float, ...]
     """Distances of the sensors from the plate centre, m; the first is 0."""
     plate_mass: float
-    """Declared, kg."""
+    """Declared mass of the plate, kg."""
     hammer_mass: float
-    """kg."""
+    """Mass of the hammer, kg."""
     hammer_pulse: float
     """Pulse of hammer and spring on unyielding ground, s."""
     pressure: float
@@ -68,7 +68,7 @@ class Scene:
     device: np.random.Generator = field(repr=False)
     """Random numbers of the device, the same on every point of a survey."""
     pre_trigger: float = 0.015
-    """s."""
+    """Time before the pulse, s."""
     time_scale: float = 1.0
     """See `GroundResponse.rescaled`."""
     density_scale: float = 1.0
@@ -173,7 +173,7 @@ class SimulatedPoint:
     """Test point with an effect."""
 
     signals: list[Signals]
-    """One per drop."""
+    """Signals of each drop."""
     modulus: float | None
     """Modulus that a perfect diagnosis reports, Pa; None: it reports none."""
     parameters: Mapping[str, float | list[float]]

@@ -16,13 +16,13 @@ class Signals:
     """Analogue signals of the channels; downward positive."""
 
     time: Array
-    """(n,) s, 0 at the first touch, negative before."""
+    """Times (n,), s; 0 at the first touch, negative before."""
     load: Array
-    """(n,) N."""
+    """Load (n,), N."""
     velocity: Array
-    """(n_sensors, n) m/s."""
+    """Velocities (n_sensors, n), m/s."""
     displacement: Array
-    """(n_sensors, n) m: of instruments that store the integrated velocity."""
+    """Displacements (n_sensors, n), m, of instruments that store the integrated velocity."""
 
     @property
     def time_step(self) -> float:

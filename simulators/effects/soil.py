@@ -25,13 +25,13 @@ class PowerLaw:
     """
 
     stiffness: float
-    """K, N/m."""
+    """Static stiffness K, N/m."""
     reference: float
-    """w_ref, m, > 0."""
+    """Displacement w_ref at the fixed point, m, > 0."""
     exponent: float
-    """n, -, < 1; negative for ground that softens."""
+    """Exponent n, < 1; negative for ground that softens."""
     rest: float
-    """w_0, m, > 0."""
+    """Displacement w_0 by the static weight, m, > 0."""
 
     def __post_init__(self) -> None:
         require(self.exponent < 1, "exponent", "below 1", self.exponent)
@@ -68,11 +68,11 @@ class Hysteresis:
     """
 
     stiffness: float
-    """K, N/m."""
+    """Static stiffness K, N/m."""
     exponent: float
-    """m, -, >= 1."""
+    """Exponent m of unloading, >= 1."""
     unrecovered: float
-    """f, 0 to < 1."""
+    """Unrecovered fraction f, 0 to < 1."""
     largest: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:

@@ -34,11 +34,11 @@ class UnitDrop:
     """Drop from the height of the scenario without noise, at the sensors' offsets."""
 
     load: Array
-    """(n,) N, every `UNIT_DROP_STEP_S` from the first touch."""
+    """Load (n,), N, every `UNIT_DROP_STEP_S` from the first touch."""
     velocity: Array
-    """(offsets, n) m/s."""
+    """Velocities (offsets, n), m/s."""
     displacement: Array
-    """(offsets, n) m."""
+    """Displacements (offsets, n), m."""
 
 
 class UnitDrops:

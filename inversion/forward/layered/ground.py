@@ -26,13 +26,13 @@ class Medium:
     modulus: float
     """Young's modulus E, Pa, > 0."""
     viscosity: float
-    """eta, Pa s, >= 0."""
+    """Viscosity eta, Pa s, >= 0."""
     density: float
-    """rho, kg/m3, > 0."""
+    """Density rho, kg/m3, > 0."""
     poisson_ratio: float
-    """nu, 0 <= value < 0.5."""
+    """Poisson's ratio nu, 0 <= value < 0.5."""
     thickness: float = math.inf
-    """m, > 0; infinite only for the lowest medium of a ground without rock."""
+    """Thickness, m, > 0; infinite only for the lowest medium of a ground without rock."""
 
     def __post_init__(self) -> None:
         _require(0.0 < self.modulus < math.inf, "modulus", "a value > 0 Pa", self.modulus)

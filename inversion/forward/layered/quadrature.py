@@ -28,7 +28,7 @@ class WavenumberRule:
     """Density of the wavenumbers, and limits beyond which waves are neglected."""
 
     order: int
-    """Gauss nodes in a panel."""
+    """Number of Gauss nodes per panel."""
     width_over_distance: float
     """Width of a panel over the distance of the nearest singularity from the axis."""
     turn: float
