@@ -149,6 +149,8 @@ def use_sentence(
     after = result.after
     if after is None or after.modulus_interval_pa is None:
         return ""
+    if (fault := _record_fault(modulus)) is not None:
+        return f"Do not use: {fault}; measure again."
     if result.use == "do-not-use" or not _is_finite(after.modulus_pa):
         if modulus == "unknown" or modulus is None:
             return f"Do not use: {result.use_reason}; {result.remedy}."
@@ -170,6 +172,11 @@ def use_sentence(
             text += f" ({rounded(at_100_kpa / 1e6, (high - low) / 1e6)} MPa at 100 kPa)"
     reason = f": {result.use_reason}" if result.use == "with-care" else ""
     return f"{text}{reason}."
+
+
+def _record_fault(modulus: "PointModulus | Literal['unknown'] | None") -> str | None:
+    """Return the reason why the records of a point support no modulus; None: no reason known."""
+    return None if modulus is None or modulus == "unknown" else modulus.not_supported
 
 
 def survey_lines(
@@ -216,8 +223,9 @@ def _unusable_lines(
     """Return why moduli are not to be used, and the remedy, each sentence once with its points."""
     where: dict[str, list[str]] = {}
     for name, result, modulus in points:
-        sentence = use_sentence(result, None)
-        if result.use == "do-not-use" and modulus is None and sentence:
+        fault = _record_fault(modulus)
+        sentence = use_sentence(result, modulus if fault else None)
+        if sentence and (fault or (result.use == "do-not-use" and modulus is None)):
             where.setdefault(sentence.partition(": ")[2], []).append(name)
     return [
         f"Do not use the modulus of {_where(chosen, names)}: {text}"
@@ -231,7 +239,11 @@ _COLUMNS = ("point", "E, MPa (95 %)", "stress, kPa", "use", "misfit")
 def _row(name: str, result: DiagnosisResult, modulus: "PointModulus | None") -> list[str]:
     """Return the cells of a point: those of `_COLUMNS`, prediction error, effects, what to do."""
     after = result.after or FittedState()
-    use, action = _USES[result.use], _ACTIONS[result.use]
+    if _record_fault(modulus) is not None:
+        modulus, key = None, "do-not-use"
+    else:
+        key = result.use
+    use, action = _USES[key], _ACTIONS[key]
     stress = ""
     if modulus is not None and modulus.source == "fitted":
         use, action = "fit without effects", ""
@@ -316,7 +328,11 @@ def _in_force(modulus: "PointModulus") -> str:
 def _summary(results: Sequence[DiagnosisResult], moduli: "Sequence[PointModulus | None]") -> str:
     """Return the number of points for each use."""
     uses = [
-        _USES[result.use] if modulus is None or modulus.source == "diagnosed" else "fit"
+        _USES["do-not-use"]
+        if _record_fault(modulus) is not None
+        else _USES[result.use]
+        if modulus is None or modulus.source == "diagnosed"
+        else "fit"
         for result, modulus in zip(results, moduli, strict=True)
     ]
     words = {
@@ -577,7 +593,8 @@ def show_diagnosis(
     if as_json:
         from pfwd.procedures.point import in_force_as_dict
 
-        print(json_text(result.to_json() | in_force_as_dict(modulus)), flush=True)
+        supported = None if _record_fault(modulus) is not None else modulus
+        print(json_text(result.to_json() | in_force_as_dict(supported)), flush=True)
         return
     for line in diagnosis_lines(
         result, warnings=False, device_advice=device_advice, modulus=modulus

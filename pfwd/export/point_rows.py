@@ -4,13 +4,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.export.columns import POINT_COLUMNS
 from pfwd.export.rows import MAX_CELL_CHARACTERS, Order, Row
 from pfwd.files.photos import photos_of
 from pfwd.judging import PointView
 from pfwd.judging.places import Place, number
 from pfwd.judging.stations import chainage_of_point
-from pfwd.procedures import PointModulus, unit_of
+from pfwd.procedures import PointModulus, PointProgress, unit_of
 from pfwd_device.text import clean
 
 _EMPTY_POINT: Mapping[str, Any] = dict.fromkeys(column.name for column in POINT_COLUMNS)
@@ -80,13 +81,23 @@ def judged_values(point: PointView) -> dict[str, Any]:
         "value_not_supported": None if value is None else value.not_supported,
         "drops_measured": len(progress.used),
         "diagnosis": None if diagnosis is None else diagnosis.verdict,
-        "use": None if diagnosis is None else diagnosis.use,
-        "use_reason": None if diagnosis is None else diagnosis.use_reason,
+        **_use_values(progress, diagnosis),
         **_modulus_values("modulus", fitted),
         **_modulus_values("modulus_in_force", in_force),
         "modulus_source": None if in_force is None else in_force.source,
         "modulus_not_supported": None if fitted is None else fitted.not_supported,
     }
+
+
+def _use_values(progress: PointProgress, diagnosis: DiagnosisResult | None) -> dict[str, Any]:
+    """Return the use of the diagnosed modulus at the point; its records may support none."""
+    if diagnosis is None:
+        return {"use": None, "use_reason": None}
+    modulus = progress.modulus
+    fault = None if modulus is None else modulus.not_supported
+    if diagnosis.use != "do-not-use" and fault is not None:
+        return {"use": "do-not-use", "use_reason": fault}
+    return {"use": diagnosis.use, "use_reason": diagnosis.use_reason}
 
 
 def _modulus_values(name: str, modulus: PointModulus | None) -> dict[str, float | None]:

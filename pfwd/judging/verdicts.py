@@ -26,7 +26,7 @@ from pfwd.procedures import (
 from pfwd.procedures.judging import is_target_for
 from pfwd.procedures.point import in_force_as_dict
 from pfwd.procedures.profile import OUR_TOLERANCES
-from pfwd.procedures.values import moduli_of, residual_fault, value_of
+from pfwd.procedures.values import moduli_of, residual_fault, unsupported_records, value_of
 from pfwd_device.recording.survey_content import SurveyPoint
 
 DEFAULT_RADIUS = 0.15
@@ -171,15 +171,24 @@ def modulus_in_force(
     point : PointView, optional
         The point in its survey. Without fits there, or without a survey, the fit is that of the
         base model.
+
+    Returns
+    -------
+    PointModulus or None
+        With the reason in `not_supported` where the records of the point support no value.
     """
-    fitted = None
+    fitted, fault = None, None
     if point is not None:
         fitted = dataclasses.replace(point, diagnosis=diagnosis).progress.fitted_modulus
+        drops = set(diagnosis.drops or ())
+        fault = unsupported_records([fact for fact in point.facts if fact.number in drops])
     after = diagnosis.after
     if diagnosis.use != "do-not-use" and after is not None and after.modulus_pa is not None:
-        return PointModulus(after.modulus_pa, after.modulus_interval_pa, "diagnosed")
+        return PointModulus(after.modulus_pa, after.modulus_interval_pa, "diagnosed", fault)
     fitted = fitted or fit_before_diagnosis(diagnosis)
-    return None if fitted is None or fitted.not_supported is not None else fitted
+    if fitted is None or (fitted.not_supported is not None and fault is None):
+        return None
+    return dataclasses.replace(fitted, not_supported=fault)
 
 
 def _judge(point: PointView) -> PointProgress:

@@ -5,6 +5,7 @@ folder or an exported file by the functions here, or from the events of a sessio
 `pfwd.session.live_view`.
 """
 
+import contextlib
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -141,25 +142,21 @@ def job_of_folder(folder: str | os.PathLike[str], instead: Procedure | None = No
         return replace(job_of(survey, instead), procedure=None)
 
 
-def moduli_in_force(
-    file: str, diagnoses: Sequence[DiagnosisResult]
-) -> Iterator[PointModulus | None]:
-    """Return the modulus in force after each diagnosis of one file.
+def moduli_in_force(diagnoses: Sequence[DiagnosisResult]) -> list[PointModulus | None]:
+    """Return the modulus in force after each diagnosis, see `modulus_in_force`.
 
-    Parameters
-    ----------
-    file : str
-        Diagnosed file; the fits that a survey stores count as its fitted moduli.
-    diagnoses : sequence of DiagnosisResult
+    Each survey among the diagnosed files is read once; its stored fits are the fitted moduli.
     """
-    points: dict[str, PointView] = {}
-    if is_survey(file):
-        try:
-            points = {point.shown_name: point for point in point_views(read_survey(file))}
-        except (RecordingError, SurveyError):
-            points = {}  # damaged since it was diagnosed: as without a survey
-    for diagnosis in diagnoses:
-        yield modulus_in_force(diagnosis, points.get(str(diagnosis.point)))
+    points: dict[tuple[str, str], PointView] = {}
+    for file in dict.fromkeys(str(diagnosis.file) for diagnosis in diagnoses):
+        if is_survey(file):
+            # A survey that was damaged since the diagnosis counts as a file without fits.
+            with contextlib.suppress(RecordingError, SurveyError):
+                points |= {(file, view.shown_name): view for view in point_views(read_survey(file))}
+    return [
+        modulus_in_force(diagnosis, points.get((str(diagnosis.file), str(diagnosis.point))))
+        for diagnosis in diagnoses
+    ]
 
 
 def later_declarations(point: SurveyPoint) -> dict[str, Any]:

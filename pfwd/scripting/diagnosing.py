@@ -14,7 +14,7 @@ from inversion.notices import Notice
 from pfwd.digits import modulus_text
 from pfwd.errors import OptionError, SurveyError, refusal
 from pfwd.export.json_text import without_nan
-from pfwd.judging.verdicts import modulus_in_force
+from pfwd.judging.view import moduli_in_force
 from pfwd.scripting.display import (
     ScriptObject,
     axes_or_new,
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from pfwd.analysis.diagnosis.entries import DiagnosisPoint
     from pfwd.analysis.diagnosis.points import DeviceValues
     from pfwd.analysis.results import DiagnosisResult
+    from pfwd.procedures import PointModulus
     from pfwd.scripting.measured import Points
     from pfwd.scripting.surveys import Survey
 
@@ -46,16 +47,18 @@ class Diagnosis(ScriptObject):
     The keys are those of ``pfwd diagnose --json``: ``diagnosis["held_out"]``.
     """
 
-    __slots__ = ("_diagnosis", "_modulus", "_place", "_record")
+    __slots__ = ("_diagnosis", "_fault", "_modulus", "_place", "_record")
 
     def __init__(
         self,
         result: DiagnosisResult,
-        diagnosis: PointDiagnosis | None,
+        modulus: PointModulus | None,
+        diagnosis: PointDiagnosis | None = None,
         place: tuple[Instrument, int] | None = None,
     ) -> None:
         self._record: dict[str, Any] = without_nan(result.to_json())
-        self._modulus = modulus_in_force(result)
+        self._fault = None if modulus is None else modulus.not_supported
+        self._modulus = None if self._fault is not None else modulus
         self._diagnosis = diagnosis
         self._place = place
 
@@ -87,12 +90,12 @@ class Diagnosis(ScriptObject):
     @property
     def use(self) -> str:
         """Use of the modulus after: ``design``, ``with-care`` or ``do-not-use``."""
-        return str(self._record["use"])
+        return "do-not-use" if self._fault is not None else str(self._record["use"])
 
     @property
     def use_reason(self) -> str:
         """Reason of the use, in one sentence."""
-        return str(self._record["use_reason"])
+        return self._fault or str(self._record["use_reason"])
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -380,12 +383,18 @@ def diagnose(
     device_values, spread = (None, None) if device is None else read_device(device)
     entries = [entry_of(point.file, point, settings) for point in points]
     places = _places(entries, device_values)
-    diagnoses = []
-    outcomes = diagnose_entries(entries, device_values, jobs, spread=spread)
-    for outcome, place in zip(outcomes, places, strict=True):
+    outcomes = list(diagnose_entries(entries, device_values, jobs, spread=spread))
+    results = []
+    for outcome in outcomes:
         if outcome.result is None:
             raise SurveyError(outcome.error or refusal(outcome.file, "a diagnosis", "none"))
-        diagnoses.append(Diagnosis(outcome.result, outcome.diagnosis, place))
+        results.append(outcome.result)
+    diagnoses = [
+        Diagnosis(result, modulus, outcome.diagnosis, place)
+        for result, modulus, outcome, place in zip(
+            results, moduli_in_force(results), outcomes, places, strict=True
+        )
+    ]
     return diagnoses[0] if isinstance(data, Drop | Point) else Diagnoses(diagnoses)
 
 

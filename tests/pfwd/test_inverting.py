@@ -15,6 +15,8 @@ from pfwd.analysis.results import DiagnosisResult
 from pfwd.analysis.screening.drops import REBOUND_OVER_LARGEST
 from pfwd.digits import modulus_text
 from pfwd.files.traces import read_traces
+from pfwd.judging.verdicts import modulus_in_force
+from pfwd.procedures import PointModulus
 from pfwd.scripting.options import DIAGNOSE_OPTIONS, INVERT_OPTIONS
 
 # As pfwd/scripting/data/README.md says them; a file says nothing of it.
@@ -278,7 +280,8 @@ def test_a_diagnosis_that_is_not_to_be_used_says_what_is(
     record["before"]["contact_residual_rms_over_peak"] = residual
     modulus = record["after"]["modulus_pa"]
     record["after"]["modulus_interval_pa"] = [modulus / 2, 2 * modulus]
-    diagnosis = pfwd.Diagnosis(DiagnosisResult.from_json(record), None)
+    result = DiagnosisResult.from_json(record)
+    diagnosis = pfwd.Diagnosis(result, modulus_in_force(result))
     assert diagnosis.use == "do-not-use"
     assert "after: do not use (the interval of the modulus reaches" in repr(diagnosis)
     assert f", {advice}; " in repr(diagnosis)
@@ -286,6 +289,18 @@ def test_a_diagnosis_that_is_not_to_be_used_says_what_is(
     expected = record["before"]["modulus_pa"] if in_force[0] else None
     assert diagnosis.modulus == expected
     assert (diagnosis.modulus_interval is None) == (expected is None)
+
+
+def test_a_diagnosis_of_unsupported_records_has_no_modulus_to_use() -> None:
+    record = pfwd.diagnose(pfwd.example("unexplained").drops[0]).to_dict()
+    modulus = PointModulus(50e6, (49e6, 51e6), "diagnosed", "drop 2: a copy")
+    diagnosis = pfwd.Diagnosis(DiagnosisResult.from_json(record), modulus)
+    assert (diagnosis.modulus, diagnosis.use, diagnosis.use_reason) == (
+        None,
+        "do-not-use",
+        "drop 2: a copy",
+    )
+    assert "after: do not use (drop 2: a copy), use none; " in repr(diagnosis)
 
 
 def test_a_drop_without_effect_is_clean() -> None:

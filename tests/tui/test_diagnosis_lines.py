@@ -1,5 +1,6 @@
 """Diagnoses as text: of one point in full, of several as a table."""
 
+import json
 import re
 from dataclasses import replace
 
@@ -14,11 +15,13 @@ from pfwd.analysis.results import (
     HeldOut,
 )
 from pfwd.judging.verdicts import modulus_in_force
+from pfwd.procedures import PointModulus
 from tui.diagnosis_lines import (
     WIDTH,
     diagnosis_line,
     diagnosis_lines,
     diagnosis_warnings,
+    show_diagnosis,
     survey_lines,
     undiagnosed_lines,
     use_sentence,
@@ -258,6 +261,22 @@ def test_a_fit_in_force_is_named_beside_a_diagnosis_that_is_not_to_be_used() -> 
     assert use_sentence(point, modulus).startswith(
         "Use the fit without effects: 40 MPa (20 to 60). Do not use the modulus after: 5 %"
     )
+
+
+def test_a_modulus_of_unsupported_records_is_not_to_be_used(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    point, *others = survey()
+    modulus = PointModulus(50e6, (47e6, 53e6), "diagnosed", "drop 3: its record is a copy")
+    lines = survey_lines([point, *others], [modulus, *map(modulus_in_force, others)])
+    assert lines[0] == "3 points: 1 to use with care, 2 not to use"
+    row = re.split(" {2,}", lines[3])
+    assert (row[1], row[2], row[-1]) == ("none", "do not use", "measure again")
+    sentence = "drop 3: its record is a copy; measure again."
+    assert f"Do not use the modulus of A: {sentence}" in lines
+    assert use_sentence(point, modulus) == f"Do not use: {sentence}"
+    show_diagnosis(point, as_json=True, modulus=modulus)
+    assert json.loads(capsys.readouterr().out)["modulus_in_force_pa"] is None
 
 
 @pytest.mark.parametrize("code", ["sensor-steps", "load-steps"])

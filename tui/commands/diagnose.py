@@ -34,7 +34,6 @@ from tui.progress import diagnosis_progress
 
 if TYPE_CHECKING:
     from pfwd.analysis.diagnosis.diagnose import Diagnosed
-    from pfwd.procedures import PointModulus
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -196,12 +195,14 @@ def show_all(points: "Sequence[Diagnosed]", *, as_json: bool, details: bool = Fa
 
     Device effects and warnings of several points follow the blocks.
     """
+    from pfwd.judging.view import moduli_in_force
+
     for diagnosed in points:
         if diagnosed.error is not None:
             say(diagnosed.error)
     results = [diagnosed.result for diagnosed in points if diagnosed.result is not None]
     several = len(results) > 1
-    moduli = _moduli_in_force(results)
+    moduli = moduli_in_force(results)
     if as_json:
         for result, modulus in zip(results, moduli, strict=True):
             show_diagnosis(result, as_json=True, modulus=modulus)
@@ -227,14 +228,3 @@ def show_all(points: "Sequence[Diagnosed]", *, as_json: bool, details: bool = Fa
 def _print(lines: "Sequence[str]") -> None:
     for line in lines:
         print(line, flush=True)
-
-
-def _moduli_in_force(results: Sequence[DiagnosisResult]) -> "list[PointModulus | None]":
-    """Return the modulus in force after each diagnosis; each survey is read once."""
-    from pfwd.judging.view import moduli_in_force
-
-    of_file = {
-        file: moduli_in_force(file, [result for result in results if str(result.file) == file])
-        for file in dict.fromkeys(str(result.file) for result in results)
-    }
-    return [next(of_file[str(result.file)]) for result in results]

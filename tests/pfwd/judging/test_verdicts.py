@@ -9,9 +9,11 @@ from inversion.forward.layered import LAYERED_PLATE_MODELS
 from pfwd.analysis.result_store import PLATES, basis_of
 from pfwd.analysis.results import DiagnosisResult, DropResult, FittedState
 from pfwd.digits import with_ends
+from pfwd.export.point_rows import judged_values
 from pfwd.files.header import PointSetup
 from pfwd.judging import DropView, Job, PointView, Station, drop_from_traces
 from pfwd.judging.drops import classify_drops
+from pfwd.judging.verdicts import modulus_in_force
 from pfwd.procedures import (
     Kind,
     Number,
@@ -167,6 +169,37 @@ def test_the_modulus_in_force_follows_from_the_use_of_the_diagnosis(
         shown = with_ends(38.0, (ends[0] / 1e6, ends[1] / 1e6))[0]
         assert any(f"the diagnosed one, {shown} MPa" in note for note in progress.notes)
     assert (progress.value.value, progress.value.interval) == (in_force.value, in_force.interval)
+
+
+@pytest.mark.parametrize("ends", [(37e6, 39e6), (20e6, 80e6)])
+def test_records_that_support_nothing_support_no_diagnosed_modulus(
+    ends: tuple[float, float],
+) -> None:
+    """Command line, scripts, exports and verdict agree on it."""
+    found = diagnosis(ends=ends)
+    sound = PointView("1", drops(), 40e6, diagnosis=found)
+    modulus = modulus_in_force(found, sound)
+    assert modulus is not None
+    assert modulus.not_supported is None
+    one, *further = drops()
+    copies = [dataclasses.replace(one, own=dataclasses.replace(d.own, **PEAKS)) for d in further]
+    point = PointView(
+        "1", [one, *copies], 40e6, job=Job(procedure=plain_procedure()), diagnosis=found
+    )
+    fault = "drop 5: its record is a copy of that of drop 4"
+    modulus = modulus_in_force(found, point)
+    assert modulus is not None
+    assert modulus.not_supported is not None
+    assert "is a copy of that of drop" in modulus.not_supported
+    assert point.progress.modulus_in_force is None
+    assert point.progress.modulus is not None
+    assert point.progress.modulus.not_supported == fault
+    values = judged_values(point)
+    assert values["use"] == "do-not-use"
+    assert values["use_reason"] == (fault if found.use == "design" else found.use_reason)
+
+
+PEAKS: dict[str, Any] = {"peak_load": 8e3, "peak_deflection": 5e-4, "pulse_duration": 0.018}
 
 
 def test_what_is_explained_is_the_residual_beyond_the_noise() -> None:
