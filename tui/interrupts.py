@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import Any
 
-RETRY_S = 0.05
+IMPORT_RETRY_S = 0.05
 """Time after which an interrupt is raised again that came during an import."""
 
 MAX_DELAY_S = 5.0
@@ -80,7 +80,7 @@ def _is_importing(frame: FrameType | None) -> bool:
 
 
 def _raise_later(number: int, main: int) -> None:
-    time.sleep(RETRY_S)
+    time.sleep(IMPORT_RETRY_S)
     if sys.platform == "win32":
         _thread.interrupt_main(signal.Signals(number))
     else:  # unlike interrupt_main it also ends a call that the main thread waits in

@@ -8,13 +8,13 @@ from pfwd.procedures import PointProgress, PointValue, Quantity, Verdict
 from pfwd.procedures.point import UNSUPPORTED_MARK
 from tui.output import clean
 
-QUANTITY_NAMES = {
+QUANTITY_SYMBOLS = {
     Quantity.E_VD: "E_vd",
     Quantity.E_LWD: "E_LWD",
     Quantity.MODULUS: "E",
     Quantity.DEFLECTION: "deflection",
 }
-"""Names of the judged quantities."""
+"""Symbols of the judged quantities."""
 
 
 def has_verdict_line(progress: PointProgress) -> bool:
@@ -43,7 +43,7 @@ def value_text(value: PointValue) -> str:
     """Return the judged value with unit and interval, with the digits that it supports."""
     unit, scale = ("mm", 1e-3) if value.quantity is Quantity.DEFLECTION else ("MPa", 1e6)
     number = value.value / scale
-    name = QUANTITY_NAMES[value.quantity]
+    name = QUANTITY_SYMBOLS[value.quantity]
     mark = UNSUPPORTED_MARK if value.not_supported is not None else ""
     bounds = value.interval or value.drop_range
     if bounds is None:

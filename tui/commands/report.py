@@ -3,9 +3,10 @@
 import argparse
 import time
 
-from pfwd.errors import OptionError, refusal
+from pfwd.errors import OptionError, quote, refusal
 from pfwd.export.json_text import json_text
 from pfwd.report.pictures_as_svg import SecondDrawer, second_drawer
+from pfwd.toml_reading import parse_user_toml, read_toml_text
 from tui.arguments import (
     add_expert_group,
     add_jobs,
@@ -18,7 +19,7 @@ from tui.arguments import (
 )
 from tui.output import clean, say
 from tui.progress import report_progress
-from tui.report_settings import load_report_settings
+from tui.screen.settings import settings_file
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -111,6 +112,31 @@ def _target(args: argparse.Namespace) -> float | None:
     return target_si(args.target_deflection, procedure, "--target-deflection")
 
 
+def _first_page_settings() -> dict[str, str]:
+    """Return company and logo of ``report.toml``, beside the settings of the screen.
+
+    The file declares them once for all reports::
+
+        company = "Erdbau Muster GmbH"
+        logo = "C:/Logos/muster.png"
+
+    Raises
+    ------
+    OptionError
+        If the file has anything else.
+    """
+    file = settings_file().with_name("report.toml")
+    if not file.is_file():
+        return {}
+    values = parse_user_toml(read_toml_text(file, OptionError), str(file), OptionError)
+    for key, value in values.items():
+        if key not in ("company", "logo") or not isinstance(value, str):
+            raise OptionError(refusal(str(file), 'company = "..." or logo = "..."', quote(key)))
+    if "logo" in values:
+        values["logo"] = str(file.parent / values["logo"])  # an absolute path stays
+    return values
+
+
 def run(args: argparse.Namespace) -> int:
     """Write the report, then print the verdict of each point."""
     # A second process starts while this one imports and reads the survey.
@@ -123,7 +149,7 @@ def _run(args: argparse.Namespace, second: SecondDrawer | None) -> int:
 
     if args.seed < 0:
         raise OptionError(refusal("--seed", "a whole number >= 0", str(args.seed)))
-    settings = load_report_settings()
+    settings = _first_page_settings()
     options = ReportOptions(
         language=args.language,
         title=args.title,
@@ -135,8 +161,8 @@ def _run(args: argparse.Namespace, second: SecondDrawer | None) -> int:
         seed=args.seed,
         layers=args.layers,
         thickness=args.thickness,
-        company=args.company or settings.company,
-        logo=args.logo or settings.logo,
+        company=args.company or settings.get("company"),
+        logo=args.logo or settings.get("logo"),
         template=args.template,
         jobs=args.jobs,
         point=args.point,
