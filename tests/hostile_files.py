@@ -356,23 +356,6 @@ def same_names(folder: Path) -> Path:
     return archive(folder, {"database.json": json.dumps(database).encode()})
 
 
-def setup_of_dots(folder: Path) -> Path:
-    path = folder / "setup.toml"
-    path.write_text("a." * 45_000 + "a = 1\n")
-    return path
-
-
-def long_result(folder: Path) -> Path:
-    """A received survey with a result of 9 MB of empty lists."""
-    import shutil
-
-    survey = folder / "survey"
-    shutil.copytree(DATA / "recording-v1", survey)
-    result = survey / "results" / "drop-000001-1.json"
-    result.write_bytes(b'{"a":[' + b"[]," * 3_000_000 + b"[]]}")
-    return survey
-
-
 def zeros_in_a_record(folder: Path) -> Path:
     """A journal whose drop unpacks to more than it is long by a thousand."""
     import shutil

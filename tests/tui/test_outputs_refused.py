@@ -1,5 +1,6 @@
 """No command writes a file into a survey, or in place of what is no file."""
 
+import itertools
 import os
 import stat
 from collections.abc import Callable
@@ -49,18 +50,6 @@ COMMANDS = {
 """Commands that write one file, of any name."""
 
 
-@pytest.mark.parametrize("name", [JOURNAL, LEDGER, DROP, "new"])
-@pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
-def test_no_file_of_a_survey_is_a_place_for_an_output(
-    command: tuple[str, ...],
-    name: str,
-    survey: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert_refused(command, survey / name, survey, tmp_path, capsys)
-
-
 def assert_refused(
     command: tuple[str, ...],
     target: Path,
@@ -82,22 +71,27 @@ def assert_refused(
     assert content(survey) == before
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ("export", "{s}", "--format", "csv", "-o", "{}"),
-        ("log", "nowhere", "-o", "{}"),
-        ("live", "nowhere", "-o", "{}", "--json"),
-        ("demo", "--lines", "--drops", "1", "-o", "{}"),
-        ("import", "{t}", "-o", "{}"),
-        ("replay", "{s}", "-o", "{}"),
-        ("invert", "{t}", "--archive", "{}"),
-        ("diagnose", "{t}", "--archive", "{}"),
-    ],
-    ids=lambda command: command[0],
+FOLDER_COMMANDS = (
+    ("export", "{s}", "--format", "csv", "-o", "{}"),
+    ("log", "nowhere", "-o", "{}"),
+    ("live", "nowhere", "-o", "{}", "--json"),
+    ("demo", "--lines", "--drops", "1", "-o", "{}"),
+    ("import", "{t}", "-o", "{}"),
+    ("replay", "{s}", "-o", "{}"),
+    ("invert", "{t}", "--archive", "{}"),
+    ("diagnose", "{t}", "--archive", "{}"),
 )
-@pytest.mark.parametrize("name", ["captures", "new"])
-def test_no_folder_of_a_survey_is_a_place_for_an_output(
+"""Commands that write a folder."""
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        *itertools.product(COMMANDS.values(), (JOURNAL, LEDGER, DROP, "new")),
+        *itertools.product(FOLDER_COMMANDS, ("captures", "new")),
+    ],
+)
+def test_no_place_in_a_survey_is_one_for_an_output(
     command: tuple[str, ...],
     name: str,
     survey: Path,

@@ -376,13 +376,9 @@ def weighted_displacement(quantity: Quantity) -> tuple[Array, Array]:
     return rows @ drop.displacement[0], through
 
 
-def test_native_rows_are_the_adjoint_for_a_velocity() -> None:
-    direct, through = weighted_displacement("velocity")
-    assert through == pytest.approx(direct, rel=1e-10)
-
-
-def test_native_rows_are_the_adjoint_for_a_displacement() -> None:
-    direct, through = weighted_displacement("displacement")
+@pytest.mark.parametrize("quantity", ["velocity", "displacement"])
+def test_native_rows_are_the_adjoint(quantity: Any) -> None:
+    direct, through = weighted_displacement(quantity)
     assert through == pytest.approx(direct, rel=1e-10)
 
 

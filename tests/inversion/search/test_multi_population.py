@@ -306,33 +306,23 @@ def test_start_that_does_not_fit_raises(start: FloatArray, message: str) -> None
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    ("settings", "wrong", "message"),
     [
-        ({"individuals": 81}, "multiple of 4"),
-        ({"individuals": 12}, "at least 16"),
-        ({"populations": 1}, "populations >= 2"),
-        ({"generations": 0}, "generations >= 1"),
-        ({"polish_evaluations": -1}, "polish_evaluations >= 0"),
-        ({"breeding": "cloning"}, "cloning"),
-        ({"roles": ()}, "at least one role"),
+        (SearchSettings, {"individuals": 81}, "multiple of 4"),
+        (SearchSettings, {"individuals": 12}, "at least 16"),
+        (SearchSettings, {"populations": 1}, "populations >= 2"),
+        (SearchSettings, {"generations": 0}, "generations >= 1"),
+        (SearchSettings, {"polish_evaluations": -1}, "polish_evaluations >= 0"),
+        (SearchSettings, {"breeding": "cloning"}, "cloning"),
+        (SearchSettings, {"roles": ()}, "at least one role"),
+        (PopulationRole, {"pull": 1.5}, "pull"),
+        (PopulationRole, {"weight": (0.9, 0.2)}, "weight"),
+        (PopulationRole, {"crossover_rate": 0.0}, "crossover_rate"),
     ],
 )
-def test_settings_that_make_no_sense_raise(wrong: dict[str, object], message: str) -> None:
+def test_invalid_settings_raise(settings: type, wrong: dict[str, object], message: str) -> None:
     with pytest.raises(ModelError, match=message):
-        SearchSettings(**wrong)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"pull": 1.5}, "pull"),
-        ({"weight": (0.9, 0.2)}, "weight"),
-        ({"crossover_rate": 0.0}, "crossover_rate"),
-    ],
-)
-def test_roles_that_make_no_sense_raise(wrong: dict[str, object], message: str) -> None:
-    with pytest.raises(ModelError, match=message):
-        PopulationRole(**wrong)  # type: ignore[arg-type]
+        settings(**wrong)
 
 
 def test_minima_apart_are_the_best_of_each_place() -> None:
