@@ -53,7 +53,7 @@ _NO_DROP = "NOTHING TO DIAGNOSE: no drop of the point can be used, see the warni
 _USES = {"design": "design value", "with-care": "use with care", "do-not-use": "do not use"}
 _ACTIONS = {
     "design": "use it",
-    "with-care": "use both ends",
+    "with-care": "design with the lower end",
     "do-not-use": "measure again",
 }
 
@@ -209,12 +209,31 @@ def survey_lines(
         table = [[row[place] for place in filled] for row in (columns, *rows)]
         lines += [*table_lines(table, width), ""]
     notes = [
+        *_conditions([result for _, result, _ in diagnosed]),
         *undiagnosed_lines(results),
         *_unusable_lines(diagnosed, names),
         *_advice_of_points(results),
         *device_lines(results),
     ]
     return [*lines, *(part for note in notes for part in wrapped(note, width))]
+
+
+def _conditions(results: Sequence[DiagnosisResult]) -> list[str]:
+    """Return the conditions that the moduli of a table hold for; none without a plate."""
+    used = [result for result in results if result.plate_radius_m is not None]
+    plates = dict.fromkeys(
+        f"{word(PLATE_WORDS, result.plate)}, radius {_short(result.plate_radius_m)} m"
+        for result in used
+    )
+    ratios = dict.fromkeys(_short(result.poisson_ratio) for result in used)
+    if not used:
+        return []
+    return [
+        "E: secant modulus of the ground at the peak stress of the largest drop, of the layer "
+        "above rock where rock was found, with the effects of the device taken out; "
+        f"{' or '.join(plates)}, Poisson's ratio {' or '.join(ratios)}. "
+        "Misfit: residual beyond the noise, over the peak."
+    ]
 
 
 def _unusable_lines(
@@ -233,7 +252,7 @@ def _unusable_lines(
     ]
 
 
-_COLUMNS = ("point", "E, MPa (95 %)", "stress, kPa", "use", "misfit")
+_COLUMNS = ("point", "E, MPa (95 %)", "at stress, kPa", "use", "misfit")
 
 
 def _row(name: str, result: DiagnosisResult, modulus: "PointModulus | None") -> list[str]:

@@ -21,8 +21,8 @@ class Bedrock(Effect):
     scope = "point"
     parameters = (Parameter("depth", "m", 0.1, 20.0, (1.0,), logarithmic=True),)
     advice = (
-        "a rigid base lies below: the modulus belongs to the layer above it; a sounding or a "
-        "second sensor tells the depth"
+        "a rigid base lies below: the modulus belongs to the layer above it; confirm the depth "
+        "by a sounding or a second sensor"
     )
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:

@@ -28,7 +28,7 @@ class CarrierResonance(Effect):
         Parameter("frequency", "Hz", 15.0, 200.0, (45.0,), logarithmic=True),
         Parameter("damping", "-", 0.005, 1.0, (0.05,), logarithmic=True),
     )
-    advice = "look at the carrier of the sensor: it swings on the plate"
+    advice = "tighten the arm or frame that carries the sensor: it swings on the plate"
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
         """Return the strength and the logarithms of frequency and damping."""

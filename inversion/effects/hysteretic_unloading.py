@@ -31,7 +31,10 @@ class HystereticUnloading(Effect):
         Parameter("tension_share", "-", 0.1, 1.0, (0.5,), natural=True, absent=1.0),
     )
     drop_deviations = MappingProxyType({"exponent": (0.4, 0.1), "unrecovered": (0.2, 0.05)})
-    advice = "the ground yields: drop again until nothing is left behind"
+    advice = (
+        "the ground yields under the drop: at the next point seat the plate with more drops, "
+        "until the deflection stays the same"
+    )
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
         """Return the parameters, with that of tension only if the plate rises above its start."""

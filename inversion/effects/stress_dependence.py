@@ -47,7 +47,10 @@ class StressDependence(Effect):
             "within", "-", 0.0, 1.0, (1.0, 1.0, 0.0), natural=True, prior=(1.0, 0.3), absent=1.0
         ),
     )
-    advice = "drop from several heights: the modulus belongs to the stress of the largest drop"
+    advice = (
+        "the modulus belongs to the peak stress of the largest drop; drops from other heights "
+        "show how it changes"
+    )
 
     def model_error(self, values: Values) -> float:
         """Return the error of the spring model within a drop; between drops there is none."""

@@ -225,15 +225,36 @@ def test_several_points_begin_with_a_table() -> None:
     assert lines[0] == "3 points: 1 with a design value, 1 to use with care, 1 not to use"
     heading, *rows = [re.split(" {2,}", line) for line in lines[2:6]]
     assert heading == [
-        *("point", "E, MPa (95 %)", "stress, kPa", "use", "misfit", "next drop", "found"),
+        *("point", "E, MPa (95 %)", "at stress, kPa", "use", "misfit", "next drop", "found"),
         "what to do",
     ]
     rock = "bedrock 1.55 m"
     assert rows == [
         ["A", "50 (47 to 53)", "100", "design value", "0.4 %", "2 % off", rock, "use it"],
-        ["B", "50 (47 to 53)", "100", "use with care", "2 %", "4 % off", rock, "use both ends"],
+        [
+            "B",
+            "50 (47 to 53)",
+            "100",
+            "use with care",
+            "2 %",
+            "4 % off",
+            rock,
+            "design with the lower end",
+        ],
         ["C", "none", "do not use", "5 %", "6 % off", rock, "measure again"],
     ]
+
+
+def test_below_the_table_stand_plate_and_poissons_ratio() -> None:
+    points = [
+        replace(point, plate="rigid-rough", plate_radius_m=0.15, poisson_ratio=0.35)
+        for point in survey()
+    ]
+    below = " ".join(line.strip() for line in lines_of(points)[7:])
+    assert below.startswith(
+        "E: secant modulus of the ground at the peak stress of the largest drop"
+    )
+    assert "radius 0.15 m, Poisson's ratio 0.35." in below
 
 
 def test_below_the_table_stands_each_advice_once() -> None:
