@@ -97,7 +97,7 @@ async def _page(app: PfwdApp, pilot: Any, *keys: str) -> None:
     await pilot.press(*keys)
     await pilot.pause(0.3)
     await _wait(pilot, lambda: not app.busy_text())
-    app.say("")
+    app.show_message("")
     app.redraw()
     await pilot.pause(0.3)
 
@@ -111,7 +111,7 @@ async def _wait(pilot: Any, holds: Callable[[], bool]) -> None:
 
 
 async def _measured(app: PfwdApp, pilot: Any) -> None:
-    app.say("")
+    app.show_message("")
     app.redraw()
     await pilot.pause()
 

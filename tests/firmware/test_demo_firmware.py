@@ -14,7 +14,7 @@ def test_the_main_job_runs_on_the_compiled_core(tmp_path: Path) -> None:
     # Beyond the hold-off of 1.5 s and slow enough for a computer that does something else as well.
     done = pfwd("demo", "--firmware", "--drops", 2, "--rate", 8, "--json", "-o", tmp_path / "s")
     assert done.returncode == 0, done.stderr
-    assert "compiled core playing simulated drops at socket://127.0.0.1:" in done.stderr
+    assert "compiled firmware playing simulated drops at socket://127.0.0.1:" in done.stderr
     assert "PFWD core, host board" in done.stderr
     first = [record for record in records(done.stdout) if record.get("method") == "least-squares"]
     truth = {1: 38.25e6, 2: 42.30e6}
