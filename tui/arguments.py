@@ -188,10 +188,16 @@ def add_declared(parser: argparse.ArgumentParser) -> None:
     """Add values that replace those of the files' headers."""
     group = parser.add_argument_group("declared values, in place of those in the files")
     group.add_argument("--header", metavar="FILE.toml", help="header keys in a file of their own")
-    group.add_argument("--plate-radius", type=number, metavar="M", help="m")
-    group.add_argument("--poisson-ratio", type=number, metavar="NU", help="0 <= NU < 0.5")
-    group.add_argument("--density", type=number, metavar="RHO", help="density of the soil, kg/m3")
-    group.add_argument("--plate-mass", type=number, metavar="KG", help="mass below the load cell")
+    group.add_argument(
+        "--plate-radius", type=number, metavar="M", help="radius of the load plate, m"
+    )
+    group.add_argument(
+        "--poisson-ratio", type=number, metavar="NU", help="of the soil, 0 <= NU < 0.5"
+    )
+    group.add_argument("--density", type=number, metavar="RHO", help="of the soil, kg/m3")
+    group.add_argument(
+        "--plate-mass", type=number, metavar="KG", help="mass below the load cell, kg"
+    )
 
 
 def add_layers(parser: Arguments, default: str) -> None:

@@ -161,6 +161,7 @@ class CommandParser(_Parser):
 
     def __init__(self, *, command: str, **settings: Any) -> None:
         super().__init__(**settings, allow_abbrev=False, formatter_class=_HelpFormatter)
+        self._positionals.title = "arguments"
         self._command: str | None = command
 
     def add_arguments(self) -> None:

@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``pfwd diagnose``."""
     parser.description = (
-        "Searches the real effects of ground and device that explain what the fit of each point "
-        "leaves over, and says which modulus to use, or that nothing explains it. Files that "
-        "declare the same device are one survey."
+        "Searches effects of ground and device that explain the residuals of each point. Reports "
+        "which modulus to use, or that nothing explains them. Files that declare the same device "
+        "are one survey."
     )
     parser.add_argument("files", nargs="+", metavar="FILE", help="survey, drop or trace file")
     parser.add_argument(

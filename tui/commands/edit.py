@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("survey", metavar="SURVEY", help="folder")
     parser.add_argument("--point", metavar="NAME", help="required if there are several points")
     parser.add_argument("--drop", type=count, metavar="N", help="edit this drop of the point")
-    parser.add_argument("--note", action="append", metavar="TEXT")
+    parser.add_argument("--note", action="append", metavar="TEXT", help="add a note")
     parser.add_argument(
         "--discard",
         nargs="?",
