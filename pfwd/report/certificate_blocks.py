@@ -36,10 +36,12 @@ from pfwd.report.drawing import (
     with_deflection,
 )
 from pfwd.report.fonts import Letters
+from pfwd.report.peaks_blocks import has_only_peaks, peaks_table
 from pfwd.report.point_facts import (
     clock_and_zone,
     modulus_text,
     points_text,
+    time_cells,
     used_drops,
     verdict_of,
 )
@@ -53,9 +55,6 @@ MAX_POINTS_WITH_CURVES = 12
 
 MAX_CURVES_IN_PICTURE = 30
 """Points in a picture of curves, which is half a page high."""
-
-_MINUTES = len("2026-01-31 14:05")
-"""Characters of a time to the minute."""
 
 _LOGO_HEIGHT, _SIGNATURES_HEIGHT = 16.0, 20.0
 """mm."""
@@ -80,8 +79,9 @@ def certificate_blocks(
     logo : path of a picture, optional
     """
     blocks: list[Block] = [*logo_blocks(company, logo, texts), Heading(report.title, level=1)]
-    said = report.procedure.title if report.chosen else texts["report"]
-    head = f"{texts['certificate']}: {texts.title(said)}" if report.chosen else texts["report"]
+    head = texts["report_of_peaks" if has_only_peaks(report) else "report"]
+    if report.chosen:
+        head = f"{texts['certificate']}: {texts.title(report.procedure.title)}"
     blocks.append(Paragraph(f"{company} · {head}" if company else head, "note"))
     blocks.append(Pairs(tuple(row for row in certificate_rows(report, texts) if row[1])))
     if len(report.points) <= MAX_ROWS:
@@ -141,6 +141,8 @@ def certificate_rows(report: Report, texts: Texts) -> tuple[tuple[str, str], ...
     counts = Counter(verdict_of(point) for point in kept)
     radii = sorted({f"{p.setup.plate_radius * 2e3:g} mm" for p in kept if p.setup.plate_radius})
     verdicts = texts.say("verdicts", **{kind: counts[kind] for kind in Verdict})
+    if counts[Verdict.NONE] == len(kept):
+        verdicts = texts["none"]
     drops = sum(len(p.drops) for p in kept)
     key = "points_and_drop" if drops == 1 else "points_and_drops"
     points = texts.say(key, points=len(kept), drops=drops)
@@ -269,7 +271,12 @@ def _calibration(instruments: Sequence[Mapping[str, Any]], texts: Texts) -> str:
 def judged_by(report: Report, texts: Texts) -> str:
     """The procedure and what it judges."""
     if not report.chosen:
-        return f"{texts['modulus_full']}; {texts['no_procedure']}"
+        only_peaks = has_only_peaks(report)
+        return (
+            texts["peaks_basis"]
+            if only_peaks
+            else (f"{texts['modulus_full']}; {texts['no_procedure']}")
+        )
     name = report.procedure.quantity
     what = texts["modulus_full"] if name is Quantity.MODULUS else shown.name_of(name, texts)
     text = f"{report.procedure.name} ({texts.title(report.procedure.title)}): {what}"
@@ -279,31 +286,34 @@ def judged_by(report: Report, texts: Texts) -> str:
 
 
 def points_table(report: Report, texts: Texts) -> Table:
-    """Every point in one line: settlements, s/v or load, what is judged, target, verdict."""
+    """Return every point in one line: settlements, s/v or load, judged value, target, verdict.
+
+    A report of peaks alone has their indices in place of the modulus.
+    """
+    if has_only_peaks(report):
+        return peaks_table(report, texts)
     quantity = report.procedure.quantity
     # What the documents of the procedures ask for: s and v of the light drop weight tester, peak
     # loads of devices with a load cell. A mean settlement that is judged has its own column.
     speeds = not report.chosen or quantity is Quantity.E_VD
     judged = quantity is not Quantity.MODULUS
     mean = quantity is not Quantity.DEFLECTION
-    times = [clock_and_zone(point, texts) for point in report.points]
-    zones = {zone for time, zone in times if time}
-    zone = zones.pop() if len(zones) == 1 else ""
-    columns = [texts["point"], ", ".join(filter(None, (texts["time"], zone))), "s, mm"]
+    title, times = time_cells(report, texts)
+    columns = [texts["point"], title, "s, mm"]
     columns += ["s\N{COMBINING MACRON}, mm"] if mean else []
     columns += ["v, mm/s", "s/v, ms"] if speeds else ["F, kN"]
     right = tuple(range(3, len(columns)))
     columns += [shown.name_of(quantity, texts)] if judged else []
     columns += [texts["modulus"], texts["target"], texts["verdict"]]
     rows = []
-    for point, (time, own_zone) in zip(report.points, times, strict=True):
+    for point, time in zip(report.points, times, strict=True):
         progress = point.progress
         facts = [drop.facts for drop in used_drops(point)]
         depths = [s for fact in facts if (s := fact.peak_deflection) is not None]
         kind = verdict_of(point)
         cells: list[str | Mark] = [
             point.shown_name,
-            time[:_MINUTES] if zone else f"{time[:_MINUTES]} {own_zone}".strip(),
+            time,
             " / ".join(map(depth_text, depths[:MOST_DEPTHS]))
             + (" …" if len(depths) > MOST_DEPTHS else ""),
         ]
@@ -322,7 +332,8 @@ def points_table(report: Report, texts: Texts) -> Table:
             Mark(kind, texts["discarded"] if point.discarded else texts[kind]),
         ]
         rows.append(tuple(cells))
-    return Table(tuple(columns), tuple(rows), right)
+    table = Table(tuple(columns), tuple(rows), right)
+    return shown.without_empty_columns(table, always=(title, texts["target"]))
 
 
 def depth_text(depth: float | None) -> str:

@@ -32,7 +32,7 @@ from pfwd.report.device_blocks import device_blocks
 from pfwd.report.fonts import Letters
 from pfwd.report.localising import localised, names_of
 from pfwd.report.lot_blocks import lot_blocks
-from pfwd.report.peaks_blocks import basin_of_drop
+from pfwd.report.peaks_blocks import basin_of_drop, has_only_peaks
 from pfwd.report.point_blocks import photo_blocks, point_blocks
 from pfwd.report.procedure_blocks import procedure_blocks
 from pfwd.report.summary_blocks import common_warnings, summary_blocks, warning_blocks
@@ -65,6 +65,7 @@ def compose(
     """
     certificate = certificate_blocks(report, texts, letters, company, logo)
     blocks = [*certificate]
+    only_peaks = has_only_peaks(report)
     overview = summary_blocks(report, texts, letters)
     if len(report.points) > MAX_ROWS:  # their table has no room on the first page, the map has
         blocks += [*overview, Heading(texts["points"]), points_table(report, texts)]
@@ -76,10 +77,12 @@ def compose(
         blocks += curve_blocks(report, texts, letters)
     blocks += lot_blocks(report, texts)
     blocks += warning_blocks(report, texts)
-    blocks.append(Paragraph(texts["uncertainty_note"], "note"))
-    blocks.append(Paragraph(f"{texts['traces_note']} {texts['compaction_note']}", "note"))
+    if not only_peaks or any(point.progress.value is not None for point in report.points):
+        blocks.append(Paragraph(texts["uncertainty_note"], "note"))
+    if not only_peaks:
+        blocks.append(Paragraph(f"{texts['traces_note']} {texts['compaction_note']}", "note"))
     if any(basin_of_drop(drop) is not None for point in report.points for drop in point.drops):
-        blocks.append(Paragraph(texts["basin_note"], "note"))
+        blocks += [Heading(texts["basin"], 3), Paragraph(texts["basin_note"], "note")]
     if texts.code not in ("en", *texts.with_messages):
         blocks.append(Paragraph(texts["messages_note"], "note"))
     common = common_warnings(report)
@@ -144,12 +147,12 @@ def _recompute(report: Report, texts: Texts) -> list[Block]:
         (texts["command"], report.command),
         (texts["survey"], f"{report.survey}, {report.survey_id}"),
         (texts["software"], ", ".join(f"{n} {v}" for n, v in report.software.items())),
-        (texts["settings"], settings),
+        (texts["settings"], "" if has_only_peaks(report) else settings),
     )
     blocks: list[Block] = [
         Heading(texts["recompute"]),
         Paragraph(texts["recompute_note"], "note"),
-        Pairs(rows),
+        Pairs(tuple(row for row in rows if row[1])),
     ]
     blocks += [Heading(texts["declared"], 3), *_declared(report, texts)]
     files = [

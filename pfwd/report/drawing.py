@@ -33,6 +33,12 @@ SHOWN_AFTER = 2.2
 _NAME_SIZE = 7.5
 """Points; letters of names in a sketch."""
 
+_MAX_LED_NAMES = 30
+"""Points of a sketch up to which a line may lead to a name for which there is no room beside."""
+
+_MANY_MARKERS = 15
+"""Points of a sketch from which their markers are smaller, lest they hide each other."""
+
 _FEW_STEPS = 4
 """Of an axis that is two centimetres long; more numbers would touch."""
 
@@ -73,6 +79,7 @@ def draw_map(figure: Any, report: Report, texts: Texts, letters: Letters) -> Non
     """Points from above, by their verdict."""
     axes = figure.subplots(gridspec_kw=margins(0.11, 0.97, 0.17, 0.96))
     places = place(report)
+    radius = 4.0 if len(places) <= _MANY_MARKERS else 2.5
     for index, (east, north) in places.items():
         kind = _verdict(report.points[index])
         axes.plot(
@@ -80,7 +87,7 @@ def draw_map(figure: Any, report: Report, texts: Texts, letters: Letters) -> Non
             north,
             VERDICT_SHAPES[kind],
             color=VERDICT_COLOURS[kind],
-            markersize=8,
+            markersize=2 * radius,
             markeredgecolor="white",
         )
     if len(places) > 1:
@@ -100,11 +107,15 @@ def draw_map(figure: Any, report: Report, texts: Texts, letters: Letters) -> Non
         arrowprops={"arrowstyle": "->", "color": "0.2"},
     )
     finish(axes, texts)
-    _name_points(axes, report, places, letters)
+    _name_points(axes, report, places, letters, radius)
 
 
 def _name_points(
-    axes: Any, report: Report, places: Mapping[int, tuple[float, float]], letters: Letters
+    axes: Any,
+    report: Report,
+    places: Mapping[int, tuple[float, float]],
+    letters: Letters,
+    radius: float,
 ) -> None:
     """Names beside the markers; one that would hide another name or a marker is left away."""
     axes.apply_aspect()  # places on the page are known from here on
@@ -113,7 +124,9 @@ def _name_points(
     names = [_short(title[skipped:]) for title in titles]
     sizes = [(letters.width(name, _NAME_SIZE) + 2, _NAME_SIZE * 1.3) for name in names]
     spots = list(places.values())
-    for label in place_labels(on_page(axes, spots), sizes, room_of(axes)):
+    for label in place_labels(on_page(axes, spots), sizes, room_of(axes), radius + 0.5):
+        if label.led and len(spots) > _MAX_LED_NAMES:
+            continue  # lines to many names would cover the sketch
         line = {"arrowstyle": "-", "color": "0.6", "linewidth": 0.6}
         axes.annotate(
             names[label.number],
@@ -166,7 +179,7 @@ def draw_profile(figure: Any, report: Report, texts: Texts, letters: Letters) ->
             )
     unit = "mm" if deflection else "MPa"
     axes.set_ylabel(f"{name_of(report.procedure.quantity, texts)}, {unit}", fontsize=8)
-    by_distance = bool(place(report)) and len(place(report)) == len(report.points) > 1
+    by_distance = has_distances(report)
     axes.set_xlabel(texts["profile_distance" if by_distance else "profile_order"], fontsize=8)
     axes.set_ylim(0, 1.12 * highest if highest > 0 else 1.0)
     axes.margins(x=0.06 if len(report.points) > 1 else 0.5)
@@ -177,6 +190,72 @@ def draw_profile(figure: Any, report: Report, texts: Texts, letters: Letters) ->
     finish(axes, texts)
     if not by_distance:
         name_ticks(axes, distances, [point.shown_name for point in report.points], letters)
+
+
+def draw_peaks_profile(
+    figure: Any,
+    report: Report,
+    points: Sequence[PointView],
+    moduli: Sequence[Sequence[float]],
+    texts: Texts,
+    letters: Letters,
+) -> None:
+    """Draw the deflections of all sensors along the points, and the peak modulus below them.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    report : Report
+    points : sequence of PointView
+    moduli : sequence of sequence of float, Pa
+        Peak moduli of the averaged drops of each point.
+    texts : Texts
+    letters : Letters
+    """
+    from matplotlib import colormaps
+
+    by_distance = has_distances(report)
+    all_places = dict(zip(map(id, report.points), _distances(report), strict=True))
+    places = [all_places[id(point)] for point in points]
+    depth = figure.add_axes((0.09, 0.44, 0.78, 0.52))
+    below = figure.add_axes((0.09, 0.15, 0.78, 0.24), sharex=depth)
+    peaks = [_mean_peaks(point) for point in points]
+    offsets = sorted({offset for of_point in peaks for offset in of_point})
+    for number, offset in enumerate(offsets):
+        colour = colormaps["viridis"](0.9 * number / max(1, len(offsets) - 1))
+        values = [1e6 * of_point.get(offset, math.nan) for of_point in peaks]
+        label = texts["centre"] if offset == 0 else f"{offset:g} m".replace(".", texts.decimal)
+        depth.plot(places, values, ".-", color=colour, linewidth=0.9, markersize=4, label=label)
+    depth.set_ylim(bottom=0.0)
+    depth.invert_yaxis()
+    depth.set_ylabel(texts["peak_axis"], fontsize=7)
+    depth.legend(fontsize=6, loc="upper left", bbox_to_anchor=(1.005, 1.03), frameon=False)
+    depth.tick_params(labelbottom=False)
+    means = [1e-6 * float(np.mean(values)) if values else math.nan for values in moduli]
+    below.plot(places, means, ".-", color=COLOURS[0], linewidth=0.9, markersize=4)
+    below.set_ylim(bottom=0.0)
+    below.set_ylabel(f"{texts['peak_method']}, MPa", fontsize=7)
+    below.set_xlabel(texts["profile_distance" if by_distance else "profile_order"], fontsize=8)
+    below.locator_params(axis="y", nbins=_FEW_STEPS)
+    for axes in (depth, below):
+        finish(axes, texts)
+    if not by_distance:
+        name_ticks(below, places, [point.shown_name for point in points], letters)
+
+
+def _mean_peaks(point: PointView) -> dict[float, float]:
+    """Return the mean peak of the averaged drops by distance from the centre, m."""
+    values: dict[float, list[float]] = {}
+    for drop in point.drops:
+        if drop.number in point.progress.used and drop.peaks is not None:
+            for offset, peak in drop.peaks.displacements:
+                values.setdefault(offset, []).append(peak)
+    return {offset: math.fsum(of_offset) / len(of_offset) for offset, of_offset in values.items()}
+
+
+def has_distances(report: Report) -> bool:
+    """Return whether all points have positions, so that a profile can have distances."""
+    return len(place(report)) == len(report.points) > 1
 
 
 def name_ticks(axes: Any, places: Sequence[float], titles: Sequence[str], letters: Letters) -> None:

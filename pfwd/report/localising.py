@@ -74,7 +74,8 @@ def _block(block: Block, localise: Callable[[str], str], keep: Collection[str]) 
         case Pairs(rows):
             return Pairs(tuple((k, v if k in keep else localise(v)) for k, v in rows))
         case Table(columns, rows, right):
-            return Table(columns, tuple(tuple(map(cell, row)) for row in rows), right)
+            titles = tuple(map(localise, columns))
+            return Table(titles, tuple(tuple(map(cell, row)) for row in rows), right)
         case Listing(items):
             return replace(block, items=tuple(map(localise, items)))
         case Picture(caption=caption):

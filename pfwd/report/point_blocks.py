@@ -1,7 +1,7 @@
 """The part of a report on one point: its facts, traces, results and diagnosis."""
 
 import math
-from collections.abc import Collection, Hashable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping
 from functools import partial
 from typing import Any
 
@@ -14,7 +14,6 @@ from pfwd.report import shown
 from pfwd.report.blocks import (
     Block,
     Heading,
-    Listing,
     Pairs,
     Paragraph,
     Picture,
@@ -24,14 +23,14 @@ from pfwd.report.content import Report
 from pfwd.report.diagnosis_blocks import diagnosis_blocks
 from pfwd.report.drawing import MAX_PHOTOS, draw_photos, draw_point
 from pfwd.report.ground_blocks import effective_of, ground_blocks
-from pfwd.report.peaks_blocks import peaks_blocks
+from pfwd.report.peaks_blocks import has_only_peaks, peaks_blocks, peaks_point_blocks
 from pfwd.report.point_facts import (
-    all_warnings,
     diagnosis_of,
+    drops_text,
     effective_result,
     first_result,
-    group_point_messages,
     modulus_text,
+    remarks_of,
     time_with_zone,
     used_drops,
     verdict_of,
@@ -81,14 +80,17 @@ def point_blocks(
     common : collection
         Keys of messages that hold for all points, and are said once in the beginning.
     """
+    rows = tuple(row for row in _rows(point, report, texts) if row[1].strip(_EMPTY))
+    if has_only_peaks(report):
+        return peaks_point_blocks(point, rows, texts, common)
     blocks: list[Block] = [
         Heading(f"{texts['point']} {point.shown_name}"),
-        Pairs(tuple(row for row in _rows(point, report, texts) if row[1].strip(_EMPTY))),
+        Pairs(rows),
         *_pictures(point, texts),
         *ground_blocks(_traced(point), point.shown_name, texts),
         *_results(point, texts),
         *peaks_blocks(point, texts),
-        *_remarks(point, texts, common),
+        *remarks_of(point, texts, common),
     ]
     if diagnosis_of(point) is not None:
         blocks += diagnosis_blocks(point, texts)
@@ -175,12 +177,6 @@ def _used(point: PointView, texts: Texts) -> str:
     return f"{used}; {texts['excluded'].lower()}: {excluded}" if excluded else used
 
 
-def _drops(numbers: Collection[str], order: Sequence[str], texts: Texts) -> str:
-    """Return the numbers of drops as ranges, after the word for them."""
-    ranges = as_ranges(numbers, order).replace(" to ", " – ")
-    return f"{texts['drop' if len(numbers) == 1 else 'drops']} {ranges}"
-
-
 def _excluded(point: PointView, texts: Texts) -> str:
     order = [str(drop.number) for drop in point.drops]
     excluded = [(str(drop.number), str(drop.reason)) for drop in point.progress.excluded]
@@ -206,27 +202,6 @@ def _pictures(point: PointView, texts: Texts) -> list[Block]:
     alternative = f"{texts['traces']}: {texts['point']} {point.shown_name}"
     draw = partial(draw_point, point=point, drops=traced, texts=texts)
     return [Picture(draw, _HEIGHT if traced else _DROPS_HEIGHT, caption.strip(), alternative)]
-
-
-def _remarks(point: PointView, texts: Texts, common: Collection[Hashable]) -> list[Block]:
-    """Warnings that not all points share, and notes of drops."""
-    blocks: list[Block] = []
-    order = [str(drop.number) for drop in point.drops]
-    messages = group_point_messages((point.shown_name, text) for text in all_warnings(point))
-    warnings = [
-        texts.grouped(item.group)
-        if not numbers
-        else f"{_drops(numbers, order, texts)}: {texts.grouped(item.group)}"
-        for item in messages
-        if item.group.key not in common
-        for numbers in [item.drops.get(point.shown_name, ())]
-    ]
-    drop_notes = [f"{texts['drop']} {d.number}: {note}" for d in point.drops for note in d.notes]
-    if warnings:
-        blocks.append(Paragraph("; ".join(warnings), "small warning"))
-    if drop_notes:
-        blocks += [Heading(texts["notes"], 3), Listing(tuple(drop_notes))]
-    return blocks
 
 
 def _target(point: PointView, report: Report, texts: Texts) -> str:
@@ -316,7 +291,7 @@ def _results(point: PointView, texts: Texts) -> list[Block]:
             )
             basis.setdefault(text, []).append(str(drop.number))
     order = [str(drop.number) for drop in point.drops]
-    lines = [f"{_drops(numbers, order, texts)}: {text}" for text, numbers in basis.items()]
+    lines = [f"{drops_text(numbers, order, texts)}: {text}" for text, numbers in basis.items()]
     return [
         table,
         *(Paragraph(line, "note") for line in lines),

@@ -2,7 +2,7 @@
 
 import datetime
 import re
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from inversion.notices import OTHER, Notice
@@ -12,6 +12,8 @@ from pfwd.judging import DropView, PointView
 from pfwd.message_groups import MessageGroup, as_ranges, group_messages
 from pfwd.procedures import Verdict
 from pfwd.report import shown
+from pfwd.report.blocks import Block, Heading, Listing, Paragraph
+from pfwd.report.content import Report
 from pfwd.report.texts import Texts
 
 
@@ -81,6 +83,22 @@ def clock_and_zone(point: PointView, texts: Texts) -> tuple[str, str]:
 def time_with_zone(point: PointView, texts: Texts) -> str:
     """Return the time of a point with its time zone in one text; empty: unknown."""
     return " ".join(filter(None, clock_and_zone(point, texts)))
+
+
+_MINUTES = len("2026-01-31 14:05")
+"""Characters of a time to the minute."""
+
+
+def time_cells(report: Report, texts: Texts) -> tuple[str, list[str]]:
+    """Return the title of a column of times, and the time of each point to the minute.
+
+    The title names the time zone where all points have the same one.
+    """
+    times = [clock_and_zone(point, texts) for point in report.points]
+    zones = {zone for time, zone in times if time}
+    if len(zones) == 1:
+        return f"{texts['time']}, {zones.pop()}", [time[:_MINUTES] for time, _ in times]
+    return texts["time"], [f"{time[:_MINUTES]} {zone}".strip() for time, zone in times]
 
 
 def first_result(point: PointView) -> DropResult | None:
@@ -160,6 +178,41 @@ def group_point_messages(messages: Iterable[tuple[str, str]]) -> list[PointMessa
         of_key = drops.setdefault(group.key, {})
         of_key[place] = tuple(dict.fromkeys((*of_key.get(place, ()), *listed)))
     return [PointMessages(group, drops.get(group.key, {})) for group in group_messages(by_rest)]
+
+
+def remarks_of(point: PointView, texts: Texts, common: Collection[Hashable]) -> list[Block]:
+    """Return the warnings of a point that not all points share, and the notes of its drops.
+
+    Parameters
+    ----------
+    point : PointView
+    texts : Texts
+    common : collection
+        Keys of messages that hold for all points.
+    """
+    order = [str(drop.number) for drop in point.drops]
+    messages = group_point_messages((point.shown_name, text) for text in all_warnings(point))
+    warnings = [
+        texts.grouped(item.group)
+        if not numbers
+        else f"{drops_text(numbers, order, texts)}: {texts.grouped(item.group)}"
+        for item in messages
+        if item.group.key not in common
+        for numbers in [item.drops.get(point.shown_name, ())]
+    ]
+    blocks: list[Block] = []
+    if warnings:
+        blocks.append(Paragraph("; ".join(warnings), "small warning"))
+    drop_notes = [f"{texts['drop']} {d.number}: {note}" for d in point.drops for note in d.notes]
+    if drop_notes:
+        blocks += [Heading(texts["notes"], 3), Listing(tuple(drop_notes))]
+    return blocks
+
+
+def drops_text(numbers: Collection[str], order: Sequence[str], texts: Texts) -> str:
+    """Return the numbers of drops as ranges, after the word for them."""
+    ranges = as_ranges(numbers, order).replace(" to ", " – ")
+    return f"{texts['drop' if len(numbers) == 1 else 'drops']} {ranges}"
 
 
 MAX_LISTED_RANGES = 6

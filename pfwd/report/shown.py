@@ -1,6 +1,7 @@
 """Numbers as a report shows them: units, as many digits as they are worth, never a bare modulus."""
 
 import math
+from collections.abc import Collection
 from typing import Any
 
 from inversion.records import is_number
@@ -8,6 +9,7 @@ from pfwd.analysis.results import DropResult
 from pfwd.digits import rounded, with_ends
 from pfwd.procedures import PointValue, Quantity
 from pfwd.procedures.point import UNSUPPORTED_MARK
+from pfwd.report.blocks import Table
 from pfwd.report.texts import Texts
 
 NOTHING = "–"
@@ -190,6 +192,20 @@ def percent(value: Any, count: int = 2) -> str:
 def scaled(value: Any, scale: float, unit: str, count: int = 3) -> str:
     """A number in a unit of people; a dash for none."""
     return f"{digits(value * scale, count)} {unit}".rstrip() if is_number(value) else NOTHING
+
+
+def without_empty_columns(table: Table, always: Collection[str] = ()) -> Table:
+    """Return a table without the columns that have no value in any row, but for some titles."""
+    kept = [
+        place
+        for place, title in enumerate(table.columns)
+        if title in always or any(row[place] not in (NOTHING, "") for row in table.rows)
+    ]
+    return Table(
+        tuple(table.columns[place] for place in kept),
+        tuple(tuple(row[place] for place in kept) for row in table.rows),
+        tuple(new for new, place in enumerate(kept) if place in table.right),
+    )
 
 
 def _plain(value: Any) -> str:

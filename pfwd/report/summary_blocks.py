@@ -14,6 +14,7 @@ from pfwd.report.blocks import (
 from pfwd.report.content import Report
 from pfwd.report.drawing import draw_map, draw_profile, place
 from pfwd.report.fonts import Letters
+from pfwd.report.peaks_blocks import has_only_peaks, peaks_profile
 from pfwd.report.point_facts import (
     PointMessages,
     all_warnings,
@@ -50,6 +51,8 @@ def summary_blocks(report: Report, texts: Texts, letters: Letters) -> list[Block
         )
     elif several:
         blocks.append(Paragraph(texts["no_positions"], "note"))
+    if has_only_peaks(report):
+        blocks += peaks_profile(report, texts, letters)
     if several and any(point.progress.value is not None for point in kept):
         blocks.append(
             Picture(

@@ -99,6 +99,7 @@ PARTS = [
     r"no verdict",
     r"(less|more) than .*",
     r"seating drop.*",
+    r"; that of the fits is .*",
     r".* \(not verified, not enforced\)",
     r".* is not supported by the data: .*",
 ]
@@ -110,6 +111,8 @@ EXAMPLES = [
     "repeat it",
     "wrong plate: radius 0.3 m, this procedure needs 0.15 m (within 1 %, our tolerance)",
     "an interval needs 2 measured drops, the point has 1",
+    "the modulus is the diagnosed one, 41 MPa",
+    "the modulus is the diagnosed one, 41 MPa; that of the fits is 45 MPa",
     "seating drop 1 of 3",
     "seating drop",
     "beyond the 3 measured drops",

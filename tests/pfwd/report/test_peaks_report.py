@@ -1,0 +1,132 @@
+"""The report of a survey of peaks: no empty columns, nothing about a fit that cannot be."""
+
+from itertools import combinations
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from pfwd.files.importing import import_files
+from pfwd.report.blocks import Block, Pairs, Paragraph, Picture, Table, Together
+from pfwd.report.certificate_blocks import points_table
+from pfwd.report.composing import compose
+from pfwd.report.content import Report
+from pfwd.report.fonts import Letters
+from pfwd.report.gathering import ReportOptions, gather
+from pfwd.report.peaks_blocks import basin_of_drop, has_only_peaks
+from pfwd.report.texts import load_texts
+from tests.pfwd.files.foreign.peaks_builders import pddx, places
+
+EN = load_texts("en")
+
+
+@pytest.fixture(scope="module")
+def peaks(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("peaks")
+    (folder / "a.pdx").write_text(pddx(places()))
+    assert all(item.kind == "peaks" for item in import_files([str(folder / "a.pdx")], folder / "s"))
+    return folder / "s"
+
+
+def flat(blocks: Any) -> list[Block]:
+    return [
+        part
+        for block in blocks
+        for part in (flat(block.blocks) if isinstance(block, Together) else [block])
+    ]
+
+
+def drawn(picture: Picture) -> list[Any]:
+    figure = Figure(figsize=(180 / 25.4, picture.height / 25.4))
+    FigureCanvasAgg(figure)
+    picture.draw(figure)
+    return list(figure.axes)
+
+
+def test_no_column_is_empty_and_there_is_no_modulus_of_a_fit(peaks: Path) -> None:
+    report = gather(peaks)
+    assert has_only_peaks(report)
+    table = points_table(report, EN)
+    assert "Modulus E" not in table.columns
+    assert [title for title in table.columns if title in ("Target", "Verdict", "s/v, ms")] == []
+    columns = list(zip(*table.rows, strict=True))
+    assert all(any(cell != "–" for cell in column) for column in columns)
+    point, row = report.points[0], dict(zip(table.columns, table.rows[0], strict=True))
+    depths = [drop.peaks.centre for drop in point.drops if drop.peaks and drop.peaks.centre]
+    assert float(str(row["s, mm"])) == pytest.approx(1e3 * fmean(depths), rel=5e-3)
+    indices = [basin.sci_m for drop in point.drops if (basin := basin_of_drop(drop))]
+    assert float(str(row["SCI, µm"])) == pytest.approx(
+        1e6 * fmean(value for value in indices if value is not None), rel=5e-3
+    )
+
+
+def test_it_says_nothing_of_histories_and_fits(peaks: Path) -> None:
+    blocks = flat(compose(gather(peaks), EN, Letters()))
+    paragraphs = [block.text for block in blocks if isinstance(block, Paragraph)]
+    pairs = dict(row for block in blocks if isinstance(block, Pairs) for row in block.rows)
+    assert paragraphs[0] == "Deflectometer report: peaks of load and deflection"
+    assert pairs["Judged by"].startswith("peaks of load and deflection as recorded")
+    assert EN["settings"] not in pairs
+    assert EN["uncertainty_note"] not in paragraphs
+    assert not any(text.startswith(EN["traces_note"]) for text in paragraphs)
+    assert not any("full time history" in text for text in [*paragraphs, *pairs.values()])
+
+
+def test_a_procedure_that_needs_no_more_has_its_columns(peaks: Path) -> None:
+    report = gather(peaks, ReportOptions(procedure="astm-e2583", target=5e-4))
+    table = points_table(report, EN)
+    assert table.columns[-3:] == ("Peak deflection", "Target", "Verdict")
+    paragraphs = [b.text for b in flat(compose(report, EN, Letters())) if isinstance(b, Paragraph)]
+    assert EN["uncertainty_note"] in paragraphs
+
+
+def test_the_peaks_of_all_sensors_are_in_tables_and_picture(peaks: Path) -> None:
+    report = gather(peaks)
+    blocks = flat(compose(report, EN, Letters()))
+    (picture,) = (b for b in blocks if isinstance(b, Picture) and "sensor" in b.caption)
+    depth, moduli = drawn(picture)
+    drops = report.points[0].drops
+    recorded = [dict(drop.peaks.displacements) for drop in drops if drop.peaks is not None]
+    offsets = sorted(recorded[0])
+    assert len(depth.lines) == len(offsets)
+    for line, offset in zip(depth.lines, offsets, strict=True):
+        assert line.get_ydata()[0] == pytest.approx(1e6 * fmean(p[offset] for p in recorded))
+    assert np.isfinite(moduli.lines[0].get_ydata()).all()
+    tables = [block for block in blocks if isinstance(block, Table)]
+    (own, _) = (table for table in tables if any("d(" in title for title in table.columns))
+    assert len(own.columns) == 3 + len(offsets)
+    assert float(str(own.rows[0][3])) == pytest.approx(1e6 * recorded[0][offsets[0]], rel=1e-3)
+
+
+def test_names_in_the_sketch_of_many_points_do_not_overlap(peaks: Path) -> None:
+    from dataclasses import replace
+
+    first = gather(peaks)
+    point = first.points[0]
+    points = tuple(
+        replace(
+            point,
+            name=f"station {number}",
+            title=f"station {number}",
+            whole=None,
+            place={
+                "latitude": 48.0 + 2e-4 * number,
+                "longitude": 2.0 + 1e-4 * number,
+                "source": "declared",
+            },
+        )
+        for number in range(40)
+    )
+    report: Report = replace(first, points=points)
+    blocks = flat(compose(report, EN, Letters()))
+    (sketch,) = (b for b in blocks if isinstance(b, Picture) and b.alternative == EN["map"])
+    (axes,) = drawn(sketch)
+    renderer = axes.figure.canvas.get_renderer()
+    names = [text for text in axes.texts if text.get_text().isdigit()]
+    assert len(names) > 5
+    boxes = [name.get_window_extent(renderer) for name in names]
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
