@@ -17,7 +17,7 @@ class LoadGain(Effect):
     advice = "have the load cell calibrated: pfwd calibrate on a rig of known stiffness"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Return False: stiffer ground has the same records. It is declared with a device."""
+        """Return False: stiffer ground has the same records. The gain is declared."""
         return False
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:

@@ -14,7 +14,7 @@ class SensorGain(Effect):
     advice = "have the sensors calibrated: pfwd calibrate on a rig of known stiffness"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Return False: softer ground has the same records. It is declared with a device."""
+        """Return False: softer ground has the same records. The gain is declared."""
         return False
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:

@@ -396,7 +396,7 @@ class _Laws:
 
     @classmethod
     def of(cls, laws: Iterable[Sequence[Any]]) -> _Laws:
-        """Return the arrays from law, stiffness and reference of each ground."""
+        """Return the arrays of several grounds, each with law, stiffness and reference stress."""
         numbers = [
             (
                 1.0 / (1.0 - law.stress_exponent),

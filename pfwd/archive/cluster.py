@@ -137,7 +137,7 @@ class ClusterWorkers:
         except ImportError as err:
             hint = 'python -m pip install "pfwd[cluster]", or --jobs N without a cluster'
             raise OptionError(
-                refusal("--scheduler", "the package distributed", "none", hint)
+                refusal("--scheduler", "the Python package distributed", "none", hint)
             ) from err
         check_address(scheduler)
         self._options = options

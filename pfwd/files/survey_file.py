@@ -636,7 +636,7 @@ def _read_drop(file: Place, number: int, path: str, expected: str | None) -> Dro
         _no_drop(path, number)
     stored = read_drop(group, where)
     if stored.number != number:
-        raise RecordingError(f"{where}: expected its number, got {stored.number}")
+        raise RecordingError(f"{where}: expected drop {number}, got drop {stored.number}")
     if (stored.digest if stored.version > 1 else None) != expected:
         raise RecordingError(f"{where}: expected the content that was written, got another")
     return stored.record
@@ -712,7 +712,10 @@ def _write_capture(file: Any, capture: Path) -> str:
     """Write the bytes of a link; return their digest."""
     size = capture.stat().st_size
     if size > MAX_CAPTURE_BYTES:
-        raise RecordingError(f"{capture}: expected a capture of at most 2 GiB, got {size} bytes")
+        raise RecordingError(
+            f"{capture}: expected a capture of at most 2 GiB, got {size / 2**30:.1f} GiB; "
+            "export without it"
+        )
     with capture.open("rb") as stream:
         return _write_bytes(file, f"captures/{capture.name}", stream, size)
 

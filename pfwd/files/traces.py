@@ -182,7 +182,7 @@ def is_trace_file(path: str | os.PathLike[str]) -> bool:
 
 
 def write_traces(path: str | os.PathLike[str], point: TracePoint) -> None:
-    """Write a test point as a trace file, which is complete or not there, without loss of digits.
+    """Write a test point as a trace file without loss of digits; the file is replaced as a whole.
 
     Parameters
     ----------

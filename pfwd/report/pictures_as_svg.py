@@ -41,7 +41,7 @@ class SecondDrawer(HelperProcess):
 
 
 def second_drawer(survey: str, output: str) -> AbstractContextManager[SecondDrawer | None]:
-    """One for the block; None where it would not help, or cannot be had.
+    """Return a context with a second drawing process, or None where it would not be faster.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def data_addresses(
 
 
 def data_address(picture: Picture) -> str:
-    """Return a picture as SVG, in an address that holds it."""
+    """Return a picture as a data URI with SVG."""
     svg = svg_of(picture).encode("utf-8")
     return "data:image/svg+xml;base64," + base64.b64encode(svg).decode("ascii")
 

@@ -273,11 +273,11 @@ def capture_feed(
 
     Parameters
     ----------
-    path : of a capture
+    path : path of the capture
     speed : float or Pace
-        Times real time; 0: as fast as possible.
+        Speed over real time; 0: as fast as possible.
     setup : MeasuringSetup, optional
-        In place of the recorded one.
+        Setup in place of the recorded one.
     sleep : callable
         Waits for a number of seconds.
 
@@ -285,9 +285,9 @@ def capture_feed(
     -------
     feed : RecordedFeed
     setup : MeasuringSetup
-        That the bytes are read with.
+        Setup with which the bytes are parsed.
     reader : CaptureReader
-        Receives the damage at the end.
+        Reader of the capture; it reports damage at the end.
 
     Raises
     ------

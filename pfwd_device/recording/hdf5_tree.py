@@ -355,7 +355,9 @@ class _Reader:
             _name(name, where): self.attribute(identity, name, stored, where) for name in names
         }
         if len(attributes) != len(names) or len(stored) != len(names):
-            raise RecordingError(f"{where}: expected every attribute once, got one twice")
+            raise RecordingError(
+                f"{where}: expected every attribute once, got one twice; the file is damaged"
+            )
         return attributes
 
     def stored(self, identity: Any) -> dict[bytes, bytes]:
@@ -438,7 +440,9 @@ def _links(identity: Any, where: str, limit: int) -> list[bytes]:
     names: list[bytes] = []
     identity.links.iterate(names.append)
     if len(set(names)) != len(names):
-        raise RecordingError(f"{where}: expected every name once, got one twice")
+        raise RecordingError(
+            f"{where}: expected every name once, got one twice; the file is damaged"
+        )
     return sorted(names)
 
 

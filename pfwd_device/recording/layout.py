@@ -125,7 +125,7 @@ def refuse_links(layout: Layout) -> None:
                 path = Path(entry.path)
                 expected = "a folder" if path in inner else "a file"
                 raise RecordingError(
-                    f"{path}: expected {expected} of the survey, got a link; take it away, and "
+                    f"{path}: expected {expected} of the survey, got a link; move it away, and "
                     "put in its place what it leads to if that belongs to the survey"
                 )
     refuse_special_files(layout)
@@ -145,7 +145,7 @@ def refuse_special_files(layout: Layout) -> None:
             if special or (entry.is_symlink() and _leads_to_special(entry)):
                 raise RecordingError(
                     f"{entry.path}: expected a file of the survey, got something else (a named "
-                    "pipe or a device); take it away"
+                    "pipe or a device); move it away"
                 )
 
 

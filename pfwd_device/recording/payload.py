@@ -166,7 +166,7 @@ def decode_payload(
 def decode_payload_unless(
     payload: bytes, find: Callable[[dict[str, Any]], Parsed | None], select: Callable[[str], bool]
 ) -> tuple[dict[str, Any], Parsed | dict[str, Array]]:
-    """Return the data and the result of `find`, or the selected arrays if that is None."""
+    """Return the data and what `find` makes of them; the selected arrays where it returns None."""
     head, end = _head(payload)
     data = _object(head.get("data"))
     parsed = find(data)

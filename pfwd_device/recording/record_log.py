@@ -449,7 +449,7 @@ class RecordLog:
         if theirs or index.survey not in (None, self.survey):
             raise RecordingError(
                 f"{self.layout.folder}: expected the survey that is being written, got one with "
-                "records of another program; take it away, or name another folder"
+                "records of another program; move it away, or name another folder"
             )
 
     def _prepare_folder(self) -> None:

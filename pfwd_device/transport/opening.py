@@ -55,7 +55,7 @@ def open_transport(
 
 
 class PortFinder:
-    """Opens the port of an instrument, later at whatever name the same USB adapter has.
+    """Opener of an instrument's port; reopens it under the name that the USB adapter has then.
 
     Parameters
     ----------

@@ -199,7 +199,7 @@ class _March:
         return u, load, force, share
 
     def _cell(self, n: int, upward: float) -> tuple[Applied, Callable[[float], None]]:
-        """Return the load as a function of the plate's displacement, and the hammer's update."""
+        """Return two functions: load at a plate displacement, and hammer's step under a load."""
         if not isinstance(self.source, Hammer):
             load_value = float(self.source[n]) - upward
             return (lambda u: (load_value, 0.0)), (lambda load: None)

@@ -91,7 +91,7 @@ class TcpEndpoint:
 
     @property
     def connected(self) -> bool:
-        """See `Endpoint`."""
+        """Implement the method of `Endpoint`."""
         if self._peer is None and self._listener is not None:
             with contextlib.suppress(OSError):
                 self._peer, _ = self._listener.accept()
@@ -101,7 +101,7 @@ class TcpEndpoint:
         return self._peer is not None
 
     def wait(self, seconds: float, writing: bool) -> None:
-        """See `Endpoint`."""
+        """Implement the method of `Endpoint`."""
         source = self._peer or self._listener
         if source is None:
             time.sleep(seconds)
@@ -110,7 +110,7 @@ class TcpEndpoint:
         select.select([source], writers, [], seconds)
 
     def read(self) -> bytes:
-        """See `Endpoint`."""
+        """Implement the method of `Endpoint`."""
         if self._peer is None:
             return b""
         try:
@@ -124,7 +124,7 @@ class TcpEndpoint:
         return data
 
     def write(self, data: bytes | bytearray | memoryview) -> int:
-        """See `Endpoint`."""
+        """Implement the method of `Endpoint`."""
         if self._peer is None:
             return 0
         try:
@@ -140,7 +140,7 @@ class TcpEndpoint:
         return self._peer is None
 
     def finish(self) -> None:
-        """See `Endpoint`."""
+        """Implement the method of `Endpoint`."""
         self._stop_listening()
         if self._peer is not None and not self._finished:
             self._finished = True
@@ -148,12 +148,12 @@ class TcpEndpoint:
                 self._peer.shutdown(socket.SHUT_WR)
 
     def unplug(self) -> None:
-        """See `Endpoint`."""
+        """Implement the method of `Endpoint`."""
         self._stop_listening()
         self._drop_peer()
 
     def plug(self) -> None:
-        """See `Endpoint`."""
+        """Implement the method of `Endpoint`."""
         host, port = self._address
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         listener = socket.socket(family, socket.SOCK_STREAM)
@@ -171,7 +171,7 @@ class TcpEndpoint:
         self._listener = listener
 
     def close(self) -> None:
-        """See `Endpoint`."""
+        """Implement the method of `Endpoint`."""
         self.unplug()
 
     def _stop_listening(self) -> None:

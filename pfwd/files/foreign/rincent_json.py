@@ -198,7 +198,7 @@ def _noted(data: Table, comment: object) -> dict[str, Any]:
 
 
 def _training(reports: list[Table]) -> int | None:
-    """Return the number of a point's drops that the viewer calls training; None: not stated."""
+    """Return how many drops of a point the maker's program marks as training; None: not stated."""
     for indexes in _objects_under("indexes", reports):
         kinds = [_table(drop, "distinct").get("type") for drop in _tables(indexes.get("list"))]
         if "Training" in kinds or "Averaging" in kinds:

@@ -102,7 +102,14 @@ def parse_stored(data: bytes, where: str) -> Stored:
     _, identity, samples, drops, channels = layout.point.unpack_from(data, layout.head.size)
     if not (samples > 1 and 0 < drops <= MAX_STORED_DROPS and 0 < channels <= MAX_STORED_CHANNELS):
         actual = f"{drops} drops of {samples} samples, {channels} channels"
-        raise TraceError(refusal(where, "drops with samples and channels", actual))
+        raise TraceError(
+            refusal(
+                where,
+                "drops with samples and channels",
+                actual,
+                "the file is damaged: copy it again",
+            )
+        )
     content_size = drops * (layout.count.size + layout.shape.size + 4 * samples * (1 + channels))
     rate = None
     if len(data) == start + layout.rate.size + content_size:

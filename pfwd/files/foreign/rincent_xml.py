@@ -119,7 +119,9 @@ def read_tables(data: bytes, where: str) -> Tables:
     """
     cells = sum(1 for _ in itertools.islice(_ATTRIBUTE.finditer(data), MAX_XML_CELLS + 1))
     if cells > MAX_XML_CELLS:
-        raise TraceError(refusal(where, f"at most {MAX_XML_CELLS} attributes", "more"))
+        raise TraceError(
+            refusal(where, f"at most {MAX_XML_CELLS} values", "more", "import parts of the project")
+        )
     reader = _TableReader(where)
     try:
         reader.parser.Parse(data, True)
@@ -254,7 +256,11 @@ def _numbers(row: Row, name: str, where: str) -> Values:
         text = "".join(row[f"{name}/Data"].split())
         data = base64.b64decode(text, validate=True)
     except (binascii.Error, ValueError) as err:
-        raise TraceError(refusal(where, f"{name} in base64", str(err))) from err
+        raise TraceError(
+            refusal(
+                where, f"{name} in base64", f"damage ({err})", "the file is damaged: copy it again"
+            )
+        ) from err
     length = finite(row.get(f"{name}/Length"))
     if len(data) % 8 or (length is not None and length != len(data)):
         expected = "whole numbers of 8 bytes" if length is None else f"{length:.0f} bytes"
@@ -277,7 +283,7 @@ def _point(row: Row, report: Row, place: Row) -> PointFacts:
 
 
 def _only(tables: Tables, name: str, keys: tuple[str, ...], where: str) -> Row:
-    """Return the row in use of a table of settings; several must have the same values."""
+    """Return the used row of a table of settings; several used rows must have the same values."""
     rows = _used(tables, name)
     different = {tuple(row.get(key) for key in keys) for row in rows}
     if len(different) > 1:
