@@ -77,6 +77,18 @@ def test_help_answers_in_under_300_ms() -> None:
     assert any(run() < 0.3 for _ in range(20))
 
 
+def test_the_help_of_a_command_imports_nothing_heavy() -> None:
+    code = textwrap.dedent("""
+        import sys
+        from tui.parser import build_parser
+        for name, command in build_parser().commands.items():
+            if name != "schema":  # the kinds of files come from their readers
+                command.add_arguments()
+        assert "numpy" not in sys.modules
+    """)
+    subprocess.run([sys.executable, "-c", code], cwd=TOP, check=True)
+
+
 def test_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         main(["--version"])

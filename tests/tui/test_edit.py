@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pfwd.files import editing
 from pfwd_device import Drop
 from pfwd_device.recording import DropRecord, SurveyWriter
 from tui.cli import main
-from tui.commands import edit
 
 
 def test_nobody_looks_for_cycles_while_a_survey_is_read_and_edited(
@@ -21,13 +21,13 @@ def test_nobody_looks_for_cycles_while_a_survey_is_read_and_edited(
         drop = Drop(1, np.arange(4.0), np.zeros(4), ())
         writer.save_drop(DropRecord("P", drop))
     seen: list[bool] = []
-    overview = edit.overview_of
+    overview = editing.overview_of
 
     def noted(survey: Any) -> Any:
         seen.append(gc.isenabled())
         return overview(survey)
 
-    monkeypatch.setattr(edit, "overview_of", noted)
+    monkeypatch.setattr(editing, "overview_of", noted)
     assert main(["edit", str(tmp_path / "s"), "--note", "wet"]) == 0
     assert (seen, gc.isenabled()) == ([False], True)
     assert "note: wet" in capsys.readouterr().out

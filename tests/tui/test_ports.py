@@ -28,11 +28,10 @@ PROBES = {
 
 @pytest.fixture(autouse=True)
 def _world(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ports, "list_ports", lambda: PORTS)
-    monkeypatch.setattr(ports, "port_advice", lambda _: [])
+    monkeypatch.setattr("pfwd.ports.list_ports", lambda: PORTS)
+    monkeypatch.setattr("pfwd.ports.port_advice", lambda _: [])
     monkeypatch.setattr(
-        ports,
-        "probe_ports",
+        "pfwd.ports.probe_ports",
         lambda urls: [PROBES.get(url, Probe(url, None, None, "silent")) for url in urls],
     )
 
@@ -88,7 +87,7 @@ def test_named_ports(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_no_ports(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(ports, "list_ports", list)
+    monkeypatch.setattr("pfwd.ports.list_ports", list)
     assert run() == 0
     captured = capsys.readouterr()
     assert captured.out == ""

@@ -5,7 +5,6 @@ import os
 
 from pfwd.errors import OptionError, refusal
 from pfwd.export.json_text import json_text
-from pfwd.files.output_path import require_writable
 from tui.arguments import add_json, number
 from tui.output import clean, say
 
@@ -47,9 +46,11 @@ def run(args: argparse.Namespace) -> int:
         raise OptionError(refusal(f"--header {args.header}", "a TOML file", "no such file"))
     if args.stiffness is not None and not args.stiffness > 0:
         raise OptionError(refusal("--stiffness", "a number > 0, in N/m", f"{args.stiffness:g}"))
+    from pfwd.analysis.calibrating import calibrate_files, write_calibration
+    from pfwd.files.output_path import require_writable
+
     if args.output is not None:
         require_writable(args.output, "--output")
-    from pfwd.analysis.calibrating import calibrate_files, write_calibration
 
     calibration = calibrate_files(
         args.files, args.stiffness, point=args.point, gain_of=args.gain_of, header=args.header

@@ -4,7 +4,6 @@ import argparse
 import dataclasses
 
 from pfwd.export.json_text import json_text
-from pfwd.ports import conform
 from tui.arguments import add_json, count, not_negative
 from tui.output import clean, say
 
@@ -43,6 +42,8 @@ def run(args: argparse.Namespace) -> int:
     int
         1 when one failed.
     """
+    from pfwd.ports import conform
+
     counts = dict.fromkeys(_SIGNS, 0)
     results = conform(
         args.url,

@@ -7,11 +7,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.results import DiagnosisResult
 from pfwd.errors import OptionError, refusal
-from pfwd.files.output_path import require_writable
 from pfwd.message_groups import as_ranges
-from tui.archive import has_folder_of_files, run_over_archive
 from tui.arguments import (
     add_archive,
     add_declared,
@@ -21,19 +18,12 @@ from tui.arguments import (
     add_plot,
     add_stored,
 )
-from tui.diagnosis_lines import (
-    SCREEN_LINES,
-    WIDTH,
-    diagnosis_warnings,
-    show_diagnosis,
-    survey_lines,
-    wrapped,
-)
 from tui.output import clean, say
 from tui.progress import diagnosis_progress
 
 if TYPE_CHECKING:
     from pfwd.analysis.diagnosis.diagnose import Diagnosed
+    from pfwd.analysis.results import DiagnosisResult
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -83,6 +73,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose the points of the files; 1 when a file was refused."""
+    from pfwd.files.output_path import require_writable
+    from tui.archive import has_folder_of_files
+
     if args.header is not None and not os.path.isfile(args.header):
         raise OptionError(refusal(f"--header {args.header}", "a TOML file", "no such file"))
     if args.allow is not None and args.leave_out not in ("next", "drop"):
@@ -161,6 +154,8 @@ def _report_not_held_out(diagnosed: "Sequence[Diagnosed]", mode: str) -> None:
 
 def _over_archive(args: argparse.Namespace, options: AnalysisOptions) -> int:
     """Diagnose all named files and those below folders, each survey by itself."""
+    from tui.archive import run_over_archive
+
     for name in ("device", "write_device", "leave_out", "allow"):
         if getattr(args, name) is not None:
             option = "--" + name.replace("_", "-")
@@ -196,6 +191,14 @@ def show_all(points: "Sequence[Diagnosed]", *, as_json: bool, details: bool = Fa
     Device effects and warnings of several points follow the blocks.
     """
     from pfwd.judging.view import moduli_in_force
+    from tui.diagnosis_lines import (
+        SCREEN_LINES,
+        WIDTH,
+        diagnosis_warnings,
+        show_diagnosis,
+        survey_lines,
+        wrapped,
+    )
 
     for diagnosed in points:
         if diagnosed.error is not None:

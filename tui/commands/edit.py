@@ -2,22 +2,15 @@
 
 import argparse
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pfwd.errors import OptionError, refusal
 from pfwd.export.json_text import json_text
-from pfwd.files.editing import (
-    Edit,
-    edit_survey,
-    move_drop,
-    no_collections,
-    overview_of,
-    parse_declaration_option,
-    parse_position,
-    survey_overview,
-)
 from tui.arguments import add_json, count, number
 from tui.output import clean, counted, say
+
+if TYPE_CHECKING:
+    from pfwd.files.editing import Edit
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,11 +55,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Store the edits, then print the points."""
+    from pfwd.files.editing import no_collections
+
     with no_collections():  # nothing that is read becomes garbage before the end
         return _run(args)
 
 
 def _run(args: argparse.Namespace) -> int:
+    from pfwd.files.editing import edit_survey, move_drop, overview_of, survey_overview
+
     edits = _edits(args)
     if args.move is not None:
         if edits:
@@ -101,7 +98,9 @@ def _warn_similar_point(survey: str, points: Sequence[Mapping[str, Any]], to: st
         say(f"edit: point {to} is new, but {similar} exists. Was {similar} meant?")
 
 
-def _edits(args: argparse.Namespace) -> list[Edit]:
+def _edits(args: argparse.Namespace) -> "list[Edit]":
+    from pfwd.files.editing import Edit, parse_declaration_option, parse_position
+
     edits = [Edit("note", text) for text in args.note or ()]
     if args.discard is not None:
         edits.append(Edit("discard", args.discard or None))

@@ -3,12 +3,15 @@
 import argparse
 import os
 from collections import Counter
+from typing import TYPE_CHECKING
 
 from pfwd.errors import OptionError, refusal
 from pfwd.export.json_text import json_text
-from pfwd.files.importing import Imported, import_files
 from tui.arguments import add_expert_group, add_json
 from tui.output import clean, counted, next_commands, say
+
+if TYPE_CHECKING:
+    from pfwd.files.importing import Imported
 
 _KINDS = {"peaks": "peaks only", "stiffness": "stiffness test"}
 
@@ -41,6 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Import what can be imported; 1 when a file was refused."""
+    from pfwd.files.importing import import_files
+
     refused = False
     reported: set[tuple[str, str]] = set()
     for option, path in (("--header", args.header), ("--map", args.map)):
@@ -93,7 +98,7 @@ class _PointLines:
         self._point: tuple[str, str, str] | None = None
         self._drops: Counter[bool] = Counter()
 
-    def add(self, drop: Imported) -> None:
+    def add(self, drop: "Imported") -> None:
         """Count a drop; print the line of the point before, if this is another one."""
         point = (drop.file, drop.point, drop.kind)
         if point != self._point:

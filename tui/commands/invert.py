@@ -6,10 +6,7 @@ import os
 from typing import TYPE_CHECKING
 
 from pfwd.analysis.options import AnalysisOptions
-from pfwd.analysis.results import FileOutcome
 from pfwd.errors import OptionError, refusal
-from pfwd.files.output_path import require_writable
-from tui.archive import has_folder_of_files, run_over_archive
 from tui.arguments import (
     add_archive,
     add_declared,
@@ -22,13 +19,13 @@ from tui.arguments import (
     add_stored,
     depth,
 )
-from tui.format import By
 from tui.output import say
 from tui.progress import ProgressBars, diagnosis_progress
-from tui.survey_lines import printed_results
 
 if TYPE_CHECKING:
     from pfwd.analysis.diagnosis.diagnose import Diagnosed
+    from pfwd.analysis.results import FileOutcome
+    from tui.format import By
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -110,6 +107,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Invert the files and print the results; 1 when a file was refused."""
+    from pfwd.files.output_path import require_writable
+    from tui.archive import has_folder_of_files, run_over_archive
+
     options = options_from(args)
     if args.plot:
         require_writable(args.plot, "--plot")
@@ -158,7 +158,7 @@ def run(args: argparse.Namespace) -> int:
     return 1 if refused else 0
 
 
-def _store(outcome: FileOutcome, *, store: bool) -> None:
+def _store(outcome: "FileOutcome", *, store: bool) -> None:
     """Store new results with their survey, and report those that were stored before."""
     from pfwd.analysis.result_store import store_drop_results, stored_results_text
 
@@ -171,7 +171,7 @@ def _store(outcome: FileOutcome, *, store: bool) -> None:
 
 
 def _diagnose(
-    outcome: FileOutcome, options: AnalysisOptions, args: argparse.Namespace
+    outcome: "FileOutcome", options: AnalysisOptions, args: argparse.Namespace
 ) -> "list[Diagnosed]":
     """Return the diagnoses of the points of a file that was inverted."""
     if outcome.error is not None:
@@ -235,8 +235,10 @@ def options_from(args: argparse.Namespace) -> AnalysisOptions:
     )
 
 
-def show(outcome: FileOutcome, *, as_json: bool, by: By = "drop") -> None:
+def show(outcome: "FileOutcome", *, as_json: bool, by: "By" = "drop") -> None:
     """Print the results of a file to standard output, the reason of a refusal to standard error."""
+    from tui.survey_lines import printed_results
+
     if outcome.error is not None:
         say(outcome.error)
     for line in printed_results(outcome.results, as_json=as_json, by=by):

@@ -5,12 +5,13 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from pfwd.errors import OptionError, refusal
-from pfwd.files.foreign.column_map import COLUMN_UNITS
-from pfwd.files.foreign.map_draft import DraftColumn, MapDraft, draft_map, map_text
-from pfwd.files.output_path import require_writable
 from tui.output import clean, say
+
+if TYPE_CHECKING:
+    from pfwd.files.foreign.map_draft import DraftColumn, MapDraft
 
 ROLES = ("time", "load", "sensor", "drop", "none")
 
@@ -34,6 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the map; 1 when something in it is missing."""
+    from pfwd.files.foreign.map_draft import draft_map, map_text
+    from pfwd.files.output_path import require_writable
+
     target = args.output or os.path.splitext(args.file)[0] + ".map.toml"
     require_writable(target, "--output", streams=True)
     if os.path.exists(target) and not args.force:
@@ -56,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     return 1 if draft.missing else 0
 
 
-def _description(draft: MapDraft) -> list[str]:
+def _description(draft: "MapDraft") -> list[str]:
     delimiter = {None: "blanks", "\t": "tab"}.get(draft.delimiter, repr(draft.delimiter))
     lines = [
         f"{draft.file}: columns by {delimiter}, decimal {draft.decimal!r}, {draft.encoding}, "
@@ -74,7 +78,7 @@ def _description(draft: MapDraft) -> list[str]:
     return lines
 
 
-def _ask(draft: MapDraft) -> MapDraft:
+def _ask(draft: "MapDraft") -> "MapDraft":
     """Return the draft with the answers of a person; an empty answer means the default."""
     say("map: Enter accepts the value in brackets")
     radius = _number("plate radius in m", draft.plate_radius)
@@ -84,7 +88,9 @@ def _ask(draft: MapDraft) -> MapDraft:
     return draft
 
 
-def _ask_about(column: DraftColumn) -> DraftColumn:
+def _ask_about(column: "DraftColumn") -> "DraftColumn":
+    from pfwd.files.foreign.column_map import COLUMN_UNITS
+
     name = clean(column.name or f"column {column.position}")
     role = _choice(f"{name}: {', '.join(ROLES)}", ROLES, column.role)
     answer = replace(column, role=role)  # type: ignore[arg-type]

@@ -4,7 +4,6 @@ import argparse
 import contextlib
 
 from pfwd.errors import OptionError, refusal
-from pfwd.files.folders import refuse_no_survey
 from tui.arguments import add_json
 from tui.output import on_terminal, say
 
@@ -40,6 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Show the survey until the reader leaves."""
+    from pfwd.files.folders import refuse_no_survey
+
     refuse_no_survey(args.survey)
     if args.photos is not None and args.serve is None:
         raise OptionError(refusal("--photos", "--serve beside it", "no --serve"))

@@ -2,12 +2,14 @@
 
 import argparse
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pfwd.export.json_text import json_text
-from pfwd.ports import Port, Probe, list_ports, port_advice, probe_ports
 from tui.arguments import add_json
 from tui.output import clean, counted, say
+
+if TYPE_CHECKING:
+    from pfwd.ports import Port, Probe
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,6 +36,8 @@ def run(args: argparse.Namespace) -> int:
     int
         0.
     """
+    from pfwd.ports import Port, list_ports, port_advice, probe_ports
+
     listed = list_ports()
     ports = listed
     if args.urls:
@@ -55,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def record(port: Port, probe: Probe | None) -> dict[str, Any]:
+def record(port: "Port", probe: "Probe | None") -> dict[str, Any]:
     """Return a port as an object for JSON."""
     adapter = port.adapter
     return {
@@ -71,7 +75,7 @@ def record(port: Port, probe: Probe | None) -> dict[str, Any]:
     }
 
 
-def _identity(probe: Probe | None) -> Mapping[str, Any] | None:
+def _identity(probe: "Probe | None") -> Mapping[str, Any] | None:
     if probe is None or probe.identity is None:
         return None
     identity = probe.identity
@@ -89,7 +93,7 @@ def _identity(probe: Probe | None) -> Mapping[str, Any] | None:
     }
 
 
-def row(port: Port, probe: Probe | None) -> tuple[str, str, str]:
+def row(port: "Port", probe: "Probe | None") -> tuple[str, str, str]:
     """Return a port as a row of the table."""
     adapter = port.adapter
     kind = port.description

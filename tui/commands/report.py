@@ -2,11 +2,10 @@
 
 import argparse
 import time
+from typing import TYPE_CHECKING
 
 from pfwd.errors import OptionError, quote, refusal
 from pfwd.export.json_text import json_text
-from pfwd.report.pictures_as_svg import SecondDrawer, second_drawer
-from pfwd.toml_reading import parse_user_toml, read_toml_text
 from tui.arguments import (
     add_expert_group,
     add_jobs,
@@ -19,7 +18,9 @@ from tui.arguments import (
 )
 from tui.output import clean, say
 from tui.progress import report_progress
-from tui.screen.settings import settings_file
+
+if TYPE_CHECKING:
+    from pfwd.report.pictures_as_svg import SecondDrawer
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -125,6 +126,9 @@ def _first_page_settings() -> dict[str, str]:
     OptionError
         If the file has anything else.
     """
+    from pfwd.toml_reading import parse_user_toml, read_toml_text
+    from tui.screen.settings import settings_file
+
     file = settings_file().with_name("report.toml")
     if not file.is_file():
         return {}
@@ -139,12 +143,14 @@ def _first_page_settings() -> dict[str, str]:
 
 def run(args: argparse.Namespace) -> int:
     """Write the report, then print the verdict of each point."""
+    from pfwd.report.pictures_as_svg import second_drawer
+
     # A second process starts while this one imports and reads the survey.
     with second_drawer(args.survey, args.output) as second:
         return _run(args, second)
 
 
-def _run(args: argparse.Namespace, second: SecondDrawer | None) -> int:
+def _run(args: argparse.Namespace, second: "SecondDrawer | None") -> int:
     from pfwd.report.report import ReportOptions, write_report
 
     if args.seed < 0:

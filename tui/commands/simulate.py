@@ -3,7 +3,6 @@
 import argparse
 
 from pfwd.export.json_text import json_text
-from pfwd.files.output_path import require_writable
 from tui.arguments import add_seed, count, not_negative
 from tui.output import say
 
@@ -46,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve a simulated instrument; the first line on standard output is its URL."""
+    from pfwd.files.output_path import require_writable
     from simulators.instrument import SimulateOptions, simulate
     from simulators.mesh import SimulationError
 
