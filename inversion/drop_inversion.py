@@ -14,30 +14,27 @@ import numpy as np
 from inversion.arrays import FloatArray
 from inversion.errors import ModelError, RecordError
 from inversion.fitting.ground_fit import GroundFit, Method, fit_ground
-from inversion.fitting.layered.misfit import LayeredDrop
-from inversion.fitting.layered.number import MOST_LAYERS
-from inversion.fitting.misfit import WeightedDrop, model_floor
-from inversion.fitting.parameters import (
+from inversion.fitting.ground_parameters import (
     DENSITY,
     DEPTH,
     MODULUS,
     VISCOSITY,
-    ParameterSpace,
-    parameter_space,
+    homogeneous_space,
 )
+from inversion.fitting.layered.fit import LayeredFit
+from inversion.fitting.layered.number import MOST_LAYERS
+from inversion.fitting.misfit import DropHistory, WeightedDrop, transform_of
+from inversion.fitting.parameters import ParameterSpace
 from inversion.fitting.uncertainty import NORMAL_95, Uncertainty, estimate_uncertainty
 from inversion.forward.contact import PLATE_MODELS, PlateProblem
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.layered import (
-    LayeredForwardModel,
     LayeredGround,
-    LayeredGrounds,
     LayeredPlateModel,
     Medium,
 )
 from inversion.forward.layered.statics import effective_depth
 from inversion.forward.library import SurrogateLibrary
-from inversion.forward.surrogate import Surrogate
 from inversion.layered_inversion import Effective, LayeredInversion, LayerRequest, invert_layers
 from inversion.measured.half_sine import HalfSineFit, fit_half_sine, fit_half_sine_equal_area
 from inversion.measured.peak_method import PeakModulus, peak_modulus
@@ -180,17 +177,18 @@ def _invert_joint(
     depth = settings.depth_of(first)
     surrogate = library.get(*surrogate_request(first, settings))
     begun = clock.perf_counter()
-    weighted = tuple(_weighted_drop(record, settings, surrogate) for record in used)
+    weighted = tuple(_weighted_drop(record, settings) for record in used)
     peaks = [_peak(item.drop, first) for item in weighted]
-    space = parameter_space(
+    space = homogeneous_space(
         float(np.median([peak.modulus for peak in peaks])),
         first.instrument.plate_radius,
-        first.density,
-        depth,
-        settings.elastic,
+        first.poisson_ratio,
+        density=first.density,
+        rock_depth=depth,
+        elastic=settings.elastic,
     )
     rng = np.random.default_rng(settings.seed)
-    fit = fit_ground(weighted, space, settings.method, rng, priors=settings.priors)
+    fit = fit_ground(weighted, space, surrogate, settings.method, rng, priors=settings.priors)
     uncertainty = estimate_uncertainty(fit)
     reports = [
         _report(item, fit, uncertainty, peak, settings)
@@ -244,15 +242,10 @@ def surrogate_request(record: Record, settings: Settings) -> tuple[PlateProblem,
     return problem, None if depth is None else round(depth / radius, 10)
 
 
-def _weighted_drop(record: Record, settings: Settings, surrogate: Surrogate) -> WeightedDrop:
+def _weighted_drop(record: Record, settings: Settings) -> WeightedDrop:
     drop = prepare(record)
-    return WeightedDrop(
-        drop,
-        surrogate,
-        record.instrument,
-        _model_load(drop, settings),
-        model_floor(drop, record.model_floor),
-    )
+    load = _model_load(drop, settings)
+    return WeightedDrop.of(drop, record.instrument, load, record.model_floor)
 
 
 def _model_load(drop: PreparedDrop, settings: Settings) -> FloatArray:
@@ -266,11 +259,7 @@ def _model_load(drop: PreparedDrop, settings: Settings) -> FloatArray:
 def _invert_layered(records: list[Record], settings: Settings) -> tuple[InversionResult, ...]:
     begun = clock.perf_counter()
     first = records[0]
-    drops = []
-    for record in records:
-        drop = prepare(record)
-        load = _model_load(drop, settings)
-        drops.append(LayeredDrop.of(drop, record.instrument, load, record.model_floor))
+    drops = [_weighted_drop(record, settings) for record in records]
     peaks = [_peak(item.drop, first) for item in drops]
     request = LayerRequest(
         layers=settings.layers,
@@ -294,10 +283,10 @@ def _invert_layered(records: list[Record], settings: Settings) -> tuple[Inversio
 
 
 def _layered_report(
-    item: LayeredDrop, found: LayeredInversion, peak: PeakModulus, settings: Settings
+    item: WeightedDrop, found: LayeredInversion, peak: PeakModulus, settings: Settings
 ) -> InversionResult:
     drop, fit = item.drop, found.fit
-    history = _layered_histories(item, found, settings.plate)
+    history = _histories(item, fit)
     lowest = found.layers[-1]
     column = fit.space.index("modulus", fit.space.media - 1)
     rock = None
@@ -334,7 +323,7 @@ def _layered_report(
 
 
 def _fields_of_any_ground(
-    item: WeightedDrop | LayeredDrop, history: TimeHistories, peak: PeakModulus, settings: Settings
+    item: WeightedDrop, history: TimeHistories, peak: PeakModulus, settings: Settings
 ) -> dict[str, Any]:
     """Return the fields of a result that do not depend on how the ground is modelled."""
     drop = item.drop
@@ -360,7 +349,7 @@ def _fields_of_any_ground(
     }
 
 
-def _pulse(fit: HalfSineFit, item: WeightedDrop | LayeredDrop) -> HalfSinePulse:
+def _pulse(fit: HalfSineFit, item: WeightedDrop) -> HalfSinePulse:
     return HalfSinePulse(
         peak_pressure_pa=fit.peak_load / (math.pi * item.instrument.plate_radius**2),
         duration_s=fit.duration,
@@ -375,24 +364,6 @@ def _effective_fields(effective: Effective) -> dict[str, Any]:
         "effective_modulus_interval_pa": effective.interval,
         "effective_depth_m": effective.depth,
     }
-
-
-def _layered_histories(
-    item: LayeredDrop, found: LayeredInversion, plate: LayeredPlateModel
-) -> TimeHistories:
-    drop = item.drop
-    model = LayeredForwardModel(
-        plate,
-        item.instrument,
-        [abs(float(offset)) for offset in drop.offsets],
-        drop.time,
-        item.model_load,
-        drop.time[1:],
-        FULL_BAND_HZ,
-    )
-    predicted = np.zeros_like(drop.displacement)
-    predicted[:, 1:] = model.displacement(LayeredGrounds.of([found.ground]))[0]
-    return _time_histories(drop, item.model_load, predicted)
 
 
 def _peak(drop: PreparedDrop, record: Record) -> PeakModulus:
@@ -415,14 +386,11 @@ def _report(
     settings: Settings,
 ) -> InversionResult:
     space, drop = fit.misfit.space, item.drop
-    history = _histories(item, space, fit.best.point)
-
-    def value(name: str) -> float:
-        return float(space.values(name, fit.best.point[None])[0])
-
+    history = _histories(item, fit)
+    ground = space.grounds(fit.best.point[None])
     deviation = uncertainty.standard_deviation.get
-    modulus, depth = value(MODULUS), value(DEPTH)
-    poisson_ratio = item.surrogate.problem.poisson_ratio
+    modulus, depth = float(ground.modulus[0, 0]), float(ground.thickness[0, 0])
+    poisson_ratio = space.poisson_ratio
     only = LayerResult(
         modulus_pa=modulus,
         modulus_sd_pa=deviation(MODULUS),
@@ -430,8 +398,8 @@ def _report(
         thickness_m=depth if math.isfinite(depth) else None,
         thickness_sd_m=deviation(DEPTH),
         thickness_interval_m=uncertainty.depth_interval,
-        viscosity_pa_s=value(VISCOSITY),
-        density_kg_m3=value(DENSITY),
+        viscosity_pa_s=float(ground.viscosity[0, 0]),
+        density_kg_m3=float(ground.density[0, 0]),
         poisson_ratio=poisson_ratio,
     )
     effective = _homogeneous_effective(
@@ -489,17 +457,19 @@ def _effective_radii(plate: LayeredPlateModel, poisson_ratio: float, depth: floa
 
 
 def _modulus_depth_correlation(space: ParameterSpace, uncertainty: Uncertainty) -> float | None:
-    row, column = space.index(MODULUS), space.index(DEPTH)
+    row, column = space.index("modulus"), space.depth_column
     if row is None or column is None:
         return None
     return float(uncertainty.correlation[row, column])
 
 
-def _histories(item: WeightedDrop, space: ParameterSpace, point: FloatArray) -> TimeHistories:
-    drop = item.drop
-    model = item.model(drop.time[1:], FULL_BAND_HZ)
+def _histories(item: WeightedDrop, fit: GroundFit | LayeredFit) -> TimeHistories:
+    drop, misfit = item.drop, fit.misfit
+    time = drop.time[1:]
+    transform = transform_of(item, float(time[-1]), FULL_BAND_HZ)
+    transfer = misfit.transfer.values(transform.s, misfit.space.grounds(fit.best.point[None]))
     predicted = np.zeros_like(drop.displacement)
-    predicted[:, 1:] = model.displacement(space.grounds(point[None]))[0][-drop.offsets.size :]
+    predicted[:, 1:] = DropHistory(item, transform, time).of(transfer)[0]
     return _time_histories(drop, item.model_load, predicted)
 
 

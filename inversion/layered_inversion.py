@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from inversion.arrays import FloatArray
+from inversion.fitting.ground_parameters import layered_space
 from inversion.fitting.layered.fit import LayeredFit, Window, fit_layers
 from inversion.fitting.layered.intervals import LayeredUncertainty, layered_uncertainty
-from inversion.fitting.layered.misfit import LayeredDrop
 from inversion.fitting.layered.number import (
     LEAST_SENSORS,
     WORTH,
@@ -25,7 +25,8 @@ from inversion.fitting.layered.number import (
     left_out_errors,
     most_layers,
 )
-from inversion.fitting.layered.parameters import LayeredSpace, layered_space
+from inversion.fitting.misfit import WeightedDrop
+from inversion.fitting.parameters import ParameterSpace
 from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.layered import LayeredGround, LayeredPlateModel, Medium
 from inversion.forward.layered.statics import effective_depth, effective_modulus
@@ -84,7 +85,7 @@ class LayerRequest:
     surface_modulus: float
     genetic: bool
 
-    def space(self, media: int, rock_depth: float | None, own_relaxation: bool) -> LayeredSpace:
+    def space(self, media: int, rock_depth: float | None, own_relaxation: bool) -> ParameterSpace:
         """The unknowns of one number of media."""
         return layered_space(
             media,
@@ -136,7 +137,7 @@ class LayeredInversion:
 
 
 def invert_layers(
-    drops: Sequence[LayeredDrop], request: LayerRequest, rng: np.random.Generator
+    drops: Sequence[WeightedDrop], request: LayerRequest, rng: np.random.Generator
 ) -> LayeredInversion:
     """The layered ground under the drops of one point."""
     work = _Work(tuple(drops), request, rng)
@@ -144,7 +145,7 @@ def invert_layers(
         fit = work.best_of(int(request.layers))
         return _described(fit, request, (Considered(fit, information(fit)),), work.solves)
     sensors = drops[0].drop.offsets.size
-    most = most_layers(drops[0].distances)
+    most = most_layers(drops[0].n_distances)
     # What can be told decides for all numbers alike which part of the record counts.
     work.window = work.first_fit(min(_WINDOW_LAYERS, most)).window
     tried: list[Considered] = []
@@ -200,7 +201,7 @@ def _with_layers_that_fit_as_well(
 class _Work:
     """Fits of the same drops with several grounds, all to the same part of the record."""
 
-    drops: tuple[LayeredDrop, ...]
+    drops: tuple[WeightedDrop, ...]
     request: LayerRequest
     rng: np.random.Generator
     window: Window | None = None
@@ -264,7 +265,7 @@ class _Work:
         return best
 
 
-def _one_relaxation(fit: LayeredFit, space: LayeredSpace) -> FloatArray:
+def _one_relaxation(fit: LayeredFit, space: ParameterSpace) -> FloatArray:
     """The fit's ground with one relaxation time for all media."""
     values = dict(zip(fit.space.names, fit.space.values(fit.best.point[None])[0], strict=True))
     times = [v for name, v in values.items() if name.startswith("relaxation")]
@@ -320,7 +321,7 @@ def _deviations_below(
     return viscosity, None if density is None else float(uncertainty.deviation[density])
 
 
-def _ground(space: LayeredSpace, point: FloatArray) -> LayeredGround:
+def _ground(space: ParameterSpace, point: FloatArray) -> LayeredGround:
     g = space.grounds(point[None])
     media = tuple(
         Medium(

@@ -13,7 +13,7 @@ from inversion.diagnosis.ground_response import GroundResponse
 from inversion.diagnosis.model import DropModel, PointRecords
 from inversion.diagnosis.rest import estimate_pre_trigger_noise
 from inversion.fitting.layered.first_look import FirstLook
-from inversion.fitting.layered.misfit import LayeredDrop
+from inversion.fitting.misfit import WeightedDrop
 from inversion.forward.library import SurrogateLibrary
 from inversion.forward.surrogate import Surrogate
 from inversion.measured.half_sine import fit_half_sine
@@ -100,7 +100,7 @@ def _layered_first_estimate(records: PointRecords) -> FirstLook:
         load = drop.load
         if records.half_sine:
             load = fit_half_sine(drop.time, drop.load).load(drop.time)
-        drops.append(LayeredDrop.of(drop, record.instrument, load, record.model_floor))
+        drops.append(WeightedDrop.of(drop, record.instrument, load, record.model_floor))
     return FirstLook(
         drops,
         first.poisson_ratio,

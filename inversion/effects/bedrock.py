@@ -7,7 +7,8 @@ import numpy as np
 
 from inversion.effects.base import DropContext, Effect, Ground, Values
 from inversion.fitting.coordinates import Coordinate
-from inversion.fitting.parameters import INVERSE_DEPTH_PRIOR, Parameter, depth_parameter
+from inversion.fitting.ground_parameters import INVERSE_DEPTH_SD_PER_M, depth_parameter
+from inversion.fitting.parameters import Parameter
 
 # Starting depths of the inference, in plate radii. From one start alone, fits of other depths end
 # at a half-space or at rock right below the plate.
@@ -40,7 +41,7 @@ class Bedrock(Effect):
         depth = depth_parameter(drop.plate_radius)
         nearest, farthest = 1.0 / depth.lower, 1.0 / depth.upper
         starts = tuple(1.0 / (start * drop.plate_radius) for start in _STARTS_RADII)
-        return (Coordinate("depth", 0.0, INVERSE_DEPTH_PRIOR, farthest, nearest, starts),)
+        return (Coordinate("depth", 0.0, INVERSE_DEPTH_SD_PER_M, farthest, nearest, starts),)
 
     def values_at(self, coordinates: Mapping[str, float]) -> dict[str, float]:
         """Return the depth."""

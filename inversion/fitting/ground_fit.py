@@ -10,8 +10,9 @@ import numpy as np
 
 from inversion.arrays import FloatArray
 from inversion.fitting.misfit import Misfit, WeightedDrop
-from inversion.fitting.parameters import DEPTH, MODULUS, VISCOSITY, ParameterSpace, on_bound
+from inversion.fitting.parameters import ParameterSpace, on_bound
 from inversion.fitting.published_fitness import published_fitness
+from inversion.fitting.transfer import Plate
 from inversion.forward.laplace import FULL_BAND_HZ, SEARCH_BAND_HZ
 from inversion.search.least_squares import fit_batch
 from inversion.search.multi_population import MultiPopulationSearch, SearchSettings, paper_settings
@@ -94,12 +95,13 @@ class GroundFit:
 
 def allowed_cost(fit: GroundFit) -> float:
     """Mean square of the weighted residuals up to which the data do not tell from the best."""
-    return fit.best.cost + _SAME_MINIMUM / fit.misfit.independent * max(1.0, fit.best.cost)
+    return fit.best.cost + _SAME_MINIMUM / fit.misfit.n_independent * max(1.0, fit.best.cost)
 
 
 def fit_ground(
     drops: tuple[WeightedDrop, ...],
     space: ParameterSpace,
+    plate: Plate,
     method: Method,
     rng: np.random.Generator,
     *,
@@ -111,9 +113,9 @@ def fit_ground(
     what nature gives, unless ``priors`` is False.
     """
     if method == "published":
-        return _fit_published(drops, space, rng)
-    found = _fit_free(drops, space, method, rng)
-    if priors and space.index(DEPTH) is not None:
+        return _fit_published(drops, space, plate, rng)
+    found = _fit_free(drops, space, plate, method, rng)
+    if priors and space.depth_column is not None:
         found = _natural(found)
     return _profiled_off_bounds(found)
 
@@ -130,7 +132,7 @@ def _profiled_off_bounds(fit: GroundFit) -> GroundFit:
     kept: list[Minimum] = []
     solves = misfit.solves
     for column in np.flatnonzero(on_bound(best)):
-        if space.names[column] == MODULUS:
+        if space.unknowns[column].quantity == "modulus":
             continue
         starts = np.repeat(best[None], _OFF_BOUND.size, axis=0)
         starts[:, column] = np.abs(np.round(best[column]) - _OFF_BOUND)
@@ -182,7 +184,7 @@ def _natural(fit: GroundFit) -> GroundFit:
     changed: what the data tell is not bent.
     """
     space, allowed = fit.misfit.space, allowed_cost(fit)
-    column = space.index(DEPTH)
+    column = space.depth_column
     assert column is not None
     weight = max(1.0, fit.best.cost)
     bare, bare_solves = _without_rock(fit, weight, allowed)
@@ -196,8 +198,8 @@ def _natural(fit: GroundFit) -> GroundFit:
     candidates = [held] if bare is None else [held, bare]
     chosen = min(candidates, key=lambda candidate: candidate.least)
     # What does not fit as well as a natural ground does not count any more.
-    limit = chosen.least + _NATURAL_LIMIT / held.misfit.independent * weight
-    size = len(chosen.misfit.space.fitted)
+    limit = chosen.least + _NATURAL_LIMIT / held.misfit.n_independent * weight
+    size = chosen.misfit.space.size
     rest = []
     for candidate in candidates:
         for point, cost in zip(candidate.points, candidate.cost, strict=True):
@@ -219,7 +221,14 @@ def _natural(fit: GroundFit) -> GroundFit:
 
 def _with_rock(fit: GroundFit, weight: float, alike: FloatArray, column: int) -> _Held:
     """Grounds that fit alike (k, d), beside their priors: as they are best, and at their depths."""
-    misfit = Misfit(fit.drops, fit.misfit.space, FULL_BAND_HZ, _FULL_SAMPLES, prior_weight=weight)
+    misfit = Misfit(
+        fit.drops,
+        fit.misfit.space,
+        fit.misfit.plate,
+        FULL_BAND_HZ,
+        _FULL_SAMPLES,
+        prior_level=weight,
+    )
     begun = alike[np.argsort(misfit.objective(alike))[:_NATURAL_STARTS]]
     ended = fit_batch(misfit.linearise, begun, iterations=15)
     profile = fit_batch(misfit.linearise, alike, iterations=7, tolerance=1e-3, frozen=column)
@@ -239,11 +248,9 @@ def _without_rock(fit: GroundFit, weight: float, allowed: float) -> tuple[_Held 
     before the fit has ended.
     """
     space = fit.misfit.space
-    bare = ParameterSpace(
-        tuple(p for p in space.fitted if p.name != DEPTH), {**space.fixed, DEPTH: math.inf}
-    )
-    free = Misfit(fit.drops, bare, FULL_BAND_HZ, _FULL_SAMPLES)
-    coarse = Misfit(fit.drops, bare, SEARCH_BAND_HZ, 2 * _SEARCH_SAMPLES)
+    bare = space.without_rock()
+    free = Misfit(fit.drops, bare, fit.misfit.plate, FULL_BAND_HZ, _FULL_SAMPLES)
+    coarse = Misfit(fit.drops, bare, fit.misfit.plate, SEARCH_BAND_HZ, 2 * _SEARCH_SAMPLES)
     begun = fit_batch(coarse.linearise, _plain_starts(bare)[:1], iterations=_FIRST_TRIALS)
     if begun.cost[0] > _HOPELESS * max(1.0, allowed):
         return None, coarse.solves
@@ -251,7 +258,9 @@ def _without_rock(fit: GroundFit, weight: float, allowed: float) -> tuple[_Held 
     solves = coarse.solves + free.solves
     if found.cost[found.best] > allowed:
         return None, solves
-    misfit = Misfit(fit.drops, bare, FULL_BAND_HZ, _FULL_SAMPLES, prior_weight=weight)
+    misfit = Misfit(
+        fit.drops, bare, fit.misfit.plate, FULL_BAND_HZ, _FULL_SAMPLES, prior_level=weight
+    )
     ended = fit_batch(misfit.linearise, found.points, iterations=10)
     solves += misfit.solves
     return _Held(misfit, ended.points, ended.cost, ended.points.shape[0], ended.converged), solves
@@ -260,11 +269,12 @@ def _without_rock(fit: GroundFit, weight: float, allowed: float) -> tuple[_Held 
 def _fit_free(
     drops: tuple[WeightedDrop, ...],
     space: ParameterSpace,
+    plate: Plate,
     method: Method,
     rng: np.random.Generator,
 ) -> GroundFit:
-    coarse = Misfit(drops, space, SEARCH_BAND_HZ, _SEARCH_SAMPLES)
-    if space.index(DEPTH) is not None:
+    coarse = Misfit(drops, space, plate, SEARCH_BAND_HZ, _SEARCH_SAMPLES)
+    if space.depth_column is not None:
         profile = _depth_profile(coarse, space)
         guesses = _local_minima(profile)
     else:
@@ -272,8 +282,8 @@ def _fit_free(
         guesses = tuple(Minimum(point, math.inf) for point in _plain_starts(space))
     solves = 0
     if method == "mpga":
-        rapid = Misfit(drops, space, SEARCH_BAND_HZ, _SEARCH_SAMPLES, single=True)
-        guesses = (Minimum(_search(rapid, len(space.fitted), rng), math.inf), *guesses)
+        rapid = Misfit(drops, space, plate, SEARCH_BAND_HZ, _SEARCH_SAMPLES, single=True)
+        guesses = (Minimum(_search(rapid, space.size, rng), math.inf), *guesses)
         solves = rapid.solves
     contact = GroundFit(guesses[0], guesses[1:], profile, False, solves, coarse, drops)
     return _with_tail(contact)
@@ -289,7 +299,7 @@ def _refined(fit: GroundFit) -> GroundFit:
 
 def _polished(fit: GroundFit) -> GroundFit:
     """A refined fit, and what may pass for it, at the full band."""
-    fine = Misfit(fit.drops, fit.misfit.space, FULL_BAND_HZ, _FULL_SAMPLES)
+    fine = Misfit(fit.drops, fit.misfit.space, fit.misfit.plate, FULL_BAND_HZ, _FULL_SAMPLES)
     chosen = np.stack([m.point for m in _promising((fit.best, *fit.others))])
     polished = fit_batch(fine.linearise, chosen, iterations=20)
     found = _distinct(polished.points, polished.cost)
@@ -310,26 +320,26 @@ def _with_tail(fit: GroundFit) -> GroundFit:
     tell; so the tail is not fitted blindly.  But where one of the grounds that fit the contact
     also predicts the tail, the tail decides between them: a deep base shows itself late.
     """
-    longer = tuple(replace(item, drop=item.drop.with_tail()) for item in fit.drops)
+    longer = tuple(item.with_tail(reweigh=True) for item in fit.drops)
     if all(a.drop.window_end == b.drop.window_end for a, b in zip(longer, fit.drops, strict=True)):
         return _polished(_refined(fit))
     if not math.isfinite(fit.best.cost):
         fit = _refined(fit)
     space = fit.misfit.space
-    rough = Misfit(longer, space, SEARCH_BAND_HZ, 2 * _SEARCH_SAMPLES)
+    rough = Misfit(longer, space, fit.misfit.plate, SEARCH_BAND_HZ, 2 * _SEARCH_SAMPLES)
     allowed = fit.best.cost + _CONTACT_ALLOWS
     near = [m for m in (fit.best, *fit.others, *fit.profile) if m.cost <= allowed]
     # The best ones of a profile stand in it as well.
     points = np.unique(np.stack([m.point for m in near]), axis=0)
     order = np.argsort(rough.objective(points))[:_TAIL_CANDIDATES]
     # A lone candidate at a known depth has been refined already: it is polished at once.
-    refined = order.size == 1 and space.index(DEPTH) is None
+    refined = order.size == 1 and space.depth_column is None
     tried = fit_batch(
         rough.linearise, points[order], iterations=0 if refined else 8, tolerance=1e-3
     )
     if tried.cost[tried.best] > _TAIL_WORTH_POLISHING:
         return _polished(_refined(replace(fit, solves=fit.solves + rough.solves)))
-    whole = Misfit(longer, space, FULL_BAND_HZ, _FULL_SAMPLES)
+    whole = Misfit(longer, space, fit.misfit.plate, FULL_BAND_HZ, _FULL_SAMPLES)
     chosen = _promising(_distinct(tried.points, tried.cost))
     polished = fit_batch(whole.linearise, np.stack([m.point for m in chosen]), iterations=15)
     found = _distinct(polished.points, polished.cost)
@@ -364,7 +374,7 @@ def _profile_again(fit: GroundFit, misfit: Misfit, best: float) -> tuple[Minimum
     near = np.array([m.point for m in fit.profile if share * m.cost <= limit])
     if not near.size:
         return ()
-    column = misfit.space.index(DEPTH)
+    column = misfit.space.depth_column
     free = np.array([other for other in range(near.shape[1]) if other != column])
     values, slope = misfit.linearise(near, free)
     basis = np.linalg.qr(slope)[0]
@@ -379,16 +389,19 @@ def _profile_again(fit: GroundFit, misfit: Misfit, best: float) -> tuple[Minimum
 
 
 def _fit_published(
-    drops: tuple[WeightedDrop, ...], space: ParameterSpace, rng: np.random.Generator
+    drops: tuple[WeightedDrop, ...],
+    space: ParameterSpace,
+    plate: Plate,
+    rng: np.random.Generator,
 ) -> GroundFit:
     """The paper's search: its operators, its fitness (Eq. 16), no polish."""
-    misfit = Misfit(drops, space, FULL_BAND_HZ, _FULL_SAMPLES)
+    misfit = Misfit(drops, space, plate, FULL_BAND_HZ, _FULL_SAMPLES)
 
     def inverse_fitness(points: FloatArray) -> FloatArray:
         observed, predicted = misfit.centre(points)
         return np.asarray(1.0 / published_fitness(observed, predicted, tempered=True))
 
-    size = len(space.fitted)
+    size = space.size
     search = MultiPopulationSearch(
         inverse_fitness,
         np.zeros(size),
@@ -418,16 +431,18 @@ def _search(misfit: Misfit, size: int, rng: np.random.Generator) -> FloatArray:
 
 def _plain_starts(space: ParameterSpace) -> FloatArray:
     """Two starts around the peak-method modulus, with little and with much viscosity."""
-    middle = np.full((2, len(space.fitted)), 0.6)
-    for name, factors in ((MODULUS, (0.5, 0.4)), (VISCOSITY, (0.06, 0.25))):
-        column = space.index(name)
+    middle = np.full((2, space.size), 0.6)
+    for column, factors in (
+        (space.index("modulus"), (0.5, 0.4)),
+        (space.index("viscosity"), (0.06, 0.25)),
+    ):
         if column is not None:
             middle[:, column] = factors
     return middle
 
 
 def _depth_profile(misfit: Misfit, space: ParameterSpace) -> tuple[Minimum, ...]:
-    column = space.index(DEPTH)
+    column = space.depth_column
     assert column is not None
     starts = np.repeat(_plain_starts(space)[:1], _PROFILE_DEPTHS, axis=0)
     starts[:, column] = np.linspace(0.02, 0.98, _PROFILE_DEPTHS)

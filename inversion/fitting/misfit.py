@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inversion.arrays import FloatArray
+from inversion.arrays import ComplexArray, FloatArray
 from inversion.fitting.parameters import ParameterSpace
-from inversion.forward.model import ForwardModel, Instrument
-from inversion.forward.surrogate import Surrogate
+from inversion.fitting.transfer import Plate, transfer_of
+from inversion.forward.laplace import DampedTransform
+from inversion.forward.layered import FAST, WavenumberRule
+from inversion.forward.model import Instrument
 from inversion.measured.record import PreparedDrop
 
 # The model's own error, as a fraction of the peak displacement: what is left of the whole model
@@ -20,41 +23,63 @@ from inversion.measured.record import PreparedDrop
 MODEL_FLOOR_FRACTION = 0.003
 # A far sensor that hardly moves is held to this fraction of the plate's floor instead.
 _FAR_SENSOR_SHARE = 0.1
+# Sensors whose distances from the plate's centre differ by less count as one distance.
+_DISTANCE_GAP_M = 0.005
 # Errors of the model are smooth: about so many independent ones a drop.
 INDEPENDENT_A_DROP = 6.0
 
 
 @dataclass(frozen=True, eq=False)
 class WeightedDrop:
-    """A prepared drop with what its fit needs beside the ground.
+    """A prepared drop with the load and the errors that its fit is based on.
 
     Parameters
     ----------
     drop : PreparedDrop
-    surrogate : Surrogate, for offset 0 first and then every sensor of the drop
     instrument : Instrument
-    model_load : (n,) ndarray of float, N: the load the model sees (measured, or a half-sine)
-    model_floor : (n_sensors,) ndarray of float, m
+    model_load : (n,) ndarray of float, N: the load of the model, measured or a half-sine
+    model_floor : (n_sensors,) ndarray of float, m: error of the model, see :func:`model_floor`
+    noise : (n_sensors,) ndarray of float, m, or None: noise in the weights; None: of ``drop``
     """
 
     drop: PreparedDrop
-    surrogate: Surrogate
     instrument: Instrument
     model_load: FloatArray
     model_floor: FloatArray
+    noise: FloatArray | None = None
 
-    @property
+    @classmethod
+    def of(
+        cls,
+        drop: PreparedDrop,
+        instrument: Instrument,
+        load: FloatArray,
+        declared_floor: float | None,
+    ) -> WeightedDrop:
+        """Return the drop under a load, with the model's error as declared (m) or by default."""
+        return cls(drop, instrument, load, model_floor(drop, declared_floor))
+
+    def with_tail(self, *, reweigh: bool) -> WeightedDrop:
+        """Return the drop with the fit's window to the end of the record or a second contact.
+
+        The noise of an integrated velocity grows with the window.  ``reweigh`` takes that into the
+        weights; otherwise they stay those of the contact.
+        """
+        noise = None if reweigh else self.drop.noise
+        return replace(self, drop=self.drop.with_tail(), noise=noise)
+
+    @cached_property
     def scale(self) -> FloatArray:
-        """Displacement error a residual is measured in, per sensor (n_sensors,), m."""
-        drop = self.drop
-        result: FloatArray = np.sqrt(drop.noise**2 + drop.quantisation**2 + self.model_floor**2)
+        """Unit of the residuals of each sensor, (n_sensors,), m: noise and errors as squares."""
+        noise = self.drop.noise if self.noise is None else self.noise
+        result: FloatArray = np.sqrt(noise**2 + self.drop.quantisation**2 + self.model_floor**2)
         return result
 
-    def model(self, wanted: FloatArray, band: float, single: bool = False) -> ForwardModel:
-        """Forward model of this drop for the displacement at ``wanted`` times."""
-        return ForwardModel(
-            self.surrogate, self.instrument, self.drop.time, self.model_load, wanted, band, single
-        )
+    @property
+    def n_distances(self) -> int:
+        """Number of distances of the sensors from the plate's centre; both sides count once."""
+        offsets = np.sort(np.abs(self.drop.offsets))
+        return 1 + int(np.count_nonzero(np.diff(offsets) > _DISTANCE_GAP_M))
 
 
 def model_floor(drop: PreparedDrop, granted: float | None) -> FloatArray:
@@ -69,113 +94,202 @@ def model_floor(drop: PreparedDrop, granted: float | None) -> FloatArray:
 
 
 class Misfit:
-    """Residuals (predicted - observed over the scale) of one or several drops on one ground.
+    """Residuals (predicted - observed over the scale) of the drops of one point on one ground.
 
     Parameters
     ----------
-    drops : tuple of WeightedDrop
+    drops : sequence of WeightedDrop with the same sensors and instrument
     space : ParameterSpace
+    plate : Plate, whose table, if it is one, is of offset 0 first and then of every sensor
     band : float, Hz
     most_samples : int, samples of the window kept per drop (an even stride)
-    single : bool, single precision in the surrogate: for the search
-    prior_weight : float, by how many independent residuals, as large as the scale, a parameter is
-        held to one standard deviation of its prior; 0: priors do not count
+    prior_level : float, mean square of the residuals of the data that one standard deviation from
+        a prior outweighs as one independent error; 0: priors do not count
+    n_independent : float, number of independent errors in the data; None: six for each drop
+    sensors : sequence of int or None, those that count; None: all
+    single : bool, single precision in the tables: for the search
+    rule : WavenumberRule, of layers
     """
 
     def __init__(
         self,
-        drops: tuple[WeightedDrop, ...],
+        drops: Sequence[WeightedDrop],
         space: ParameterSpace,
+        plate: Plate,
         band: float,
         most_samples: int,
+        *,
+        prior_level: float = 0.0,
+        n_independent: float | None = None,
+        sensors: Sequence[int] | None = None,
         single: bool = False,
-        prior_weight: float = 0.0,
+        rule: WavenumberRule = FAST,
     ) -> None:
-        self.space = space
-        self._prior_weight = prior_weight
+        self.drops, self.space, self.plate = tuple(drops), space, plate
+        self.prior_level = prior_level
+        self.n_independent = n_independent or INDEPENDENT_A_DROP * len(self.drops)
         self.solves = 0
-        self.seconds = sum(item.drop.window_end for item in drops)
+        self.seconds = sum(item.drop.window_end for item in self.drops)
         """Length of the windows of all drops."""
-        self.rows: list[FloatArray] = []
-        self._models: list[tuple[ForwardModel, FloatArray, FloatArray]] = []
-        for item in drops:
-            window = item.drop.window
-            stride = max(1, -(-(window.stop - window.start) // most_samples))
-            rows = np.arange(window.start, window.stop)[::-stride][::-1]
-            model = item.model(item.drop.time[rows], band, single)
-            self._models.append((model, item.drop.displacement[:, rows], 1.0 / item.scale))
-            self.rows.append(rows)
+        first = self.drops[0]
+        self.instrument = first.instrument
+        offsets = first.drop.offsets
+        self.sensors = np.arange(offsets.size) if sensors is None else np.asarray(sensors)
+        self.transfer = transfer_of(
+            plate, self.instrument, offsets, self.sensors, single=single, rule=rule
+        )
+        self.rows = [_even_rows(item.drop.window, most_samples) for item in self.drops]
+        longest = max(
+            float(item.drop.time[rows[-1]])
+            for item, rows in zip(self.drops, self.rows, strict=True)
+        )
+        self.transform = transform_of(first, longest, band)
+        self._histories = [
+            DropHistory(item, self.transform, item.drop.time[rows])
+            for item, rows in zip(self.drops, self.rows, strict=True)
+        ]
+        self._observed = [
+            item.drop.displacement[np.ix_(self.sensors, rows)]
+            for item, rows in zip(self.drops, self.rows, strict=True)
+        ]
+        self._weights = [1.0 / item.scale[self.sensors, None] for item in self.drops]
+        self.count = sum(observed.size for observed in self._observed)
+        """Number of residuals without those of the priors."""
+
+    def predicted(self, points: FloatArray) -> list[FloatArray]:
+        """Displacement of each drop at its `rows`, (m, n_sensors, n), m."""
+        self.solves += points.shape[0]
+        transfer = self.transfer.values(self.transform.s, self.space.grounds(points))
+        if self.space.instrument_columns:
+            transfer = transfer * self.response(points, self.transform.s)[0]
+        return [history.of(transfer) for history in self._histories]
+
+    def response(
+        self, points: FloatArray, s: ComplexArray
+    ) -> tuple[ComplexArray, dict[int, ComplexArray]]:
+        """Response of the fitted instrument at the sensors that count; see `ParameterSpace`."""
+        # A lag of one sensor names its place among all of them.
+        response, slopes = self.space.response(points, s, self.drops[0].drop.offsets.size)
+        counting = {column: slope[:, self.sensors] for column, slope in slopes.items()}
+        return response[:, self.sensors], counting
 
     def residual(self, points: FloatArray) -> FloatArray:
-        """Weighted residuals (m, n) at points (m, d) of the unit box."""
-        self.solves += points.shape[0]
-        grounds = self.space.grounds(points)
-        parts: list[FloatArray] = []
-        for model, observed, weight in self._models:
-            predicted = model.displacement(grounds)[:, -observed.shape[0] :]
-            left = (predicted - observed) * weight[:, None]
-            parts.append(left.reshape(points.shape[0], -1))
-        if self._prior_weight > 0.0:
-            parts.append(self._prior_scale * self.space.from_priors(points)[0])
+        """Weighted residuals (m, n) at points (m, d), those of the priors last."""
+        parts = [
+            ((predicted - observed) * weight).reshape(points.shape[0], -1)
+            for predicted, observed, weight in zip(
+                self.predicted(points), self._observed, self._weights, strict=True
+            )
+        ]
+        if self.prior_level > 0.0:
+            parts.append(self.prior_scale * self.space.prior_distances(points)[0])
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
-
-    @property
-    def independent(self) -> float:
-        """Errors of the model are smooth: about six independent ones a drop."""
-        return INDEPENDENT_A_DROP * len(self.rows)
-
-    @cached_property
-    def _prior_scale(self) -> float:
-        """Of the priors' residuals, so that the mean square weighs them as independent samples."""
-        count = sum(observed.size for _, observed, _ in self._models)
-        return math.sqrt(self._prior_weight * count / self.independent)
-
-    def prior_covariance(self, pseudo: FloatArray) -> FloatArray:
-        """What the priors leave open of the unit parameters, (d, d), by the pseudo-inverse (d, n)
-        of what `linearise` gives."""
-        size = len(self.space.fitted) if self._prior_weight > 0.0 else 0
-        last = pseudo[:, pseudo.shape[1] - size :] * (self._prior_scale if size else 1.0)
-        return np.asarray(last @ last.T)
 
     def linearise(
         self, points: FloatArray, free: NDArray[np.intp]
     ) -> tuple[FloatArray, FloatArray]:
         """Weighted residuals (m, n) at points (m, d), and derivatives (m, n, free) by columns."""
-        self.solves += points.shape[0]
+        count = points.shape[0]
+        self.solves += count
         grounds = self.space.grounds(points)
-        names, steps = self.space.ground_slopes(points, free)
+        varied, derivatives = self.space.ground_slopes(points, grounds, free)
+        transfer, by_ground = self.transfer.slopes(self.transform.s, grounds, varied)
+        both = np.empty((count, 1 + free.size, *transfer.shape[1:]), dtype=np.complex128)
+        both[:, 0] = transfer
+        for place, changes in enumerate(derivatives, start=1):
+            for number, (row, derivative) in enumerate(changes):
+                factor = derivative[:, None, None]
+                if number == 0:
+                    np.multiply(by_ground[:, row], factor, out=both[:, place])
+                else:
+                    both[:, place] += by_ground[:, row] * factor
+        if self.space.instrument_columns:
+            response, by_instrument = self.response(points, self.transform.s)
+            both *= response[:, None]
+            for place, column in enumerate(free.tolist(), start=1):
+                if column in by_instrument:
+                    both[:, place] = both[:, 0] * by_instrument[column]
         residuals: list[FloatArray] = []
-        slopes: list[FloatArray] = []
-        for model, observed, weight in self._models:
-            sensors = observed.shape[0]
-            predicted, by_ground = model.displacement_slopes(grounds, names)
-            left = (predicted[:, -sensors:] - observed) * weight[:, None]
-            moved = by_ground[:, :, -sensors:] * (steps[:, :, None, None] * weight[:, None])
-            residuals.append(left.reshape(points.shape[0], -1))
-            slopes.append(moved.reshape(points.shape[0], free.size, -1))
-        if self._prior_weight > 0.0:
-            away, rises = self.space.from_priors(points)
-            residuals.append(self._prior_scale * away)
-            of_priors: FloatArray = np.zeros((points.shape[0], free.size, away.shape[1]))
-            of_priors[:, np.arange(free.size), free] = self._prior_scale * rises[:, free]
-            slopes.append(of_priors)
-        return np.concatenate(residuals, axis=1), np.swapaxes(np.concatenate(slopes, axis=2), 1, 2)
+        jacobians: list[FloatArray] = []
+        for history, observed, weight in zip(
+            self._histories, self._observed, self._weights, strict=True
+        ):
+            histories = history.of(both) * weight
+            residuals.append((histories[:, 0] - observed * weight).reshape(count, -1))
+            jacobians.append(histories[:, 1:].reshape(count, free.size, -1))
+        if self.prior_level > 0.0:
+            distances, rises = self.space.prior_distances(points)
+            residuals.append(self.prior_scale * distances)
+            by_priors: FloatArray = np.zeros((count, free.size, distances.shape[1]))
+            by_priors[:, np.arange(free.size), free] = self.prior_scale * rises[:, free]
+            jacobians.append(by_priors)
+        if len(residuals) == 1:
+            return residuals[0], np.swapaxes(jacobians[0], 1, 2)
+        return np.concatenate(residuals, axis=1), np.swapaxes(np.concatenate(jacobians, 2), 1, 2)
+
+    @property
+    def prior_scale(self) -> float:
+        """Residual of one standard deviation from a prior."""
+        return math.sqrt(self.prior_level * self.count / self.n_independent)
+
+    def prior_covariance(self, pseudo: FloatArray) -> FloatArray:
+        """Return the covariance (d, d) of the unit values from the spread of the priors.
+
+        ``pseudo`` (d, n) is the pseudo-inverse of the derivatives by `linearise`.
+        """
+        by_priors = pseudo[:, self.count :] * self.prior_scale
+        return np.asarray(by_priors @ by_priors.T)
 
     def objective(self, points: FloatArray) -> FloatArray:
-        """Mean square of the weighted residuals, (m,)."""
-        left = self.residual(points)
-        result: FloatArray = np.einsum("mn,mn->m", left, left) / left.shape[1]
+        """Mean square of the weighted residuals, the priors among them, (m,)."""
+        residual = self.residual(points)
+        result: FloatArray = np.einsum("mn,mn->m", residual, residual) / residual.shape[1]
         return result
 
     def data_cost(self, points: FloatArray) -> FloatArray:
         """`objective` without the priors, (m,)."""
-        left = self.residual(points)
-        count = sum(observed.size for _, observed, _ in self._models)
-        return np.asarray(np.mean(left[:, :count] ** 2, axis=1))
+        return np.asarray(np.mean(self.residual(points)[:, : self.count] ** 2, axis=1))
 
     def centre(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Observed (n,) and predicted (m, n) displacement of the first sensor and drop, m."""
-        self.solves += points.shape[0]
-        model, observed, _ = self._models[0]
-        predicted = model.displacement(self.space.grounds(points))
-        return observed[0], predicted[:, -observed.shape[0]]
+        return self._observed[0][0], self.predicted(points)[0][:, 0]
+
+
+def _even_rows(window: slice, most_samples: int) -> NDArray[np.intp]:
+    """Return the fewest even strides of the window's samples that end with its last."""
+    stride = max(1, -(-(window.stop - window.start) // most_samples))
+    return np.arange(window.start, window.stop)[::-stride][::-1]
+
+
+def transform_of(item: WeightedDrop, duration: float, band: float) -> DampedTransform:
+    """Return the transform of a drop's histories up to ``duration`` (s) and ``band`` (Hz).
+
+    Beyond twice its corner a low-pass of the load has taken what no model can put back.
+    """
+    if item.instrument.load_filter is not None:
+        band = min(band, 2.0 * item.instrument.load_filter)
+    return DampedTransform(duration, min(band, 0.5 / item.drop.step))
+
+
+class DropHistory:
+    """Displacement of one drop at some times, of the transfer functions to its sensors.
+
+    Parameters
+    ----------
+    item : WeightedDrop
+    transform : DampedTransform
+    time : (n_times,) ndarray of float, s
+    """
+
+    def __init__(self, item: WeightedDrop, transform: DampedTransform, time: FloatArray) -> None:
+        spectrum = transform.of_samples(item.drop.time, item.model_load)
+        spectrum = spectrum * item.instrument.response(transform.s)
+        synthesis = spectrum[:, None] * transform.synthesis(time)
+        # Re(W @ M) as one real product: [Re W, Im W] @ [Re M; -Im M].
+        self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
+
+    def of(self, transfer: ComplexArray) -> FloatArray:
+        """Histories (..., n_times), m, of transfer functions (..., n_frequencies), m/N."""
+        parts = np.concatenate([transfer.real, transfer.imag], axis=-1)
+        flat = parts.reshape(-1, parts.shape[-1]) @ self._synthesis
+        return np.asarray(flat.reshape(*transfer.shape[:-1], -1))

@@ -1,40 +1,40 @@
-"""Which parameters of the ground are fitted, and where they may lie."""
+"""Fitted numbers with their bounds and priors, and the grounds that they describe.
+
+Every unknown is a `Parameter` between bounds, together with the medium or sensor on which it acts.
+What soils and instruments are like is a normal prior: a record that determines a parameter is not
+bent by it, and a record that does not determine it returns the prior.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from inversion.arrays import FloatArray
-from inversion.errors import ModelError
-from inversion.forward.model import Grounds
-from inversion.forward.surrogate import MIN_DEPTH_RADII
+from inversion.arrays import ComplexArray, FloatArray
+from inversion.forward.layered import LayeredGrounds, MediumParameter
 
-MODULUS, VISCOSITY, DENSITY, DEPTH = "modulus", "viscosity", "density", "bedrock_depth"
-
-# Bounds.  The modulus lies within a factor of the peak-method value (which inertia, viscosity and
-# rock bend by less), the density within that of soils and granular fills, the viscosity below
-# what would leave no deflection within a pulse, and rock below 60 plate radii sends no echo.
-_MODULUS_FACTORS = (0.12, 6.0)
-_DENSITY_BOUNDS = (1000.0, 2800.0)
-_LEAST_VISCOSITY_BOUND = 4.0e5
-_RELAXATION_BOUND_S = 0.012
-_DEEPEST = 60.0
-
-# What nature gives, centre and standard deviation: density of soils and granular fills from loose
-# and dry to dense and wet (the logarithm, kg/m3), and viscosity over modulus, s.
-DENSITY_PRIOR = (math.log(1900.0), 0.12)
-RELAXATION_PRIOR = (1.0e-3, 1.5e-3)
-# Standard deviation of one over the depth of rock, 1/m: what is called a subgrade has rarely rock
-# within a few decimetres, and often none within reach.
-INVERSE_DEPTH_PRIOR = 1.25
+Quantity = Literal[
+    "modulus",
+    "thickness",
+    "relaxation",
+    "viscosity",
+    "density",
+    "lag",
+    "natural_frequency",
+    "geophone_damping",
+]
+INSTRUMENT_QUANTITIES: tuple[Quantity, ...] = ("lag", "natural_frequency", "geophone_damping")
+# Numbers of a medium that make up a ground, relaxation time beside viscosity.
+_FIELDS = ("modulus", "relaxation", "viscosity", "density", "poisson_ratio", "thickness")
 
 # A fitted value this close to a bound, as a fraction of the range, is on it.
-_ON_BOUND = 1e-3
+_BOUND_MARGIN = 1e-3
 
 
 @dataclass(frozen=True)
@@ -46,14 +46,15 @@ class Parameter:
     name : str, as in the result's keys (modulus, mass, natural_frequency, ...)
     unit : str, SI; "-": none
     lower, upper : float, bounds
-    starts : tuple of float, where a fit begins; of an effect: so large that it shows
-    logarithmic : bool, whether the unit interval is linear in its logarithm
-    natural : bool, whether its bounds are those of nature, where a value may well sit
-    prior : (float, float) or None, what nature gives: centre and standard deviation, of the natural
-        logarithm where it is logarithmic
-    inverse_prior : float or None, standard deviation of what nature gives for one over the value,
+    starts : tuple of float, starting points of a fit; of an effect: large enough to have a
+        visible influence
+    logarithmic : bool, True: the unit interval is linear in the logarithm
+    natural : bool, True: the bounds are those of nature, so that a value on one is no warning
+    prior : (float, float) or None, centre and standard deviation of a normal prior, of the natural
+        logarithm for a logarithmic parameter
+    inverse_prior : float or None, standard deviation of a normal prior of one over the value,
         around 0; in place of ``prior``
-    absent : float or None, value at which the effect that it belongs to changes nothing, or nearly
+    absent : float or None, value at which the parameter's effect changes nothing, or nearly
     """
 
     name: str
@@ -74,7 +75,7 @@ class Parameter:
         return np.asarray(self.lower + (self.upper - self.lower) * unit_value)
 
     def unit_value(self, value: float) -> float:
-        """The inverse of `value`, clipped to the unit interval."""
+        """Inverse of `value`, clipped to the unit interval."""
         if self.logarithmic:
             unit_value = np.log(value / self.lower) / np.log(self.upper / self.lower)
         else:
@@ -87,154 +88,269 @@ class Parameter:
             return np.asarray(self.value(unit_value) * math.log(self.upper / self.lower))
         return np.full(np.shape(unit_value), self.upper - self.lower)
 
-    def from_prior(self, unit_value: float) -> tuple[float, float]:
-        """Distance from the prior's centre in its standard deviations, and its slope."""
+    def prior_distance(self, unit_value: FloatArray | float) -> tuple[FloatArray, FloatArray]:
+        """Distances (...,) from the prior's centre in its standard deviations, and their slopes."""
+        shape = np.shape(unit_value)
         if self.inverse_prior is not None:
-            value, slope = float(self.value(unit_value)), float(self.slopes(unit_value))
-            away = 1.0 / (value * self.inverse_prior)
-            return away, -away * slope / value
+            value = self.value(unit_value)
+            distance: FloatArray = 1.0 / (value * self.inverse_prior)
+            return distance, -distance * self.slopes(unit_value) / value
         if self.prior is None:
-            return 0.0, 0.0
+            return np.zeros(shape), np.zeros(shape)
         centre, deviation = self.prior
         low, high = self.lower, self.upper
         if self.logarithmic:
             low, high = math.log(low), math.log(high)
-        return (low + (high - low) * unit_value - centre) / deviation, (high - low) / deviation
+        distance = np.asarray((low + (high - low) * unit_value - centre) / deviation)
+        return distance, np.full(shape, (high - low) / deviation)
 
 
 def on_bound(
     unit_values: FloatArray, low: FloatArray | float = 0.0, high: FloatArray | float = 1.0
 ) -> NDArray[np.bool_]:
-    """Which unit values (...,) sit on a bound; of the unit interval, if no others are given."""
-    return np.asarray((unit_values < low + _ON_BOUND) | (unit_values > high - _ON_BOUND))
+    """Whether unit values (...,) lie on a bound; the default bounds are the unit interval's."""
+    return np.asarray((unit_values < low + _BOUND_MARGIN) | (unit_values > high - _BOUND_MARGIN))
 
 
-def soil_parameters(peak_modulus: float) -> tuple[Parameter, Parameter, Parameter]:
-    """Modulus, viscosity and density as they are searched around a peak-method modulus, Pa."""
-    low, high = (factor * peak_modulus for factor in _MODULUS_FACTORS)
-    most_viscous = max(_LEAST_VISCOSITY_BOUND, _RELAXATION_BOUND_S * peak_modulus)
-    return (
-        Parameter(MODULUS, "Pa", low, high, logarithmic=True),
-        Parameter(
-            VISCOSITY,
-            "Pa s",
-            0.0,
-            most_viscous,
-            prior=(peak_modulus * RELAXATION_PRIOR[0], peak_modulus * RELAXATION_PRIOR[1]),
-        ),
-        Parameter(
-            DENSITY,
-            "kg/m3",
-            *_DENSITY_BOUNDS,
-            starts=(1800.0,),
-            logarithmic=True,
-            prior=DENSITY_PRIOR,
-        ),
-    )
+@dataclass(frozen=True)
+class Unknown:
+    """A fitted parameter and the medium or sensor on which it acts.
+
+    Parameters
+    ----------
+    parameter : Parameter
+    quantity : Quantity
+    place : int or None, number of the medium from the top (ground) or of the sensor (lag), from 0;
+        None: all of them
+    """
+
+    parameter: Parameter
+    quantity: Quantity
+    place: int | None = None
+
+    @property
+    def name(self) -> str:
+        """The parameter's name."""
+        return self.parameter.name
 
 
-def depth_parameter(plate_radius: float) -> Parameter:
-    """The depth of rock, within what the tables cover and an echo reaches."""
-    shallow, deep = MIN_DEPTH_RADII * 1.001 * plate_radius, _DEEPEST * plate_radius
-    return Parameter(DEPTH, "m", shallow, deep, logarithmic=True, inverse_prior=INVERSE_DEPTH_PRIOR)
+_Factor = Callable[[LayeredGrounds, int], FloatArray | float]
+
+
+def _modulus(grounds: LayeredGrounds, medium: int) -> FloatArray:
+    return grounds.modulus[:, medium]
+
+
+def _relaxation(grounds: LayeredGrounds, medium: int) -> FloatArray:
+    return np.asarray(grounds.viscosity[:, medium] / grounds.modulus[:, medium])
+
+
+def _minus_one(_: LayeredGrounds, __: int) -> float:
+    return -1.0
 
 
 @dataclass(frozen=True)
 class ParameterSpace:
-    """Fitted parameters and the fixed values of the others.
+    """Unknowns of a ground of N media and of its instrument, and the values of everything else.
+
+    A point of the space is a point of the unit box, with one unit value for each unknown.
 
     Parameters
     ----------
-    fitted : tuple of Parameter
-    fixed : dict of the remaining names to SI values; bedrock_depth inf: half-space
+    unknowns : tuple of Unknown
+    media : int, N
+    poisson_ratio : float
+    density : float, kg/m3, of media whose density is not fitted
+    thickness : tuple of N floats, m, of media whose thickness is not fitted; the last: inf
+    rock : bool
+    rock_depth : float or None, m: the last thickness is what the others leave of it
     """
 
-    fitted: tuple[Parameter, ...]
-    fixed: dict[str, float]
+    unknowns: tuple[Unknown, ...]
+    media: int
+    poisson_ratio: float
+    density: float
+    thickness: tuple[float, ...]
+    rock: bool = False
+    rock_depth: float | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return len(self.unknowns)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of the fitted parameters, in the order of the unit box."""
-        return tuple(p.name for p in self.fitted)
+        """Names of the unknowns."""
+        return tuple(u.name for u in self.unknowns)
 
-    def index(self, name: str) -> int | None:
-        """Column of a fitted parameter, or None."""
-        return self.names.index(name) if name in self.names else None
+    def index(self, quantity: Quantity, place: int = 0) -> int | None:
+        """Column of the unknown that acts on a medium or sensor, or None."""
+        for column, unknown in enumerate(self.unknowns):
+            if unknown.quantity == quantity and unknown.place in (place, None):
+                return column
+        return None
 
-    def values(self, name: str, points: FloatArray) -> FloatArray:
-        """Physical values (m,) of one parameter at points (m, d) of the unit box."""
-        column = self.index(name)
-        if column is None:
-            return np.full(points.shape[0], self.fixed[name])
-        return self.fitted[column].value(points[:, column])
+    @property
+    def depth_column(self) -> int | None:
+        """Column of the lowest medium's thickness, and so of the rock's depth, or None."""
+        return self.index("thickness", self.media - 1)
 
-    def grounds(self, points: FloatArray) -> Grounds:
-        """Grounds of points (m, d) of the unit box."""
-        depth = self.values(DEPTH, points)
-        return Grounds(
-            self.values(MODULUS, points),
-            self.values(VISCOSITY, points),
-            self.values(DENSITY, points),
-            1.0 / depth,
+    def without_rock(self) -> ParameterSpace:
+        """Return the same space with a half-space as the lowest medium."""
+        lowest = self.depth_column
+        return replace(
+            self,
+            unknowns=tuple(u for column, u in enumerate(self.unknowns) if column != lowest),
+            thickness=(*self.thickness[:-1], math.inf),
+            rock=False,
+            rock_depth=None,
         )
 
-    def from_priors(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return distances (m, d) of points from their priors, in deviations, and slopes (m, d)."""
-        pairs = [
-            [p.from_prior(float(unit_value)) for unit_value in column]
-            for p, column in zip(self.fitted, points.T, strict=True)
-        ]
-        found = np.array(pairs, dtype=np.float64).reshape(len(self.fitted), points.shape[0], 2)
-        return found[:, :, 0].T, found[:, :, 1].T
+    def values(self, points: FloatArray) -> FloatArray:
+        """Physical values (m, d) of points (m, d) of the unit box."""
+        columns = [u.parameter.value(points[:, i]) for i, u in enumerate(self.unknowns)]
+        return np.stack(columns, axis=1)
+
+    def point(self, values: Sequence[float]) -> FloatArray:
+        """Point (d,) of the unit box at physical values, clipped to the bounds."""
+        pairs = zip(self.unknowns, values, strict=True)
+        return np.array([u.parameter.unit_value(float(v)) for u, v in pairs])
+
+    def grounds(self, points: FloatArray) -> LayeredGrounds:
+        """Grounds of points (m, d) of the unit box."""
+        fields = np.empty((len(_FIELDS), points.shape[0], self.media))
+        fields[:] = self._fixed_fields[:, None]
+        for column, (field, media) in enumerate(self._targets):
+            if field is not None:
+                value = self.unknowns[column].parameter.value(points[:, column])
+                fields[field, :, media] = value[:, None]
+        modulus, relaxation, viscosity, density, poisson_ratio, thickness = fields
+        if self.rock_depth is not None:
+            thickness[:, -1] = self.rock_depth - thickness[:, :-1].sum(axis=1)
+        viscosity += relaxation * modulus
+        return LayeredGrounds(modulus, viscosity, density, poisson_ratio, thickness, self.rock)
+
+    @cached_property
+    def _fixed_fields(self) -> FloatArray:
+        """Values (field, medium) of what is not fitted."""
+        fixed = (math.nan, 0.0, 0.0, self.density, self.poisson_ratio, self.thickness)
+        return np.array([np.broadcast_to(value, self.media) for value in fixed])
+
+    @cached_property
+    def _targets(self) -> tuple[tuple[int | None, slice], ...]:
+        """Field and media of each unknown; None: the instrument."""
+        return tuple(
+            (
+                _FIELDS.index(u.quantity) if u.quantity in _FIELDS else None,
+                slice(None) if u.place is None else slice(u.place, u.place + 1),
+            )
+            for u in self.unknowns
+        )
 
     def ground_slopes(
-        self, points: FloatArray, columns: NDArray[np.intp]
-    ) -> tuple[tuple[str, ...], FloatArray]:
-        """Fields of the grounds that columns of points (m, d) move, and how far, (m, columns)."""
-        names = [self.fitted[column].name for column in columns]
-        slopes = np.stack([self.fitted[c].slopes(points[:, c]) for c in columns], axis=1)
-        if DEPTH in names:
-            depth = self.values(DEPTH, points)
-            slopes[:, names.index(DEPTH)] /= -(depth**2)
-        return tuple("inverse_depth" if name == DEPTH else name for name in names), slopes
+        self, points: FloatArray, grounds: LayeredGrounds, columns: NDArray[np.intp]
+    ) -> tuple[tuple[MediumParameter, ...], list[list[tuple[int, FloatArray]]]]:
+        """Return the quantities of the media that some unknowns change, and by how much.
+
+        Parameters
+        ----------
+        points : (m, d) ndarray of float in the unit box, and their grounds
+        columns : (k,) ndarray of int, of the unknowns
+
+        Returns
+        -------
+        tuple of n MediumParameter
+        list for each of the columns, of (i, derivative): those (m,) of quantity i
+        """
+        rows: dict[MediumParameter, int] = {}
+        derivatives: list[list[tuple[int, FloatArray]]] = []
+        for column in columns.tolist():
+            by_unknown = []
+            slope = self.unknowns[column].parameter.slopes(points[:, column])
+            for changed, factor in self._changes[column]:
+                row = rows.setdefault(changed, len(rows))
+                value = slope if factor is None else slope * factor(grounds, changed.medium)
+                by_unknown.append((row, value))
+            derivatives.append(by_unknown)
+        return tuple(rows), derivatives
+
+    @cached_property
+    def _changes(self) -> tuple[tuple[tuple[MediumParameter, _Factor | None], ...], ...]:
+        """Quantities of the media that each unknown changes, and their derivatives by it.
+
+        The derivative is a function of the grounds and the medium; None: 1.
+        """
+        changes = []
+        last = self.media - 1
+        for unknown in self.unknowns:
+            of_unknown: list[tuple[MediumParameter, _Factor | None]] = []
+            for j in range(self.media) if unknown.place is None else (unknown.place,):
+                if unknown.quantity == "relaxation":
+                    of_unknown.append((MediumParameter("viscosity", j), _modulus))
+                elif unknown.quantity not in INSTRUMENT_QUANTITIES:
+                    of_unknown.append((MediumParameter(unknown.quantity, j), None))  # type: ignore[arg-type]
+                if unknown.quantity == "modulus" and self.index("relaxation", j) is not None:
+                    of_unknown.append((MediumParameter("viscosity", j), _relaxation))
+                if unknown.quantity == "thickness" and self.rock_depth is not None and j < last:
+                    of_unknown.append((MediumParameter("thickness", last), _minus_one))
+            changes.append(tuple(of_unknown))
+        return tuple(changes)
+
+    @cached_property
+    def instrument_columns(self) -> tuple[int, ...]:
+        """Columns of the instrument's unknowns."""
+        return tuple(i for i, u in enumerate(self.unknowns) if u.quantity in INSTRUMENT_QUANTITIES)
+
+    def response(
+        self, points: FloatArray, s: ComplexArray, sensors: int
+    ) -> tuple[ComplexArray, dict[int, ComplexArray]]:
+        r"""Response of the fitted instrument at each sensor, and its logarithmic slopes.
+
+        :math:`R = \frac{s^2}{s^2 + 2 h \omega s + \omega^2} e^{-s \tau}`
+
+        Returns
+        -------
+        (m, n_sensors, n) ndarray of complex, and by column d ln R / d unit value, same shape
+        """
+        logarithm = np.zeros((points.shape[0], sensors, s.size), dtype=np.complex128)
+        slopes: dict[int, ComplexArray] = {}
+        frequency = self.index("natural_frequency")
+        damping = self.index("geophone_damping")
+        result = np.ones_like(logarithm)
+        if frequency is not None and damping is not None:
+            f = self.unknowns[frequency].parameter
+            h = self.unknowns[damping].parameter
+            omega = 2.0 * np.pi * f.value(points[:, frequency])[:, None]
+            ratio = h.value(points[:, damping])[:, None]
+            denominator = s**2 + 2.0 * ratio * omega * s + omega**2
+            result = result * (s**2 / denominator)[:, None]
+            by_omega = -(2.0 * ratio * s + 2.0 * omega) / denominator
+            by_frequency = 2.0 * np.pi * f.slopes(points[:, frequency])[:, None] * by_omega
+            by_damping = h.slopes(points[:, damping])[:, None] * (-2.0 * omega * s / denominator)
+            slopes[frequency] = np.broadcast_to(by_frequency[:, None], logarithm.shape)
+            slopes[damping] = np.broadcast_to(by_damping[:, None], logarithm.shape)
+        for column, unknown in enumerate(self.unknowns):
+            if unknown.quantity == "lag":
+                place = unknown.place
+                where = slice(None) if place is None else slice(place, place + 1)
+                lag = unknown.parameter.value(points[:, column])
+                logarithm[:, where] -= lag[:, None, None] * s
+                slope = np.zeros_like(logarithm)
+                slope[:, where] = -unknown.parameter.slopes(points[:, column])[:, None, None] * s
+                slopes[column] = slope
+        return result * np.exp(logarithm), slopes
+
+    def prior_distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distances (m, d) from the priors in standard deviations, and their slopes (m, d)."""
+        pairs = [u.parameter.prior_distance(points[:, i]) for i, u in enumerate(self.unknowns)]
+        distances, slopes = zip(*pairs, strict=True)
+        return np.stack(distances, axis=1), np.stack(slopes, axis=1)
 
     def at_bound(self, point: FloatArray) -> tuple[str, ...]:
-        """Names of the parameters that sit on a bound at one point (d,).
-
-        A viscosity of zero is physical (elastic ground), but it is named all the same.
-        """
-        return tuple(p.name for p, hit in zip(self.fitted, on_bound(point), strict=True) if hit)
-
-
-def parameter_space(
-    peak_modulus: float,
-    plate_radius: float,
-    density: float | None,
-    bedrock_depth: float | None,
-    elastic: bool,
-) -> ParameterSpace:
-    """The space for a drop: E always, eta unless elastic, rho and h0 where they are not given.
-
-    Parameters
-    ----------
-    peak_modulus : float, Pa, modulus by the peak method, the centre of the search
-    bedrock_depth : float, m; inf: half-space; None: fitted
-    """
-    modulus, viscosity, soil_density = soil_parameters(peak_modulus)
-    fitted = [modulus]
-    fixed: dict[str, float] = {}
-    if elastic:
-        fixed[VISCOSITY] = 0.0
-    else:
-        fitted.append(viscosity)
-    if density is None:
-        fitted.append(soil_density)
-    else:
-        fixed[DENSITY] = density
-    if bedrock_depth is None:
-        fitted.append(depth_parameter(plate_radius))
-    elif bedrock_depth > 0.0:
-        fixed[DEPTH] = bedrock_depth
-    else:
-        raise ModelError(f"bedrock depth: expected a value > 0 m or inf, got {bedrock_depth:g}")
-    return ParameterSpace(tuple(fitted), fixed)
+        """Names of the unknowns that lie on a bound at one point (d,), except bounds of nature."""
+        return tuple(
+            u.name
+            for u, hit in zip(self.unknowns, on_bound(point), strict=True)
+            if hit and not u.parameter.natural
+        )

@@ -14,13 +14,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.fitting.ground_fit import GroundFit, Minimum, allowed_cost
 from inversion.fitting.misfit import WeightedDrop
-from inversion.fitting.parameters import DEPTH, MODULUS
 from inversion.forward.laplace import FULL_BAND_HZ, DampedTransform
-from inversion.forward.model import transfer_function
 from inversion.measured.record import NoiseModel, PreparedDrop, native_rows
 
 # Two-sided 95 % of a normal distribution.
@@ -56,7 +55,9 @@ def estimate_uncertainty(fit: GroundFit) -> Uncertainty:
     values, slope = fit.misfit.linearise(point[None], np.arange(point.size))
     pseudo = np.linalg.pinv(slope[0], rcond=1e-9)
     random, model = _covariances(fit, pseudo, values[0])
-    steps = np.array([float(p.slopes(u)) for p, u in zip(space.fitted, point, strict=True)])
+    steps = np.array(
+        [float(p.parameter.slopes(u)) for p, u in zip(space.unknowns, point, strict=True)]
+    )
     model += fit.misfit.prior_covariance(pseudo)
     both = random + model
     spread = np.maximum(np.sqrt(np.diag(both)), 1e-30)
@@ -97,7 +98,7 @@ def _covariances(
 
 
 def sensor_noise(
-    drop: PreparedDrop, sensor: int, rows: FloatArray, weights: FloatArray, left: FloatArray
+    drop: PreparedDrop, sensor: int, rows: NDArray[np.intp], weights: FloatArray, left: FloatArray
 ) -> FloatArray:
     """Covariance (d, d) from a sensor's noise, for weights (d, n) on its displacement at ``rows``.
 
@@ -127,7 +128,7 @@ def sensor_noise(
 
 
 def _load_noise(
-    fit: GroundFit, item: WeightedDrop, rows: FloatArray, weights: FloatArray
+    fit: GroundFit, item: WeightedDrop, rows: NDArray[np.intp], weights: FloatArray
 ) -> FloatArray:
     """Noise of the load through the model, for weights (d, n_sensors, n) on the displacement."""
     drop = item.drop
@@ -135,14 +136,14 @@ def _load_noise(
         return np.zeros((weights.shape[0], weights.shape[0]))
     transform = DampedTransform(float(drop.time[rows[-1]]), min(FULL_BAND_HZ, 0.5 / drop.step))
     grounds = fit.misfit.space.grounds(fit.best.point[None])
-    transfer = transfer_function(item.surrogate, item.instrument, transform.s, grounds)[0]
-    transfer = transfer[-drop.offsets.size :] * item.instrument.response(transform.s)
+    transfer = fit.misfit.transfer.values(transform.s, grounds)[0]
+    transfer = transfer * item.instrument.response(transform.s)
     return load_noise_covariance(drop, rows, weights, transform, transfer)
 
 
 def load_noise_covariance(
     drop: PreparedDrop,
-    rows: FloatArray,
+    rows: NDArray[np.intp],
     weights: FloatArray,
     transform: DampedTransform,
     transfer: ComplexArray,
@@ -161,9 +162,9 @@ def load_noise_covariance(
 
 def _modulus_interval(fit: GroundFit, covariance: FloatArray) -> tuple[float, float]:
     space = fit.misfit.space
-    column = space.index(MODULUS)
+    column = space.index("modulus")
     assert column is not None
-    parameter = space.fitted[column]
+    parameter = space.unknowns[column].parameter
     reach = NORMAL_95 * float(np.sqrt(covariance[column, column]))
     unit_values = [m.point[column] for m in (fit.best, *_equivalent(fit))]
     # Nothing is claimed outside of what was searched.
@@ -176,10 +177,10 @@ def _depth_interval(
     fit: GroundFit, covariance: FloatArray
 ) -> tuple[tuple[float, float] | None, bool]:
     space = fit.misfit.space
-    column = space.index(DEPTH)
+    column = space.depth_column
     if column is None:
         return None, True
-    parameter = space.fitted[column]
+    parameter = space.unknowns[column].parameter
     reach = NORMAL_95 * float(np.sqrt(covariance[column, column]))
     own = float(fit.best.point[column])
     unit_values = [float(m.point[column]) for m in _equivalent(fit)]

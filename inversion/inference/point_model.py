@@ -14,7 +14,7 @@ from inversion.diagnosis.problem import Point
 from inversion.effects.base import DropContext, Effect, Ground, Values
 from inversion.effects.rebound import Rebound
 from inversion.fitting.coordinates import Coordinate
-from inversion.fitting.parameters import DENSITY_PRIOR, RELAXATION_PRIOR
+from inversion.fitting.ground_parameters import LOG_DENSITY_PRIOR, RELAXATION_PRIOR_S
 
 Name = tuple[str, str]
 """Effect ("": the ground) and coordinate."""
@@ -162,10 +162,10 @@ class PointModel:
         start = self._reference_modulus_ratio()
         soil = [Coordinate("modulus", start, _MODULUS_DEVIATION)]
         if not self.point.records.elastic:
-            relaxation = math.log(RELAXATION_PRIOR[0])
+            relaxation = math.log(RELAXATION_PRIOR_S[0])
             soil.append(Coordinate("relaxation", relaxation, _RELAXATION_DEVIATION))
         if self.point.records.records[0].density is None:
-            mean, deviation = DENSITY_PRIOR
+            mean, deviation = LOG_DENSITY_PRIOR
             reach = _DENSITY_DEVIATIONS * deviation
             soil.append(Coordinate("density", mean, deviation, mean - reach, mean + 0.75 * reach))
         return soil
@@ -235,7 +235,7 @@ class PointModel:
         relaxation = math.exp(soil["relaxation"]) if "relaxation" in soil else 0.0
         density = record.density
         if density is None:
-            density = math.exp(soil.get("density", DENSITY_PRIOR[0]))
+            density = math.exp(soil.get("density", LOG_DENSITY_PRIOR[0]))
         depth = record.bedrock_depth
         return Ground(
             modulus=modulus,

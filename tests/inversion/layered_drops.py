@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inversion import Instrument, Record, Sensor
-from inversion.fitting.layered.misfit import LayeredDrop
+from inversion.fitting.misfit import WeightedDrop
 from inversion.measured.record import Quantity, prepare
 from simulators.drop import Hammer, SimulatedDrop, simulate_drop
 from simulators.mesh import Ground, Layer, Plate
@@ -79,10 +79,10 @@ def recorded(
     return Record(time, load, motion, INSTRUMENT, POISSON_RATIO, density, rock_depth)
 
 
-def prepared(record: Record) -> LayeredDrop:
+def prepared(record: Record) -> WeightedDrop:
     """The drop as the inversion hands it to a layered fit."""
     drop = prepare(record)
-    return LayeredDrop.of(drop, record.instrument, drop.load, record.model_floor)
+    return WeightedDrop.of(drop, record.instrument, drop.load, record.model_floor)
 
 
 def changed(record: Record, sensor: int, factor: float) -> Record:

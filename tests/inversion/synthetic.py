@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from inversion import ForwardModel, Grounds, Instrument, PlateProblem, Record, Sensor
 from inversion import SurrogateLibrary as Library
 from inversion.fitting.ground_fit import GroundFit, Minimum
-from inversion.fitting.misfit import Misfit, WeightedDrop, model_floor
-from inversion.fitting.parameters import (
+from inversion.fitting.ground_parameters import (
     DENSITY,
     DEPTH,
     MODULUS,
     VISCOSITY,
-    ParameterSpace,
-    parameter_space,
+    homogeneous_space,
 )
+from inversion.fitting.misfit import Misfit, WeightedDrop
+from inversion.fitting.parameters import ParameterSpace
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.forward.surrogate import Surrogate
 from inversion.measured.record import Quantity, prepare
@@ -96,24 +96,30 @@ def record(library: Library, scene: Scene, depth: float = TRUTH[DEPTH]) -> Recor
 
 def weighted(library: Library, drop: Record) -> WeightedDrop:
     prepared = prepare(drop)
-    of_sensors = surrogate(library, tuple(sensor.offset for sensor in drop.sensors))
-    floor = model_floor(prepared, drop.model_floor)
-    return WeightedDrop(prepared, of_sensors, drop.instrument, prepared.load, floor)
+    return WeightedDrop.of(prepared, drop.instrument, prepared.load, drop.model_floor)
+
+
+def responses(library: Library, drop: WeightedDrop) -> Surrogate:
+    """The surrogate for the sensors of a drop."""
+    return surrogate(library, tuple(drop.drop.offsets.tolist()))
 
 
 def space(density: float | None = TRUTH[DENSITY], depth: float | None = None) -> ParameterSpace:
-    return parameter_space(40e6, RADIUS, density, depth, elastic=False)
+    return homogeneous_space(40e6, RADIUS, POISSON_RATIO, density=density, rock_depth=depth)
 
 
 def true_point(of: ParameterSpace) -> Array:
-    return np.array([p.unit_value(TRUTH[p.name]) for p in of.fitted])
+    return np.array([u.parameter.unit_value(TRUTH[u.name]) for u in of.unknowns])
 
 
 def fit_at_truth(
-    drops: tuple[WeightedDrop, ...], of: ParameterSpace, most_samples: int = 400
+    library: Library,
+    drops: tuple[WeightedDrop, ...],
+    of: ParameterSpace,
+    most_samples: int = 400,
 ) -> GroundFit:
     """A fit that came to rest at the truth, without other minima."""
-    misfit = Misfit(drops, of, FULL_BAND_HZ, most_samples)
+    misfit = Misfit(drops, of, responses(library, drops[0]), FULL_BAND_HZ, most_samples)
     point = true_point(of)
     best = Minimum(point, float(misfit.objective(point[None])[0]))
     return GroundFit(best, (), (), True, 1, misfit, drops)

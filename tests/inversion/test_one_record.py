@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from inversion import ForwardModel, Grounds, Instrument, SurrogateLibrary
-from inversion.fitting.parameters import DENSITY, DEPTH, MODULUS, VISCOSITY
+from inversion.fitting.ground_parameters import DENSITY, DEPTH, MODULUS, VISCOSITY
 from inversion.forward.laplace import FULL_BAND_HZ
 from tests.inversion.synthetic import RADIUS, STEP, TRUTH, Array, Scene, half_sine, surrogate
 

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from inversion.fitting.ground_parameters import layered_space
 from inversion.fitting.layered.fit import LayeredFit, Window, fit_layers
-from inversion.fitting.layered.misfit import LayeredDrop
 from inversion.fitting.layered.number import WORTH, information
-from inversion.fitting.layered.parameters import layered_space
+from inversion.fitting.misfit import WeightedDrop
 
 # Sensors at so many distances tell a layer between the top and the ground below.
 _MIDDLE_DISTANCES = 4
@@ -26,7 +26,7 @@ class FirstLook:
 
     Parameters
     ----------
-    drops : sequence of LayeredDrop
+    drops : sequence of WeightedDrop
     poisson_ratio : float
     density : float or None, kg/m3, where it is declared
     rock_depth : float or None, m, where it is declared; inf: none
@@ -36,7 +36,7 @@ class FirstLook:
 
     def __init__(
         self,
-        drops: Sequence[LayeredDrop],
+        drops: Sequence[WeightedDrop],
         poisson_ratio: float,
         density: float | None,
         rock_depth: float | None,
@@ -56,7 +56,7 @@ class FirstLook:
     @property
     def distances(self) -> int:
         """Number of distances of the sensors from the plate's centre."""
-        return self.drops[0].distances
+        return self.drops[0].n_distances
 
     @property
     def has_middle(self) -> bool:

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from inversion.arrays import FloatArray
 from inversion.fitting.ground_fit import Minimum
-from inversion.fitting.layered.misfit import LayeredDrop, LayeredMisfit
-from inversion.fitting.layered.parameters import LayeredSpace
-from inversion.forward.layered import LayeredPlateModel
+from inversion.fitting.misfit import Misfit, WeightedDrop
+from inversion.fitting.parameters import ParameterSpace
+from inversion.fitting.transfer import Plate
 from inversion.search.least_squares import BatchFit, fit_batch
 from inversion.search.multi_population import MultiPopulationSearch, SearchSettings
 
@@ -69,8 +69,8 @@ class LayeredFit:
     others : tuple of Minimum, further minima at the band of the search, best first
     converged : bool
     solves : int, forward solves, everything included
-    misfit, coarse : LayeredMisfit at the full band and at that of the search, same window
-    drops : tuple of LayeredDrop, with the window that was fitted
+    misfit, coarse : Misfit at the full band and at that of the search, same window
+    drops : tuple of WeightedDrop, with the window that was fitted
     level : float, mean square of the weighted residuals of the data, at least 1
     """
 
@@ -78,13 +78,13 @@ class LayeredFit:
     others: tuple[Minimum, ...]
     converged: bool
     solves: int
-    misfit: LayeredMisfit
-    coarse: LayeredMisfit
-    drops: tuple[LayeredDrop, ...]
+    misfit: Misfit
+    coarse: Misfit
+    drops: tuple[WeightedDrop, ...]
     level: float
 
     @property
-    def space(self) -> LayeredSpace:
+    def space(self) -> ParameterSpace:
         """Unknowns of the fit."""
         return self.misfit.space
 
@@ -97,15 +97,15 @@ class LayeredFit:
     @property
     def independent(self) -> float:
         """Number of independent errors in the data."""
-        return independent_errors(self.drops, self.misfit.sensors.size)
+        return self.misfit.n_independent
 
     @property
     def cost(self) -> float:
         """Mean square of the weighted residuals of the data at the best ground."""
-        return self.misfit.data_cost(self.best.point)
+        return float(self.misfit.data_cost(self.best.point[None])[0])
 
 
-def independent_errors(drops: Sequence[LayeredDrop], sensors: int) -> float:
+def independent_errors(drops: Sequence[WeightedDrop], sensors: int) -> float:
     """How many independent errors of the model the windows of all drops hold, all sensors."""
     total = 0.0
     for item in drops:
@@ -115,9 +115,9 @@ def independent_errors(drops: Sequence[LayeredDrop], sensors: int) -> float:
 
 
 def fit_layers(
-    drops: Sequence[LayeredDrop],
-    space: LayeredSpace,
-    plate: LayeredPlateModel,
+    drops: Sequence[WeightedDrop],
+    space: ParameterSpace,
+    plate: Plate,
     rng: np.random.Generator,
     *,
     genetic: bool = False,
@@ -134,7 +134,7 @@ def fit_layers(
     near : (d,) ndarray of float, one start instead of the sample
     window : what is fitted; None: what the model explains (see the module)
     """
-    longer = tuple(replace(item, drop=item.drop.with_tail()) for item in drops)
+    longer = tuple(item.with_tail(reweigh=False) for item in drops)
     if _same_window(drops, longer):
         window = "contact"
     contact = _Stage(longer if window == "whole" else tuple(drops), space, plate, sensors)
@@ -161,9 +161,9 @@ class _Stage:
 
     def __init__(
         self,
-        drops: tuple[LayeredDrop, ...],
-        space: LayeredSpace,
-        plate: LayeredPlateModel,
+        drops: tuple[WeightedDrop, ...],
+        space: ParameterSpace,
+        plate: Plate,
         sensors: Sequence[int] | None,
     ) -> None:
         self.drops = drops
@@ -171,16 +171,22 @@ class _Stage:
         self._space, self._plate, self._sensors = space, plate, sensors
         self.coarse = self._misfit(_SEARCH_BAND_CONTACTS, _SEARCH_SAMPLES)
 
-    def _misfit(self, band_contacts: float, samples: int) -> LayeredMisfit:
+    def _misfit(self, band_contacts: float, samples: int) -> Misfit:
         band = band_contacts / self._contact
-        return LayeredMisfit(
-            self.drops, self._space, self._plate, band, samples, sensors=self._sensors
+        count = self.drops[0].drop.offsets.size if self._sensors is None else len(self._sensors)
+        return Misfit(
+            self.drops,
+            self._space,
+            self._plate,
+            band,
+            samples,
+            n_independent=independent_errors(self.drops, count),
+            sensors=self._sensors,
         )
 
-    def _weigh_priors(self, misfit: LayeredMisfit, level: float) -> None:
+    def _weigh_priors(self, misfit: Misfit, level: float) -> None:
         """One standard deviation from a prior weighs as one of an independent error."""
-        independent = independent_errors(self.drops, misfit.sensors.size)
-        misfit.prior_weight = math.sqrt(max(1.0, level) * misfit.count / independent)
+        misfit.prior_level = max(1.0, level)
 
     def searched(self, starts: FloatArray) -> BatchFit:
         """Starts brought to their minima at the band of the search, best first."""
@@ -188,25 +194,25 @@ class _Stage:
         # Priors weigh by what is left; at first that is not known, and little is expected.
         self._weigh_priors(coarse, 100.0)
         first = fit_batch(coarse.linearise, starts, iterations=_FIRST_STEPS, tolerance=1e-3)
-        self._weigh_priors(coarse, coarse.data_cost(first.points[first.best]))
+        self._weigh_priors(coarse, float(coarse.data_cost(first.points[first.best][None])[0]))
         kept = _distinct(first.points, first.cost)[:_FOLLOWED]
         fit = fit_batch(
             coarse.linearise, first.points[kept], iterations=_FOLLOWED_STEPS, tolerance=1e-4
         )
-        self._weigh_priors(coarse, coarse.data_cost(fit.points[fit.best]))
+        self._weigh_priors(coarse, float(coarse.data_cost(fit.points[fit.best][None])[0]))
         order = np.argsort(fit.cost)
         return BatchFit(fit.points[order], fit.cost[order], fit.converged[order], fit.solves)
 
     def polished(self, found: BatchFit) -> LayeredFit:
         """The best minima at the full band."""
         fine = self._misfit(_FULL_BAND_CONTACTS, _FULL_SAMPLES)
-        self._weigh_priors(fine, self.coarse.data_cost(found.points[0]))
+        self._weigh_priors(fine, float(self.coarse.data_cost(found.points[:1])[0]))
         kept = _distinct(found.points, found.cost)[:_POLISHED]
         fit = fit_batch(
             fine.linearise, found.points[kept], iterations=_POLISH_STEPS, tolerance=1e-5
         )
         best = Minimum(fit.points[fit.best], float(fit.cost[fit.best]))
-        level = max(1.0, fine.data_cost(best.point))
+        level = max(1.0, float(fine.data_cost(best.point[None])[0]))
         self._weigh_priors(fine, level)
         self._weigh_priors(self.coarse, level)
         others = tuple(
@@ -226,8 +232,8 @@ class _Stage:
 
 
 def starting_points(
-    space: LayeredSpace,
-    item: LayeredDrop,
+    space: ParameterSpace,
+    item: WeightedDrop,
     rng: np.random.Generator,
     stage: _Stage | None = None,
 ) -> FloatArray:
@@ -253,7 +259,7 @@ def starting_points(
     return np.concatenate([found.candidates, starts])
 
 
-def _start_box(space: LayeredSpace, item: LayeredDrop) -> tuple[FloatArray, FloatArray]:
+def _start_box(space: ParameterSpace, item: WeightedDrop) -> tuple[FloatArray, FloatArray]:
     drop, a = item.drop, item.instrument.plate_radius
     offsets = np.abs(drop.offsets)
     centre, far = int(np.argmin(offsets)), int(np.argmax(offsets))
@@ -282,15 +288,15 @@ def _start_box(space: LayeredSpace, item: LayeredDrop) -> tuple[FloatArray, Floa
         elif unknown.quantity == "natural_frequency":
             limits = _NATURAL_FREQUENCY_HZ
         else:
-            assert unknown.prior is not None
-            centred = math.exp(unknown.prior[0]) if p.logarithmic else unknown.prior[0]
+            assert p.prior is not None
+            centred = math.exp(p.prior[0]) if p.logarithmic else p.prior[0]
             limits = (centred, centred)
         ends.append([p.unit_value(limits[0]), p.unit_value(limits[1])])
     box = np.array(ends)
     return box[:, 0], box[:, 1]
 
 
-def _same_window(before: Sequence[LayeredDrop], after: Sequence[LayeredDrop]) -> bool:
+def _same_window(before: Sequence[WeightedDrop], after: Sequence[WeightedDrop]) -> bool:
     pairs = zip(before, after, strict=True)
     return all(a.drop.window_end == b.drop.window_end for a, b in pairs)
 

@@ -16,14 +16,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inversion.arrays import FloatArray
 from inversion.fitting.layered.fit import CORRELATION_CONTACTS, LayeredFit
-from inversion.fitting.layered.misfit import LayeredDrop, LayeredMisfit
+from inversion.fitting.misfit import Misfit, WeightedDrop
 from inversion.fitting.parameters import on_bound
 from inversion.fitting.uncertainty import NORMAL_95, load_noise_covariance, sensor_noise
 from inversion.forward.laplace import DampedTransform
-from inversion.forward.layered import layered_transfer
 from inversion.measured.record import NoiseModel
 from inversion.search.least_squares import fit_batch
 
@@ -110,15 +110,14 @@ def _covariances(
             random += sensor_noise(item.drop, int(sensor), rows, weights, left)
             model += smooth.quadratic_form(weights) * item.model_floor[sensor] ** 2 * fit.level
         random += _load_noise(fit, item, misfit, rows, np.stack(on_displacement, axis=1))
-    priors = pseudo[:, misfit.count :] * misfit.prior_weight
-    return random, model + priors @ priors.T
+    return random, model + misfit.prior_covariance(pseudo)
 
 
 def _load_noise(
     fit: LayeredFit,
-    item: LayeredDrop,
-    misfit: LayeredMisfit,
-    rows: FloatArray,
+    item: WeightedDrop,
+    misfit: Misfit,
+    rows: NDArray[np.intp],
     weights: FloatArray,
 ) -> FloatArray:
     """Noise of the load through the model, for weights (d, n_sensors, n) on the displacement."""
@@ -127,9 +126,7 @@ def _load_noise(
         return np.zeros((weights.shape[0], weights.shape[0]))
     transform = DampedTransform(float(drop.time[rows[-1]]), misfit.transform.band)
     grounds = fit.space.grounds(fit.best.point[None])
-    transfer = layered_transfer(
-        misfit.setup, item.instrument.plate_mass, transform.s, grounds, misfit.rule
-    )[0]
+    transfer = misfit.transfer.values(transform.s, grounds)[0]
     response, _ = misfit.response(fit.best.point[None], transform.s)
     transfer = transfer * response[0] * item.instrument.response(transform.s)
     return load_noise_covariance(drop, rows, weights, transform, transfer)

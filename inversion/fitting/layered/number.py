@@ -16,7 +16,7 @@ import numpy as np
 
 from inversion.arrays import FloatArray
 from inversion.fitting.layered.fit import LayeredFit, fit_layers
-from inversion.fitting.layered.misfit import LayeredMisfit
+from inversion.fitting.misfit import Misfit
 
 # Mean square below which residuals are not told apart: the layered model is within a third of its
 # stated error of finite elements (docs/layers.md).
@@ -96,7 +96,7 @@ def left_out_errors(
 
 def _prediction_error(fit: LayeredFit, point: FloatArray, sensor: int) -> float:
     """Error of one sensor at a ground, over its own peak, rms over the window of the fit."""
-    judged = LayeredMisfit(
+    judged = Misfit(
         fit.drops,
         fit.space,
         fit.misfit.plate,

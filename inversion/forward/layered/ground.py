@@ -130,8 +130,8 @@ class LayeredGrounds:
             (h, (h > 0.0) & np.isfinite(h), "thickness", "finite values > 0 m"),
         ):
             # One value is enough for a message of one line.
-            wrong = values[~right]
-            _require(wrong.size == 0, name, expected, wrong[0] if wrong.size else None)
+            if not right.all():
+                _require(False, name, expected, values[~right][0])
 
     @classmethod
     def of(cls, grounds: Sequence[LayeredGround]) -> LayeredGrounds:

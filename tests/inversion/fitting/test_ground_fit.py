@@ -14,15 +14,9 @@ import pytest
 from inversion import SurrogateLibrary
 from inversion.fitting import ground_fit as module
 from inversion.fitting.ground_fit import GroundFit, Method, Minimum, allowed_cost, fit_ground
+from inversion.fitting.ground_parameters import DEPTH, MODULUS, VISCOSITY, homogeneous_space
 from inversion.fitting.misfit import Misfit, WeightedDrop
-from inversion.fitting.parameters import (
-    DENSITY,
-    DEPTH,
-    MODULUS,
-    VISCOSITY,
-    ParameterSpace,
-    parameter_space,
-)
+from inversion.fitting.parameters import ParameterSpace
 from inversion.fitting.uncertainty import estimate_uncertainty
 from inversion.measured.record import prepare
 from inversion.search.least_squares import fit_batch
@@ -32,6 +26,7 @@ from tests.inversion.synthetic import (
     Array,
     Scene,
     record,
+    responses,
     space,
     true_point,
     weighted,
@@ -68,15 +63,23 @@ def fitted(
     method: Method = "least-squares",
 ) -> GroundFit:
     drop = weighted(library, record(library, scene))
-    return fit_ground((drop,), of or space(density=None), method, np.random.default_rng(4))
+    return fit_ground(
+        (drop,),
+        of or space(density=None),
+        responses(library, drop),
+        method,
+        np.random.default_rng(4),
+    )
 
 
 def off(fit: GroundFit) -> dict[str, float]:
     """By how much each parameter is off, over the truth."""
     fitted_space = fit.misfit.space
     return {
-        name: float(fitted_space.values(name, fit.best.point[None])[0]) / TRUTH[name] - 1
-        for name in fitted_space.names
+        name: float(value) / TRUTH[name] - 1
+        for name, value in zip(
+            fitted_space.names, fitted_space.values(fit.best.point[None])[0], strict=True
+        )
     }
 
 
@@ -111,7 +114,13 @@ def test_a_tail_that_the_model_does_not_explain_is_left_out(
     library: SurrogateLibrary, counter: Counter
 ) -> None:
     item = disturbed(library, 0.05)
-    found = fit_ground((item,), space(density=None), "least-squares", np.random.default_rng(4))
+    found = fit_ground(
+        (item,),
+        space(density=None),
+        responses(library, item),
+        "least-squares",
+        np.random.default_rng(4),
+    )
     assert found.drops[0].drop.window_end == item.drop.window_end
     assert abs(off(found)[MODULUS]) < 0.01
     assert found.best.cost < 1.0
@@ -127,7 +136,13 @@ def test_several_drops_are_fitted_by_one_ground(
         weighted(library, record(library, replace(QUIET, seed=seed, peak=peak)))
         for seed, peak in ((1, 6000.0), (2, 9000.0))
     )
-    found = fit_ground(drops, space(density=None), "least-squares", np.random.default_rng(0))
+    found = fit_ground(
+        drops,
+        space(density=None),
+        responses(library, drops[0]),
+        "least-squares",
+        np.random.default_rng(0),
+    )
     assert abs(off(found)[MODULUS]) < 0.005
     assert len(found.drops) == 2
     assert found.solves == counter.solves
@@ -149,7 +164,11 @@ def test_the_genetic_search_comes_to_the_same(
 def test_ground_without_rock_is_found_without_it(library: SurrogateLibrary) -> None:
     drop = weighted(library, record(library, QUIET, depth=np.inf))
     found = fit_ground(
-        (drop,), space(density=None, depth=math.inf), "least-squares", np.random.default_rng(0)
+        (drop,),
+        space(density=None, depth=math.inf),
+        responses(library, drop),
+        "least-squares",
+        np.random.default_rng(0),
     )
     assert abs(off(found)[MODULUS]) < 0.005
     assert found.profile == ()
@@ -173,10 +192,12 @@ def log(monkeypatch: pytest.MonkeyPatch) -> Log:
     found = Log()
 
     class Logged(Misfit):
-        def __init__(self, drops, space, band, most_samples, single=False) -> None:
+        def __init__(
+            self, drops, space, plate, band, most_samples, single=False, **options
+        ) -> None:
             whole = all(item.drop.window_end == item.drop.tail_end for item in drops)
             found.misfits.append((band, most_samples, single, whole))
-            super().__init__(drops, space, band, most_samples, single)
+            super().__init__(drops, space, plate, band, most_samples, single=single, **options)
 
     def run(*arguments, **options):
         found.runs += 1
@@ -206,9 +227,11 @@ def disturbed(library: SurrogateLibrary, size: float, *, late: bool = True) -> W
 
 
 def test_a_hopeless_tail_is_given_up_before_the_polish(log: Log, library: SurrogateLibrary) -> None:
+    item = disturbed(library, 0.05)
     found = fit_ground(
-        (disturbed(library, 0.05),),
+        (item,),
         space(density=None),
+        responses(library, item),
         "least-squares",
         np.random.default_rng(4),
         priors=False,
@@ -233,7 +256,7 @@ def test_a_tail_is_kept_up_to_what_is_left_of_it(
 ) -> None:
     item = disturbed(library, size)
     of, rng = space(density=None), np.random.default_rng(4)
-    found = fit_ground((item,), of, "least-squares", rng, priors=False)
+    found = fit_ground((item,), of, responses(library, item), "least-squares", rng, priors=False)
     assert (WHOLE in log.misfits) == polished
     assert (FINE in log.misfits) != kept
     assert (found.drops[0].drop.window_end == item.drop.tail_end) == kept
@@ -245,7 +268,11 @@ def test_a_tail_is_kept_where_the_contact_fits_no_better(
 ) -> None:
     item = disturbed(library, 0.015, late=False)
     found = fit_ground(
-        (item,), space(depth=TRUTH[DEPTH]), "least-squares", np.random.default_rng(4)
+        (item,),
+        space(depth=TRUTH[DEPTH]),
+        responses(library, item),
+        "least-squares",
+        np.random.default_rng(4),
     )
     assert 2.25 < found.best.cost < 9.0
     assert found.drops[0].drop.window_end == item.drop.tail_end
@@ -257,7 +284,13 @@ def test_a_record_that_ends_with_its_window_is_fitted_once(
 ) -> None:
     drop = weighted(library, record(library, replace(QUIET, length=0.0182)))
     assert drop.drop.window_end == drop.drop.tail_end
-    fit_ground((drop,), space(depth=TRUTH[DEPTH]), "least-squares", np.random.default_rng(4))
+    fit_ground(
+        (drop,),
+        space(depth=TRUTH[DEPTH]),
+        responses(library, drop),
+        "least-squares",
+        np.random.default_rng(4),
+    )
     assert log.misfits == [(640.0, 64, False, True), WHOLE]
 
 
@@ -336,16 +369,16 @@ def test_two_starts_with_little_and_with_much_viscosity() -> None:
     # Around the modulus by the peak method, which is at 0.54 of the box.
     assert starts[:, 0] == pytest.approx(0.54, abs=0.2)
     assert 0.0 < starts[0, 1] < 0.5 * starts[1, 1] < 0.5
-    elastic = parameter_space(40e6, RADIUS, None, None, elastic=True)
+    elastic = homogeneous_space(40e6, RADIUS, 0.35, elastic=True)
     assert module._plain_starts(elastic)[:, 0] == pytest.approx(starts[:, 0])
 
 
 def test_a_profile_holds_its_depths_and_fits_the_rest(library: SurrogateLibrary) -> None:
     drop = weighted(library, record(library, QUIET))
     of = space(density=None)
-    misfit = Misfit((drop,), of, 640.0, 64)
+    misfit = Misfit((drop,), of, responses(library, drop), 640.0, 64)
     found = module._depth_profile(misfit, of)
-    column = of.index(DEPTH)
+    column = of.depth_column
     assert column is not None
     depths = [float(m.point[column]) for m in found]
     assert len(found) == 14
@@ -363,18 +396,18 @@ def test_a_profile_over_a_longer_window_keeps_what_can_come_near(
 ) -> None:
     drop = weighted(library, record(library, QUIET))
     of = space(density=None)
-    contact = Misfit((drop,), of, 640.0, 64)
+    contact = Misfit((drop,), of, responses(library, drop), 640.0, 64)
     profile = module._depth_profile(contact, of)
     start = GroundFit(profile[0], (), profile, False, 0, contact, (drop,))
     longer: WeightedDrop = replace(drop, drop=drop.drop.with_tail())
-    whole = Misfit((longer,), of, 640.0, 128)
+    whole = Misfit((longer,), of, responses(library, longer), 640.0, 128)
     found = module._profile_again(start, whole, best)
     assert len(found) >= kept
     assert len(found) <= 14
     share = contact.seconds / whole.seconds
     able = [m for m in profile if share * m.cost <= 4.0 * max(1.0, best)]
     assert len(found) <= len(able)
-    column = of.index(DEPTH)
+    column = of.depth_column
     assert column is not None
     depths = {round(float(m.point[column]), 6) for m in able}
     assert {round(float(m.point[column]), 6) for m in found} <= depths
@@ -394,7 +427,7 @@ class Straight:
         self.space = space(density=None)
 
     def linearise(self, points: Array, free: Array) -> tuple[Array, Array]:
-        column = self.space.index(DEPTH)
+        column = self.space.depth_column
         assert column is not None
         assert column not in free
         slope = np.zeros((len(points), 8, free.size))
@@ -459,13 +492,14 @@ def test_a_parameter_on_a_bound_is_held_inside_as_far_as_the_data_allow(
 ) -> None:
     """The ground is denser than any that is searched, so the density ends on its bound."""
     drop = record(library, Scene())
-    dense_space = parameter_space(40e6, RADIUS, None, TRUTH[DEPTH], elastic=False)
+    dense_space = homogeneous_space(40e6, RADIUS, 0.35, rock_depth=TRUTH[DEPTH])
     dense = replace(drop, load=1.6 * drop.load)
     rough = replace(dense, model_floor=0.02 * float(prepare(dense).peak_displacement[0]))
+    item = weighted(library, rough)
     fit = fit_ground(
-        (weighted(library, rough),), dense_space, "least-squares", np.random.default_rng(0)
+        (item,), dense_space, responses(library, item), "least-squares", np.random.default_rng(0)
     )
-    column = dense_space.index(DENSITY)
+    column = dense_space.index("density")
     assert column is not None
     assert fit.best.point[column] == pytest.approx(1.0, abs=1e-3)
     held = [minimum.point[column] for minimum in fit.off_bounds]

@@ -10,19 +10,19 @@ import pytest
 
 from inversion import InversionResult, Record, Settings, SurrogateLibrary, invert
 from inversion.fitting.ground_fit import allowed_cost, fit_ground
-from inversion.fitting.misfit import Misfit
-from inversion.fitting.parameters import (
+from inversion.fitting.ground_parameters import (
     DENSITY,
     DEPTH,
     MODULUS,
     VISCOSITY,
-    parameter_space,
+    homogeneous_space,
 )
+from inversion.fitting.misfit import Misfit
 from inversion.forward.model import Instrument
 from inversion.measured.record import Sensor
 from simulators.drop import DropSimulator, Hammer
 from simulators.mesh import Ground, Plate
-from tests.inversion.synthetic import Scene, record, space, weighted
+from tests.inversion.synthetic import Scene, record, responses, space, weighted
 
 MODULUS_PA = 30e6
 
@@ -87,7 +87,12 @@ def test_what_the_data_tell_is_not_bent(library: SurrogateLibrary) -> None:
     drop = weighted(library, record(library, Scene("velocity", 2e-4, 10.0, length=0.06, seed=2)))
     with_priors, without = (
         fit_ground(
-            (drop,), space(density=None), "least-squares", np.random.default_rng(4), priors=priors
+            (drop,),
+            space(density=None),
+            responses(library, drop),
+            "least-squares",
+            np.random.default_rng(4),
+            priors=priors,
         )
         for priors in (True, False)
     )
@@ -108,12 +113,12 @@ def test_a_declared_depth_knows_of_no_priors(
 
 def test_one_deviation_weighs_as_one_of_six_errors_a_drop(library: SurrogateLibrary) -> None:
     drop = weighted(library, record(library, Scene()))
-    of = parameter_space(45e6, 0.15, None, None, elastic=False)
+    of = homogeneous_space(45e6, 0.15, 0.35)
     points = np.array([[0.5, 0.1, 0.6, 0.4], [0.4, 0.3, 0.9, 0.1]])
     for count in (1, 2):
-        free = Misfit((drop,) * count, of, 640.0, 64)
-        held = Misfit((drop,) * count, of, 640.0, 64, prior_weight=2.5)
-        away = of.from_priors(points)[0]
+        free = Misfit((drop,) * count, of, responses(library, drop), 640.0, 64)
+        held = Misfit((drop,) * count, of, responses(library, drop), 640.0, 64, prior_level=2.5)
+        away = of.prior_distances(points)[0]
         expected = 2.5 * np.sum(away**2, axis=1) / (6.0 * count)
         samples = free.residual(points).shape[1]
         total = held.objective(points) * (samples + 4) / samples
@@ -123,8 +128,8 @@ def test_one_deviation_weighs_as_one_of_six_errors_a_drop(library: SurrogateLibr
 
 def test_slopes_of_priors_are_differences(library: SurrogateLibrary) -> None:
     drop = weighted(library, record(library, Scene()))
-    of = parameter_space(45e6, 0.15, None, None, elastic=False)
-    held = Misfit((drop,), of, 640.0, 64, prior_weight=2.5)
+    of = homogeneous_space(45e6, 0.15, 0.35)
+    held = Misfit((drop,), of, responses(library, drop), 640.0, 64, prior_level=2.5)
     here = np.array([[0.5, 0.1, 0.6, 0.4]])
     values, slopes = held.linearise(here, np.arange(4))
     for column in range(4):
@@ -136,13 +141,13 @@ def test_slopes_of_priors_are_differences(library: SurrogateLibrary) -> None:
 
 
 def test_what_nature_gives() -> None:
-    of = parameter_space(50e6, 0.15, None, None, elastic=False)
-    by_name = {p.name: p for p in of.fitted}
+    of = homogeneous_space(50e6, 0.15, 0.35)
+    by_name = {u.name: u.parameter for u in of.unknowns}
     assert by_name[MODULUS].prior is None
 
     def away(name: str, value: float) -> float:
         parameter = by_name[name]
-        return parameter.from_prior(parameter.unit_value(value))[0]
+        return float(parameter.prior_distance(parameter.unit_value(value))[0])
 
     assert away(DENSITY, 1900.0) == pytest.approx(0.0, abs=1e-9)
     assert away(DENSITY, 1900.0 * math.exp(0.12)) == pytest.approx(1.0)
@@ -155,7 +160,12 @@ def test_what_nature_gives() -> None:
 def test_grounds_fit_alike_up_to_six_of_chi_square(library: SurrogateLibrary) -> None:
     drop = weighted(library, record(library, Scene("velocity", 2e-4, 10.0, length=0.06, seed=2)))
     fit = fit_ground(
-        (drop, drop), space(density=None), "least-squares", np.random.default_rng(4), priors=False
+        (drop, drop),
+        space(density=None),
+        responses(library, drop),
+        "least-squares",
+        np.random.default_rng(4),
+        priors=False,
     )
     assert fit.best.cost < 1.0
     assert allowed_cost(fit) - fit.best.cost == pytest.approx(6.0 / 12.0)

@@ -1,40 +1,54 @@
-"""The box of the search and the ground that a point in it stands for."""
+"""Fitted numbers between bounds, their priors, and the grounds of a point of the unit box."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import FrozenInstanceError, replace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from inversion.errors import ModelError
-from inversion.fitting.parameters import (
-    DENSITY,
-    DEPTH,
-    MODULUS,
-    VISCOSITY,
-    Parameter,
-    ParameterSpace,
-    depth_parameter,
-    on_bound,
-    parameter_space,
-    soil_parameters,
-)
-from inversion.forward.surrogate import MIN_DEPTH_RADII
+from inversion.fitting.ground_parameters import homogeneous_space, layered_space
+from inversion.fitting.parameters import Parameter, ParameterSpace, on_bound
 
-RADIUS = 0.15
 PLAIN = Parameter("viscosity", "Pa s", 0.0, 4e5, logarithmic=False)
 LOGARITHMIC = Parameter("modulus", "Pa", 5e6, 3e8, logarithmic=True)
 SHIFTED = Parameter("delay", "s", 2e-3, 5e-3)
+RADIUS, POISSON_RATIO, SURFACE = 0.15, 0.35, 6.0e7
 
 
-def space(
-    density: float | None = None, bedrock_depth: float | None = None, elastic: bool = False
-) -> ParameterSpace:
-    return parameter_space(40e6, RADIUS, density, bedrock_depth, elastic)
+def space(media: int = 3, **options: Any) -> ParameterSpace:
+    return layered_space(media, SURFACE, RADIUS, POISSON_RATIO, **options)
+
+
+def one_medium(**options: Any) -> ParameterSpace:
+    return homogeneous_space(SURFACE, RADIUS, POISSON_RATIO, **options)
+
+
+# Every kind of unknown in at least one of them.
+SPACES: dict[str, ParameterSpace] = {
+    "no rock, one relaxation": space(rock_depth=math.inf),
+    "rock anywhere, own relaxation": space(own_relaxation=True),
+    "rock declared": space(rock_depth=1.4, own_relaxation=True),
+    "thickness given": space(thickness=(0.2, 0.4), rock_depth=1.4),
+    "elastic, density given": space(elastic=True, density=2000.0, rock_depth=math.inf),
+    "instrument": space(rock_depth=math.inf, geophone=True, lag=True),
+    "lags of sensors": space(rock_depth=math.inf, sensor_lags=(1, 2)),
+    "one medium": one_medium(),
+    "one medium, rock declared": one_medium(rock_depth=1.4, density=2000.0),
+    "one medium, elastic": one_medium(rock_depth=math.inf, elastic=True),
+}
+
+
+def points(of: ParameterSpace, seed: int = 0) -> np.ndarray:
+    return 0.2 + 0.6 * np.random.default_rng(seed).random((3, of.size))
+
+
+def unknown(of: ParameterSpace, name: str) -> Any:
+    return of.unknowns[of.names.index(name)]
 
 
 @pytest.mark.parametrize("parameter", [PLAIN, LOGARITHMIC, SHIFTED])
@@ -75,7 +89,7 @@ def test_a_prior_is_a_distance_in_its_standard_deviations(parameter: Parameter) 
         return ((math.log(value) if parameter.logarithmic else value) - centre) / deviation
 
     for unit in (0.2, 0.7):
-        away, slope = parameter.from_prior(unit)
+        away, slope = parameter.prior_distance(unit)
         assert away == pytest.approx(expected(unit), rel=1e-12)
         difference = (expected(unit + 1e-6) - expected(unit - 1e-6)) / 2e-6
         assert slope == pytest.approx(difference, rel=1e-6)
@@ -93,60 +107,6 @@ def test_values_outside_are_pulled_to_the_bounds() -> None:
 
 
 @pytest.mark.parametrize(
-    ("density", "bedrock_depth", "elastic", "names"),
-    [
-        (None, None, False, (MODULUS, VISCOSITY, DENSITY, DEPTH)),
-        (None, 1.0, False, (MODULUS, VISCOSITY, DENSITY)),
-        (2000.0, math.inf, False, (MODULUS, VISCOSITY)),
-        (2000.0, 1.0, True, (MODULUS,)),
-        (None, None, True, (MODULUS, DENSITY, DEPTH)),
-    ],
-)
-def test_what_is_not_given_is_fitted(
-    density: float | None, bedrock_depth: float | None, elastic: bool, names: tuple[str, ...]
-) -> None:
-    found = space(density, bedrock_depth, elastic)
-    assert found.names == names
-    every = {MODULUS, VISCOSITY, DENSITY, DEPTH}
-    assert set(found.names) | set(found.fixed) == every
-    assert not set(found.names) & set(found.fixed)
-
-
-def test_given_values_reach_the_grounds() -> None:
-    points = np.array([[0.2], [0.9]])
-    grounds = space(1950.0, 1.25, True).grounds(points)
-    assert grounds.density == pytest.approx([1950.0, 1950.0])
-    assert grounds.inverse_depth == pytest.approx([0.8, 0.8])
-    assert grounds.viscosity == pytest.approx([0.0, 0.0])
-    assert grounds.modulus[0] < 40e6 < grounds.modulus[1]
-    assert space(1950.0, math.inf, True).grounds(points).inverse_depth == pytest.approx([0, 0])
-
-
-def test_bounds_hold_the_grounds_of_the_field() -> None:
-    found = space()
-    low, high = found.grounds(np.zeros((1, 4))), found.grounds(np.ones((1, 4)))
-    # Inertia, viscosity and rock bend the peak method by less than a factor of three.
-    assert low.modulus < 40e6 / 3 < 40e6 * 3 < high.modulus
-    assert low.viscosity == 0
-    assert high.viscosity >= 3e5
-    assert low.density <= 1200 < 2600 <= high.density
-    assert MIN_DEPTH_RADII * RADIUS < 1 / low.inverse_depth[0] < 2 * RADIUS
-    assert 1 / high.inverse_depth[0] == pytest.approx(60 * RADIUS)
-
-
-def test_stiff_ground_may_be_as_viscous_for_its_modulus() -> None:
-    stiff = parameter_space(400e6, RADIUS, None, None, False)
-    high = stiff.grounds(np.ones((1, 4)))
-    assert high.viscosity[0] > space().grounds(np.ones((1, 4))).viscosity[0]
-
-
-def test_values_on_a_bound_are_named() -> None:
-    found = space()
-    assert found.at_bound(np.array([0.5, 0.0, 0.3, 0.99995])) == (VISCOSITY, DEPTH)
-    assert found.at_bound(np.full(4, 0.5)) == ()
-
-
-@pytest.mark.parametrize(
     ("unit_value", "hit"),
     [(0.0, True), (0.0005, True), (0.005, False), (0.995, False), (0.9995, True), (1.0, True)],
 )
@@ -154,59 +114,178 @@ def test_a_thousandth_of_the_range_is_on_the_bound(unit_value: float, hit: bool)
     assert on_bound(np.array([unit_value, 0.5])).tolist() == [hit, False]
 
 
-def test_soil_is_searched_around_the_peak_method() -> None:
-    modulus, viscosity, density = soil_parameters(50e6)
-    assert (modulus.lower, modulus.upper) == pytest.approx((6e6, 300e6))
-    assert (viscosity.lower, viscosity.upper) == pytest.approx((0.0, 6e5))
-    assert soil_parameters(10e6)[1].upper == pytest.approx(4e5)
-    assert (density.lower, density.upper, density.starts) == (1000.0, 2800.0, (1800.0,))
-    assert [p.logarithmic for p in (modulus, viscosity, density)] == [True, False, True]
-    assert [p.unit for p in (modulus, viscosity, density)] == ["Pa", "Pa s", "kg/m3"]
-
-
-def test_rock_is_searched_where_the_tables_reach() -> None:
-    depth = depth_parameter(0.2)
-    assert (depth.lower, depth.upper) == pytest.approx((1.001 * MIN_DEPTH_RADII * 0.2, 12.0))
-    assert depth.logarithmic
-    assert (depth.name, depth.unit) == (DEPTH, "m")
-
-
-@pytest.mark.parametrize("columns", [[0, 1, 2, 3], [3], [1, 3], [2, 0]])
-def test_slopes_of_the_ground_are_differences(columns: list[int]) -> None:
-    found = space()
-    points = np.array([[0.3, 0.2, 0.6, 0.4], [0.7, 0.5, 0.1, 0.9]])
-    names, slopes = found.ground_slopes(points, np.array(columns))
-    assert slopes.shape == (2, len(columns))
-    for number, column in enumerate(columns):
-        step = 1e-6 * np.eye(4)[column]
-        high, low = (
-            getattr(found.grounds(points + sign * step), names[number]) for sign in (1, -1)
-        )
-        assert slopes[:, number] == pytest.approx((high - low) / 2e-6, rel=1e-6)
-    assert [name == "inverse_depth" for name in names] == [c == 3 for c in columns]
-
-
-def test_names_and_columns() -> None:
-    found = space(density=2000.0)
-    assert found.index(DEPTH) == 2
-    assert found.index(DENSITY) is None
-    points = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
-    assert found.values(DENSITY, points) == pytest.approx([2000.0, 2000.0])
-    assert found.values(DEPTH, points) == pytest.approx(found.fitted[2].value(points[:, 2]))
-
-
-@pytest.mark.parametrize("depth", [0.0, -1.0, math.nan])
-def test_depth_must_be_positive(depth: float) -> None:
-    with pytest.raises(
-        ModelError, match=f"bedrock depth: expected a value > 0 m or inf.*{depth:g}"
-    ):
-        space(bedrock_depth=depth)
-
-
 def test_a_parameter_is_not_changed() -> None:
     with pytest.raises(FrozenInstanceError):
         PLAIN.lower = 1.0  # type: ignore[misc]
     with pytest.raises(FrozenInstanceError):
-        space().fixed = {}  # type: ignore[misc]
+        space().media = 2  # type: ignore[misc]
     assert not PLAIN.natural
     assert not Parameter("any", "-", 0.0, 1.0).logarithmic
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_values_and_points_are_inverse(name: str) -> None:
+    of = SPACES[name]
+    for point in points(of):
+        assert of.point(list(of.values(point[None])[0])) == pytest.approx(point, abs=1e-12)
+    low, high = of.values(np.zeros((1, of.size)))[0], of.values(np.ones((1, of.size)))[0]
+    assert low == pytest.approx([u.parameter.lower for u in of.unknowns])
+    assert high == pytest.approx([u.parameter.upper for u in of.unknowns])
+
+
+def test_values_reach_the_ground_they_name() -> None:
+    of = space(own_relaxation=True)
+    values = dict(
+        zip(of.names, of.values(points(of)[:1])[0], strict=True),
+    )
+    ground = of.grounds(points(of)[:1])
+    for j in range(3):
+        modulus = values[f"modulus_{j + 1}"]
+        assert ground.modulus[0, j] == pytest.approx(modulus)
+        assert ground.viscosity[0, j] == pytest.approx(modulus * values[f"relaxation_{j + 1}"])
+        assert ground.density[0, j] == pytest.approx(values[f"density_{j + 1}"])
+        assert ground.thickness[0, j] == pytest.approx(values[f"thickness_{j + 1}"])
+        assert ground.poisson_ratio[0, j] == POISSON_RATIO
+    assert ground.rock
+
+
+def test_one_relaxation_time_serves_all_media() -> None:
+    of = space(rock_depth=math.inf)
+    ground = of.grounds(points(of))
+    times = ground.viscosity / ground.modulus
+    assert times == pytest.approx(np.tile(times[:, :1], 3))
+    column = of.index("relaxation", 2)
+    assert column == of.index("relaxation", 0) == of.names.index("relaxation")
+    assert times[:, 0] == pytest.approx(of.values(points(of))[:, column])
+
+
+def test_given_values_reach_the_ground() -> None:
+    of = space(thickness=(0.2, 0.4), rock_depth=1.4, elastic=True, density=1950.0)
+    ground = of.grounds(points(of))
+    assert ground.thickness == pytest.approx(np.tile([0.2, 0.4, 0.8], (3, 1)))
+    assert np.all(ground.density == 1950.0)
+    assert np.all(ground.viscosity == 0.0)
+    without = space(rock_depth=math.inf).grounds(points(space(rock_depth=math.inf)))
+    assert np.all(np.isinf(without.thickness[:, -1]))
+    assert not without.rock
+
+
+def test_one_medium_is_a_ground_of_one_layer() -> None:
+    of = one_medium(density=1950.0, rock_depth=1.25)
+    ground = of.grounds(points(of))
+    assert ground.thickness == pytest.approx(np.full((3, 1), 1.25))
+    assert ground.rock
+    values = of.values(points(of))
+    assert ground.modulus[:, 0] == pytest.approx(values[:, 0])
+    assert ground.viscosity[:, 0] == pytest.approx(values[:, 1])
+    fitted_depth = one_medium()
+    assert fitted_depth.depth_column == fitted_depth.names.index("bedrock_depth")
+    assert of.depth_column is None
+
+
+@pytest.mark.parametrize("name", ["rock anywhere, own relaxation", "one medium"])
+def test_without_rock_the_lowest_medium_has_no_end(name: str) -> None:
+    of = SPACES[name]
+    bare = of.without_rock()
+    column = of.depth_column
+    assert column is not None
+    assert bare.names == tuple(np.delete(of.names, column))
+    place = points(of)
+    ground, expected = bare.grounds(np.delete(place, column, axis=1)), of.grounds(place)
+    assert not ground.rock
+    assert np.all(np.isinf(ground.thickness[:, -1]))
+    assert ground.modulus == pytest.approx(expected.modulus)
+    assert ground.density == pytest.approx(expected.density)
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_chain_holds_the_derivatives_of_the_ground(name: str) -> None:
+    of = SPACES[name]
+    place = points(of)
+    varied_media, derivatives = of.ground_slopes(place, of.grounds(place), np.arange(of.size))
+    chain = np.zeros((3, len(varied_media), of.size))
+    for column, changes in enumerate(derivatives):
+        for row, derivative in changes:
+            chain[:, row, column] = derivative
+    step = 1e-6
+    for column in range(of.size):
+        move = step * np.eye(of.size)[column]
+        high, low = of.grounds(place + move), of.grounds(place - move)
+        for row, varied in enumerate(varied_media):
+            ends = [getattr(g, varied.field)[:, varied.medium] for g in (high, low)]
+            expected = (ends[0] - ends[1]) / (2 * step)
+            assert chain[:, row, column] == pytest.approx(expected, rel=1e-6, abs=1e-7)
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_nothing_that_moves_is_missing_from_the_chain(name: str) -> None:
+    of = SPACES[name]
+    place = points(of)[:1]
+    varied, _ = of.ground_slopes(place, of.grounds(place), np.arange(of.size))
+    known = {(v.field, v.medium) for v in varied}
+    for column in range(of.size):
+        moved = place + 1e-3 * np.eye(of.size)[column]
+        before, after = of.grounds(place), of.grounds(moved)
+        for field in ("modulus", "viscosity", "density", "thickness"):
+            a, b = getattr(before, field)[0], getattr(after, field)[0]
+            for medium in np.flatnonzero((a != b) & np.isfinite(a)):
+                assert (field, int(medium)) in known
+    assert len(known) == len(varied)
+
+
+@pytest.mark.parametrize("name", ["instrument", "lags of sensors"])
+def test_slopes_of_the_response_are_logarithmic_derivatives(name: str) -> None:
+    of, s = SPACES[name], 30.0 + 2j * np.pi * np.array([5.0, 60.0, 300.0])
+    place, step = points(of), 1e-6
+    value, slopes = of.response(place, s, 4)
+    assert value.shape == (3, 4, 3)
+    assert set(slopes) == set(of.instrument_columns)
+    for column in range(of.size):
+        move = step * np.eye(of.size)[column]
+        high, low = of.response(place + move, s, 4)[0], of.response(place - move, s, 4)[0]
+        expected = (high - low) / (2 * step) / value
+        found = slopes.get(column, np.zeros_like(value))
+        assert np.broadcast_to(found, value.shape) == pytest.approx(expected, rel=1e-6, abs=1e-6)
+
+
+def test_the_response_is_that_of_a_geophone_and_a_delay() -> None:
+    of = space(1, rock_depth=math.inf, geophone=True, lag=True, sensor_lags=(1,))
+    wanted = {
+        "natural_frequency": 4.5,
+        "geophone_damping": 0.6,
+        "lag": 3e-4,
+        "lag_of_sensor_2": -2e-4,
+    }
+    values = dict(zip(of.names, of.values(np.full((1, of.size), 0.5))[0], strict=True)) | wanted
+    point = of.point([values[name] for name in of.names])
+    s = 20.0 + 2j * np.pi * np.array([3.0, 30.0])
+    omega = 2 * np.pi * 4.5
+    geophone = s**2 / (s**2 + 2 * 0.6 * omega * s + omega**2)
+    found, _ = of.response(point[None], s, 2)
+    assert found[0, 0] == pytest.approx(geophone * np.exp(-3e-4 * s), rel=1e-9)
+    assert found[0, 1] == pytest.approx(geophone * np.exp(-1e-4 * s), rel=1e-9)
+    plain = space(1, rock_depth=math.inf)
+    assert np.all(plain.response(points(plain), s, 2)[0] == 1.0)
+    assert plain.instrument_columns == ()
+
+
+def test_ends_of_nature_are_no_warning() -> None:
+    of = space(2, rock_depth=math.inf)
+    point = np.full(of.size, 0.5)
+    point[of.names.index("relaxation")] = 0.0
+    point[of.names.index("modulus_2")] = 1.0
+    assert of.at_bound(point) == ("modulus_2",)
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_slopes_of_the_priors_are_derivatives(name: str) -> None:
+    of = SPACES[name]
+    place, step = points(of), 1e-6
+    _, slopes = of.prior_distances(place)
+    for column in range(of.size):
+        move = step * np.eye(of.size)[column]
+        ends = [of.prior_distances(place + sign * move)[0] for sign in (1, -1)]
+        expected = (ends[0] - ends[1]) / (2 * step)
+        assert slopes[:, column] == pytest.approx(expected[:, column], rel=1e-6, abs=1e-6)
+        others = np.delete(expected, column, axis=1)
+        assert np.all(np.abs(others) < 1e-6)

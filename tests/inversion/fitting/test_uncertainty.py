@@ -11,8 +11,8 @@ from scipy.stats import chi2, norm
 
 from inversion import ForwardModel, Record, Sensor, SurrogateLibrary
 from inversion.fitting.ground_fit import GroundFit, Minimum
+from inversion.fitting.ground_parameters import DEPTH, MODULUS
 from inversion.fitting.misfit import WeightedDrop
-from inversion.fitting.parameters import DEPTH, MODULUS
 from inversion.fitting.uncertainty import Uncertainty, estimate_uncertainty
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.measured.record import Quantity, prepare
@@ -46,7 +46,8 @@ def on_parameters(fit: GroundFit) -> Array:
 def deviations(fit: GroundFit, covariance: Array) -> dict[str, float]:
     """Standard deviations in SI of a covariance of unit values."""
     slopes = [
-        float(p.slopes(u)) for p, u in zip(fit.misfit.space.fitted, fit.best.point, strict=True)
+        float(p.parameter.slopes(u))
+        for p, u in zip(fit.misfit.space.unknowns, fit.best.point, strict=True)
     ]
     found = np.sqrt(np.diag(covariance)) * slopes
     return dict(zip(fit.misfit.space.names, found, strict=True))
@@ -99,7 +100,7 @@ def test_noise_of_the_sensor_reaches_the_ground_sample_by_sample(
     library: SurrogateLibrary,
 ) -> None:
     drop = record(library, Scene(quantity, noise, offsets=offsets, length=0.04, seed=4))
-    fit = fit_at_truth((weighted(library, drop),), space(), most_samples)
+    fit = fit_at_truth(library, (weighted(library, drop),), space(), most_samples)
     stated = estimate_uncertainty(fit).standard_deviation
     expected = expected_of_sensors(fit, drop, mean_variance(fit))
     for name, value in expected.items():
@@ -117,7 +118,7 @@ def test_without_a_pre_trigger_the_roughness_of_the_residual_is_the_noise(
     ratios = []
     for seed in range(12):
         drop = record(library, Scene(quantity, noise, pre_trigger=0.0, length=0.03, seed=seed))
-        fit = fit_at_truth((weighted(library, drop),), space(), most_samples)
+        fit = fit_at_truth(library, (weighted(library, drop),), space(), most_samples)
         assert fit.drops[0].drop.channels[0].model.samples == 0
         if seed == 0:
             expected = expected_of_sensors(fit, drop, noise**2)
@@ -143,7 +144,7 @@ def test_noise_of_the_load_reaches_the_ground_through_the_model(
     scene: Scene, library: SurrogateLibrary
 ) -> None:
     drop = record(library, replace(scene, load_noise=LOAD_NOISE, seed=2))
-    fit = fit_at_truth((weighted(library, drop),), space())
+    fit = fit_at_truth(library, (weighted(library, drop),), space())
     (item,), (rows,) = fit.drops, fit.misfit.rows
     prepared = item.drop
     assert prepared.load_noise.rms == pytest.approx(LOAD_NOISE, rel=0.15)
@@ -152,7 +153,12 @@ def test_noise_of_the_load_reaches_the_ground_through_the_model(
         hat = np.zeros(prepared.time.size)
         hat[index] = 1.0
         model = ForwardModel(
-            item.surrogate, drop.instrument, prepared.time, hat, prepared.time[rows], FULL_BAND_HZ
+            fit.misfit.plate,
+            drop.instrument,
+            prepared.time,
+            hat,
+            prepared.time[rows],
+            FULL_BAND_HZ,
         )
         columns.append(model.displacement(grounds())[0, -len(scene.offsets) :].ravel())
     weights = on_parameters(fit) @ np.stack(columns, axis=1)
@@ -171,7 +177,7 @@ def test_a_load_without_a_pre_trigger_adds_nothing(
     offsets: tuple[float, ...], library: SurrogateLibrary
 ) -> None:
     quiet, noisy = (
-        fit_at_truth((weighted(library, record(library, scene)),), space())
+        fit_at_truth(library, (weighted(library, record(library, scene)),), space())
         for scene in (
             Scene(pre_trigger=0.0, offsets=offsets),
             Scene(pre_trigger=0.0, offsets=offsets, load_noise=1e-3),
@@ -187,7 +193,7 @@ def test_steps_of_the_converter_are_noise_of_their_own(library: SurrogateLibrary
     quantum = 2e-6
     values = quantum * np.round(drop.sensors[0].values / quantum)
     drop = replace(drop, sensors=(Sensor(0.0, "displacement", values),))
-    fit = fit_at_truth((weighted(library, drop),), space())
+    fit = fit_at_truth(library, (weighted(library, drop),), space())
     assert fit.drops[0].drop.quantisation == pytest.approx([quantum / np.sqrt(12)])
     weights = on_parameters(fit)
     expected = deviations(fit, quantum**2 / 12 * weights @ weights.T)
@@ -208,7 +214,7 @@ def of_model(fit: GroundFit) -> Array:
 def test_the_model_is_off_smoothly_over_a_third_of_the_contact(
     cost: float, library: SurrogateLibrary
 ) -> None:
-    fit = fit_at_truth((weighted(library, record(library, Scene())),), space())
+    fit = fit_at_truth(library, (weighted(library, record(library, Scene())),), space())
     fit = replace(fit, best=replace(fit.best, cost=cost))
     covariance = max(1.0, cost) * of_model(fit)
     stated = estimate_uncertainty(fit).model_deviation
@@ -217,7 +223,9 @@ def test_the_model_is_off_smoothly_over_a_third_of_the_contact(
 
 def test_two_alike_drops_halve_the_variance(library: SurrogateLibrary) -> None:
     drop = weighted(library, record(library, Scene("velocity", SPEED_NOISE, LOAD_NOISE)))
-    alone, both = (estimate_uncertainty(fit_at_truth((drop,) * count, space())) for count in (1, 2))
+    alone, both = (
+        estimate_uncertainty(fit_at_truth(library, (drop,) * count, space())) for count in (1, 2)
+    )
     for name, value in alone.standard_deviation.items():
         assert both.standard_deviation[name] == pytest.approx(value / np.sqrt(2), rel=1e-6)
         assert both.model_deviation[name] == pytest.approx(
@@ -231,7 +239,7 @@ def test_two_alike_drops_halve_the_variance(library: SurrogateLibrary) -> None:
 @pytest.fixture(scope="module")
 def fit(library: SurrogateLibrary) -> GroundFit:
     scene = Scene("velocity", SPEED_NOISE, LOAD_NOISE)
-    return fit_at_truth((weighted(library, record(library, scene)),), space(density=None))
+    return fit_at_truth(library, (weighted(library, record(library, scene)),), space(density=None))
 
 
 def reach(found: Uncertainty, name: str) -> float:
@@ -255,7 +263,8 @@ def test_correlation_is_that_of_both_parts(fit: GroundFit) -> None:
     assert found.correlation == pytest.approx(found.correlation.T)
     smooth = of_model(fit)
     steps = [
-        float(p.slopes(u)) for p, u in zip(fit.misfit.space.fitted, fit.best.point, strict=True)
+        float(p.parameter.slopes(u))
+        for p, u in zip(fit.misfit.space.unknowns, fit.best.point, strict=True)
     ]
     both = [
         np.hypot(found.standard_deviation[name], found.model_deviation[name]) / step
@@ -309,7 +318,7 @@ def test_whatever_fits_nearly_as_well_is_in_the_intervals(
             continue
         assert not found.depth_unique
         end, factor = (0, -1.0) if side < 0 else (1, 1.0)
-        parameters = fit.misfit.space.fitted
+        parameters = [u.parameter for u in fit.misfit.space.unknowns]
         for name, interval, before in (
             (MODULUS, found.modulus_interval, alone.modulus_interval),
             (DEPTH, found.depth_interval, alone.depth_interval),
@@ -323,7 +332,7 @@ def test_whatever_fits_nearly_as_well_is_in_the_intervals(
 
 def test_with_more_drops_less_passes_for_the_best(library: SurrogateLibrary) -> None:
     drop = weighted(library, record(library, Scene("velocity", SPEED_NOISE, LOAD_NOISE)))
-    both = fit_at_truth((drop, drop), space(density=None))
+    both = fit_at_truth(library, (drop, drop), space(density=None))
     both = replace(both, best=replace(both.best, cost=1.0))
     alone = estimate_uncertainty(both).modulus_interval
     for share, inside in ((0.99, True), (1.03, False)):
@@ -333,7 +342,7 @@ def test_with_more_drops_less_passes_for_the_best(library: SurrogateLibrary) -> 
 
 
 def test_nothing_is_claimed_outside_of_the_box(fit: GroundFit) -> None:
-    parameters = fit.misfit.space.fitted
+    parameters = [u.parameter for u in fit.misfit.space.unknowns]
     far = [Minimum(np.full(len(parameters), end), 0.0) for end in (0.0, 1.0)]
     found = estimate_uncertainty(replace(fit, others=tuple(far)))
     modulus, depth = (parameters[fit.misfit.space.names.index(n)] for n in (MODULUS, DEPTH))
@@ -354,9 +363,9 @@ def test_a_depth_is_unique_when_what_fits_is_near(
 
 def test_a_depth_that_may_be_anything_is_not_unique(library: SurrogateLibrary) -> None:
     scene = Scene("velocity", 1e-2)
-    deep = fit_at_truth((weighted(library, record(library, scene)),), space(density=None))
+    deep = fit_at_truth(library, (weighted(library, record(library, scene)),), space(density=None))
     found = estimate_uncertainty(deep)
-    (depth,) = (p for p in deep.misfit.space.fitted if p.name == DEPTH)
+    (depth,) = (u.parameter for u in deep.misfit.space.unknowns if u.name == DEPTH)
     assert reach(found, DEPTH) > 0.25 * np.log(depth.upper / depth.lower)
     assert not found.depth_unique
 
@@ -370,6 +379,6 @@ def test_what_is_stated_is_not_changed_and_is_itself_alone(fit: GroundFit) -> No
 
 def test_a_given_depth_has_no_interval(library: SurrogateLibrary) -> None:
     drop: WeightedDrop = weighted(library, record(library, Scene()))
-    found = estimate_uncertainty(fit_at_truth((drop,), space(depth=TRUTH[DEPTH])))
+    found = estimate_uncertainty(fit_at_truth(library, (drop,), space(depth=TRUTH[DEPTH])))
     assert found.depth_interval is None
     assert found.depth_unique

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from inversion.fitting.ground_fit import Minimum
+from inversion.fitting.ground_parameters import layered_space
 from inversion.fitting.layered import fit as module
 from inversion.fitting.layered.fit import (
     LayeredFit,
@@ -19,8 +20,8 @@ from inversion.fitting.layered.fit import (
     independent_errors,
     starting_points,
 )
-from inversion.fitting.layered.misfit import LayeredDrop
-from inversion.fitting.layered.parameters import LayeredSpace, layered_space
+from inversion.fitting.misfit import WeightedDrop
+from inversion.fitting.parameters import ParameterSpace
 from tests.inversion.layered_drops import (
     ALONE,
     DEPTH,
@@ -34,12 +35,14 @@ from tests.inversion.layered_drops import (
 )
 
 
-def space(media: int = 2, **options: Any) -> LayeredSpace:
+def space(media: int = 2, **options: Any) -> ParameterSpace:
     known = {"rock_depth": DEPTH, "own_relaxation": media > 1} | options
     return layered_space(media, 9e7, RADIUS, POISSON_RATIO, **known)
 
 
-def fitted(drops: Sequence[LayeredDrop], of: LayeredSpace, seed: int = 0, **how: Any) -> LayeredFit:
+def fitted(
+    drops: Sequence[WeightedDrop], of: ParameterSpace, seed: int = 0, **how: Any
+) -> LayeredFit:
     return fit_layers(drops, of, "rigid-rough", np.random.default_rng(seed), **how)
 
 
@@ -49,12 +52,12 @@ def values(fit: LayeredFit) -> dict[str, float]:
 
 
 @pytest.fixture(scope="module")
-def drop() -> LayeredDrop:
+def drop() -> WeightedDrop:
     return prepared(recorded())
 
 
 @pytest.fixture(scope="module")
-def fit(drop: LayeredDrop) -> LayeredFit:
+def fit(drop: WeightedDrop) -> LayeredFit:
     return fitted([drop], space())
 
 
@@ -81,12 +84,12 @@ def test_the_ground_of_finite_elements_is_found(fit: LayeredFit) -> None:
     assert fit.cost < 0.1
 
 
-def test_rock_is_found_where_it_is_not_declared(drop: LayeredDrop) -> None:
+def test_rock_is_found_where_it_is_not_declared(drop: WeightedDrop) -> None:
     found = fitted([drop], space(rock_depth=None))
     assert values(found)["thickness_2"] == pytest.approx(1.0, rel=0.01)
 
 
-def test_the_genetic_search_ends_in_the_same_ground(drop: LayeredDrop, fit: LayeredFit) -> None:
+def test_the_genetic_search_ends_in_the_same_ground(drop: WeightedDrop, fit: LayeredFit) -> None:
     found = fitted([drop], space(), genetic=True)
     is_the_ground_of_the_mesh(found)
     assert found.best.point == pytest.approx(fit.best.point, abs=1e-3)
@@ -95,7 +98,7 @@ def test_the_genetic_search_ends_in_the_same_ground(drop: LayeredDrop, fit: Laye
 
 
 def test_the_same_seed_gives_the_same_fit_and_another_seed_the_same_ground(
-    drop: LayeredDrop, fit: LayeredFit
+    drop: WeightedDrop, fit: LayeredFit
 ) -> None:
     again, other = fitted([drop], space()), fitted([drop], space(), seed=5)
     assert np.array_equal(again.best.point, fit.best.point)
@@ -121,7 +124,7 @@ def test_drops_of_a_point_have_one_ground(fit: LayeredFit) -> None:
     assert len(found.drops) == 3
 
 
-def test_a_start_that_is_given_is_the_only_one(drop: LayeredDrop, fit: LayeredFit) -> None:
+def test_a_start_that_is_given_is_the_only_one(drop: WeightedDrop, fit: LayeredFit) -> None:
     near = np.clip(fit.best.point + 0.02, 0.0, 1.0)
     found = fitted([drop], space(), near=near)
     is_the_ground_of_the_mesh(found)
@@ -144,7 +147,7 @@ def test_a_sensor_that_does_not_count_moves_nothing() -> None:
 # --- windows -------------------------------------------------------------------------------------
 
 
-def test_a_tail_that_the_model_does_not_explain_is_left_out(drop: LayeredDrop) -> None:
+def test_a_tail_that_the_model_does_not_explain_is_left_out(drop: WeightedDrop) -> None:
     """A second pulse of the ground that no load is measured for, from 20 ms on."""
     late = np.clip((drop.drop.time - 0.025) / 2e-3, 0.0, 1.0)
     moved = drop.drop.displacement + 0.05 * drop.drop.peak_displacement[:, None] * late
@@ -160,7 +163,7 @@ def test_a_tail_that_the_model_does_not_explain_is_left_out(drop: LayeredDrop) -
 
 
 @pytest.mark.parametrize("window", ["contact", "whole"])
-def test_a_window_that_is_asked_for_is_taken(window: Window, drop: LayeredDrop) -> None:
+def test_a_window_that_is_asked_for_is_taken(window: Window, drop: WeightedDrop) -> None:
     found = fitted([drop], space(), window=window)
     assert found.window == window
     end = drop.drop.contact_end if window == "contact" else drop.drop.tail_end
@@ -176,8 +179,8 @@ class _Costs:
     sensors: Any = None
     solves: int = 1
 
-    def data_cost(self, _: object) -> float:
-        return self.left
+    def data_cost(self, _: object) -> list[float]:
+        return [self.left]
 
 
 @pytest.mark.parametrize(
@@ -190,7 +193,7 @@ class _Costs:
     ],
 )
 def test_the_whole_record_counts_where_it_is_explained_as_the_contact_is(
-    whole: float, contact: float, window: str, drop: LayeredDrop, monkeypatch: pytest.MonkeyPatch
+    whole: float, contact: float, window: str, drop: WeightedDrop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Stage:
         def __init__(self, drops: Any, *_: Any) -> None:
@@ -221,7 +224,7 @@ def test_the_whole_record_counts_where_it_is_explained_as_the_contact_is(
     ],
 )
 def test_independent_errors(
-    contacts: tuple[float, ...], sensors: int, expected: float, drop: LayeredDrop
+    contacts: tuple[float, ...], sensors: int, expected: float, drop: WeightedDrop
 ) -> None:
     drops = [
         replace(drop, drop=replace(drop.drop, contact_end=0.012, window_end=0.012 * factor))
@@ -233,7 +236,7 @@ def test_independent_errors(
 # --- starts --------------------------------------------------------------------------------------
 
 
-def test_starts_lie_where_the_deflections_at_rest_allow(drop: LayeredDrop) -> None:
+def test_starts_lie_where_the_deflections_at_rest_allow(drop: WeightedDrop) -> None:
     of = space(3, rock_depth=None, lag=True, geophone=True)
     low, high = (of.values(end[None])[0] for end in module._start_box(of, drop))
     ends = {name: (low[i], high[i]) for i, name in enumerate(of.names)}
@@ -259,7 +262,7 @@ def test_starts_lie_where_the_deflections_at_rest_allow(drop: LayeredDrop) -> No
 
 @pytest.mark.parametrize(("place", "far"), [(0.22, False), (0.23, True)])
 def test_a_sensor_tells_of_what_is_below_from_one_and_a_half_radii_on(
-    place: float, far: bool, drop: LayeredDrop
+    place: float, far: bool, drop: WeightedDrop
 ) -> None:
     motion = replace(
         drop.drop,
@@ -274,7 +277,7 @@ def test_a_sensor_tells_of_what_is_below_from_one_and_a_half_radii_on(
     assert ratio == pytest.approx(expected if far else 1.0)
 
 
-def test_starts_fill_their_box(drop: LayeredDrop) -> None:
+def test_starts_fill_their_box(drop: WeightedDrop) -> None:
     of = space()
     found = starting_points(of, drop, np.random.default_rng(3))
     assert found.shape == (16, of.size)
@@ -286,7 +289,7 @@ def test_starts_fill_their_box(drop: LayeredDrop) -> None:
     assert np.all(np.floor(16 * share) == np.arange(16)[:, None])
 
 
-def test_bands_and_samples_follow_the_contact(fit: LayeredFit, drop: LayeredDrop) -> None:
+def test_bands_and_samples_follow_the_contact(fit: LayeredFit, drop: WeightedDrop) -> None:
     contact = drop.drop.contact_end
     assert fit.coarse.transform.band == pytest.approx(5.2 / contact)
     assert fit.misfit.transform.band == pytest.approx(12.8 / contact)
@@ -298,18 +301,18 @@ def test_bands_and_samples_follow_the_contact(fit: LayeredFit, drop: LayeredDrop
 
 
 def test_a_deviation_from_a_prior_weighs_as_an_independent_error(
-    fit: LayeredFit, drop: LayeredDrop
+    fit: LayeredFit, drop: WeightedDrop
 ) -> None:
     """The level is at least 1, however small the residual is."""
     assert fit.level == 1.0
     for misfit in (fit.misfit, fit.coarse):
-        assert misfit.prior_weight == pytest.approx(math.sqrt(misfit.count / fit.independent))
-    strict = replace(drop, scale=drop.scale / 40, model_floor=drop.model_floor / 40)
+        assert misfit.prior_scale == pytest.approx(math.sqrt(misfit.count / fit.independent))
+    strict = replace(drop, model_floor=drop.model_floor / 40)
     found = fitted([strict], space(), near=fit.best.point, window="whole")
     assert found.level == pytest.approx(found.cost, rel=1e-6)
     assert found.level > 2.0
     expected = math.sqrt(found.level * found.misfit.count / found.independent)
-    assert found.misfit.prior_weight == pytest.approx(expected)
+    assert found.misfit.prior_scale == pytest.approx(expected)
 
 
 def test_minima_close_to_each_other_are_one() -> None:

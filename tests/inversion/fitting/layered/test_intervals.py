@@ -12,6 +12,7 @@ import pytest
 from scipy.stats import chi2, norm
 
 from inversion.fitting.ground_fit import Minimum
+from inversion.fitting.ground_parameters import layered_space
 from inversion.fitting.layered import intervals as module
 from inversion.fitting.layered.fit import LayeredFit, fit_layers
 from inversion.fitting.layered.intervals import (
@@ -19,7 +20,7 @@ from inversion.fitting.layered.intervals import (
     LayeredUncertainty,
     layered_uncertainty,
 )
-from inversion.fitting.layered.parameters import LayeredSpace, layered_space
+from inversion.fitting.parameters import ParameterSpace
 from simulators.mesh import Ground
 from tests.inversion.layered_drops import (
     DEPTH,
@@ -31,12 +32,12 @@ from tests.inversion.layered_drops import (
 )
 
 
-def space(media: int = 2, **options: Any) -> LayeredSpace:
+def space(media: int = 2, **options: Any) -> ParameterSpace:
     known = {"rock_depth": DEPTH, "own_relaxation": media > 1} | options
     return layered_space(media, 9e7, RADIUS, POISSON_RATIO, **known)
 
 
-def fitted(of: LayeredSpace, near: Array | None = None, **how: Any) -> LayeredFit:
+def fitted(of: ParameterSpace, near: Array | None = None, **how: Any) -> LayeredFit:
     drops = [prepared(recorded(**how))]
     return fit_layers(drops, of, "rigid-rough", np.random.default_rng(0), near=near, window="whole")
 
@@ -102,7 +103,7 @@ def test_the_covariance_of_model_and_priors_by_hand() -> None:
     for part, scale, floor in zip(parts, item.scale, item.model_floor, strict=True):
         expected += fit.level * (floor / scale) ** 2 * part @ smooth @ part.T
     of_priors = pseudo[:, fit.misfit.count :]
-    expected += fit.misfit.prior_weight**2 * of_priors @ of_priors.T
+    expected += fit.misfit.prior_scale**2 * of_priors @ of_priors.T
     assert found.whole_deviation == pytest.approx(np.sqrt(np.diag(expected)), rel=0.02)
     spread = np.sqrt(np.diag(expected))
     assert found.correlation == pytest.approx(expected / np.outer(spread, spread), abs=0.02)
@@ -171,7 +172,7 @@ def test_what_a_record_does_not_feel_has_the_deviation_of_its_prior(
         else (parameter.upper - parameter.lower)
     )
     assert found.whole_deviation[column] * size == pytest.approx(prior, rel=0.02)
-    centre = of.unknowns[column].prior
+    centre = of.unknowns[column].parameter.prior
     assert centre is not None
     at = float(parameter.value(fit.best.point[column]))
     expected = math.exp(centre[0]) if parameter.logarithmic else centre[0]
@@ -216,8 +217,8 @@ def test_intervals_widen_with_what_is_left(factor: float) -> None:
     fit = fitted(space())
     before = layered_uncertainty(fit)
     root = math.sqrt(factor)
-    fit.misfit.prior_weight *= root
-    fit.coarse.prior_weight *= root
+    fit.misfit.prior_level *= factor
+    fit.coarse.prior_level *= factor
     after = layered_uncertainty(replace(fit, level=factor * fit.level))
     well_known = fit.space.names.index("modulus_2")
     ratio = after.whole_deviation[well_known] / before.whole_deviation[well_known]
@@ -281,7 +282,7 @@ def test_what_is_known_to_a_fiftieth_needs_no_profile(factor: float, solves: boo
 
     def at(level: float) -> LayeredUncertainty:
         for misfit in (fit.misfit, fit.coarse):
-            misfit.prior_weight = math.sqrt(level * misfit.count / fit.independent)
+            misfit.prior_level = level
         return layered_uncertainty(replace(fit, level=level, others=()))
 
     size = math.log(parameter.upper / parameter.lower)

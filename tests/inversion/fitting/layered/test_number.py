@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from inversion.fitting.ground_fit import Minimum
+from inversion.fitting.ground_parameters import layered_space
 from inversion.fitting.layered.fit import LayeredFit, fit_layers
-from inversion.fitting.layered.misfit import LayeredMisfit
 from inversion.fitting.layered.number import (
     Considered,
     information,
@@ -19,7 +19,8 @@ from inversion.fitting.layered.number import (
     left_out_errors,
     most_layers,
 )
-from inversion.fitting.layered.parameters import LayeredSpace, layered_space
+from inversion.fitting.misfit import Misfit
+from inversion.fitting.parameters import ParameterSpace
 from tests.inversion.layered_drops import (
     DEPTH,
     POISSON_RATIO,
@@ -30,7 +31,7 @@ from tests.inversion.layered_drops import (
 )
 
 
-def space(media: int = 2) -> LayeredSpace:
+def space(media: int = 2) -> ParameterSpace:
     return layered_space(
         media, 9e7, RADIUS, POISSON_RATIO, rock_depth=DEPTH, own_relaxation=media > 1
     )
@@ -51,16 +52,17 @@ class _Left:
     """Stands for a misfit whose data leave a mean square."""
 
     left: float
-    space: LayeredSpace
+    space: ParameterSpace
     sensors: Any
+    n_independent: float
 
-    def data_cost(self, _: object) -> float:
-        return self.left
+    def data_cost(self, _: object) -> list[float]:
+        return [self.left]
 
 
 def with_cost(fit: LayeredFit, cost: float, media: int = 2) -> LayeredFit:
     of = space(media)
-    misfit: Any = _Left(cost, of, fit.misfit.sensors)
+    misfit: Any = _Left(cost, of, fit.misfit.sensors, fit.misfit.n_independent)
     return replace(fit, best=Minimum(np.zeros(of.size), cost), misfit=misfit)
 
 
@@ -131,7 +133,7 @@ def test_a_left_out_sensor_is_predicted_by_the_ground_of_the_others(fit: Layered
             window="whole",
         )
         (item,) = fit.drops
-        judged = LayeredMisfit(
+        judged = Misfit(
             [item], fit.space, "rigid-rough", fit.misfit.transform.band, fit.misfit.rows[0].size
         )
         predicted = judged.predicted(without.best.point[None])[0][0, sensor]
@@ -170,7 +172,7 @@ def test_at_most_four_sensors_are_left_out_spread_over_the_offsets(
 
     monkeypatch.setattr(module, "fit_layers", without)
     monkeypatch.setattr(module, "_prediction_error", lambda *_: 0.0)
-    misfit: Any = _Left(1.0, fit.space, np.arange(count))
+    misfit: Any = _Left(1.0, fit.space, np.arange(count), 1.0)
     misfit.__dict__["plate"] = "rigid-rough"
     short = replace(fit, misfit=misfit)
     assert left_out_errors(short, np.random.default_rng(0)).size == len(expected)

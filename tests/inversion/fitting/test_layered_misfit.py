@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from inversion import Instrument
-from inversion.fitting.layered.misfit import LayeredDrop, LayeredMisfit
-from inversion.fitting.layered.parameters import LayeredSpace, layered_space
-from inversion.fitting.misfit import model_floor
+from inversion.fitting.ground_parameters import layered_space
+from inversion.fitting.misfit import Misfit, WeightedDrop, model_floor
+from inversion.fitting.parameters import ParameterSpace
 from inversion.forward.layered import CONVERGED
 from tests.inversion.differences import by_differences
 from tests.inversion.layered_drops import (
@@ -27,32 +27,33 @@ from tests.inversion.layered_drops import (
 )
 
 BAND = 800.0
+INDEPENDENT = 7.0
 
 
 @pytest.fixture(scope="module")
-def drop() -> LayeredDrop:
+def drop() -> WeightedDrop:
     return prepared(recorded())
 
 
 @pytest.mark.parametrize("granted", [None, 3e-6])
 def test_errors_of_noise_steps_and_model_add_as_squares(
-    drop: LayeredDrop, granted: float | None
+    drop: WeightedDrop, granted: float | None
 ) -> None:
     measured = replace(
         drop.drop,
         noise=np.full_like(drop.scale, 3e-6),
         quantisation=np.full_like(drop.scale, 4e-6),
     )
-    made = LayeredDrop.of(measured, drop.instrument, drop.model_load, granted)
+    made = WeightedDrop.of(measured, drop.instrument, drop.model_load, granted)
     assert made.model_floor == pytest.approx(model_floor(measured, granted))
     assert made.scale == pytest.approx(np.hypot(5e-6, made.model_floor), rel=1e-12)
 
 
-def space(**options: Any) -> LayeredSpace:
+def space(**options: Any) -> ParameterSpace:
     return layered_space(2, 6e7, RADIUS, POISSON_RATIO, **({"rock_depth": DEPTH} | options))
 
 
-def truth(of: LayeredSpace) -> Array:
+def truth(of: ParameterSpace) -> Array:
     """The point at the ground of the finite elements."""
     upper, lower = TWO.layers
     values = {
@@ -73,19 +74,19 @@ def truth(of: LayeredSpace) -> Array:
     return of.point([values[name] for name in of.names])
 
 
-def test_residuals_at_the_truth_are_what_the_mesh_leaves(drop: LayeredDrop) -> None:
+def test_residuals_at_the_truth_are_what_the_mesh_leaves(drop: WeightedDrop) -> None:
     """The model's stated error is 0.35 % of the peak; the mesh is good to a tenth of a percent."""
     of = space(own_relaxation=True)
-    misfit = LayeredMisfit([drop], of, "rigid-rough", BAND, 200)
-    assert misfit.data_cost(truth(of)) < 0.15
+    misfit = Misfit([drop], of, "rigid-rough", BAND, 200)
+    assert misfit.data_cost(truth(of)[None])[0] < 0.15
     wrong = truth(of)
     wrong[of.names.index("modulus_2")] += math.log(1.05) / math.log(3e10 / 1e6)
-    assert misfit.data_cost(wrong) > 4.0
+    assert misfit.data_cost(wrong[None])[0] > 4.0
 
 
-def test_a_residual_is_predicted_less_observed_over_the_scale(drop: LayeredDrop) -> None:
+def test_a_residual_is_predicted_less_observed_over_the_scale(drop: WeightedDrop) -> None:
     of = space(own_relaxation=True)
-    misfit = LayeredMisfit([drop], of, "rigid-rough", BAND, 50)
+    misfit = Misfit([drop], of, "rigid-rough", BAND, 50)
     point = truth(of)[None]
     (predicted,) = misfit.predicted(point)
     (rows,) = misfit.rows
@@ -109,10 +110,10 @@ KINDS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_derivatives_are_central_differences(name: str, drop: LayeredDrop) -> None:
+def test_derivatives_are_central_differences(name: str, drop: WeightedDrop) -> None:
     """By the converged rule: the fast one's derivatives are good to 0.6 % (docs/layers.md)."""
     of = space(**KINDS[name])
-    misfit = LayeredMisfit([drop], of, "rigid-rough", 400.0, 40, 2.0, rule=CONVERGED)
+    misfit = Misfit([drop], of, "rigid-rough", 400.0, 40, prior_level=2.0, rule=CONVERGED)
     place, free = truth(of)[None], np.arange(of.size)
     values, slopes = misfit.linearise(place, free)
     expected_values, expected = by_differences(misfit.residual)(place, free)
@@ -126,9 +127,9 @@ def test_derivatives_are_central_differences(name: str, drop: LayeredDrop) -> No
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_derivatives_of_the_fast_rule(name: str, drop: LayeredDrop) -> None:
+def test_derivatives_of_the_fast_rule(name: str, drop: WeightedDrop) -> None:
     of = space(**KINDS[name])
-    misfit = LayeredMisfit([drop], of, "rigid-rough", BAND, 40)
+    misfit = Misfit([drop], of, "rigid-rough", BAND, 40)
     place, free = truth(of)[None], np.arange(of.size)
     slopes = misfit.linearise(place, free)[1]
     expected = by_differences(misfit.residual)(place, free)[1]
@@ -136,9 +137,9 @@ def test_derivatives_of_the_fast_rule(name: str, drop: LayeredDrop) -> None:
     assert np.all(np.abs(slopes - expected).max(axis=1) <= 0.01 * size + 1e-12)
 
 
-def test_derivatives_by_some_unknowns_are_those_of_all(drop: LayeredDrop) -> None:
+def test_derivatives_by_some_unknowns_are_those_of_all(drop: WeightedDrop) -> None:
     of = space(own_relaxation=True, lag=True, geophone=True)
-    misfit = LayeredMisfit([drop], of, "rigid-rough", BAND, 40, 1.0)
+    misfit = Misfit([drop], of, "rigid-rough", BAND, 40, prior_level=1.0)
     place = truth(of)[None]
     every = misfit.linearise(place, np.arange(of.size))[1]
     for free in ([0], [1, 3, of.size - 1], [of.names.index("lag"), 2]):
@@ -146,9 +147,9 @@ def test_derivatives_by_some_unknowns_are_those_of_all(drop: LayeredDrop) -> Non
         assert some == pytest.approx(every[:, :, free])
 
 
-def test_a_batch_is_its_members(drop: LayeredDrop) -> None:
+def test_a_batch_is_its_members(drop: WeightedDrop) -> None:
     of = space(own_relaxation=True, lag=True)
-    misfit = LayeredMisfit([drop], of, "rigid-rough", 400.0, 40, 1.0, rule=CONVERGED)
+    misfit = Misfit([drop], of, "rigid-rough", 400.0, 40, prior_level=1.0, rule=CONVERGED)
     places = np.clip(truth(of) + 0.05 * np.array([[-1.0], [0.0], [1.0]]), 0.0, 1.0)
     values, slopes = misfit.linearise(places, np.arange(of.size))
     costs = misfit.objective(places)
@@ -161,30 +162,35 @@ def test_a_batch_is_its_members(drop: LayeredDrop) -> None:
 
 
 @pytest.mark.parametrize("weight", [0.0, 0.5, 3.0])
-def test_priors_stand_behind_the_data_with_their_weight(weight: float, drop: LayeredDrop) -> None:
+def test_priors_stand_behind_the_data_with_their_weight(weight: float, drop: WeightedDrop) -> None:
     of = space(own_relaxation=True)
-    misfit = LayeredMisfit([drop], of, "rigid-rough", BAND, 40, weight)
+    misfit = Misfit(
+        [drop], of, "rigid-rough", BAND, 40, prior_level=weight**2, n_independent=INDEPENDENT
+    )
+    weight = weight * math.sqrt(misfit.count / INDEPENDENT)
     place = np.full((1, of.size), 0.45)
-    left, slope = of.prior_residuals(place)
+    left, slope = of.prior_distances(place)
     residual = misfit.residual(place)
-    assert residual.shape[1] == misfit.count + of.size
-    assert residual[0, misfit.count :] == pytest.approx(weight * left[0])
+    assert residual.shape[1] == misfit.count + (of.size if weight else 0)
+    assert residual[0, misfit.count :] == pytest.approx(weight * left[0] if weight else [])
     values, slopes = misfit.linearise(place, np.arange(of.size))
     assert values == pytest.approx(residual)
-    assert slopes[0, misfit.count :] == pytest.approx(np.diag(weight * slope))
-    assert misfit.data_cost(place[0]) == pytest.approx(np.mean(residual[0, : misfit.count] ** 2))
+    assert slopes[0, misfit.count :] == pytest.approx(
+        np.diag(weight * slope[0]) if weight else np.zeros((0, of.size))
+    )
+    assert misfit.data_cost(place)[0] == pytest.approx(np.mean(residual[0, : misfit.count] ** 2))
     assert misfit.objective(place)[0] == pytest.approx(np.mean(residual[0] ** 2))
 
 
-def test_drops_share_the_ground(drop: LayeredDrop) -> None:
+def test_drops_share_the_ground(drop: WeightedDrop) -> None:
     of = space(own_relaxation=True)
     twice = replace(
         drop,
         drop=replace(drop.drop, displacement=2 * drop.drop.displacement),
         model_load=2 * drop.model_load,
     )
-    alone = LayeredMisfit([drop], of, "rigid-rough", BAND, 40)
-    both = LayeredMisfit([drop, twice], of, "rigid-rough", BAND, 40)
+    alone = Misfit([drop], of, "rigid-rough", BAND, 40)
+    both = Misfit([drop, twice], of, "rigid-rough", BAND, 40)
     point = truth(of)
     first = alone.residual(point[None])[0, : alone.count]
     found = both.residual(point[None])[0, : both.count]
@@ -193,23 +199,23 @@ def test_drops_share_the_ground(drop: LayeredDrop) -> None:
     assert both.solves == 1
 
 
-def test_sensors_that_do_not_count_are_left_out(drop: LayeredDrop) -> None:
+def test_sensors_that_do_not_count_are_left_out(drop: WeightedDrop) -> None:
     of = space(own_relaxation=True)
-    every = LayeredMisfit([drop], of, "rigid-rough", BAND, 40)
-    some = LayeredMisfit([drop], of, "rigid-rough", BAND, 40, sensors=[0, 2])
+    every = Misfit([drop], of, "rigid-rough", BAND, 40)
+    some = Misfit([drop], of, "rigid-rough", BAND, 40, sensors=[0, 2])
     point = truth(of)[None]
     whole = every.residual(point)[0, : every.count].reshape(len(OFFSETS), -1)
     left = some.residual(point)[0, : some.count].reshape(2, -1)
     assert left == pytest.approx(whole[[0, 2]], abs=0.02)
-    assert some.setup.offsets == (0.0, 0.6)
+    assert some.transfer.setup.offsets == (0.0, 0.6)
 
 
-def test_the_lag_of_a_sensor_stays_with_it_when_others_are_left_out(drop: LayeredDrop) -> None:
+def test_the_lag_of_a_sensor_stays_with_it_when_others_are_left_out(drop: WeightedDrop) -> None:
     of = space(sensor_lags=(2,))
     point = truth_with_lag(of)
-    every = LayeredMisfit([drop], of, "rigid-rough", BAND, 40).predicted(point)[0][0]
+    every = Misfit([drop], of, "rigid-rough", BAND, 40).predicted(point)[0][0]
     for sensors in ([0, 2], [2, 3], [0, 1]):
-        some = LayeredMisfit([drop], of, "rigid-rough", BAND, 40, sensors=sensors)
+        some = Misfit([drop], of, "rigid-rough", BAND, 40, sensors=sensors)
         found = some.predicted(point)[0][0]
         assert found == pytest.approx(every[sensors], abs=1e-3 * np.abs(every).max())
         slopes = some.linearise(point, np.arange(of.size))[1][0, : some.count]
@@ -218,14 +224,14 @@ def test_the_lag_of_a_sensor_stays_with_it_when_others_are_left_out(drop: Layere
             assert (np.abs(slope).max() > 0.0) == (sensor == 2)
 
 
-def truth_with_lag(of: LayeredSpace) -> Array:
+def truth_with_lag(of: ParameterSpace) -> Array:
     values = dict(zip(of.names, of.values(np.full((1, of.size), 0.4))[0], strict=True))
     return of.point([*(values | {"lag_of_sensor_3": 2e-3}).values()])[None]
 
 
-def test_samples_are_an_even_stride_that_ends_with_the_window(drop: LayeredDrop) -> None:
+def test_samples_are_an_even_stride_that_ends_with_the_window(drop: WeightedDrop) -> None:
     for most in (10, 33, 1000):
-        (rows,) = LayeredMisfit([drop], space(), "rigid-rough", BAND, most).rows
+        (rows,) = Misfit([drop], space(), "rigid-rough", BAND, most).rows
         assert rows.size <= most
         assert np.unique(np.diff(rows)).size == 1
         window = drop.drop.window
@@ -234,18 +240,18 @@ def test_samples_are_an_even_stride_that_ends_with_the_window(drop: LayeredDrop)
         assert rows[0] - window.start < rows[1] - rows[0]
 
 
-def test_no_more_of_the_band_than_samples_and_filter_hold(drop: LayeredDrop) -> None:
+def test_no_more_of_the_band_than_samples_and_filter_hold(drop: WeightedDrop) -> None:
     step = drop.drop.step
-    wide = LayeredMisfit([drop], space(), "rigid-rough", 1e5, 40)
+    wide = Misfit([drop], space(), "rigid-rough", 1e5, 40)
     assert wide.transform.band == pytest.approx(0.5 / step)
     narrow = replace(drop, instrument=Instrument(RADIUS, 10.0, load_filter=150.0))
-    assert LayeredMisfit([narrow], space(), "rigid-rough", BAND, 40).transform.band == 300.0
-    assert LayeredMisfit([drop], space(), "rigid-rough", BAND, 40).transform.band == BAND
+    assert Misfit([narrow], space(), "rigid-rough", BAND, 40).transform.band == 300.0
+    assert Misfit([drop], space(), "rigid-rough", BAND, 40).transform.band == BAND
 
 
-def test_solves_are_counted(drop: LayeredDrop) -> None:
+def test_solves_are_counted(drop: WeightedDrop) -> None:
     of = space()
-    misfit = LayeredMisfit([drop], of, "rigid-rough", 400.0, 20)
+    misfit = Misfit([drop], of, "rigid-rough", 400.0, 20)
     places = np.tile(truth(of), (3, 1))
     misfit.predicted(places)
     misfit.linearise(places, np.arange(of.size))

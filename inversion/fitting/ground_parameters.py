@@ -1,0 +1,236 @@
+"""Parameter spaces of homogeneous and of layered ground: what is fitted, its bounds and priors.
+
+One medium is searched around its modulus by the peak method.  Layers differ from one another by
+orders of magnitude, so that their bounds are wider, all of them have priors, and the dashpot of
+each is described by its relaxation time, viscosity over modulus.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from inversion.errors import ModelError
+from inversion.fitting.parameters import Parameter, ParameterSpace, Unknown
+from inversion.forward.surrogate import MIN_DEPTH_RADII
+
+MODULUS, VISCOSITY, DENSITY, DEPTH = "modulus", "viscosity", "density", "bedrock_depth"
+
+# Bounds of one medium.  The modulus lies within a factor of the peak-method value (which inertia,
+# viscosity and rock bend by less), the density within that of soils and granular fills, the
+# viscosity below what would leave no deflection within a pulse, and rock below 60 plate radii sends
+# no echo.
+_MODULUS_FACTORS = (0.12, 6.0)
+_DENSITY_BOUNDS_KG_M3 = (1000.0, 2800.0)
+_MIN_VISCOSITY_BOUND_PA_S = 4.0e5
+_MAX_RELAXATION_S = 0.012
+_MAX_DEPTH_RADII = 60.0
+
+# Priors of one medium, centre and standard deviation: density of soils and granular fills from
+# loose and dry to dense and wet (the logarithm, kg/m3), and viscosity over modulus.
+LOG_DENSITY_PRIOR = (math.log(1900.0), 0.12)
+RELAXATION_PRIOR_S = (1.0e-3, 1.5e-3)
+# Standard deviation of one over the depth of rock: what is called a subgrade has rarely rock within
+# a few decimetres, and often none within reach.
+INVERSE_DEPTH_SD_PER_M = 1.25
+
+# Bounds of layers.  From slurry to sound asphalt; the plate feels nothing thinner than a fifth of
+# its radius and no change below twenty radii; a relaxation time of 12 ms leaves no deflection in a
+# pulse.
+_LAYER_MODULUS_BOUNDS_PA = (1.0e6, 3.0e10)
+_LAYER_THICKNESS_BOUNDS_RADII = (0.2, 20.0)
+_LAYER_RELAXATION_BOUNDS_S = (1e-4, _MAX_RELAXATION_S)
+_LAYER_DENSITY_BOUNDS_KG_M3 = (1200.0, 2700.0)
+# Rock: between half a plate radius below the lowest boundary and where no echo returns.
+_LOWEST_THICKNESS_BOUNDS_RADII = (0.5, _MAX_DEPTH_RADII)
+_MAX_LAG_S = 4.0e-3
+_NATURAL_FREQUENCY_BOUNDS_HZ = (0.2, 30.0)
+_DAMPING_BOUNDS = (0.1, 2.0)
+
+# Priors of layers, centre and standard deviation (of the natural logarithm where logarithmic).
+# Densities of soils, granular fills and asphalt; moduli within two orders of magnitude of the
+# deflection's own; a layer between a third of the radius and ten radii; a lag as converters and
+# filters have.
+_LAYER_LOG_DENSITY_PRIOR = (math.log(2000.0), 0.08)
+_LAYER_LOG_MODULUS_SD = 2.0
+_LAYER_THICKNESS_PRIOR_RADII, _LAYER_LOG_THICKNESS_SD = 1.7, 1.0
+_LAYER_RELAXATION_PRIOR_S = (0.8e-3, 1.0e-3)
+_LAG_PRIOR_S = (0.0, 0.5e-3)
+_LOG_NATURAL_FREQUENCY_PRIOR = (math.log(3.0), 1.0)
+_DAMPING_PRIOR = (0.7, 0.3)
+
+
+def depth_parameter(plate_radius: float) -> Parameter:
+    """Return the depth of rock (m), within the range of the tables and of an echo."""
+    return Parameter(
+        DEPTH,
+        "m",
+        MIN_DEPTH_RADII * 1.001 * plate_radius,
+        _MAX_DEPTH_RADII * plate_radius,
+        logarithmic=True,
+        inverse_prior=INVERSE_DEPTH_SD_PER_M,
+    )
+
+
+def homogeneous_space(
+    peak_modulus: float,
+    plate_radius: float,
+    poisson_ratio: float,
+    *,
+    density: float | None = None,
+    rock_depth: float | None = None,
+    elastic: bool = False,
+) -> ParameterSpace:
+    """Return the unknowns of one medium: the modulus, and everything else that is not given.
+
+    Parameters
+    ----------
+    peak_modulus : float, Pa, modulus by the peak method, the centre of the search
+    plate_radius : float, m
+    density : float, kg/m3; None: fitted
+    rock_depth : float, m; inf: half-space; None: fitted
+    elastic : bool, True: no viscosity
+    """
+    low, high = (factor * peak_modulus for factor in _MODULUS_FACTORS)
+    unknowns = [Unknown(Parameter(MODULUS, "Pa", low, high, logarithmic=True), "modulus", 0)]
+    if not elastic:
+        centre, deviation = (peak_modulus * time for time in RELAXATION_PRIOR_S)
+        most = max(_MIN_VISCOSITY_BOUND_PA_S, _MAX_RELAXATION_S * peak_modulus)
+        viscosity = Parameter(VISCOSITY, "Pa s", 0.0, most, prior=(centre, deviation))
+        unknowns.append(Unknown(viscosity, "viscosity", 0))
+    if density is None:
+        parameter = Parameter(
+            DENSITY,
+            "kg/m3",
+            *_DENSITY_BOUNDS_KG_M3,
+            starts=(1800.0,),
+            logarithmic=True,
+            prior=LOG_DENSITY_PRIOR,
+        )
+        unknowns.append(Unknown(parameter, "density", 0))
+    if rock_depth is None:
+        unknowns.append(Unknown(depth_parameter(plate_radius), "thickness", 0))
+    elif not rock_depth > 0.0:
+        raise ModelError(f"bedrock depth: expected a value > 0 m or inf, got {rock_depth:g}")
+    return ParameterSpace(
+        tuple(unknowns),
+        1,
+        poisson_ratio,
+        math.nan if density is None else density,
+        (math.nan if rock_depth is None else rock_depth,),
+        rock=rock_depth is None or math.isfinite(rock_depth),
+    )
+
+
+def layered_space(
+    media: int,
+    surface_modulus: float,
+    plate_radius: float,
+    poisson_ratio: float,
+    *,
+    density: float | None = None,
+    thickness: Sequence[float] | None = None,
+    rock_depth: float | None = None,
+    elastic: bool = False,
+    own_relaxation: bool = False,
+    geophone: bool = False,
+    lag: bool = False,
+    sensor_lags: Sequence[int] = (),
+) -> ParameterSpace:
+    """Return the unknowns of a ground of ``media`` media under one plate.
+
+    Parameters
+    ----------
+    surface_modulus : Pa, of a homogeneous ground with the deflection of the plate
+    density : kg/m3, of all media, or None: fitted
+    thickness : media - 1 values from the top, m, or None: fitted
+    rock_depth : m; inf: none; None: fitted
+    own_relaxation : True: a relaxation time for each medium, False: one for all of them
+    geophone, lag : fit the natural frequency and damping of the geophones, a lag of all sensors
+    sensor_lags : sensors with a lag of their own
+    """
+    if media < 1:
+        raise ModelError(f"layers: expected at least 1, got {media}")
+    rock = rock_depth is None or math.isfinite(rock_depth)
+    above = list(thickness) if thickness is not None else [math.nan] * (media - 1)
+    if len(above) != media - 1:
+        raise ModelError(
+            f"thickness: expected {media - 1} values for {media} layers, got {len(above)}"
+        )
+    if thickness is not None and rock_depth is not None and not sum(above) < rock_depth:
+        raise ModelError(
+            f"thickness: expected layers above the rock at {rock_depth:g} m, got {sum(above):g} m"
+        )
+    modulus_prior = (math.log(surface_modulus), _LAYER_LOG_MODULUS_SD)
+    unknowns = [
+        Unknown(_logarithmic(f"modulus_{j + 1}", "Pa", _LAYER_MODULUS_BOUNDS_PA, modulus_prior),
+                "modulus", j)
+        for j in range(media)
+    ]  # fmt: skip
+    if thickness is None:
+        low, high = (radii * plate_radius for radii in _LAYER_THICKNESS_BOUNDS_RADII)
+        if rock_depth is not None and rock:
+            high = min(high, 0.95 * rock_depth / max(1, media - 1))
+            low = min(low, 0.2 * high)
+        centre = math.log(min(_LAYER_THICKNESS_PRIOR_RADII * plate_radius, 0.7 * high))
+        prior = (centre, _LAYER_LOG_THICKNESS_SD)
+        unknowns += [
+            Unknown(_logarithmic(f"thickness_{j + 1}", "m", (low, high), prior), "thickness", j)
+            for j in range(media - 1)
+        ]
+    if rock_depth is None:
+        low, high = (radii * plate_radius for radii in _LOWEST_THICKNESS_BOUNDS_RADII)
+        lowest = _logarithmic(f"thickness_{media}", "m", (low, high), None)
+        unknowns.append(Unknown(lowest, "thickness", media - 1))
+    if not elastic:
+        places = tuple(range(media)) if own_relaxation else (None,)
+        unknowns += [
+            Unknown(
+                Parameter(
+                    "relaxation" if j is None else f"relaxation_{j + 1}",
+                    "s",
+                    *_LAYER_RELAXATION_BOUNDS_S,
+                    natural=True,
+                    prior=_LAYER_RELAXATION_PRIOR_S,
+                ),
+                "relaxation",
+                j,
+            )
+            for j in places
+        ]
+    if density is None:
+        prior = _LAYER_LOG_DENSITY_PRIOR
+        unknowns += [
+            Unknown(_logarithmic(f"density_{j + 1}", "kg/m3", _LAYER_DENSITY_BOUNDS_KG_M3, prior),
+                    "density", j)
+            for j in range(media)
+        ]  # fmt: skip
+    if lag:
+        unknowns.append(Unknown(_lag("lag"), "lag"))
+    unknowns += [Unknown(_lag(f"lag_of_sensor_{j + 1}"), "lag", j) for j in sensor_lags]
+    if geophone:
+        frequency = _logarithmic(
+            "natural_frequency", "Hz", _NATURAL_FREQUENCY_BOUNDS_HZ, _LOG_NATURAL_FREQUENCY_PRIOR
+        )
+        damping = Parameter("geophone_damping", "-", *_DAMPING_BOUNDS, prior=_DAMPING_PRIOR)
+        unknowns.append(Unknown(frequency, "natural_frequency"))
+        unknowns.append(Unknown(damping, "geophone_damping"))
+    return ParameterSpace(
+        tuple(unknowns),
+        media,
+        poisson_ratio,
+        math.exp(_LAYER_LOG_DENSITY_PRIOR[0]) if density is None else density,
+        (*above, math.nan if rock else math.inf),
+        rock,
+        rock_depth if rock else None,
+    )
+
+
+def _logarithmic(
+    name: str, unit: str, bounds: tuple[float, float], prior: tuple[float, float] | None
+) -> Parameter:
+    return Parameter(name, unit, *bounds, logarithmic=True, prior=prior)
+
+
+def _lag(name: str) -> Parameter:
+    return Parameter(name, "s", -_MAX_LAG_S, _MAX_LAG_S, prior=_LAG_PRIOR_S)

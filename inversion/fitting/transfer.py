@@ -1,0 +1,142 @@
+"""Transfer functions from the load above the plate to the sensors, of one medium or of layers.
+
+The response of one medium is interpolated in tables (`inversion.forward.surrogate`), that of layers
+is computed for each ground (`inversion.forward.layered`).  Both are functions of `LayeredGrounds`,
+so that a homogeneous ground is fitted as one medium.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inversion.arrays import ComplexArray, FloatArray
+from inversion.forward.layered import (
+    FAST,
+    LayeredGrounds,
+    LayeredPlateModel,
+    MediumParameter,
+    PlateSetup,
+    WavenumberRule,
+    layered_transfer,
+    layered_transfer_slopes,
+)
+from inversion.forward.model import Grounds, Instrument, transfer_function, transfer_slopes
+from inversion.forward.surrogate import PlateResponse
+
+Plate = LayeredPlateModel | PlateResponse
+"""Plate whose response to layers is computed, or table of its responses to one medium."""
+
+
+class Transfer(Protocol):
+    """Displacement of some sensors over the load above the plate."""
+
+    def values(self, s: ComplexArray, grounds: LayeredGrounds) -> ComplexArray:
+        """Transfer function at Laplace variables (n,), (m, n_sensors, n), m/N."""
+
+    def slopes(
+        self, s: ComplexArray, grounds: LayeredGrounds, varied: Sequence[MediumParameter]
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Transfer function as of `values`, and its derivatives (m, len(varied), n_sensors, n)."""
+
+
+@dataclass(frozen=True, eq=False)
+class TableTransfer:
+    """Transfer function of one medium, interpolated in tables.
+
+    Parameters
+    ----------
+    table : PlateResponse, for offset 0 first and then for the sensors
+    instrument : Instrument
+    rows : slice or (n_sensors,) ndarray of int, places of the sensors among the table's offsets
+    single : bool, single precision inside `values`: for a search
+    """
+
+    table: PlateResponse
+    instrument: Instrument
+    rows: slice | NDArray[np.intp]
+    single: bool = False
+
+    def values(self, s: ComplexArray, grounds: LayeredGrounds) -> ComplexArray:
+        """See `Transfer.values`."""
+        one_medium = _grounds_of_one_medium(grounds)
+        transfer = transfer_function(self.table, self.instrument, s, one_medium, self.single)
+        return transfer[:, self.rows]
+
+    def slopes(
+        self, s: ComplexArray, grounds: LayeredGrounds, varied: Sequence[MediumParameter]
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """See `Transfer.slopes`."""
+        one_medium = _grounds_of_one_medium(grounds)
+        fields = ["inverse_depth" if v.field == "thickness" else v.field for v in varied]
+        transfer, slopes = transfer_slopes(self.table, self.instrument, s, one_medium, fields)
+        if "inverse_depth" in fields:
+            by_thickness: FloatArray = -(one_medium.inverse_depth**2)
+            slopes[:, fields.index("inverse_depth")] *= by_thickness[:, None, None]
+        return transfer[:, self.rows], slopes[:, :, self.rows]
+
+
+def _grounds_of_one_medium(grounds: LayeredGrounds) -> Grounds:
+    return Grounds(
+        grounds.modulus[:, 0],
+        grounds.viscosity[:, 0],
+        grounds.density[:, 0],
+        1.0 / grounds.thickness[:, 0],
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class LayerTransfer:
+    """Transfer function of layers, computed for each ground.
+
+    Parameters
+    ----------
+    setup : PlateSetup, with the distances of the sensors
+    plate_mass : float, kg
+    rule : WavenumberRule
+    """
+
+    setup: PlateSetup
+    plate_mass: float
+    rule: WavenumberRule = FAST
+
+    def values(self, s: ComplexArray, grounds: LayeredGrounds) -> ComplexArray:
+        """See `Transfer.values`."""
+        return layered_transfer(self.setup, self.plate_mass, s, grounds, self.rule)
+
+    def slopes(
+        self, s: ComplexArray, grounds: LayeredGrounds, varied: Sequence[MediumParameter]
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """See `Transfer.slopes`."""
+        return layered_transfer_slopes(self.setup, self.plate_mass, s, grounds, varied, self.rule)
+
+
+def transfer_of(
+    plate: Plate,
+    instrument: Instrument,
+    offsets: FloatArray,
+    sensors: NDArray[np.intp],
+    *,
+    single: bool = False,
+    rule: WavenumberRule = FAST,
+) -> Transfer:
+    """Return the transfer function to some of the sensors of an instrument.
+
+    Parameters
+    ----------
+    offsets : (n,) ndarray of float, m, of all sensors
+    sensors : (n_sensors,) ndarray of int, places of those that count
+    single : bool, single precision, of a table
+    rule : WavenumberRule, of layers
+    """
+    if isinstance(plate, str):
+        distances = tuple(float(offset) for offset in np.abs(offsets[sensors]))
+        setup = PlateSetup(plate, instrument.plate_radius, distances)
+        return LayerTransfer(setup, instrument.plate_mass, rule)
+    first = len(plate.problem.offsets) - offsets.size
+    rows = slice(first, None) if sensors.size == offsets.size else first + sensors
+    return TableTransfer(plate, instrument, rows, single)
