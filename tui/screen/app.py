@@ -408,6 +408,12 @@ class PfwdApp(App[int]):
         if isinstance(self.screen, Page) and not isinstance(self.screen, HelpPage):
             self.push_screen(HelpPage(self.screen))
 
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Return False for the keys of a replay in a session without one."""
+        if action in ("pause", "step", "speed"):
+            return self.source.pace is not None
+        return super().check_action(action, parameters)
+
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
         """Yield the commands of the palette: every key of this page and of all pages."""
         listed = set()

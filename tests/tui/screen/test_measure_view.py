@@ -60,6 +60,14 @@ def test_a_point_that_is_done_looks_as_it_was_looked_at(size: tuple[int, int]) -
     check_snapshot(text(view(*whole_point()), size), __file__, f"done-{size[0]}x{size[1]}")
 
 
+def test_a_wide_terminal_has_the_traces_beside_the_verdict() -> None:
+    wide = text(view(*whole_point()), (200, 60))
+    for part in ("deflection µm", "load kN", "residual µm", "PASS"):
+        assert part in wide
+    assert max(len(row.rstrip()) for row in wide.splitlines()[4:30]) > 160
+    assert "deflection µm" not in text(view(*whole_point()), (120, 40))
+
+
 CASES = {
     "nothing": [],
     "ready": [ready(), status()],

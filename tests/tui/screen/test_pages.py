@@ -1,6 +1,8 @@
 """Every page, driven by keys, with events of a session that is not there."""
 
 import dataclasses
+import inspect
+import re
 import threading
 from pathlib import Path
 from typing import Any
@@ -42,7 +44,9 @@ from tests.tui.screen.scripted import (
 )
 from tui.screen.pages.diagnosis import device_lines
 from tui.screen.pages.points import PointsPage
+from tui.screen.session import status as status_module
 from tui.screen.session.screen_events import DiagnosisFinished, Refit, SurveyRead
+from tui.screen.session.status import WORDS
 from tui.screen.settings import ScreenSettings
 from tui.screen.units import Units
 
@@ -735,6 +739,42 @@ def test_leaving_a_changed_setup_asks_and_an_unchanged_one_does_not() -> None:
         assert app.screen.NAME == "measure"  # type: ignore[attr-defined]
 
     play(App(), script)
+
+
+def help_of(key: str, app: App) -> str:
+    texts: list[str] = []
+
+    async def script(app: App, pilot: Any) -> None:
+        if key != "1":
+            await pilot.press(key)
+        await pilot.press("f1")
+        for _ in range(8):
+            await pilot.pause()
+            texts.append(app.text)
+            await pilot.press("pagedown")
+
+    play(app, script)
+    return "\n".join(texts)
+
+
+def test_the_help_names_the_status_words_and_the_keys_as_the_page_does() -> None:
+    page = help_of("1", App())
+    for word in WORDS:
+        assert re.search(rf"^ +{word}  ", page, re.MULTILINE), word
+    assert re.search(r"^ +q  Leave", page, re.MULTILINE)
+    assert "^q" not in page
+    recording = QuietSource()
+    recording.pace = Pace(1.0)  # type: ignore[assignment]
+    replay = help_of("1", App(recording))
+    for replay_key in ("Pause or go on", "One drop of a replay", "Faster"):
+        assert replay_key not in page
+        assert replay_key in replay
+
+
+def test_every_status_word_has_a_meaning() -> None:
+    source = inspect.getsource(status_module)
+    words = set(re.findall(r'StatusWord\(\s*"([A-Z ]+)"', source))
+    assert words | {"NO DEVICE", "NOT READY"} == set(WORDS)
 
 
 @pytest.mark.parametrize("key", ["1", "2", "3", "4"])

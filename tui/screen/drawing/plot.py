@@ -37,6 +37,8 @@ class Curve:
     role: TextRole
     name: str
     dashed: bool = False
+    joined: bool = True
+    """Joined by lines; False: separate values, whose name contains their form."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -111,7 +113,12 @@ def plot_lines(figure: Figure, width: int, height: int, glyphs: Glyphs) -> list[
     dot_curves = []
     for curve in figure.curves:
         low, high = min_max_columns(
-            curve.time, curve.values, figure.start, figure.end, columns * dots_per_column(glyphs)
+            curve.time,
+            curve.values,
+            figure.start,
+            figure.end,
+            columns * dots_per_column(glyphs),
+            joined=curve.joined,
         )
         dot_curves.append(DotCurve(low, high, curve.role, curve.dashed))
     body = draw_dots(dot_curves, columns, inside, bottom, top, glyphs, base=0.0)
@@ -182,7 +189,7 @@ def _heading(figure: Figure, width: int) -> Line:
     named = [curve for curve in figure.curves if curve.name]
     if len(named) > 1:
         for curve in named:
-            form = "- - " if curve.dashed else "─── "
+            form = "" if not curve.joined else "- - " if curve.dashed else "─── "
             pieces.append(piece(2, cell(form + curve.name, curve.role)))
     return fit(pieces, width, "   ")
 
@@ -250,8 +257,10 @@ def min_max_columns(
     start: float,
     end: float,
     count: int,
+    *,
+    joined: bool = True,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the range of a curve in each column of dots, extended to the neighbouring column.
+    """Return the range of a curve in each column of dots.
 
     Parameters
     ----------
@@ -261,6 +270,8 @@ def min_max_columns(
         Window, in the unit of time.
     count : int
         Number of columns.
+    joined : bool
+        Extend each range to the neighbouring column, and interpolate between few samples.
 
     Returns
     -------
@@ -273,7 +284,7 @@ def min_max_columns(
         return low, high
     finite_values = values[inside]
     place = np.minimum(((time[inside] - start) / (end - start) * count).astype(int), count - 1)
-    if len(finite_values) < 2 * count:  # few samples: straight lines between them
+    if joined and len(finite_values) < 2 * count:  # few samples: straight lines between them
         centres = start + (np.arange(count) + 0.5) * (end - start) / count
         between = (centres >= time[inside][0]) & (centres <= time[inside][-1])
         low[between] = high[between] = np.interp(centres[between], time, values)  # NaN stays NaN
@@ -283,7 +294,7 @@ def min_max_columns(
     highest = np.maximum.reduceat(finite_values, starts)
     low[columns] = np.fmin(low[columns], lowest)
     high[columns] = np.fmax(high[columns], highest)
-    return _join(low, high)
+    return _join(low, high) if joined else (low, high)
 
 
 def _join(

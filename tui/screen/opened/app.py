@@ -373,8 +373,17 @@ class OpenApp(App[int]):
                 view = self.query_one("#profile-plot", Plot)
                 first, count, place = self._profile_window()
                 size = (view.size.width, view.size.height)
+                by_chainage = self.order in ("measured", "chainage_m")
                 self._show(
-                    view, profile_lines(self.visible_rows, (first, count), place, size, self.glyphs)
+                    view,
+                    profile_lines(
+                        self.visible_rows,
+                        (first, count),
+                        place,
+                        size,
+                        self.glyphs,
+                        by_chainage=by_chainage,
+                    ),
                 )
             case "map":
                 view = self.query_one("#map-plot", Plot)

@@ -1,15 +1,17 @@
 """Profile, map and overlays of an opened survey as lines of text."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from rich.cells import cell_len
 
 from pfwd.analysis.screening.drops import channels_outward, displacement_of
 from pfwd.errors import DeviceError
 from tui.screen.drawing.glyphs import Glyphs
-from tui.screen.drawing.lines import Cell, Line, TextRole, cell, line
+from tui.screen.drawing.lines import Cell, Line, TextRole, cell, fit, line, piece
 from tui.screen.drawing.plot import Curve, Figure, plot_lines
 from tui.screen.opened.rows import PointRow, display_value
 
@@ -21,44 +23,67 @@ OVERLAY_ROLES: tuple[TextRole, ...] = ("measured", "fitted", "load", "residual",
 MAX_OVERLAID_DROPS = 12
 """Number of drops in an overlay; more curves cannot be distinguished."""
 
+HALF_MARK_OVER_WIDTH = 0.006
+"""Half the length of the mark of a value, as a fraction of the width of the profile."""
+
 
 def profile_figure(
-    rows: Sequence[PointRow], first: int, count: int, chosen: int, unit: str
+    rows: Sequence[PointRow],
+    first: int,
+    count: int,
+    chosen: int,
+    unit: str,
+    *,
+    by_chainage: bool = False,
 ) -> Figure:
-    """The value along the line, from one point for so many; the target as a dashed line.
+    """Return the values along the line with their intervals; the target is a dashed line.
+
+    Points are not joined: nothing was measured between them.
 
     Parameters
     ----------
     rows : sequence of PointRow
     first, count : int
-        Of the window.
+        Window of the rows.
     chosen : int
-        Place of the row that is looked at.
+        Place of the chosen row.
     unit : str
+    by_chainage : bool
+        Place the points by their chainage, if all points of the window have one.
     """
     part = rows[first : first + count]
-    along = np.arange(first + 1, first + 1 + len(part), dtype=float)
+    chainages = [row.chainage_m for row in part]
+    places = np.arange(first + 1, first + 1 + len(part), dtype=float)
+    start, end, unit_along = first + 0.5, first + max(2, len(part)) + 0.5, "point"
+    if by_chainage and len(set(chainages)) > 1 and None not in chainages:
+        places = np.array(chainages, dtype=float)
+        margin = 0.02 * float(np.ptp(places))
+        start, end, unit_along = float(places.min()) - margin, float(places.max()) + margin, "m"
+    order = np.argsort(places, kind="stable")
     scale = 1e-3 if any(row.unit == "m" for row in part) else 1e6
 
-    def of(name: str) -> Any:
-        values = (getattr(row, name) for row in part)
+    def values_of(name: str) -> NDArray[np.float64]:
+        values = (getattr(part[place], name) for place in order)
         return np.array([math.nan if v is None else v / scale for v in values], dtype=float)
 
+    along = places[order]
+    dash = HALF_MARK_OVER_WIDTH * (end - start)
+    dashes = (along[:, None] + np.array([-dash, 0.0, dash])).ravel()
+    ends = np.stack([values_of("low"), values_of("high")], axis=1).ravel()
     curves = [
-        Curve(along, of("value"), "measured", "value"),
-        Curve(along, of("target"), "warn", "target", dashed=True),
+        Curve(np.repeat(along, 2), ends, "axis", "│ 95 % interval", joined=False),
+        Curve(along, values_of("target"), "warn", "target", dashed=True),
+        Curve(dashes, np.repeat(values_of("value"), 3), "measured", "─ value", joined=False),
     ]
-    note = f"points {first + 1} to {first + len(part)} of {len(rows)}"
-    end = first + max(2, len(part))
     return Figure(
         title="along the line",
         unit=unit,
         curves=tuple(curve for curve in curves if np.isfinite(curve.values).any()),
-        start=first + 0.5,
-        end=end + 0.5,
-        time_unit="point",
-        note=note,
-        cursor=chosen + 1.0 if first <= chosen < first + count else None,
+        start=start,
+        end=end,
+        time_unit=unit_along,
+        note=f"points {first + 1} to {first + len(part)} of {len(rows)}",
+        cursor=float(places[chosen - first]) if first <= chosen < first + len(part) else None,
     )
 
 
@@ -68,73 +93,110 @@ def profile_lines(
     chosen: int,
     size: tuple[int, int],
     glyphs: Glyphs,
+    *,
+    by_chainage: bool = False,
 ) -> list[Line]:
-    """The profile with what it shows of the chosen point below."""
+    """Return the profile with the value of the chosen point below it."""
     width, height = size
-    if not rows:
-        return [line(cell(" no point", "dim"))]
+    if not any(row.value is not None for row in rows):
+        text = " no point has a value yet; pfwd invert computes it" if rows else " no point"
+        return [line(cell(text, "dim"))]
     unit = "mm" if any(row.unit == "m" for row in rows) else "MPa"
-    figure = profile_figure(rows, *window, chosen, unit)
+    figure = profile_figure(rows, *window, chosen, unit, by_chainage=by_chainage)
     lines = plot_lines(figure, width, max(3, height - 2), glyphs)
     row = rows[min(chosen, len(rows) - 1)]
     value = display_value(row)
-    shown = "no value" if math.isnan(value) else f"{value:.3g} {unit}"
-    said = f" {row.title}: {shown}  {row.state}"
-    return [*lines, line(cell(said, "strong")), line(cell(" left/right moves, +/- zooms", "dim"))]
+    text = "no value"
+    if not math.isnan(value):
+        scale = 1e-3 if row.unit == "m" else 1e6
+        ends = [end / scale for end in (row.low, row.high) if end is not None]
+        interval = f" ({ends[0]:.3g} to {ends[1]:.3g})" if len(ends) == 2 else ""
+        text = f"{value:.3g}{interval} {unit}"
+    text = f" {row.title}: {text}  {row.state}"
+    return [*lines, line(cell(text, "strong")), line(cell(" left/right moves, +/- zooms", "dim"))]
 
 
 def map_lines(rows: Sequence[PointRow], chosen: str, width: int, height: int) -> list[Line]:
-    """Where the points are, seen from above: o passed, x failed, ? undecided, · not judged."""
+    """Return a map: o pass, x fail, ? undecided, · without a verdict, and names where they fit."""
     placed = [row for row in rows if row.latitude is not None and row.longitude is not None]
     if not placed or height < 4 or width < 10:
         return [line(cell(" no point has a position", "dim"))]
     north = [row.latitude or 0.0 for row in placed]
     east = [row.longitude or 0.0 for row in placed]
-    top, left = max(north), min(east)
+    top, west = max(north), min(east)
     shrink = math.cos(math.radians((min(north) + top) / 2))
     # A cell is about twice as high as wide.
     metres = 111_195.0
-    tall = max((top - min(north)) * metres, 1.0)
-    wide = max((max(east) - left) * metres * shrink, 1.0)
-    per_cell = max(wide / (width - 2), tall / (2 * (height - 3)))
+    high = max((top - min(north)) * metres, 1.0)
+    wide = max((max(east) - west) * metres * shrink, 1.0)
+    per_cell = max(wide / (width - 2), high / (2 * (height - 3)))
     grid: dict[tuple[int, int], PointRow] = {}
     for row, latitude, longitude in zip(placed, north, east, strict=True):
-        x = (longitude - left) * metres * shrink / per_cell
+        x = (longitude - west) * metres * shrink / per_cell
         y = (top - latitude) * metres / (2 * per_cell)
         place = (min(height - 3, round(y)), min(width - 2, round(x)))
         before = grid.get(place)
-        # Where several fall into one cell the chosen one is seen, then one that failed.
+        # Of several points in a cell the chosen one has priority, then one that failed.
         if before is None or row.name == chosen or (row.state == "FAIL" != before.state):
             grid[place] = row
+    names = _map_names(grid, chosen, width - 1)
     lines: list[Line] = []
     for y in range(height - 2):
         cells: list[Cell] = [Cell(" ")]
         for x in range(width - 1):
-            found = grid.get((y, x))
-            if found is None:
-                cells.append(Cell(" "))
-            elif found.name == chosen:
+            point = grid.get((y, x))
+            if point is None:
+                cells.append(Cell(*names.get((y, x), (" ", "text"))))
+            elif point.name == chosen:
                 cells.append(cell("@", "cursor"))
             else:
-                mark = STATE_MARKS.get(found.state, "·")
-                cells.append(cell(mark, STATE_ROLES.get(found.state, "text")))
+                mark = STATE_MARKS.get(point.state, "·")
+                cells.append(cell(mark, STATE_ROLES.get(point.state, "text")))
         lines.append(_joined(cells))
     bar = max(1, round((width - 2) / 5))
-    text = (
-        f" {'─' * bar} {_length(bar * per_cell)}   o pass  x fail  ? undecided  @ chosen; north up"
+    name = next((row.title for row in placed if row.name == chosen), "chosen point")
+    scale = f" {'─' * bar} {_length(bar * per_cell)}, north up"
+    marks = [piece(1, cell(text, "dim")) for text in ("o pass", "x fail", "? undecided")]
+    return [
+        *lines,
+        fit([piece(0, cell(scale, "dim")), piece(0, cell(f"@ {name}", "strong")), *marks], width),
+    ]
+
+
+def _map_names(
+    grid: Mapping[tuple[int, int], PointRow], chosen: str, width: int
+) -> dict[tuple[int, int], tuple[str, TextRole]]:
+    """Return the letters of the names of points that fit beside their marks without overlap."""
+    letters: dict[tuple[int, int], tuple[str, TextRole]] = {}
+    by_priority = sorted(
+        grid.items(), key=lambda item: (item[1].name != chosen, item[1].state != "FAIL", item[0])
     )
-    return [*lines, line(cell(text, "dim"))]
+    for (y, x), row in by_priority:
+        name = cell(row.title).text
+        if not name or cell_len(name) != len(name):
+            continue
+        role: TextRole = "strong" if row.name == chosen else "dim"
+        for start in (x + 2, x - 1 - len(name)):
+            # A free cell on either side separates the name from its neighbours.
+            span = range(start - 1, start + len(name) + 1)
+            is_free = all(
+                (y, at) not in letters and ((y, at) not in grid or at == x) for at in span
+            )
+            if start >= 0 and start + len(name) <= width and is_free:
+                letters |= {(y, start + at): (letter, role) for at, letter in enumerate(name)}
+                break
+    return letters
 
 
 def _joined(cells: Sequence[Cell]) -> Line:
-    """Neighbours of one role in one cell: fewer parts to draw."""
-    found: list[Cell] = []
+    """Join neighbours of one role to one cell, which is drawn faster."""
+    runs: list[Cell] = []
     for part in cells:
-        if found and found[-1].role == part.role:
-            found[-1] = Cell(found[-1].text + part.text, part.role)
+        if runs and runs[-1].role == part.role:
+            runs[-1] = Cell(runs[-1].text + part.text, part.role)
         else:
-            found.append(part)
-    return tuple(found)
+            runs.append(part)
+    return tuple(runs)
 
 
 def _length(metres: float) -> str:
@@ -142,18 +204,18 @@ def _length(metres: float) -> str:
 
 
 def overlay_figures(drops: Sequence[tuple[str, Any]]) -> tuple[list[Figure], list[str]]:
-    """Load and deflection of drops over each other, as recorded; and what could not be read.
+    """Return load and deflection of drops over each other as recorded, and what was not readable.
 
     Parameters
     ----------
     drops : sequence of name and SurveyDrop
     """
     loads, depths, faults = [], [], []
-    for place, (name, kept) in enumerate(drops[:MAX_OVERLAID_DROPS]):
+    for place, (name, stored) in enumerate(drops[:MAX_OVERLAID_DROPS]):
         role = OVERLAY_ROLES[place % len(OVERLAY_ROLES)]
         dashed = place >= len(OVERLAY_ROLES)
         try:
-            drop = kept.read_traces().drop
+            drop = stored.read_traces().drop
         except DeviceError as err:
             faults.append(f"drop {name}: {err}")
             continue

@@ -1,8 +1,9 @@
 """Help of a page: its purpose, every key, and the last messages."""
 
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
+from textual.app import App
 from textual.binding import Binding, BindingType
 
 from tui.screen.drawing.lines import Line, cell, line, wrap
@@ -45,17 +46,19 @@ class HelpPage(Page):
         lines: list[Line] = [()]
         lines += [line(" ", row) for row in wrap(self._about.HELP, width - 2)]
         lines.append(())
-        listed = set()
-        # The page's own keys first: they are what one looks for.
-        for node in (self._about, self.app):
-            for binding in node._bindings.key_to_bindings.values():
-                for bound in binding:
-                    name = (bound.action, bound.description)
-                    if not bound.description or name in listed or bound.action in _TOOLKIT_ACTIONS:
-                        continue
-                    listed.add(name)
-                    key = self.app.get_key_display(bound)
-                    lines.append(line(" ", cell(f"{key:>10}", "key"), f"  {bound.description}"))
+        # The keys of the page stand before those of all pages.
+        keys = {**self._keys_of(self._about), **self._keys_of(self.app)}
+        for (_, description), displays in keys.items():
+            # Of several keys the plain one: the line of keys on the page shows it too.
+            key = min(displays, key=lambda display: (display.startswith("^"), len(display)))
+            lines.append(line(" ", cell(f"{key:>10}", "key"), f"  {description}"))
+        if self._about.WORDS:
+            lines += [(), line(cell(" Words at the top of the page", "strong"))]
+            widest = max(map(len, self._about.WORDS))
+            for word, meaning in self._about.WORDS.items():
+                first, *more = wrap(meaning, max(20, width - widest - 4))
+                lines.append(line(" ", cell(f"{word:>{widest}}", "key"), f"  {first}"))
+                lines += [line(" " * (widest + 3), text) for text in more]
         lines += [(), line(cell(" Last messages", "strong"))]
         notices = list(self.pfwd.state.notices)[-20:]
         for when, notice in reversed(notices):
@@ -68,6 +71,18 @@ class HelpPage(Page):
         if folder is not None:
             lines += [(), line(cell(f" The log with everything: {folder}/log/pfwd.log", "dim"))]
         return lines
+
+    def _keys_of(self, node: Page | App[Any]) -> dict[tuple[str, str], list[str]]:
+        """Return the keys of a page, or of all pages, by action and description."""
+        keys: dict[tuple[str, str], list[str]] = {}
+        for bindings in node._bindings.key_to_bindings.values():
+            for binding in bindings:
+                action = binding.action.partition("(")[0]
+                is_listed = binding.description and binding.action not in _TOOLKIT_ACTIONS
+                if is_listed and node.check_action(action, ()):
+                    display = self.app.get_key_display(binding)
+                    keys.setdefault((binding.action, binding.description), []).append(display)
+        return keys
 
     def action_back(self) -> None:
         """Go back to the page."""

@@ -1,7 +1,7 @@
 """Measure page."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from textual.binding import Binding, BindingType
@@ -20,6 +20,7 @@ from tui.screen.pages.measure_view import (
 from tui.screen.pages.page import Page
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.stations import next_station, point_name_error, point_name_question
+from tui.screen.session.status import WORDS
 
 MIN_VIEW_S = 0.7
 """Time that an operator needs to see a new drop and press a key, s. A key pressed earlier was meant
@@ -37,6 +38,7 @@ class MeasurePage(Page):
         "on the disk. Its modulus comes at once from a quick fit and is then refined. Discarding "
         "only marks a drop: u takes it back."
     )
+    WORDS: ClassVar[Mapping[str, str]] = WORDS
     KEYS: ClassVar[Sequence[tuple[str, str]]] = (
         ("n", "next point"),
         ("d", "discard"),

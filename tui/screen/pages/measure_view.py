@@ -175,10 +175,19 @@ def complete_point_lines(view: MeasureView, width: int, room: int) -> list[Line]
     space = room - len(facts) - 1
     if space - table < MIN_ROWS_FOR_BOTH <= space:
         table = 0  # verdict and value in large letters matter more than the table
-    large = _verdict_digits((word, role), (value, error), width - 2, space - table)
-    lines = pad_rows([(), *[(Cell(" "), *row) for row in large]], room - len(facts) - table)
+    rows = room - len(facts) - table
+    plots = _figures(view) if width >= TRACES_WIDTH and rows >= TRACES_HEIGHT else []
+    digits_width = width * 3 // 5 if plots else width
+    large = _verdict_digits((word, role), (value, error), digits_width - 2, space - table)
+    lines = pad_rows([(), *[(Cell(" "), *row) for row in large]], rows)
+    if plots:
+        traces = _stacked(plots, width - digits_width - 3, rows, view.glyphs)
+        lines = join_blocks(lines, traces, digits_width, rows)
     return [*lines, *facts, *(drop_table(view, width, table) if table > 1 else [()] * table)]
 
+
+TRACES_WIDTH, TRACES_HEIGHT = 160, 24
+"""Smallest width of the terminal, and rows, for the traces of the last drop beside the verdict."""
 
 MIN_ROWS_FOR_BOTH = 2 * LETTER_ROWS + 1
 """Rows of the verdict with the value below it in the smallest letters."""

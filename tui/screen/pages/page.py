@@ -1,6 +1,6 @@
 """Base class of the pages: lines that fill the terminal, keys, and the application behind."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Protocol, cast
 
 from textual.app import ComposeResult
@@ -92,6 +92,8 @@ class Page(Screen[None]):
     NAME: ClassVar[str] = ""
     HELP: ClassVar[str] = ""
     """Purpose of the page in a few sentences, for the help."""
+    WORDS: ClassVar[Mapping[str, str]] = {}
+    """Words on the page and their meaning, for the help."""
     KEYS: ClassVar[Sequence[tuple[str, str]]] = ()
     """Keys and their effect, most important first, for the last line of the page."""
 

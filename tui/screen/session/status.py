@@ -1,5 +1,6 @@
 """Status of the measurement in one word, to be read from metres away, and what to do next."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,6 +21,30 @@ LOW_DISK_DROPS = 60
 
 REBOUND_WINDOW_S = 1.5
 """Time after a drop in which its rebounds are recorded; see `DetectionSettings.rebound_window`."""
+
+WORDS: Mapping[str, str] = {
+    "READY": "lift the weight; the next drop is recorded",
+    "DROP": "the weight has fallen; let it bounce",
+    "SETTLING": "leave the weight alone until READY",
+    "COMPUTING": "the drop is safe on the disk, its modulus is being computed",
+    "SAFE": "the drop is on the disk",
+    "REPEAT": "the drop does not count; make it again",
+    "POINT DONE": "all drops of the point are made; walk to the next one",
+    "CHECK": "the check of the sensors has found a fault",
+    "CABLE OUT": "the instrument does not answer; plug in the cable",
+    "NO DEVICE": "no instrument at the port; it is tried again",
+    "NOT READY": "the survey cannot be opened; it is tried again",
+    "DISK LOW": "make room on the disk",
+    "NOT SAFE": "drops are only in memory; make room on the disk, do not leave",
+    "STARTING": "looking for the instrument",
+    "WAITING": "the instrument sends nothing yet",
+    "REPLAY": "a recording is replayed",
+    "END": "the session has ended",
+    "STOPPED": "the session has ended with an error; stored drops are safe",
+    "UNSAVED": "the session has ended with drops that are not on the disk",
+    "LOST": "the instrument did not come back; stored drops are safe",
+}
+"""Status words and their meaning, for the help."""
 
 
 @dataclass(frozen=True, slots=True)
