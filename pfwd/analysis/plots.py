@@ -132,15 +132,15 @@ def _draw(axes: Any, result: DropResult) -> None:
             linestyle=_DASHES[row % len(_DASHES)],
             linewidth=1.0,
         )
-    deflection.set_ylabel("displacement, µm (dots measured, line fitted)")
-    residual.set_ylabel("fitted - measured, µm")
+    deflection.set_ylabel("deflection, µm")
+    residual.set_ylabel("residual, µm")
     residual.set_xlabel("time after the trigger, ms")
     for axis in axes:
         axis.axhline(0.0, color="0.7", linewidth=0.6)
         axis.axvline(1e3 * history.window_end, color="0.5", linewidth=0.8, linestyle=":")
         axis.grid(alpha=0.25)
     load.legend(fontsize=8)
-    deflection.legend(fontsize=8)
+    deflection.legend(fontsize=8, title="dots measured, lines fitted", title_fontsize=8)
     # Text from a file must not be read as a formula.
     load.set_title(_title(result), fontsize=8, parse_math=False)
 

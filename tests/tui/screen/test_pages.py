@@ -14,7 +14,7 @@ from pfwd.analysis.results import DiagnosisResult
 from pfwd.analysis.worker.tasks import DiagnosisProgress, TaskOutcome
 from pfwd.files.moving import MOVED_TO
 from pfwd.judging import Job, PointView, Station
-from pfwd.procedures import plain_procedure
+from pfwd.procedures import find_procedure, plain_procedure
 from pfwd.session.events import (
     CalibrationChanged,
     DropNotSaved,
@@ -609,6 +609,45 @@ def test_the_diagnosis_page_shows_progress(
         resume.set()
 
     play(App(QuietSource(tmp_path)), script, size)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_one_value_is_judged_and_others_say_that_they_are_not(size: tuple[int, int]) -> None:
+    procedure = find_procedure("tp-bf-stb-b8.3")
+
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, JobReported(Job(procedure=procedure, target=45e6)), *whole_point())
+        await pilot.press("up")
+        measure = app.text
+        await pilot.press("2")
+        points = app.text
+        pages = [*measure.splitlines(), *points.splitlines()]
+        summaries = [row for row in pages if row.startswith(" point: E_vd")]
+        assert len(summaries) == (1 if size == SIZES[0] else 2)
+        for summary in summaries:
+            # The verdict follows the judged value; the modulus, if it fits, is marked.
+            assert re.search(r"point: E_vd [\d.]+.* MPa, mean of 3  (PASS|FAIL|UNDECIDED)", summary)
+            assert ("modulus" in summary) == ("not judged: modulus" in summary)
+        table = next(row for row in measure.splitlines() if row.startswith(" drop  kind"))
+        assert table.index("E_vd MPa") < table.index("E MPa, not judged")
+        for words in ("noise alone", "peak method"):
+            assert words not in measure
+        titles = next(row for row in points.splitlines() if row.startswith(" point  "))
+        assert "E_vd MPa" in titles
+        assert " E MPa" not in titles
+
+    play(App(), script, size)
+
+
+def test_a_judged_modulus_has_one_column() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await told(app, pilot, *whole_point())
+        await pilot.press("2")
+        titles = next(row for row in app.text.splitlines() if row.startswith(" point  "))
+        assert titles.count("MPa") == 2, "judged value and target"
+        assert "not judged" not in app.text
+
+    play(App(), script)
 
 
 def test_a_diagnosis_that_fails_is_one_sentence(tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ def wait(holds: Callable[[], bool], seconds: float = 10.0) -> None:
 
 @pytest.fixture(autouse=True)
 def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner_module, "RETRY_S", 0.05)
+    monkeypatch.setattr(runner_module, "PORT_RETRY_S", 0.05)
 
 
 def events_of(source: Any, count: int) -> list[Any]:

@@ -9,12 +9,13 @@ from textual.binding import Binding, BindingType
 from pfwd.errors import OptionError
 from pfwd.files.editing import Edit, parse_position
 from pfwd.judging import PointView
-from pfwd.procedures import PointProgress, Verdict
+from pfwd.procedures import PointProgress, Quantity, Verdict
 from tui.output import counted
 from tui.screen.drawing.lines import (
     Line,
     TableColumn,
     TableRow,
+    TextRole,
     cell,
     head_with_message,
     line,
@@ -41,14 +42,17 @@ from tui.screen.session.drop_state import DropState
 from tui.screen.session.stations import point_name_error, point_name_question
 from tui.screen.units import NO_VALUE, Units, judged_quantity
 
+_MODULUS_TITLE = "modulus, not judged"
+"""Title of the column for the modulus where another quantity is judged."""
+
 _POINT_TABLE_COLUMNS = (
     TableColumn("point", 0, is_text=True, is_flexible=True),
     TableColumn("drops", 2),
     TableColumn("judged", 0),
     TableColumn("± 95 %", 3),
-    TableColumn("E", 3),
     TableColumn("target", 4),
     TableColumn("status", 1, is_text=True),
+    TableColumn(_MODULUS_TITLE, 3),
     TableColumn("position", 5, is_text=True),
     TableColumn("notes", 6, is_flexible=True),
 )
@@ -154,14 +158,10 @@ class PointsPage(Page):
         quantity = judged_quantity(job.quantity)
         unit = app.units.unit(quantity)
         judged = QUANTITY_NAMES[job.quantity]
-        named = {
-            "judged": f"{judged} {unit}",
-            "E": f"E {app.units.unit('modulus')}",
-            "target": f"target {unit}",
-        }
+        titles = {"judged": f"{judged} {unit}", "target": f"target {unit}"}
         columns = [
-            dataclasses.replace(column, title=named.get(column.title, column.title))
-            for column in _POINT_TABLE_COLUMNS
+            dataclasses.replace(column, title=titles.get(column.title, column.title))
+            for column in self._columns()
         ]
         table = table_lines(columns, rows, width)
         bars = [self._bar(app.state.points[name], name == names[chosen]) for name in names]
@@ -170,6 +170,15 @@ class PointsPage(Page):
         is_ascii = not app.glyphs.has_dots
         profile = profile_lines(bars, width, profile_rows, title, target, full_blocks_only=is_ascii)
         return [*pad_rows([*table, *drops], room - profile_rows - 1), (), *profile]
+
+    def _columns(self) -> list[TableColumn]:
+        """Return the columns of the table; a judged modulus needs no second column."""
+        is_modulus = self.pfwd.state.job.quantity is Quantity.MODULUS
+        return [
+            column
+            for column in _POINT_TABLE_COLUMNS
+            if column.title != _MODULUS_TITLE or not is_modulus
+        ]
 
     def _drops_below(self, width: int, room: int) -> list[Line]:
         """Return the last drops of the chosen point, as many as fit below the points."""
@@ -191,21 +200,19 @@ class PointsPage(Page):
         place = point.position
         progress = point.progress
         value, error, _ = point_value_text(progress, units)
-        return TableRow(
-            (
-                cell(point.shown_name).text,
-                str(len(state.drops_of(point))),
-                value,
-                f"±{error}" if error else NO_VALUE,
-                point_modulus_text(progress, units),
-                units.text(judged_quantity(state.job.quantity), progress.target),
-                status_of(point, progress),
-                f"{place[0]:.6f}, {place[1]:.6f}" if place else NO_VALUE,
-                cell("; ".join(point.notes)).text or NO_VALUE,
-            ),
-            "dim" if point.discarded else "text",
-            chosen,
-        )
+        texts = {
+            "point": cell(point.shown_name).text,
+            "drops": str(len(state.drops_of(point))),
+            "judged": value,
+            "± 95 %": f"±{error}" if error else NO_VALUE,
+            "target": units.text(judged_quantity(state.job.quantity), progress.target),
+            "status": status_of(point, progress),
+            _MODULUS_TITLE: point_modulus_text(progress, units),
+            "position": f"{place[0]:.6f}, {place[1]:.6f}" if place else NO_VALUE,
+            "notes": cell("; ".join(point.notes)).text or NO_VALUE,
+        }
+        role: TextRole = "dim" if point.discarded else "text"
+        return TableRow(tuple(texts[column.title] for column in self._columns()), role, chosen)
 
     def _bar(self, point: PointView, chosen: bool) -> Bar:
         state = self.pfwd.state
@@ -338,11 +345,11 @@ class PointsPage(Page):
             for point in state.points.values()
             if point.name != self.chosen.name
         }
-        own_names = (self.chosen.name, self.chosen.shown_name)
+        current_names = (self.chosen.name, self.chosen.shown_name)
         stations = {
             station.name: "station without drops"
             for station in state.job.stations
-            if station.name not in own_names
+            if station.name not in current_names
         }
         return list((points | stations | points).items())
 

@@ -16,7 +16,7 @@ from tui.screen.session.sources import SessionSource
 
 log = logging.getLogger("pfwd.screen")
 
-RETRY_S = 2.0
+PORT_RETRY_S = 2.0
 """Time until a port that could not be opened is tried again, s."""
 
 
@@ -109,10 +109,10 @@ class SessionRunner:
             ending = self.source.run(self._listen, self._attached)
         except RecordingError as err:
             # The disk may get room again, another program may close the survey.
-            return SessionEnded(None, str(err), None if self._stopping.is_set() else RETRY_S)
+            return SessionEnded(None, str(err), None if self._stopping.is_set() else PORT_RETRY_S)
         except DeviceError as err:
             # The cable is not plugged in yet, or another program uses the port.
-            retry = RETRY_S if self.source.url and not self._stopping.is_set() else None
+            retry = PORT_RETRY_S if self.source.url and not self._stopping.is_set() else None
             return SessionEnded(None, str(err), retry, no_device=True)
         except SurveyError as err:
             return SessionEnded(None, str(err))
