@@ -71,7 +71,7 @@ def profile_figure(
     dashes = (along[:, None] + np.array([-dash, 0.0, dash])).ravel()
     ends = np.stack([values_of("low"), values_of("high")], axis=1).ravel()
     curves = [
-        Curve(np.repeat(along, 2), ends, "axis", "│ 95 % interval", joined=False),
+        Curve(np.repeat(along, 2), ends, "axis", "│ 95 %", joined=False),
         Curve(along, values_of("target"), "warn", "target", dashed=True),
         Curve(dashes, np.repeat(values_of("value"), 3), "measured", "─ value", joined=False),
     ]

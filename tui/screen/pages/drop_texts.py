@@ -39,7 +39,7 @@ class JudgedValue(NamedTuple):
 def judged_value(state: SessionState, drop: DropState | None, units: Units) -> JudgedValue:
     """Return the judged quantity of a drop; a dash where it is not known."""
     quantity = state.job.quantity
-    name, unit = QUANTITY_NAMES[quantity], units.unit(judged_quantity(quantity))
+    name, unit = JUDGED_NAMES[quantity], units.unit(judged_quantity(quantity))
     if quantity is Quantity.MODULUS:
         value, error = modulus_text(drop, units)
         return JudgedValue(name, value, error, unit, is_fit=True)
@@ -48,7 +48,7 @@ def judged_value(state: SessionState, drop: DropState | None, units: Units) -> J
     return JudgedValue(name, text, "", unit, is_fit=False)
 
 
-QUANTITY_NAMES: Mapping[Quantity, str] = {
+JUDGED_NAMES: Mapping[Quantity, str] = {
     Quantity.E_VD: "E_vd",
     Quantity.E_LWD: "E_LWD",
     Quantity.MODULUS: "modulus",
@@ -204,7 +204,7 @@ def drop_columns(quantity: Quantity, units: Units) -> tuple[TableColumn, ...]:
     titles = {
         "load": f"load {units.unit('load')}",
         "defl": f"defl {units.unit('deflection')}",
-        "judged": f"{QUANTITY_NAMES[quantity]} {unit}",
+        "judged": f"{JUDGED_NAMES[quantity]} {unit}",
         "E": f"E {units.unit('modulus')}" + ("" if is_modulus else ", not judged"),
     }
     return tuple(
@@ -299,7 +299,7 @@ def point_summary(state: SessionState, point: PointView, units: Units, width: in
         return fit([piece(0, cell("point: nothing measured yet", "dim"))], width)
     value, error, unit = point_value_text(progress, units)
     interval = f" ±{error}" if error else ""
-    name = QUANTITY_NAMES[judged.quantity]
+    name = JUDGED_NAMES[judged.quantity]
     text = f"point: {name} {value}{interval} {unit}, mean of {judged.drops}"
     pieces.append(piece(0, cell(text, "strong")))
     if progress.verdict in VERDICT_WORDS:

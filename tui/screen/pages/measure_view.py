@@ -38,7 +38,7 @@ from tui.screen.drawing.lines import (
 from tui.screen.drawing.plot import Figure, plot_lines, stacked_plots
 from tui.screen.drawing.profile import Bar, profile_lines
 from tui.screen.pages.drop_texts import (
-    QUANTITY_NAMES,
+    JUDGED_NAMES,
     VERDICT_WORDS,
     JudgedValue,
     assumption_texts,
@@ -148,7 +148,7 @@ def complete_point_lines(view: MeasureView, width: int, room: int) -> list[Line]
     word, role = VERDICT_WORDS.get(progress.verdict, ("DONE", "strong"))
     value, error, unit = point_value_text(progress, units)
     quantity = judged_quantity(state.job.quantity)
-    name = QUANTITY_NAMES[state.job.quantity]
+    name = JUDGED_NAMES[state.job.quantity]
     drops = 0 if progress.value is None else progress.value.drops
     target = "no target"
     if progress.target is not None:
@@ -379,7 +379,7 @@ def _with_each_drop(view: MeasureView, lines: list[Line], width: int) -> list[Li
         return lines
     job = view.state.job
     quantity = judged_quantity(job.quantity)
-    title = f"{QUANTITY_NAMES[job.quantity]} of each drop, {view.units.unit(quantity)}"
+    title = f"{JUDGED_NAMES[job.quantity]} of each drop, {view.units.unit(quantity)}"
     bars = []
     for drop in drops:
         judged = view.state.value_of(drop)

@@ -28,7 +28,7 @@ from tui.screen.drawing.profile import Bar, profile_lines
 from tui.screen.lines_view import LinesView
 from tui.screen.pages.dialogs import PointDialog, TextDialog
 from tui.screen.pages.drop_texts import (
-    QUANTITY_NAMES,
+    JUDGED_NAMES,
     drop_columns,
     drop_row,
     point_modulus_text,
@@ -157,7 +157,7 @@ class PointsPage(Page):
         job = app.state.job
         quantity = judged_quantity(job.quantity)
         unit = app.units.unit(quantity)
-        judged = QUANTITY_NAMES[job.quantity]
+        judged = JUDGED_NAMES[job.quantity]
         titles = {"judged": f"{judged} {unit}", "target": f"target {unit}"}
         columns = [
             dataclasses.replace(column, title=titles.get(column.title, column.title))
