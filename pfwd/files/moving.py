@@ -4,13 +4,14 @@ The same record is saved again under the right point, with its origin. Under the
 marked as moved and no longer counts.
 """
 
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 from pfwd.errors import OptionError, quote, refusal
 from pfwd_device.errors import RecordingError
-from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyWriter
+from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyWriter, read_survey
 from pfwd_device.recording.record import point_name
 
 MOVED_TO = "moved_to"
@@ -114,9 +115,27 @@ def _copy_in_use(survey: Survey, drop: SurveyDrop) -> SurveyDrop | None:
 
 def _place_after_move(drop: SurveyDrop) -> tuple[Any, Any] | None:
     """Return point and number within it, by the last discard of a drop; None: it was not moved."""
-    values = [edit.get("value") for edit in drop.edits if edit["what"] == "discard"]
-    place = values[-1].get(MOVED_TO) if values and isinstance(values[-1], Mapping) else None
+    value = _last_discard(drop)
+    place = value.get(MOVED_TO) if isinstance(value, Mapping) else None
     return (place.get("point"), place.get("drop")) if isinstance(place, Mapping) else None
+
+
+def moved_drops(folder: str | os.PathLike[str]) -> dict[int, str]:
+    """Return the new place of every moved drop as text, by its number within the survey."""
+    survey = read_survey(folder)
+    places = {
+        drop.number: place
+        for drop in survey.drops
+        if drop.discarded and (place := moved_to(_last_discard(drop))) is not None
+    }
+    survey.close()
+    return places
+
+
+def _last_discard(drop: SurveyDrop) -> object:
+    """Return the value of the last discard of a drop; None: there is none."""
+    values = [edit.get("value") for edit in drop.edits if edit["what"] == "discard"]
+    return values[-1] if values else None
 
 
 def moved_to(value: object) -> str | None:

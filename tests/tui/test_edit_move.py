@@ -48,6 +48,18 @@ def test_it_counts_where_it_belongs_and_nowhere_else(
     assert drops[4].read().metadata["moved_from"] == {"point": "1", "drop": 3, "record": 3}
 
 
+def test_a_moved_drop_is_listed_as_moved(survey: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["edit", survey, "--point", "1", "--drop", "3", "--move", "2"]) == 0
+    assert main(["edit", survey, "--point", "1", "--drop", "4", "--discard"]) == 0
+    capsys.readouterr()
+    assert main(["edit", survey]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "  drop 3: MOVED: moved to point 2, drop 1" in lines
+    assert "  drop 4: DISCARDED" in lines
+    assert main(["edit", survey, "--point", "1", "--drop", "3", "--restore"]) == 0
+    assert "MOVED" not in capsys.readouterr().out.split("point 2")[0]
+
+
 def test_a_seating_drop_that_is_moved_away_seated_nothing(survey: str) -> None:
     main(["edit", survey, "--drop", "1", "--move", "2"])
     first, _ = point_views(read_survey(survey))

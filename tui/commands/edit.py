@@ -63,6 +63,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     from pfwd.files.editing import edit_survey, move_drop, overview_of, survey_overview
+    from pfwd.files.moving import moved_drops
 
     edits = _edits(args)
     if args.move is not None:
@@ -74,11 +75,12 @@ def _run(args: argparse.Namespace) -> int:
         points = overview_of(edit_survey(args.survey, edits, args.point, args.drop))
     else:
         points = survey_overview(args.survey)
+    moved = {} if args.json else moved_drops(args.survey)
     for point in points:
         if args.json:
             print(json_text(point), flush=True)
         else:
-            for line in _lines(point):
+            for line in _lines(point, moved):
                 print(clean(line), flush=True)
     return 0
 
@@ -123,7 +125,7 @@ def _edits(args: argparse.Namespace) -> "list[Edit]":
     return edits
 
 
-def _lines(point: Mapping[str, Any]) -> list[str]:
+def _lines(point: Mapping[str, Any], moved: Mapping[int, str]) -> list[str]:
     name = point["point"]
     title = "" if point["name"] == name else f" ({point['name']})"
     state = "  DISCARDED" if point["discarded"] else ""
@@ -136,7 +138,8 @@ def _lines(point: Mapping[str, Any]) -> list[str]:
         lines.append(f"  position {_position(point['position'])}")
     lines += [f"  note: {note}" for note in point["notes"]]
     for drop in point["drops"]:
-        remarks = ["DISCARDED"] if drop["discarded"] else []
+        place = moved.get(drop["record"])
+        remarks = [f"MOVED: {place}"] if place else ["DISCARDED"] if drop["discarded"] else []
         remarks += [f"note: {note}" for note in drop["notes"]]
         if drop["position"] is not None:
             remarks.append(f"position {_position(drop['position'])}")
