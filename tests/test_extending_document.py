@@ -294,12 +294,12 @@ import tui.screen.pages as pages
 pages.__path__.append(r"FOLDER")
 pages.PAGES = (*pages.PAGES, pages.ENTRY)
 
-from tests.tui.screen.scripted import App, play, ready, told
+from tests.tui.screen.scripted import App, play, ready, deliver
 
 
 async def script(app, pilot):
     app.show_message("all is well")
-    await told(app, pilot, ready())
+    await deliver(app, pilot, ready())
     await pilot.press("6")
     await pilot.pause(0.2)
     print(app.text)

@@ -1,4 +1,4 @@
-"""Events whose contents are known here, and sources that say nothing by themselves."""
+"""Events with known contents, and sources that send none by themselves."""
 
 import asyncio
 import dataclasses
@@ -54,16 +54,20 @@ IDENTITY = Identity(
 )
 
 
-def ready(identity: Identity = IDENTITY, *, again: bool = False, **more: Any) -> InstrumentReady:
-    known: dict[str, Any] = {"differences": (), "warnings": ()} | more
+def ready(
+    identity: Identity = IDENTITY, *, restarted: bool = False, **more: Any
+) -> InstrumentReady:
+    fields: dict[str, Any] = {"differences": (), "warnings": ()} | more
     return InstrumentReady(
-        "/dev/ttyUSB0", identity, SETUP, known["differences"], known["warnings"], again
+        "/dev/ttyUSB0", identity, SETUP, fields["differences"], fields["warnings"], restarted
     )
 
 
 def status(lost: float = 0, battery: float | None = 7.4) -> InstrumentStatus:
-    said = Status(1, battery, 21.0, 0, True)
-    return InstrumentStatus(said, {"samples_lost": lost, "instrument_overruns": 0, "drift": None})
+    device_status = Status(1, battery, 21.0, 0, True)
+    return InstrumentStatus(
+        device_status, {"samples_lost": lost, "instrument_overruns": 0, "drift": None}
+    )
 
 
 def samples(
@@ -117,7 +121,7 @@ def stored_drop(number: int, result: DropResult | None, **more: Any) -> DropView
 
 
 def result(modulus: float | None = 47.3e6, **more: Any) -> DropResult:
-    known: dict[str, Any] = {
+    fields: dict[str, Any] = {
         "status": "measured",
         "method": "least-squares",
         "model": "layer",
@@ -154,16 +158,16 @@ def result(modulus: float | None = 47.3e6, **more: Any) -> DropResult:
         "seed": 0,
         "warnings": [],
     }
-    return DropResult.from_json(known | more)
+    return DropResult.from_json(fields | more)
 
 
 def curves() -> TimeHistories:
-    one = drop(1)
-    observed = one.channels[0].values
+    drop_record = drop(1)
+    observed = drop_record.channels[0].values
     return TimeHistories(
-        one.time,
-        one.load,
-        one.load,
+        drop_record.time,
+        drop_record.load,
+        drop_record.load,
         observed[None, :],
         0.99 * observed[None, :],
         np.zeros(1),
@@ -182,10 +186,10 @@ def analysed(
     kind: str = "measured",
     **more: Any,
 ) -> DropAnalysed:
-    one = saved_drop(number, point, record=record, status=kind)
-    found = result(**more)
-    drawn = curves() if found.modulus_pa is not None else None
-    return DropAnalysed(one, 0.2, found, drawn, full, full)
+    drop_record = saved_drop(number, point, record=record, status=kind)
+    result_of_drop = result(**more)
+    drawn = curves() if result_of_drop.modulus_pa is not None else None
+    return DropAnalysed(drop_record, 0.2, result_of_drop, drawn, full, full)
 
 
 class Session:
@@ -193,32 +197,32 @@ class Session:
 
     def __init__(self, point: str = "7") -> None:
         self.point = point
-        self.asked: list[tuple[Any, ...]] = []
+        self.requests: list[tuple[Any, ...]] = []
         self.stopped = threading.Event()
 
     def ask(self, request: Callable[["Session"], None]) -> None:
         request(self)
 
     def set_point(self, name: str) -> None:
-        self.asked.append(("point", name))
+        self.requests.append(("point", name))
 
     def edit(self, edit: Any, *, point: str | None = None, number: int | None = None) -> None:
-        self.asked.append((edit.what, edit.value, point, number))
+        self.requests.append((edit.what, edit.value, point, number))
 
     def move_drop(self, number: int, to: str) -> None:
-        self.asked.append(("move", number, to))
+        self.requests.append(("move", number, to))
 
     def change_job(self, request: Any) -> None:
-        self.asked.append(("job", request.declared()))
+        self.requests.append(("job", request.declared()))
 
-    def keep_result(self, number: int, kept: Any) -> None:
-        self.asked.append(("result", number, kept))
+    def keep_result(self, number: int, result: Any) -> None:
+        self.requests.append(("result", number, result))
 
     def accept_calibration(self, event: CalibrationChanged) -> None:
-        self.asked.append(("calibration", event))
+        self.requests.append(("calibration", event))
 
     def trigger(self) -> None:
-        self.asked.append(("trigger",))
+        self.requests.append(("trigger",))
 
     def stop(self) -> None:
         self.stopped.set()
@@ -258,10 +262,10 @@ class App(PfwdApp):
         glyphs: Glyphs = BRAILLE,
         **more: Any,
     ) -> None:
-        self.kept: list[ScreenSettings] = []
+        self.stored: list[ScreenSettings] = []
 
-        def save(kept: ScreenSettings) -> bool:
-            self.kept.append(kept)
+        def save(settings: ScreenSettings) -> bool:
+            self.stored.append(settings)
             return True
 
         super().__init__(
@@ -279,7 +283,7 @@ class App(PfwdApp):
 
     @property
     def text(self) -> str:
-        """What is on the terminal, whatever the page is made of."""
+        """Text on the terminal, of any page and dialog."""
         strips = self.screen._compositor.render_strips()
         return "\n".join("".join(part.text for part in strip).rstrip() for strip in strips)
 
@@ -308,7 +312,7 @@ async def until(pilot: Any, holds: Callable[[], bool], seconds: float = 20.0) ->
     raise AssertionError("it did not come")
 
 
-async def told(app: App, pilot: Any, *events: Any) -> None:
+async def deliver(app: App, pilot: Any, *events: Any) -> None:
     """Have events taken and drawn."""
     for event in events:
         app.runner.put(event)
@@ -318,7 +322,7 @@ async def told(app: App, pilot: Any, *events: Any) -> None:
     await pilot.pause()
 
 
-def whole_point(point: str = "7") -> list[Any]:
+def complete_point(point: str = "7") -> list[Any]:
     """Three seating and three measured drops."""
     events: list[Any] = [ready(), status()]
     for number in range(1, 7):

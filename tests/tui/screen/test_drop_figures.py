@@ -1,4 +1,4 @@
-"""Which sensor the figures of a drop show, before its fit and with it."""
+"""Sensor in the figures of a drop, before its fit and with it."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,13 +21,13 @@ from tui.screen.units import SI
 def test_a_sensor_stays_when_the_fit_comes(
     make_drop: Callable[..., Drop], sensor: int, title: str
 ) -> None:
-    """From the plate outward, with its side, whatever the order of the file."""
+    """Order from the plate outward, with the side, for any order of the file."""
     stored = replace(saved_drop(), drop=make_drop(offsets=(-0.3, 0.6, 0.0, 0.3)))
     raw = drop_figures(DropState("7", 1, saved=stored), SI, sensor=sensor)
     assert raw[1].title == title
-    one = curves()
-    rows = np.repeat(one.observed, 4, axis=0)
-    of_all = replace(one, observed=rows, predicted=rows, offsets=np.array([0.0, 0.3, -0.3, 0.6]))
+    figure = curves()
+    rows = np.repeat(figure.observed, 4, axis=0)
+    of_all = replace(figure, observed=rows, predicted=rows, offsets=np.array([0.0, 0.3, -0.3, 0.6]))
     fitted = drop_figures(
         DropState("7", 1, saved=stored, curves=of_all, results=[result()]), SI, sensor=sensor
     )

@@ -18,12 +18,12 @@ from tests.tui.screen.scripted import (
     App,
     QuietSource,
     analysed,
+    deliver,
     play,
     ready,
     result,
     saved,
     status,
-    told,
 )
 from tui.log_file import close_log, open_log
 from tui.screen.session.event_log import log_event
@@ -93,12 +93,12 @@ def events(text: str) -> list[Any]:
 
 
 @pytest.mark.parametrize("text", HOSTILE, ids=range(len(HOSTILE)))
-def test_no_page_is_moved_by_what_it_shows(text: str) -> None:
+def test_hostile_text_does_not_disturb_a_page(text: str) -> None:
     async def script(app: App, pilot: Any) -> None:
         *first, last = events(text)
-        await told(app, pilot, *first)
+        await deliver(app, pilot, *first)
         assert harmless(app.text.replace("\n", ""))
-        await told(app, pilot, last)
+        await deliver(app, pilot, last)
         assert harmless(app.text.replace("\n", ""))
         for keys in (["1"], ["2"], ["3"], ["4"], ["escape", "question_mark"]):
             await pilot.press(*keys)
@@ -116,7 +116,7 @@ def test_no_page_is_moved_by_what_it_shows(text: str) -> None:
 @pytest.mark.parametrize("text", HOSTILE[:8], ids=range(8))
 def test_dialogs_and_the_setup_page_take_it_as_text(text: str) -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, ready(), saved(1), Edited("name", text, "7", None))
+        await deliver(app, pilot, ready(), saved(1), Edited("name", text, "7", None))
         await pilot.press("n")
         await pilot.pause()
         assert harmless(app.text.replace("\n", ""))
@@ -132,7 +132,7 @@ def test_dialogs_and_the_setup_page_take_it_as_text(text: str) -> None:
     play(App(), script)
 
 
-def test_the_log_has_one_line_an_event_whatever_it_says(tmp_path: Path) -> None:
+def test_the_log_has_a_single_line_per_event(tmp_path: Path) -> None:
     handler = open_log(tmp_path)
     try:
         for text in HOSTILE:

@@ -54,7 +54,7 @@ LAYERS: dict[str, Any] = {
     "bedrock_depth_sd_m": None,
     "model": "half-space",
 }
-NOT_KNOWN = LAYERS | {
+UNDETERMINED = LAYERS | {
     "layers": [TOP, OPEN],
     "modulus_pa": None,
     "modulus_sd_pa": None,
@@ -62,44 +62,44 @@ NOT_KNOWN = LAYERS | {
 }
 
 
-def rows(found: DropResult, width: int = 60, units: Any = SI) -> list[str]:
-    return [text_of(one) for one in layer_lines(found, units, width)]
+def rows(drop_result: DropResult, width: int = 60, units: Any = SI) -> list[str]:
+    return [text_of(text_row) for text_row in layer_lines(drop_result, units, width)]
 
 
-def drop_of(make_drop: Callable[..., Drop], found: DropResult, *places: float) -> DropState:
-    """A drop whose curves are half off at all sensors but the centre."""
+def drop_of(make_drop: Callable[..., Drop], drop_result: DropResult, *places: float) -> DropState:
+    """Return a drop whose curves are half off at all sensors but the centre."""
     stored = replace(saved_drop(), drop=make_drop(offsets=OFFSETS))
-    one = curves()
-    observed = np.array([one.observed[0] / (1 + 5 * abs(place)) for place in places])
+    histories = curves()
+    observed = np.array([histories.observed[0] / (1 + 5 * abs(place)) for place in places])
     factor = np.array([1.0 if place == 0 else 1.5 for place in places])[:, None]
     drawn = replace(
-        one,
+        histories,
         observed=observed,
         predicted=factor * observed,
         offsets=np.array(places),
         peaks=observed.max(axis=1),
     )
-    return DropState("7", 1, saved=stored, curves=drawn, results=[found])
+    return DropState("7", 1, saved=stored, curves=drawn, results=[drop_result])
 
 
 def page(drop: DropState, width: int, height: int, **more: Any) -> list[str]:
     state = SessionState(clock=lambda: 1.0)
     state.take(SessionStarted(Session(), "7"))
-    shown = DropPageState(drop, state, SI, BRAILLE, "", DropPage.KEYS, **more)
-    lines = drop_lines(shown, width, height)
+    text_on_page = DropPageState(drop, state, SI, BRAILLE, "", DropPage.KEYS, **more)
+    lines = drop_lines(text_on_page, width, height)
     assert len(lines) == height
-    assert all(width_of(one) == width for one in lines)
-    return [text_of(one) for one in lines]
+    assert all(width_of(text_row) == width for text_row in lines)
+    return [text_of(text_row) for text_row in lines]
 
 
 def test_a_profile_is_a_row_a_medium_with_a_bar_on_a_log_scale() -> None:
-    found = rows(result(**LAYERS), 70)
-    assert found[0] == "layers, E MPa (95 %); bars 37 to 164 MPa, log"
-    assert found[1].startswith("1 0.250 ±0.011 m 120 (110 to 131)")
-    assert found[2].startswith("2 no end         47.3 (46.7 to 47.9)")
-    assert found[3] == "effective 71.0 MPa (70.0 to 72.0), down to 0.93 m"
-    assert len(found) == 4
-    top, below = (row.split(")")[1].strip() for row in found[1:3])
+    texts = rows(result(**LAYERS), 70)
+    assert texts[0] == "layers, E MPa (95 %); bars 37 to 164 MPa, log"
+    assert texts[1].startswith("1 0.250 ±0.011 m 120 (110 to 131)")
+    assert texts[2].startswith("2 no end         47.3 (46.7 to 47.9)")
+    assert texts[3] == "effective 71.0 MPa (70.0 to 72.0), down to 0.93 m"
+    assert len(texts) == 4
+    top, below = (row.split(")")[1].strip() for row in texts[1:3])
     assert len(top) == len(below)
     # The bars run over a factor of 4.4; 120 is at 79 % of it, 47.3 at 16 %.
     assert top.index("■") == round(0.79 * (len(top) - 1))
@@ -109,13 +109,13 @@ def test_a_profile_is_a_row_a_medium_with_a_bar_on_a_log_scale() -> None:
 
 
 def test_an_open_modulus_has_a_bar_and_no_value() -> None:
-    found = rows(result(**NOT_KNOWN), 70)
-    assert "2 no end         not known (40.0 to 410)" in found[2]
-    assert "■" not in found[2]
-    assert found[2].count("─") > found[1].count("─")
+    texts = rows(result(**UNDETERMINED), 70)
+    assert "2 no end         not known (40.0 to 410)" in texts[2]
+    assert "■" not in texts[2]
+    assert texts[2].count("─") > texts[1].count("─")
 
 
-def test_rock_units_and_narrow_columns_are_seen_to() -> None:
+def test_rock_units_and_narrow_columns() -> None:
     on_rock = BELOW | {"thickness_m": 0.75}
     layers = LAYERS | {"layers": [TOP, on_rock], "bedrock_depth_m": 1.0}
     assert "rock at 1.00 m" in rows(result(**layers))
@@ -126,16 +126,16 @@ def test_rock_units_and_narrow_columns_are_seen_to() -> None:
     assert rows(result()) == []
 
 
-def test_residuals_stand_by_sensor_and_the_left_out_by_name(
+def test_residuals_by_sensor_name_excluded_sensors(
     make_drop: Callable[..., Drop],
 ) -> None:
     drop = drop_of(make_drop, result(**LAYERS), 0.0, 0.3, -0.3)
-    found = [text_of(one) for one in sensor_lines(drop.curves, OFFSETS, SI)]
-    assert found[0] == "residual by sensor, of its own peak"
-    assert found[1].split() == ["centre", "0", "%,", "0", "%", "in", "contact"]
-    assert found[2].split()[:2] == ["300", "mm"]
-    assert found[3].split()[:2] == ["-300", "mm"]
-    assert found[4].strip() == "600 mm  excluded from the fit"
+    texts = [text_of(text_row) for text_row in sensor_lines(drop.curves, OFFSETS, SI)]
+    assert texts[0] == "residual by sensor, of its own peak"
+    assert texts[1].split() == ["centre", "0", "%,", "0", "%", "in", "contact"]
+    assert texts[2].split()[:2] == ["300", "mm"]
+    assert texts[3].split()[:2] == ["-300", "mm"]
+    assert texts[4].strip() == "600 mm  excluded from the fit"
     assert sensor_lines(drop.curves, (0.0,), SI) == []
     assert sensor_lines(None, OFFSETS, SI) == []
 
@@ -155,13 +155,13 @@ def test_curves_are_fetched_with_the_layers_of_the_result(make_drop: Callable[..
     """Curves of homogeneous ground beside a profile of layers would be those of another fit."""
     asking = Asking()
     source: Any = SimpleNamespace(plan=SessionPlan(options=AnalysisOptions(seed=4)))
-    nothing: Any = SimpleNamespace(put=lambda _: None)
-    fits = DropFits(source, nothing, nothing, nothing, nothing)
+    no_session: Any = SimpleNamespace(put=lambda _: None)
+    fits = DropFits(source, no_session, no_session, no_session, no_session)
     fits._refits = asking
     fits.fetch(DropState("7", 1, saved=saved_drop(), results=[result(**LAYERS)]))
-    given = TOP | {"thickness_sd_m": None, "thickness_interval_m": None}
-    known = result(**LAYERS | {"layers": [given, BELOW]})
-    fits.fetch(DropState("7", 1, saved=saved_drop(), results=[known]))
+    fixed = TOP | {"thickness_sd_m": None, "thickness_interval_m": None}
+    fields = result(**LAYERS | {"layers": [fixed, BELOW]})
+    fits.fetch(DropState("7", 1, saved=saved_drop(), results=[fields]))
     fits.fetch(DropState("7", 1, saved=saved_drop(), results=[result()]))
     quick = AnalysisOptions(seed=4, method="least-squares")
     assert asking.options == [
@@ -172,14 +172,14 @@ def test_curves_are_fetched_with_the_layers_of_the_result(make_drop: Callable[..
 
 
 def test_a_fit_that_leaves_the_subgrade_open_is_no_failure() -> None:
-    said: list[str] = []
+    message: list[str] = []
     state = SessionState(clock=lambda: 1.0)
-    nothing: Any = SimpleNamespace(put=lambda _: None)
-    fits = DropFits(nothing, nothing, state, said.append, nothing)
-    fits.on_refitted(1, "2 layers", result(**NOT_KNOWN), SI)
+    no_session: Any = SimpleNamespace(put=lambda _: None)
+    fits = DropFits(no_session, no_session, state, message.append, no_session)
+    fits.on_refitted(1, "2 layers", result(**UNDETERMINED), SI)
     fits.on_refitted(1, "2 layers", result(**LAYERS), SI)
     fits.on_refitted(1, "2 layers", result(None, reason="no pulse", layers=None), SI)
-    assert said == [
+    assert message == [
         "drop 1, 2 layers: effective 71.0 MPa; m goes through the results",
         "drop 1, 2 layers: 47.3 MPa; m goes through the results",
         "drop 1, 2 layers: no fit, no pulse",
@@ -203,28 +203,28 @@ def test_the_bowl_has_a_dash_a_sensor_and_a_line(make_drop: Callable[..., Drop])
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40), (200, 60)])
-@pytest.mark.parametrize("known", [LAYERS, NOT_KNOWN])
+@pytest.mark.parametrize("known", [LAYERS, UNDETERMINED])
 def test_the_drop_page_has_layers_bowl_and_sensors(
-    make_drop: Callable[..., Drop], size: tuple[int, int], known: dict[str, Any]
+    make_drop: Callable[..., Drop], size: tuple[int, int], fields: dict[str, Any]
 ) -> None:
-    drop = drop_of(make_drop, result(**known), *OFFSETS)
-    shown = page(drop, *size, panel="bowl")
-    assert any("bowl" in row and "µm" in row for row in shown)
+    drop = drop_of(make_drop, result(**fields), *OFFSETS)
+    text_on_page = page(drop, *size, panel="bowl")
+    assert any("bowl" in row and "µm" in row for row in text_on_page)
     state = SessionState(clock=lambda: 1.0)
     lines = text_lines(DropPageState(drop, state, SI, BRAILLE, "", DropPage.KEYS), drop, 60)
-    written = "\n".join(text_of(one) for one in lines)
+    written = "\n".join(text_of(text_row) for text_row in lines)
     assert "effective 71.0 MPa" in written
     assert "residual by sensor" in written
-    assert ("subgrade 47.30 ± 0.60" in written) == (known is LAYERS)
-    assert ("not known (40.0 to 410)" in written) == (known is NOT_KNOWN)
+    assert ("subgrade 47.30 ± 0.60" in written) == (fields is LAYERS)
+    assert ("not known (40.0 to 410)" in written) == (fields is UNDETERMINED)
 
 
 @pytest.mark.parametrize("size", [(120, 40), (200, 60)])
 def test_the_measure_page_says_whose_modulus_it_is(size: tuple[int, int]) -> None:
-    shown = text(view(ready(), saved(1), analysed(1, **LAYERS)), size)
-    assert "subgrade  47.3 (46.7 to 47.9) MPa" in shown
-    assert "top       120 (110 to 131) MPa, 0.25 m" in shown
-    assert "lowest of 2 layers, ground without rock" in shown
-    shown = text(view(ready(), saved(1), analysed(1, **NOT_KNOWN)), size)
-    assert "subgrade  not known (40.0 to 410) MPa" in shown
+    text_on_page = text(view(ready(), saved(1), analysed(1, **LAYERS)), size)
+    assert "subgrade  47.3 (46.7 to 47.9) MPa" in text_on_page
+    assert "top       120 (110 to 131) MPa, 0.25 m" in text_on_page
+    assert "lowest of 2 layers, ground without rock" in text_on_page
+    text_on_page = text(view(ready(), saved(1), analysed(1, **UNDETERMINED)), size)
+    assert "subgrade  not known (40.0 to 410) MPa" in text_on_page
     assert "subgrade" not in text(view(ready(), saved(1), analysed(1)), size)

@@ -21,11 +21,11 @@ from tui.screen.drawing.lines import (
 
 
 def test_control_characters_are_replaced_where_text_enters() -> None:
-    shown = cell("a\x1b]0;owned\x07b").text
-    assert shown == "a?]0;owned?b".replace("?", "\N{REPLACEMENT CHARACTER}")
+    rendered = cell("a\x1b]0;owned\x07b").text
+    assert rendered == "a?]0;owned?b".replace("?", "\N{REPLACEMENT CHARACTER}")
 
 
-def test_the_least_important_piece_goes_first_and_whole() -> None:
+def test_the_piece_with_the_highest_rank_is_dropped_first() -> None:
     pieces = [piece(0, "lost 0"), piece(2, "battery 7.4 V"), piece(1, "10 kHz")]
     assert text_of(fit(pieces, 80)) == "lost 0  battery 7.4 V  10 kHz"
     assert text_of(fit(pieces, 20)) == "lost 0  10 kHz"
@@ -33,20 +33,20 @@ def test_the_least_important_piece_goes_first_and_whole() -> None:
 
 
 @given(st.integers(1, 120), st.integers(1, 4))
-def test_what_is_fitted_is_never_wider_and_every_piece_is_whole(width: int, rows: int) -> None:
+def test_fitted_lines_keep_the_width_and_cut_no_piece(width: int, rows: int) -> None:
     texts = ["alpha 1.25", "beta 2", "gamma 333.1", "delta"]
     lines = flow([piece(rank, text) for rank, text in enumerate(texts)], width, rows)
     assert len(lines) <= rows
-    assert all(width_of(one) <= width for one in lines)
-    shown = [part for one in lines for part in text_of(one).split("  ") if part]
-    assert set(shown) <= set(texts)
+    assert all(width_of(text_row) <= width for text_row in lines)
+    rendered = [part for text_row in lines for part in text_of(text_row).split("  ") if part]
+    assert set(rendered) <= set(texts)
 
 
 @given(st.text(max_size=200), st.integers(3, 60))
 def test_wrapped_text_fits_and_loses_no_word(text: str, width: int) -> None:
     safe = cell(text).text
     lines = wrap(safe, width)
-    assert all(width_of([cell(one)]) <= width for one in lines)
+    assert all(width_of([cell(text_row)]) <= width for text_row in lines)
     if all(len(word) <= width and word.isascii() for word in safe.split()):
         assert " ".join(lines).split() == safe.split()
 
@@ -71,11 +71,11 @@ ROWS = [
 
 @pytest.mark.parametrize("width", range(10, 80))
 def test_no_number_of_a_table_is_cut_at_any_width(width: int) -> None:
-    lines = [text_of(one) for one in table_lines(COLUMNS, ROWS, width)]
+    lines = [text_of(text_row) for text_row in table_lines(COLUMNS, ROWS, width)]
     for numbers in zip(*(row.texts[:3] for row in ROWS), strict=True):
-        shown = [any(number in line.split() for line in lines) for number in numbers]
+        rendered = [any(number in line.split() for line in lines) for number in numbers]
         digits = [number[:3] in " ".join(lines) for number in numbers]
-        assert all(shown) or not any(digits), numbers
+        assert all(rendered) or not any(digits), numbers
     assert all(len(line) <= max(width, 5) for line in lines)
 
 
@@ -88,7 +88,7 @@ def test_columns_leave_by_their_rank() -> None:
 
 
 def test_the_chosen_row_is_marked_by_a_sign_not_by_colour_alone() -> None:
-    lines = [text_of(one) for one in table_lines(COLUMNS, ROWS, 60)]
+    lines = [text_of(text_row) for text_row in table_lines(COLUMNS, ROWS, 60)]
     assert lines[2].startswith("▶")
     assert not lines[1].startswith("▶")
 

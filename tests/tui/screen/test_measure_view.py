@@ -10,7 +10,7 @@ from pfwd.procedures import plain_procedure
 from pfwd.session.events import JobReported
 from pfwd.session.live_trace import Envelope
 from tests.snapshots import check_snapshot
-from tests.tui.screen.scripted import Session, analysed, ready, saved, status, whole_point
+from tests.tui.screen.scripted import Session, analysed, complete_point, ready, saved, status
 from tui.screen.drawing.glyphs import ASCII, BRAILLE, Glyphs
 from tui.screen.drawing.lines import text_of, width_of
 from tui.screen.pages.measure import MeasurePage
@@ -45,27 +45,29 @@ def view(*events: Any, units: Units = SI, glyphs: Glyphs = BRAILLE, **more: Any)
     )
 
 
-def text(shown: MeasureView, size: tuple[int, int]) -> str:
-    return "\n".join(text_of(one).rstrip() for one in measure_lines(shown, *size)) + "\n"
+def text(on_page: MeasureView, size: tuple[int, int]) -> str:
+    return (
+        "\n".join(text_of(text_row).rstrip() for text_row in measure_lines(on_page, *size)) + "\n"
+    )
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_the_page_looks_as_it_was_looked_at(size: tuple[int, int]) -> None:
-    page = text(view(*whole_point(), chosen=6), size)
+def test_the_measure_page_matches_its_snapshot(size: tuple[int, int]) -> None:
+    page = text(view(*complete_point(), chosen=6), size)
     check_snapshot(page, __file__, f"measure-{size[0]}x{size[1]}")
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_a_point_that_is_done_looks_as_it_was_looked_at(size: tuple[int, int]) -> None:
-    check_snapshot(text(view(*whole_point()), size), __file__, f"done-{size[0]}x{size[1]}")
+def test_a_complete_point_matches_its_snapshot(size: tuple[int, int]) -> None:
+    check_snapshot(text(view(*complete_point()), size), __file__, f"done-{size[0]}x{size[1]}")
 
 
-def test_a_wide_terminal_has_the_traces_beside_the_verdict() -> None:
-    wide = text(view(*whole_point()), (200, 60))
+def test_a_wide_terminal_shows_traces_and_verdict() -> None:
+    wide = text(view(*complete_point()), (200, 60))
     for part in ("deflection µm", "load kN", "residual µm", "PASS"):
         assert part in wide
     assert max(len(row.rstrip()) for row in wide.splitlines()[4:30]) > 160
-    assert "deflection µm" not in text(view(*whole_point()), (120, 40))
+    assert "deflection µm" not in text(view(*complete_point()), (120, 40))
 
 
 CASES = {
@@ -73,7 +75,7 @@ CASES = {
     "ready": [ready(), status()],
     "rejected": [ready(), saved(1, status="rejected", reason="false trigger: 1.10 kN")],
     "first answer": [ready(), saved(1), analysed(1, full=False)],
-    "whole": whole_point(),
+    "whole": complete_point(),
     "bound": [ready(), saved(1), analysed(1, at_bound=["modulus"], explained=False)],
     "many": [event for n in range(1, 30) for event in (saved(n), analysed(n))],
     "long": [ready(), saved(1, "a very long name of a point, as long as one can be, 64 letter")],
@@ -86,20 +88,20 @@ CASES = {
 def test_the_page_fills_just_the_terminal(case: str, size: tuple[int, int], large: bool) -> None:
     lines = measure_lines(view(*CASES[case], large=large), *size)
     assert len(lines) == size[1]
-    assert [width_of(one) for one in lines if width_of(one) > size[0]] == []
+    assert [width_of(text_row) for text_row in lines if width_of(text_row) > size[0]] == []
 
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("large", [False, True])
 def test_the_modulus_stands_with_all_it_rests_on(size: tuple[int, int], large: bool) -> None:
-    shown = text(view(*whole_point(), large=large, chosen=6), size)
+    on_page = text(view(*complete_point(), large=large, chosen=6), size)
     for part in (
         "MPa",
         "ground over rock",
         "rigid plate without slip",
         "radius 150 mm",
     ):
-        assert part in shown
+        assert part in on_page
     for part in (
         "Poisson's ratio 0.35",
         "± for 95 %",
@@ -108,88 +110,88 @@ def test_the_modulus_stands_with_all_it_rests_on(size: tuple[int, int], large: b
         "target 45.0 MPa",
         "mean of 3",
     ):
-        assert part in shown
-    assert "47.6" in shown  # of the last drop, in the table
+        assert part in on_page
+    assert "47.6" in on_page  # of the last drop, in the table
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_bounds_and_unexplained_residuals_are_told_in_words(size: tuple[int, int]) -> None:
-    shown = " ".join(text(view(*CASES["bound"]), size).replace("│", " ").split())
-    assert "UNEXPLAINED" in shown
-    assert "AT THE LIMIT" in shown
+def test_bounds_and_unexplained_residuals_have_words(size: tuple[int, int]) -> None:
+    on_page = " ".join(text(view(*CASES["bound"]), size).replace("│", " ").split())
+    assert "UNEXPLAINED" in on_page
+    assert "AT THE LIMIT" in on_page
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_a_rejected_drop_says_why_in_words(size: tuple[int, int]) -> None:
-    shown = text(view(*CASES["rejected"]), size)
-    assert "REPEAT" in shown
-    assert "false trigger: 1.10 kN" in shown
+    on_page = text(view(*CASES["rejected"]), size)
+    assert "REPEAT" in on_page
+    assert "false trigger: 1.10 kN" in on_page
 
 
 def test_us_customary_units_are_everywhere() -> None:
-    shown = text(view(*whole_point(), units=US, chosen=6), (120, 40))
+    on_page = text(view(*complete_point(), units=US, chosen=6), (120, 40))
     for part in ("ksi", "lbf", "mil", "in/s", "radius 5.91 in"):
-        assert part in shown
+        assert part in on_page
     for part in ("MPa", "kN", "µm", "mm"):
-        assert part not in shown
+        assert part not in on_page
 
 
-def test_in_ascii_there_is_nothing_else() -> None:
-    shown = text(view(*whole_point(), glyphs=ASCII), (120, 40))
-    assert ASCII.to_terminal(shown.replace("\n", " ").replace("ν", "n")).isascii()
-    assert not any(0x2800 <= ord(letter) < 0x2900 for letter in shown)
+def test_an_ascii_terminal_gets_ascii() -> None:
+    on_page = text(view(*complete_point(), glyphs=ASCII), (120, 40))
+    assert ASCII.to_terminal(on_page.replace("\n", " ").replace("ν", "n")).isascii()
+    assert not any(0x2800 <= ord(letter) < 0x2900 for letter in on_page)
 
 
-def test_the_curves_of_the_fit_are_told_apart_by_their_form() -> None:
-    shown = text(view(*whole_point(), chosen=6), (120, 40))
-    assert "─── measured" in shown
-    assert "- - fitted" in shown
+def test_the_curves_of_the_fit_differ_by_their_form() -> None:
+    on_page = text(view(*complete_point(), chosen=6), (120, 40))
+    assert "─── measured" in on_page
+    assert "- - fitted" in on_page
 
 
-def test_a_message_is_shown_whole() -> None:
-    said = "the analysis ended by itself twice; the drop is safe, invert it again later"
+def test_a_message_is_not_cut() -> None:
+    sentence = "the analysis ended by itself twice; the drop is safe, invert it again later"
     for size in SIZES:
-        shown = " ".join(text(view(*whole_point(), message=said), size).split())
-        assert said in shown
+        on_page = " ".join(text(view(*complete_point(), message=sentence), size).split())
+        assert sentence in on_page
 
 
-def test_a_chosen_drop_is_the_one_that_is_shown() -> None:
-    shown = text(view(*whole_point(), chosen=2), (120, 40))
-    assert "modulus, drop 2" in shown
-    assert "▶   2" in shown
+def test_the_chosen_drop_is_on_the_page() -> None:
+    on_page = text(view(*complete_point(), chosen=2), (120, 40))
+    assert "modulus, drop 2" in on_page
+    assert "▶   2" in on_page
 
 
-def test_next_action_and_keys_are_always_there() -> None:
+def test_next_action_and_keys_are_on_every_page() -> None:
     for case in CASES.values():
         for size in SIZES:
             lines = text(view(*case), size).splitlines()
             assert "n next point" in lines[-1]
-            assert any("▶" in one for one in lines[:4])
+            assert any("▶" in text_row for text_row in lines[:4])
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40)])
-def test_the_receiver_and_the_lot_are_seen_on_small_terminals_too(size: tuple[int, int]) -> None:
+def test_small_terminals_show_receiver_and_lot(size: tuple[int, int]) -> None:
     stations = tuple(Station(f"12+3{n}0", 12_300.0 + 10 * n) for n in range(4))
     job = Job(procedure=plain_procedure(), target=45e6, stations=stations)
     where = ReceiverStatus("GPS RTK fixed 11 sat", "48.13740, 11.57550", is_good=True)
-    shown = text(view(JobReported(job), ready(), status(), position=where), size)
-    assert "GPS RTK fixed 11 sat" in shown
-    assert "0 of 4 stations" in shown, "the point that is measured is not done yet"
-    assert "lost 0" in shown
+    on_page = text(view(JobReported(job), ready(), status(), position=where), size)
+    assert "GPS RTK fixed 11 sat" in on_page
+    assert "0 of 4 stations" in on_page, "the point that is measured is not done yet"
+    assert "lost 0" in on_page
 
 
-def test_nothing_measured_has_no_verdict() -> None:
-    shown = text(view(ready()), (120, 40))
-    assert "nothing measured yet" in shown
-    assert "UNDECIDED" not in shown
+def test_a_point_without_drops_has_no_verdict() -> None:
+    on_page = text(view(ready()), (120, 40))
+    assert "nothing measured yet" in on_page
+    assert "UNDECIDED" not in on_page
 
 
 def test_verdict_and_value_stand_side_by_side_where_they_do_not_fit_below() -> None:
-    shown = text(view(*whole_point(), message="a sentence that is longer " * 9), (80, 24))
-    (row, *_) = [one for one in shown.split("\n") if one.startswith(" ████")]
+    on_page = text(view(*complete_point(), message="a sentence that is longer " * 9), (80, 24))
+    (row, *_) = [text_row for text_row in on_page.split("\n") if text_row.startswith(" ████")]
     assert len(row) > 60, "PASS, and the modulus beside it"
 
 
-def test_a_high_terminal_shows_what_every_drop_says() -> None:
-    assert "modulus of each drop, MPa" in text(view(*whole_point(), chosen=6), (200, 60))
-    assert "modulus of each drop, MPa" not in text(view(*whole_point(), chosen=6), (120, 40))
+def test_a_high_terminal_has_a_bar_per_drop() -> None:
+    assert "modulus of each drop, MPa" in text(view(*complete_point(), chosen=6), (200, 60))
+    assert "modulus of each drop, MPa" not in text(view(*complete_point(), chosen=6), (120, 40))

@@ -30,7 +30,9 @@ from tests.tui.screen.scripted import (
     App,
     QuietSource,
     analysed,
+    complete_point,
     curves,
+    deliver,
     play,
     ready,
     result,
@@ -38,9 +40,7 @@ from tests.tui.screen.scripted import (
     saved_drop,
     status,
     stored_drop,
-    told,
     until,
-    whole_point,
 )
 from tui.screen.pages.diagnosis import device_lines
 from tui.screen.pages.points import PointsPage
@@ -57,43 +57,43 @@ SIZES = [(80, 24), (120, 40), (200, 60)]
 def test_the_measure_page_follows_the_session(size: tuple[int, int]) -> None:
     async def script(app: App, pilot: Any) -> None:
         assert "WAITING" in app.text
-        await told(app, pilot, ready(), status(), Ready())
+        await deliver(app, pilot, ready(), status(), Ready())
         assert "READY" in app.text
         assert "T-1042" in app.text
-        await told(app, pilot, saved(1, status="seating"))
+        await deliver(app, pilot, saved(1, status="seating"))
         assert "COMPUTING" in app.text
-        await told(app, pilot, analysed(1, full=False, kind="seating"))
+        await deliver(app, pilot, analysed(1, full=False, kind="seating"))
         assert "SAFE" in app.text
         assert "47.3" in app.text
-        await told(app, pilot, *whole_point())
+        await deliver(app, pilot, *complete_point())
         await until(pilot, lambda: "POINT DONE" in app.text)  # after SAFE
 
     play(App(), script, size)
 
 
-def test_a_safe_drop_rings_once_and_a_rejected_one_twice() -> None:
+def test_a_safe_drop_rings_once_and_a_rejected_drop_twice() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, ready(), saved(1))
+        await deliver(app, pilot, ready(), saved(1))
         assert app.bells == 1
-        await told(app, pilot, saved(2, status="rejected", reason="false trigger"))
+        await deliver(app, pilot, saved(2, status="rejected", reason="false trigger"))
         await until(pilot, lambda: app.bells == 3)
         await pilot.press("b")
-        await told(app, pilot, saved(3))
+        await deliver(app, pilot, saved(3))
         assert app.bells == 3
 
     app = play(App(), script)
-    assert [kept.bell for kept in app.kept] == [False]
+    assert [settings.bell for settings in app.stored] == [False]
 
 
-def test_discarding_is_said_to_the_session_and_taken_back() -> None:
+def test_discarding_goes_to_the_session_and_can_be_undone() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point())
+        await deliver(app, pilot, *complete_point())
         await pilot.press("up", "d")
-        assert app.source.session.asked == [("discard", "by the operator", None, 5)]  # type: ignore[attr-defined]
+        assert app.source.session.requests == [("discard", "by the operator", None, 5)]  # type: ignore[attr-defined]
         await pilot.press("u")
-        assert app.source.session.asked[1] == ("restore", None, None, 5)  # type: ignore[attr-defined]
+        assert app.source.session.requests[1] == ("restore", None, None, 5)  # type: ignore[attr-defined]
         await pilot.press("u")
-        assert len(app.source.session.asked) == 2  # type: ignore[attr-defined]
+        assert len(app.source.session.requests) == 2  # type: ignore[attr-defined]
         app.redraw()
         await pilot.pause()
         assert "nothing to take back" in app.text
@@ -101,35 +101,35 @@ def test_discarding_is_said_to_the_session_and_taken_back() -> None:
     play(App(), script)
 
 
-def test_undo_restores_the_drop_that_was_moved_and_not_one_discarded_before() -> None:
+def test_undo_restores_the_moved_drop_before_an_earlier_discard() -> None:
     async def script(app: App, pilot: Any) -> None:
-        asked = app.source.session.asked  # type: ignore[attr-defined]
-        await told(app, pilot, *whole_point())
+        requests = app.source.session.requests  # type: ignore[attr-defined]
+        await deliver(app, pilot, *complete_point())
         await pilot.press("up", "d")
-        assert asked == [("discard", "by the operator", None, 5)]
+        assert requests == [("discard", "by the operator", None, 5)]
         await pilot.press("2", "enter", "w", "8", "enter")
-        assert asked[1:] == [("move", 6, "8")]
+        assert requests[1:] == [("move", 6, "8")]
         await pilot.press("u")
-        assert asked[2:] == [("restore", None, None, 6)]
+        assert requests[2:] == [("restore", None, None, 6)]
         await pilot.press("u")
-        assert asked[3:] == [("restore", None, None, 5)]
+        assert requests[3:] == [("restore", None, None, 5)]
 
     play(App(), script)
 
 
-def test_a_move_that_is_taken_back_leaves_no_trace_on_the_drop() -> None:
+def test_an_undone_move_clears_the_drop() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point())
+        await deliver(app, pilot, *complete_point())
         await pilot.press("2", "enter")
-        await told(app, pilot, Edited("discard", {MOVED_TO: {"point": "8", "drop": 1}}, None, 6))
+        await deliver(app, pilot, Edited("discard", {MOVED_TO: {"point": "8", "drop": 1}}, None, 6))
         assert "moved to" in app.text
-        await told(app, pilot, Edited("restore", None, None, 6))
+        await deliver(app, pilot, Edited("restore", None, None, 6))
         assert "moved to" not in app.text
 
     play(App(), script)
 
 
-def other_points(*names: str) -> JobReported:
+def stations_job(*names: str) -> JobReported:
     return JobReported(
         Job(procedure=plain_procedure(), stations=tuple(Station(name) for name in names))
     )
@@ -138,8 +138,8 @@ def other_points(*names: str) -> JobReported:
 @pytest.mark.parametrize("size", SIZES)
 def test_moving_a_drop_offers_the_points(size: tuple[int, int]) -> None:
     async def script(app: App, pilot: Any) -> None:
-        asked = app.source.session.asked  # type: ignore[attr-defined]
-        await told(app, pilot, other_points("7", "8", "9"), saved(1, "6"), *whole_point())
+        requests = app.source.session.requests  # type: ignore[attr-defined]
+        await deliver(app, pilot, stations_job("7", "8", "9"), saved(1, "6"), *complete_point())
         await pilot.press("2", "enter", "w")
         await pilot.pause()
         assert str(app.screen.query_one("#points", Label).content).splitlines() == [
@@ -151,15 +151,15 @@ def test_moving_a_drop_offers_the_points(size: tuple[int, int]) -> None:
         assert app.screen.query_one("#text", Input).value == "6"
         assert "▶ 6  1 drop" in str(app.screen.query_one("#points", Label).content)
         await pilot.press("enter")
-        assert asked == [("move", 6, "6")]
+        assert requests == [("move", 6, "6")]
 
     play(App(), script, size)
 
 
 def test_a_moved_drop_has_the_same_word_on_every_page() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point())
-        await told(app, pilot, Edited("discard", {MOVED_TO: {"point": "8", "drop": 1}}, None, 6))
+        await deliver(app, pilot, *complete_point())
+        await deliver(app, pilot, Edited("discard", {MOVED_TO: {"point": "8", "drop": 1}}, None, 6))
         pages = [app.text]
         await pilot.press("2", "enter")
         pages.append(app.text)
@@ -177,7 +177,7 @@ def test_a_moved_drop_has_the_same_word_on_every_page() -> None:
 @pytest.mark.parametrize("size", SIZES)
 def test_the_points_page_names_all_its_keys(size: tuple[int, int]) -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point())
+        await deliver(app, pilot, *complete_point())
         await pilot.press("2")
         foot = " ".join(app.text.splitlines()[-2:])
         for key, effect in PointsPage.KEYS:
@@ -186,73 +186,73 @@ def test_the_points_page_names_all_its_keys(size: tuple[int, int]) -> None:
     play(App(), script, size)
 
 
-def test_what_cannot_be_moved_leaves_nothing_to_take_back() -> None:
+def test_a_refused_move_cannot_be_undone() -> None:
     async def script(app: App, pilot: Any) -> None:
-        asked = app.source.session.asked  # type: ignore[attr-defined]
-        await told(app, pilot, *whole_point())
+        requests = app.source.session.requests  # type: ignore[attr-defined]
+        await deliver(app, pilot, *complete_point())
         await pilot.press("2", "enter", "w", "7", "enter")
         app.redraw()
         await pilot.pause()
         assert "drop 6 is at point 7 already" in app.text
-        await told(app, pilot, Edited("discard", None, None, 6))
+        await deliver(app, pilot, Edited("discard", None, None, 6))
         await pilot.press("w", "8", "enter")
         app.redraw()
         await pilot.pause()
         assert "drop 6 is discarded" in app.text
         await pilot.press("u")
-        assert asked == []
+        assert requests == []
 
     play(App(), script)
 
 
 def test_the_next_point_is_named_by_counting_on() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point())
+        await deliver(app, pilot, *complete_point())
         await pilot.press("n")
         assert app.screen.query_one("#text", Input).value == "8"
         await pilot.press("enter")
-        assert app.source.session.asked == [("point", "8")]  # type: ignore[attr-defined]
-        await told(app, pilot, PointBegan("8"))
+        assert app.source.session.requests == [("point", "8")]  # type: ignore[attr-defined]
+        await deliver(app, pilot, PointBegan("8"))
         assert "no drops at this point yet" in app.text
         await pilot.press("n", "backspace", "enter")
         assert "1 to 64 characters" in app.text
         await pilot.press("escape")
-        assert len(app.source.session.asked) == 1  # type: ignore[attr-defined]
+        assert len(app.source.session.requests) == 1  # type: ignore[attr-defined]
 
     play(App(), script)
 
 
-def test_a_name_that_is_part_of_a_known_one_is_asked_about() -> None:
+def test_a_name_similar_to_an_existing_point_needs_confirmation() -> None:
     async def script(app: App, pilot: Any) -> None:
-        asked = app.source.session.asked  # type: ignore[attr-defined]
-        await told(app, pilot, *whole_point("12+360"))
-        await told(app, pilot, PointBegan("12+360"))
+        requests = app.source.session.requests  # type: ignore[attr-defined]
+        await deliver(app, pilot, *complete_point("12+360"))
+        await deliver(app, pilot, PointBegan("12+360"))
         await pilot.press("n", *"12+36", "enter")
         await pilot.pause()
         assert "12+36 is new, but 12+360 exists. Begin it?" in app.text
         await pilot.press("n")
         assert app.screen.query_one("#text", Input).value == "12+36"
-        assert asked == []
+        assert requests == []
         await pilot.press("enter", "y")
         await pilot.pause()
-        assert asked == [("point", "12+36")]
+        assert requests == [("point", "12+36")]
         await pilot.press("n", *"12+380", "enter")
-        assert asked[1:] == [("point", "12+380")], "nothing that is like it"
+        assert requests[1:] == [("point", "12+380")], "nothing that is like it"
         await pilot.press("2", "enter", "w", *"12+3600", "enter")
         await pilot.pause()
         assert "12+3600 is new, but 12+360 exists" in app.text
         await pilot.press("y")
         await pilot.pause()
-        assert asked[2:] == [("move", 6, "12+3600")]
+        assert requests[2:] == [("move", 6, "12+3600")]
 
     play(App(), script)
 
 
-def test_a_proposed_name_is_not_asked_about() -> None:
+def test_a_proposed_name_needs_no_confirmation() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point("1"), *whole_point("9"), PointBegan("9"))
+        await deliver(app, pilot, *complete_point("1"), *complete_point("9"), PointBegan("9"))
         await pilot.press("n", "enter")
-        assert app.source.session.asked == [("point", "10")]  # type: ignore[attr-defined]
+        assert app.source.session.requests == [("point", "10")]  # type: ignore[attr-defined]
 
     play(App(), script)
 
@@ -260,31 +260,31 @@ def test_a_proposed_name_is_not_asked_about() -> None:
 def test_a_drop_can_be_recorded_by_hand() -> None:
     async def script(app: App, pilot: Any) -> None:
         await pilot.press("g")
-        assert app.source.session.asked == [("trigger",)]  # type: ignore[attr-defined]
+        assert app.source.session.requests == [("trigger",)]  # type: ignore[attr-defined]
 
     play(App(), script)
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_a_changed_calibration_is_asked_about_once(size: tuple[int, int]) -> None:
+def test_a_changed_calibration_needs_a_single_confirmation(size: tuple[int, int]) -> None:
     change = "sensitivity of centre is -57.6 V per m/s, was 28.8 V per m/s"
     event = CalibrationChanged("T-1042", (change,), waits=True)
 
     async def accepted(app: App, pilot: Any) -> None:
-        await told(app, pilot, event, event)
+        await deliver(app, pilot, event, event)
         await until(pilot, lambda: "y record" in app.text)
         assert "-57.6" in app.text
         await pilot.press("y")
         await until(pilot, lambda: "y record" not in app.text)  # nor a second question
-        assert app.source.session.asked == [("calibration", event)]  # type: ignore[attr-defined]
+        assert app.source.session.requests == [("calibration", event)]  # type: ignore[attr-defined]
         assert any(change in notice.text for _, notice in app.state.notices)
 
     async def refused(app: App, pilot: Any) -> None:
-        await told(app, pilot, event)
+        await deliver(app, pilot, event)
         await until(pilot, lambda: "y record" in app.text)
         await pilot.press("enter")  # the safe answer
         await until(pilot, app.source.session.stopped.is_set)  # type: ignore[attr-defined]
-        assert app.source.session.asked == []  # type: ignore[attr-defined]
+        assert app.source.session.requests == []  # type: ignore[attr-defined]
 
     play(App(), accepted, size)
     play(App(), refused, size)
@@ -295,7 +295,7 @@ def test_a_calibration_that_was_accepted_beforehand_is_only_named() -> None:
 
     async def script(app: App, pilot: Any) -> None:
         before = len(app.screen_stack)
-        await told(app, pilot, event)
+        await deliver(app, pilot, event)
         assert len(app.screen_stack) == before
         assert "zero of load is 1 V" in app.text
 
@@ -320,7 +320,7 @@ def contents() -> SurveyRead:
 @pytest.mark.parametrize("size", SIZES)
 def test_the_points_page_goes_from_point_to_drop(size: tuple[int, int]) -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, contents(), *whole_point())
+        await deliver(app, pilot, contents(), *complete_point())
         await pilot.press("2")
         await pilot.pause()
         app.redraw()
@@ -337,15 +337,15 @@ def test_the_points_page_goes_from_point_to_drop(size: tuple[int, int]) -> None:
     play(App(), script, size)
 
 
-def test_what_is_said_of_a_point_reaches_the_survey() -> None:
+def test_edits_of_a_point_reach_the_session() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point())
+        await deliver(app, pilot, *complete_point())
         await pilot.press("2", "m", *"50", "enter")
         await pilot.press("o", *"48.1,11.5", "enter")
         await pilot.press("e", *"wet", "enter")
         await pilot.press("a", *"B1", "enter")
         await pilot.press("d")
-        assert app.source.session.asked == [  # type: ignore[attr-defined]
+        assert app.source.session.requests == [  # type: ignore[attr-defined]
             ("target", 50e6, "7", None),
             ("position", {"latitude": 48.1, "longitude": 11.5}, "7", None),
             ("note", "wet", "7", None),
@@ -367,18 +367,18 @@ def test_a_target_that_no_drop_can_reach_is_refused_while_it_is_typed(
     units: Any, typed: str, message: str
 ) -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point())
+        await deliver(app, pilot, *complete_point())
         await pilot.press("2", "m", *typed, "enter")
         await pilot.pause()
         assert message in app.text
-        assert app.source.session.asked == []  # type: ignore[attr-defined]
+        assert app.source.session.requests == []  # type: ignore[attr-defined]
 
     play(App(settings=ScreenSettings(units=units)), script)
 
 
 def test_the_setup_takes_no_modulus_for_a_deflection() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, ready())
+        await deliver(app, pilot, ready())
         await pilot.press("5")
         await until(pilot, lambda: bool(app.screen.query("#target")))
         app.screen.query_one("#target", Input).value = "45"
@@ -393,12 +393,12 @@ def test_the_setup_takes_no_modulus_for_a_deflection() -> None:
     play(App(), script, (80, 24))
 
 
-def test_a_wrong_position_is_told_while_it_is_typed() -> None:
+def test_a_wrong_position_is_marked_while_it_is_typed() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point())
+        await deliver(app, pilot, *complete_point())
         await pilot.press("2", "o", *"99,11", "enter")
         assert "degrees" in app.text
-        assert app.source.session.asked == []  # type: ignore[attr-defined]
+        assert app.source.session.requests == []  # type: ignore[attr-defined]
 
     play(App(), script)
 
@@ -406,19 +406,19 @@ def test_a_wrong_position_is_told_while_it_is_typed() -> None:
 @pytest.mark.parametrize("size", SIZES)
 def test_the_drop_page_shows_everything_of_a_drop(size: tuple[int, int]) -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point())
+        await deliver(app, pilot, *complete_point())
         await pilot.press("enter")
         await pilot.pause()
-        shown = " ".join(app.text.replace("│", " ").split())
+        on_page = " ".join(app.text.replace("│", " ").split())
         for part in ("Drop 6 of point 7", "result in force", "modulus 47.60 ± 0.60 MPa"):
-            assert part in shown
-        seen = shown
+            assert part in on_page
+        help_text = on_page
         for _ in range(8):
             await pilot.press("pagedown")
             await pilot.pause()
-            seen += " " + " ".join(app.text.replace("│", " ").split())
+            help_text += " " + " ".join(app.text.replace("│", " ").split())
         for part in ("viscosity", "correlation", "seed 0", "results", "v looks for them"):
-            assert part in seen
+            assert part in help_text
         await pilot.press("right", "right")
         await pilot.pause()
         assert "residual -" in app.text
@@ -436,15 +436,15 @@ def test_the_drop_page_shows_everything_of_a_drop(size: tuple[int, int]) -> None
     play(App(), script, size)
 
 
-def test_a_refit_stands_beside_the_result_that_counts() -> None:
+def test_a_trial_fit_does_not_replace_the_result_in_force() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point())
+        await deliver(app, pilot, *complete_point())
         await pilot.press("3")
         trial = result(39e6, refit="half-space")
-        await told(app, pilot, Refit("7", 6, "half-space", trial, curves()))
+        await deliver(app, pilot, Refit("7", 6, "half-space", trial, curves()))
         drop = app.state.drops["7"][6]
         assert drop.modulus == 47.6e6
-        assert ("result", 6, trial) in app.source.session.asked  # type: ignore[attr-defined]
+        assert ("result", 6, trial) in app.source.session.requests  # type: ignore[attr-defined]
         await pilot.press("m")
         await pilot.pause()
         assert "trial fit: half-space" in app.text
@@ -455,11 +455,11 @@ def test_a_refit_stands_beside_the_result_that_counts() -> None:
     play(App(), script)
 
 
-def test_the_refit_dialog_refuses_what_contradicts_itself() -> None:
+def test_the_refit_dialog_refuses_contradictions() -> None:
     async def script(app: App, pilot: Any) -> None:
-        asked: list[Any] = []
-        app.fits.refit = lambda one, options, label: asked.append((one.number, label))  # type: ignore[method-assign]
-        await told(app, pilot, *whole_point())
+        requests: list[Any] = []
+        app.fits.refit = lambda binding, options, label: requests.append((binding.number, label))  # type: ignore[method-assign]
+        await deliver(app, pilot, *complete_point())
         await pilot.press("r")
         await until(pilot, lambda: bool(app.screen.query("#model")))
         app.screen.query_one("#model", Select).value = "half-space"
@@ -468,29 +468,29 @@ def test_the_refit_dialog_refuses_what_contradicts_itself() -> None:
         await pilot.press("ctrl+s")
         remark = app.screen.query_one("#remark", Label)
         assert "one of the two" in str(remark.content)
-        assert asked == []
+        assert requests == []
         app.screen.query_one("#depth", Input).value = "none"
         await pilot.pause()
         await pilot.press("ctrl+s")
         await pilot.pause()
-        assert asked == [(6, "half-space, bedrock none")]
+        assert requests == [(6, "half-space, bedrock none")]
 
     play(App(), script)
 
 
 @pytest.mark.parametrize(("chosen", "layers"), [("3", 3), ("auto", "auto")])
-def test_a_drop_is_fitted_anew_with_layers(chosen: str, layers: int | str) -> None:
+def test_a_trial_fit_with_layers(chosen: str, layers: int | str) -> None:
     async def script(app: App, pilot: Any) -> None:
-        asked: list[Any] = []
-        app.fits.refit = lambda _, options, label: asked.append((options.layers, label))  # type: ignore[method-assign]
-        await told(app, pilot, *whole_point())
+        requests: list[Any] = []
+        app.fits.refit = lambda _, options, label: requests.append((options.layers, label))  # type: ignore[method-assign]
+        await deliver(app, pilot, *complete_point())
         await pilot.press("r")
         await until(pilot, lambda: bool(app.screen.query("#layers")))
         app.screen.query_one("#layers", Select).value = chosen
         await pilot.pause()
         await pilot.press("ctrl+s")
         await pilot.pause()
-        assert asked == [(layers, f"{chosen} layers")]
+        assert requests == [(layers, f"{chosen} layers")]
 
     play(App(), script)
 
@@ -550,14 +550,14 @@ RECORD = {
         (1.05, 0.0, "-", "1.05 (1 point)"),
     ],
 )
-def test_device_effects_are_told_in_units_that_people_read(
-    value: float, sd: float | None, unit: str, told: str
+def test_device_effects_have_readable_units(
+    value: float, sd: float | None, unit: str, deliver: str
 ) -> None:
     effect = {"name": "x", "scope": "device", "value": value, "sd": sd, "unit": unit}
-    found = DiagnosisResult.from_json({**RECORD, "effects": [effect]})
-    lines = device_lines([found], Units("si"), 80)
+    point_diagnosis = DiagnosisResult.from_json({**RECORD, "effects": [effect]})
+    lines = device_lines([point_diagnosis], Units("si"), 80)
     text = " ".join(str(part) for part in lines[-1])
-    assert told in text
+    assert deliver in text
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -565,20 +565,20 @@ def test_the_diagnosis_page_shows_the_ladder_and_the_device(
     size: tuple[int, int], tmp_path: Path
 ) -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point())
+        await deliver(app, pilot, *complete_point())
         await pilot.press("4")
         await pilot.pause()
         assert "Enter diagnoses" in app.text
-        other = {**RECORD, "point": "8", "verdict": "clean"}  # the screen has no drops of it
-        results = tuple(map(DiagnosisResult.from_json, (RECORD, other)))
-        await told(app, pilot, DiagnosisFinished(str(tmp_path), results))
+        second = {**RECORD, "point": "8", "verdict": "clean"}  # the screen has no drops of it
+        results = tuple(map(DiagnosisResult.from_json, (RECORD, second)))
+        await deliver(app, pilot, DiagnosisFinished(str(tmp_path), results))
         for part in ("EXPLAINED", "55.2", "47.3", "geophone_response", "effects of the device"):
             assert part in app.text
         await pilot.press("1")
         app.redraw()
         await pilot.pause()
-        shown = " ".join(app.text.replace("│", " ").split())
-        assert "EXPLAINED by geophone response" in shown
+        on_page = " ".join(app.text.replace("│", " ").split())
+        assert "EXPLAINED by geophone response" in on_page
 
     play(App(QuietSource(tmp_path)), script, size)
 
@@ -612,11 +612,13 @@ def test_the_diagnosis_page_shows_progress(
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_one_value_is_judged_and_others_say_that_they_are_not(size: tuple[int, int]) -> None:
+def test_only_the_judged_value_has_a_verdict(size: tuple[int, int]) -> None:
     procedure = find_procedure("tp-bf-stb-b8.3")
 
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, JobReported(Job(procedure=procedure, target=45e6)), *whole_point())
+        await deliver(
+            app, pilot, JobReported(Job(procedure=procedure, target=45e6)), *complete_point()
+        )
         await pilot.press("up")
         measure = app.text
         await pilot.press("2")
@@ -639,9 +641,9 @@ def test_one_value_is_judged_and_others_say_that_they_are_not(size: tuple[int, i
     play(App(), script, size)
 
 
-def test_a_judged_modulus_has_one_column() -> None:
+def test_a_judged_modulus_has_a_single_column() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point())
+        await deliver(app, pilot, *complete_point())
         await pilot.press("2")
         titles = next(row for row in app.text.splitlines() if row.startswith(" point  "))
         assert titles.count("MPa") == 2, "judged value and target"
@@ -650,10 +652,10 @@ def test_a_judged_modulus_has_one_column() -> None:
     play(App(), script)
 
 
-def test_a_diagnosis_that_fails_is_one_sentence(tmp_path: Path) -> None:
+def test_a_failed_diagnosis_is_a_sentence(tmp_path: Path) -> None:
     async def script(app: App, pilot: Any) -> None:
         await pilot.press("4")
-        await told(
+        await deliver(
             app, pilot, DiagnosisFinished(str(tmp_path), (), "the diagnosis failed: no table")
         )
         assert "the diagnosis failed: no table" in app.text
@@ -662,9 +664,9 @@ def test_a_diagnosis_that_fails_is_one_sentence(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_the_setup_page_checks_what_is_typed(size: tuple[int, int]) -> None:
+def test_the_setup_page_checks_entries(size: tuple[int, int]) -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, ready())
+        await deliver(app, pilot, ready())
         await pilot.press("5")
         await until(pilot, lambda: bool(app.screen.query("#poisson_ratio")))
         field = app.screen.query_one("#poisson_ratio", Input)
@@ -704,7 +706,7 @@ def test_stations_are_chosen_with_their_targets(tmp_path: Path) -> None:
     file.write_text("name;target\n12+320;0,5\n12+340;\n", encoding="utf-8")
 
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, ready())
+        await deliver(app, pilot, ready())
         await pilot.press("5")
         await until(pilot, lambda: bool(app.screen.query("#stations")))
         app.screen.query_one("#procedure", Select).value = "mndot"
@@ -713,14 +715,14 @@ def test_stations_are_chosen_with_their_targets(tmp_path: Path) -> None:
         await pilot.pause()
         assert field.has_class("wrong")
         assert "stations: expected a file" in app.text
-        other = tmp_path / "other.csv"
-        other.write_text("name;lane\n12+320;left\n", encoding="utf-8")
-        field.value = str(other)
+        second = tmp_path / "other.csv"
+        second.write_text("name;lane\n12+320;left\n", encoding="utf-8")
+        field.value = str(second)
         await pilot.pause()
         assert not field.has_class("wrong")
         assert "columns not used: 'lane'" in " ".join(app.text.split())
-        other.write_text("name;Ziel\n12+320;0,5\n", encoding="utf-8")
-        field.value = f" {other}"
+        second.write_text("name;Ziel\n12+320;0,5\n", encoding="utf-8")
+        field.value = f" {second}"
         await pilot.pause()
         assert field.has_class("wrong")
         assert "expected a column target, in mm, got 'Ziel'" in " ".join(app.text.split())
@@ -729,10 +731,10 @@ def test_stations_are_chosen_with_their_targets(tmp_path: Path) -> None:
         assert not field.has_class("wrong")
         await pilot.press("ctrl+s")
         await until(pilot, lambda: app.source.starts == 2)  # type: ignore[attr-defined]
-        asked = app.source.plan.job.stations
-        assert asked is not None
-        assert [(it.name, it.target) for it in asked] == [("12+320", 0.5e-3), ("12+340", None)]
-        assert app.state.job.stations == asked
+        requests = app.source.plan.job.stations
+        assert requests is not None
+        assert [(it.name, it.target) for it in requests] == [("12+320", 0.5e-3), ("12+340", None)]
+        assert app.state.job.stations == requests
         await pilot.press("5")
         await until(pilot, lambda: bool(app.screen.query("#stations")))
         field = app.screen.query_one("#stations", Input)
@@ -742,9 +744,9 @@ def test_stations_are_chosen_with_their_targets(tmp_path: Path) -> None:
     play(App(), script)
 
 
-def test_a_procedure_is_chosen_from_those_that_are_shipped() -> None:
+def test_the_setup_page_offers_the_shipped_procedures() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point())
+        await deliver(app, pilot, *complete_point())
         await pilot.press("5")
         await until(pilot, lambda: bool(app.screen.query("#procedure")))
         app.screen.query_one("#procedure", Select).value = "tp-bf-stb-b8.3"
@@ -760,7 +762,7 @@ def test_a_procedure_is_chosen_from_those_that_are_shipped() -> None:
     play(App(), script)
 
 
-def test_leaving_a_changed_setup_asks_and_an_unchanged_one_does_not() -> None:
+def test_leaving_the_setup_needs_confirmation_after_changes() -> None:
     async def script(app: App, pilot: Any) -> None:
         await pilot.press("5")
         await until(pilot, lambda: bool(app.screen.query("#operator")))
@@ -819,29 +821,33 @@ def test_every_status_word_has_a_meaning() -> None:
 @pytest.mark.parametrize("key", ["1", "2", "3", "4"])
 def test_every_page_has_its_help_with_its_keys(key: str) -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point(), Notice("the instrument started anew"))
+        await deliver(app, pilot, *complete_point(), Notice("the instrument started anew"))
         await pilot.press(key)
         await pilot.pause()
-        own = {one.description for _, one, _, _ in app.screen.active_bindings.values()}
+        page_keys = {
+            binding.description for _, binding, _, _ in app.screen.active_bindings.values()
+        }
         toolkit = {"Focus Next", "Focus Previous", "Copy selected text"}
         await pilot.press("question_mark")
         await pilot.pause()
-        seen = ""
+        help_text = ""
         for _ in range(8):
-            seen += app.text
+            help_text += app.text
             await pilot.press("pagedown")
             await pilot.pause()
-        for text in own - toolkit:
-            assert text in seen
-        assert not [text for text in toolkit if text in seen], "ctrl+c leaves, it copies nothing"
-        assert "the instrument started anew" in seen
+        for text in page_keys - toolkit:
+            assert text in help_text
+        assert not [text for text in toolkit if text in help_text], (
+            "ctrl+c leaves, it copies nothing"
+        )
+        assert "the instrument started anew" in help_text
         await pilot.press("escape")
         assert app.screen.NAME != "help"  # type: ignore[attr-defined]
 
     play(App(), script, (80, 24))
 
 
-def test_the_palette_runs_what_a_key_does() -> None:
+def test_the_palette_runs_the_actions_of_keys() -> None:
     async def script(app: App, pilot: Any) -> None:
         await pilot.press("ctrl+p")
         await pilot.pause()
@@ -853,16 +859,16 @@ def test_the_palette_runs_what_a_key_does() -> None:
     play(App(), script)
 
 
-def test_theme_type_units_change_at_once_and_are_kept() -> None:
+def test_theme_type_and_units_change_at_once_and_are_stored() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point())
+        await deliver(app, pilot, *complete_point())
         await pilot.press("t", "l", "i")
         await pilot.pause()
         assert "ksi" in app.text
         assert app.theme == "pfwd-daylight"
 
     app = play(App(), script)
-    assert app.kept[-1] == ScreenSettings("daylight", "us", large=True)
+    assert app.stored[-1] == ScreenSettings("daylight", "us", large=True)
 
 
 class Replayed(QuietSource):
@@ -898,9 +904,9 @@ def test_a_replay_is_paused_stepped_and_sped_up() -> None:
     play(App(Replayed()), script)
 
 
-def test_leaving_ends_the_session_and_asks_nothing_when_all_is_safe() -> None:
+def test_leaving_ends_the_session_without_a_question_if_all_is_safe() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point())
+        await deliver(app, pilot, *complete_point())
         await pilot.press("q")
         await until(pilot, lambda: app.source.session.stopped.is_set())  # type: ignore[attr-defined]
 
@@ -910,7 +916,7 @@ def test_leaving_ends_the_session_and_asks_nothing_when_all_is_safe() -> None:
 
 def test_leaving_asks_when_a_drop_is_only_in_memory() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, ready(), DropNotSaved("7", 1, "no room"))
+        await deliver(app, pilot, ready(), DropNotSaved("7", 1, "no room"))
         assert "NOT SAFE" in app.text
         await pilot.press("q")
         await pilot.pause()
@@ -924,17 +930,19 @@ def test_leaving_asks_when_a_drop_is_only_in_memory() -> None:
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_what_is_said_is_whole_on_every_page(size: tuple[int, int]) -> None:
-    said = "diagnosis: EXPLAINED by geophone response and bedrock: 55.2 → 47.3 MPa, residual 0.4 %"
+def test_messages_are_not_cut_on_any_page(size: tuple[int, int]) -> None:
+    sentence = (
+        "diagnosis: EXPLAINED by geophone response and bedrock: 55.2 → 47.3 MPa, residual 0.4 %"
+    )
 
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point())
+        await deliver(app, pilot, *complete_point())
         for key in "234":
             await pilot.press(key)
-            app.show_message(said)
+            app.show_message(sentence)
             app.redraw()
             await pilot.pause()
-            assert said in " ".join(app.text.split()), f"page {key}"
+            assert sentence in " ".join(app.text.split()), f"page {key}"
 
     play(App(), script, size)
 
@@ -944,7 +952,7 @@ def test_the_points_page_uses_its_room_and_knows_where_the_points_are() -> None:
         stored, place = saved_drop(7), {"latitude": 48.1374, "longitude": 11.5755}
         view = dataclasses.replace(stored.view, metadata={"position": place})
         coordinates = dataclasses.replace(stored, view=view)
-        await told(app, pilot, *whole_point(), DropSaved(coordinates))
+        await deliver(app, pilot, *complete_point(), DropSaved(coordinates))
         await pilot.press("2")
         await pilot.pause()
         assert "48.137400, 11.575500" in app.text

@@ -16,14 +16,14 @@ from tests.tui.screen.scripted import (
     App,
     QuietSource,
     analysed,
+    complete_point,
+    deliver,
     play,
     ready,
     result,
     saved,
     status,
-    told,
     until,
-    whole_point,
 )
 from tui.screen.app import SOUNDS
 from tui.screen.session.screen_events import SessionEnded
@@ -49,9 +49,9 @@ def quiet() -> App:
     return App(settings=ScreenSettings(bell=False))
 
 
-def test_the_quantity_that_is_judged_is_the_large_one() -> None:
+def test_the_judged_quantity_is_in_large_digits() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, JobReported(Job(procedure=E_LWD)), *whole_point()[:4])
+        await deliver(app, pilot, JobReported(Job(procedure=E_LWD)), *complete_point()[:4])
         assert "E_LWD, drop 1" in app.text
         assert "not judged: modulus 47.1 ±0.6 MPa" in app.text
 
@@ -67,7 +67,7 @@ def test_how_the_point_stands_fills_the_screen(
 ) -> None:
     async def script(app: App, pilot: Any) -> None:
         job = JobReported(Job(procedure=app.state.procedure, target=target))
-        await told(app, pilot, job, *whole_point())
+        await deliver(app, pilot, job, *complete_point())
         app.state.last.saved_at = time.monotonic() - 60  # type: ignore[union-attr]
         app.redraw()
         await pilot.pause()
@@ -81,27 +81,27 @@ def test_how_the_point_stands_fills_the_screen(
     play(quiet(), script, size)
 
 
-def test_each_verdict_has_a_sound_of_its_own() -> None:
+def test_each_verdict_has_its_sound() -> None:
     assert len(set(SOUNDS.values())) == len(Verdict) == len(SOUNDS)
 
     async def script(app: App, pilot: Any) -> None:
         job = JobReported(Job(procedure=app.state.procedure, target=40e6))
-        *before, last = whole_point()
-        await told(app, pilot, job, *before)
+        *before, last = complete_point()
+        await deliver(app, pilot, job, *before)
         rung = app.bells + len(SOUNDS[Verdict.PASS])
-        await told(app, pilot, last)
+        await deliver(app, pilot, last)
         await until(pilot, lambda: app.bells == rung)
         assert app._sounded == {"7": "pass"}
-        await told(app, pilot, status())
+        await deliver(app, pilot, status())
         assert app.bells == rung, "the verdict rings once"
 
     play(App(), script)
 
 
-def test_a_fit_that_fails_looks_like_one() -> None:
+def test_a_failed_fit_has_no_result() -> None:
     async def script(app: App, pilot: Any) -> None:
         failed = analysed(1, modulus=None, reason="no table")
-        await told(app, pilot, ready(), saved(1), failed)
+        await deliver(app, pilot, ready(), saved(1), failed)
         assert "NO FIT: no table" in " ".join(app.text.split())
         poor = result(residual_rms_over_peak=0.2, explained=False)
         assert poor.residual_rms_over_peak == 0.2
@@ -110,50 +110,52 @@ def test_a_fit_that_fails_looks_like_one() -> None:
     play(quiet(), script)
 
 
-def test_not_safe_is_taken_back_once_it_is() -> None:
+def test_not_safe_ends_once_the_drop_is_stored() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, ready(), DropNotSaved("7", 1, "the disk is full"))
+        await deliver(app, pilot, ready(), DropNotSaved("7", 1, "the disk is full"))
         assert "drop 1 is NOT SAFE" in app.message
-        await told(app, pilot, saved(1))
+        await deliver(app, pilot, saved(1))
         assert app.message == "drop 1 is safe now"
 
     play(quiet(), script)
 
 
-def test_a_key_means_the_drop_that_was_seen() -> None:
+def test_discard_applies_to_the_drop_on_the_terminal() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, ready(), saved(1), analysed(1))
+        await deliver(app, pilot, ready(), saved(1), analysed(1))
         app.state.last.saved_at = time.monotonic() - 60  # type: ignore[union-attr]
-        await told(app, pilot, saved(2), analysed(2))  # while the finger was on its way
+        await deliver(app, pilot, saved(2), analysed(2))  # while the finger was on its way
         await pilot.press("d")
         assert app.message == "drop 2 has just come: d again discards it"
-        assert not [asked for asked in app.source.session.asked if asked[0] == "discard"]
+        assert not [request for request in app.source.session.requests if request[0] == "discard"]
         await pilot.press("d")
-        assert [asked[3] for asked in app.source.session.asked if asked[0] == "discard"] == [2]
+        assert [
+            request[3] for request in app.source.session.requests if request[0] == "discard"
+        ] == [2]
 
     play(quiet(), script)
 
 
-def test_what_is_pasted_is_no_row_of_keys() -> None:
+def test_pasted_text_is_ignored() -> None:
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, ready(), saved(1), analysed(1))
+        await deliver(app, pilot, ready(), saved(1), analysed(1))
         app.post_message(events.Paste("dqn"))
         await until(pilot, lambda: app.message == "pasted text is ignored: it is not typed as keys")
         assert app.is_running
-        assert app.source.session.asked == []
+        assert app.source.session.requests == []
 
     play(quiet(), script)
 
 
-def test_what_an_instrument_lost_long_ago_is_not_lost_now() -> None:
+def test_earlier_losses_of_an_instrument_are_not_counted() -> None:
     async def script(app: App, pilot: Any) -> None:
         before = status()
         counters = dict(before.counters) | {"instrument_overruns": 5350}
         old = type(before)(before.status, counters)
-        await told(app, pilot, ready(), old)
+        await deliver(app, pilot, ready(), old)
         assert app.state.device.lost_samples == 0
         new = type(before)(before.status, counters | {"instrument_overruns": 5353})
-        await told(app, pilot, new)
+        await deliver(app, pilot, new)
         assert app.state.device.lost_samples == 3
 
     play(quiet(), script)
@@ -163,9 +165,9 @@ def test_the_next_station_by_the_list_and_by_the_receiver() -> None:
     coming = next_station(LOT, {"12+300"}, None, "12+300")
     assert coming is not None
     assert coming.text == "next: 12+320, 20 m ahead"
-    near = next_station(LOT, {"12+300"}, (48.1, 11.50058), "12+300")
-    assert near is not None
-    assert near.text == "next: 12+340, 1 m ahead"
+    surroundings = next_station(LOT, {"12+300"}, (48.1, 11.50058), "12+300")
+    assert surroundings is not None
+    assert surroundings.text == "next: 12+340, 1 m ahead"
     back = next_station(LOT, {"12+340", "12+320"}, None, "12+340")
     assert back is not None
     assert back.text == "next: 12+300, 40 m back"
@@ -174,13 +176,13 @@ def test_the_next_station_by_the_list_and_by_the_receiver() -> None:
     assert lot_progress(LOT, {"12+300"}) == "1 of 3 stations"
 
 
-def test_a_point_that_is_done_says_where_the_next_one_is() -> None:
+def test_a_complete_point_gives_the_next_station() -> None:
     state = SessionState(clock=lambda: 1.0)
-    for event in (JobReported(LOT), *whole_point(point="12+300")):
+    for event in (JobReported(LOT), *complete_point(point="12+300")):
         state.take(event)
     assert status_of(state, 100.0).action == "next: 12+320, 20 m ahead; there press n"
-    near = status_of(state, 100.0, coordinates=(48.1, 11.50058))
-    assert near.action == "next: 12+340, 1 m ahead; there press n"
+    surroundings = status_of(state, 100.0, coordinates=(48.1, 11.50058))
+    assert surroundings.action == "next: 12+340, 1 m ahead; there press n"
     state.take(JobReported(Job(procedure=E_LWD, step_m=20.0)))
     assert status_of(state, 100.0).action == "next: 12+320, 20 m ahead; there press n"
     state.take(JobReported(Job(procedure=E_LWD)))
@@ -197,22 +199,22 @@ def test_the_step_between_stations() -> None:
 def test_the_verdict_stays_when_the_instrument_has_ended(drops: int) -> None:
     async def script(app: App, pilot: Any) -> None:
         job = JobReported(Job(procedure=app.state.procedure, target=40e6))
-        *events, last = whole_point()
-        await told(app, pilot, job, *(events if drops == 6 else events[:-1]))
+        *events, last = complete_point()
+        await deliver(app, pilot, job, *(events if drops == 6 else events[:-1]))
         if drops == 6:
-            await told(app, pilot, last)
-        await told(app, pilot, SessionEnded(Ending.DONE))
+            await deliver(app, pilot, last)
+        await deliver(app, pilot, SessionEnded(Ending.DONE))
         assert "END" in app.text
         assert ("target at least 40.0 MPa" in app.text) == (drops == 6)
 
     play(quiet(), script, (80, 24))
 
 
-def test_leaving_says_what_was_measured_and_what_is_next(tmp_path: Path) -> None:
+def test_leaving_prints_a_summary_and_the_next_commands(tmp_path: Path) -> None:
     source = QuietSource(tmp_path / "Ring road")
 
     async def script(app: App, pilot: Any) -> None:
-        await told(app, pilot, *whole_point())
+        await deliver(app, pilot, *complete_point())
         first, second = leaving_lines(app.state, app.source)
         assert first.endswith("Ring road: 1 point, 6 drops, all on the disk")
         assert "pfwd open" in second

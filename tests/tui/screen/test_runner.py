@@ -52,10 +52,10 @@ def events_of(source: Any, count: int) -> list[Any]:
     return runner.take()
 
 
-def test_a_port_that_is_not_there_is_tried_again_until_it_is() -> None:
+def test_a_missing_port_is_retried() -> None:
     error = DeviceError("/dev/ttyUSB0: expected a port, got none; is the cable in?")
-    found = events_of(Failing(error, times=2), 3)
-    first, second, third, *_ = found
+    arrived = events_of(Failing(error, times=2), 3)
+    first, second, third, *_ = arrived
     assert isinstance(first, SessionEnded)
     assert first.no_device
     assert first.error == str(error)
@@ -63,18 +63,18 @@ def test_a_port_that_is_not_there_is_tried_again_until_it_is() -> None:
     assert isinstance(third, SessionStarted)
 
 
-def test_a_survey_that_another_program_writes_is_tried_again() -> None:
+def test_a_locked_survey_is_retried() -> None:
     first, second, *_ = events_of(Failing(RecordingError("another program writes it")), 2)
     assert (first.retry is not None, first.no_device) == (True, False)
     assert isinstance(second, SessionStarted)
 
 
-def test_data_that_are_refused_end_it_with_one_sentence() -> None:
+def test_refused_data_end_the_session_with_a_sentence() -> None:
     (only,) = events_of(Failing(SurveyError("survey: expected a survey, got none")), 1)
     assert (only.retry, only.error) == (None, "survey: expected a survey, got none")
 
 
-def test_an_error_nobody_foresaw_is_one_sentence_and_the_rest_in_the_log(
+def test_an_unexpected_error_is_a_sentence_with_details_in_the_log(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     (only,) = events_of(Failing(ZeroDivisionError("division by zero")), 1)
@@ -83,7 +83,7 @@ def test_an_error_nobody_foresaw_is_one_sentence_and_the_rest_in_the_log(
     assert "Traceback" in caplog.text
 
 
-def test_a_stop_before_the_session_is_there_is_kept() -> None:
+def test_a_stop_before_the_session_starts_is_obeyed() -> None:
     source = QuietSource()
     runner = SessionRunner(source)
     entered = threading.Event()
@@ -127,34 +127,34 @@ def test_a_display_that_fails_does_not_end_the_measurement(
 
     monkeypatch.setattr(runner.trace, "feed", broken)
     runner._listen(samples())
-    (told,) = runner.take()
-    assert isinstance(told, Notice)
+    (notice,) = runner.take()
+    assert isinstance(notice, Notice)
     assert "ValueError" in caplog.text
     runner.add_listener(broken)
     runner._listen(Ready())
     assert runner.take() == [Ready()]
 
 
-def test_nothing_is_asked_of_a_session_that_is_not_there() -> None:
+def test_requests_without_a_session_are_refused() -> None:
     runner = SessionRunner(QuietSource())
     assert not runner.request(lambda session: session.set_point("8"))
     assert not runner.trigger()
 
 
-def test_sources_know_what_they_are(tmp_path: Path) -> None:
+def test_attributes_of_the_sources(tmp_path: Path) -> None:
     from tui.screen.session.sources import DemoSource, LiveSource, ReplaySource
 
     plan = SessionPlan()
     assert LiveSource("/dev/ttyUSB0", tmp_path, plan).writes
     assert DemoSource("default", tmp_path, plan).writes
-    looked_at = ReplaySource(tmp_path, 1.0, None)
-    assert not looked_at.writes
-    assert looked_at.survey == tmp_path
+    viewed = ReplaySource(tmp_path, 1.0, None)
+    assert not viewed.writes
+    assert viewed.survey == tmp_path
     assert ReplaySource(tmp_path, 1.0, None, output=tmp_path / "new").writes
 
 
 @pytest.mark.parametrize(("threshold", "pulse"), [(400.0, 420.0), (2000.0, 2100.0), (100.0, 105.0)])
-def test_a_pulse_is_what_the_session_takes_for_a_drop(threshold: float, pulse: float) -> None:
+def test_a_pulse_exceeds_the_drop_load_of_the_session(threshold: float, pulse: float) -> None:
     runner = SessionRunner(QuietSource())
 
     def listen(load: float, first: int) -> None:

@@ -1,4 +1,4 @@
-"""What events add up to, and the word that stands for it."""
+"""State of a session after its events, and its status word."""
 
 import dataclasses
 from pathlib import Path
@@ -30,12 +30,12 @@ from tests.tui.screen.scripted import (
     NOON,
     Session,
     analysed,
+    complete_point,
     ready,
     samples,
     saved,
     status,
     stored_drop,
-    whole_point,
 )
 from tui.screen.pages.drop_texts import verdict_of
 from tui.screen.session.diagnosis import verdict_text
@@ -64,14 +64,14 @@ def word(state: SessionState, later: float = 10.0, pulse_age: float | None = Non
     return status_of(state, Clock.now + later, pulse_age).word
 
 
-def test_the_device_is_what_it_says() -> None:
+def test_the_device_state_follows_its_identity() -> None:
     device = state_after(ready(), status(lost=3, battery=7.1)).device
     assert (device.serial_number, device.rate) == ("T-1042", 10_000.0)
     assert (device.lost_samples, device.battery) == (3, 7.1)
     assert str(device.due) == "2027-03-02"
 
 
-def test_a_drop_is_there_when_it_is_saved_and_has_a_modulus_when_it_is_analysed() -> None:
+def test_a_drop_appears_when_saved_and_gets_its_modulus_when_analysed() -> None:
     state = state_after(ready(), saved(1))
     drop = state.drops["7"][1]
     assert drop.awaits_modulus
@@ -94,7 +94,7 @@ def test_a_search_that_fails_takes_the_first_answer_not_back() -> None:
     assert drop.status == "seating", "the first of three, whatever became of its search"
 
 
-def test_a_drop_without_any_modulus_is_one_to_repeat_where_moduli_are_judged() -> None:
+def test_a_drop_without_a_modulus_is_repeated_where_moduli_are_judged() -> None:
     events = (ready(), saved(1), analysed(1, modulus=None, reason="no table"))
     state = state_after(*events)
     drop = state.drops["7"][1]
@@ -105,7 +105,7 @@ def test_a_drop_without_any_modulus_is_one_to_repeat_where_moduli_are_judged() -
 
 
 def test_the_modulus_of_a_point_is_of_the_measured_drops_that_count() -> None:
-    state = state_after(*whole_point())
+    state = state_after(*complete_point())
     modulus = state.progress.modulus
     assert modulus is not None
     assert modulus.value == pytest.approx(47.5e6, rel=1e-4)
@@ -115,28 +115,28 @@ def test_the_modulus_of_a_point_is_of_the_measured_drops_that_count() -> None:
     assert modulus.value == pytest.approx(47.45e6, rel=1e-4)
 
 
-def test_the_target_is_met_only_when_the_whole_interval_meets_it() -> None:
-    assert state_after(*whole_point(), target=40e6).progress.verdict is Verdict.PASS
-    assert state_after(*whole_point(), target=60e6).progress.verdict is Verdict.FAIL
-    assert state_after(*whole_point(), target=47.5e6).progress.verdict is Verdict.UNDECIDED
+def test_the_target_is_met_only_by_the_full_interval() -> None:
+    assert state_after(*complete_point(), target=40e6).progress.verdict is Verdict.PASS
+    assert state_after(*complete_point(), target=60e6).progress.verdict is Verdict.FAIL
+    assert state_after(*complete_point(), target=47.5e6).progress.verdict is Verdict.UNDECIDED
 
 
 def test_the_target_of_the_point_wins() -> None:
-    state = state_after(*whole_point(), Edited("target", 60e6, "7", None), target=40e6)
+    state = state_after(*complete_point(), Edited("target", 60e6, "7", None), target=40e6)
     assert state.progress.target == 60e6
 
 
 def test_a_chosen_procedure_judges() -> None:
     state = SessionState(find_procedure("tp-bf-stb-b8.3"), clock=Clock())
     state.take(SessionStarted(Session(), "7"))
-    for event in whole_point():
+    for event in complete_point():
         state.take(event)
     value = state.progress.value
     assert value is not None
     assert value.quantity.value == "E_vd"
 
 
-def test_rebounds_notes_marks_and_names_are_kept() -> None:
+def test_rebounds_notes_marks_and_names_are_stored() -> None:
     state = state_after(
         ready(),
         saved(1, marks=("3 samples missing",)),
@@ -154,14 +154,14 @@ def test_rebounds_notes_marks_and_names_are_kept() -> None:
     assert (point.shown_name, point.position, point.discarded) == ("km 3", (48.1, 11.5), True)
 
 
-def test_another_point_begins_empty_and_the_first_one_stays() -> None:
-    state = state_after(*whole_point(), PointBegan("8"))
+def test_a_new_point_is_empty_and_the_first_point_stays() -> None:
+    state = state_after(*complete_point(), PointBegan("8"))
     assert state.point == "8"
     assert state.last is None
     assert len(state.drops["7"]) == 6
 
 
-def test_the_survey_is_taken_over_and_what_is_newer_wins() -> None:
+def test_the_stored_survey_is_merged_and_newer_results_win() -> None:
     result = DropResult(modulus_pa=30e6, status="measured")
     first = stored_drop(1, result, record=11, notes=("old",))
     second = stored_drop(2, None, record=12, discarded="")
@@ -176,7 +176,7 @@ def test_the_survey_is_taken_over_and_what_is_newer_wins() -> None:
     assert state.progress.target == 45e6
 
 
-def test_in_a_replay_drops_come_one_by_one() -> None:
+def test_a_replay_adds_drops_in_turn() -> None:
     contents = PointView("7", (stored_drop(1, DropResult(modulus_pa=30e6), record=11),))
     state = state_after(SurveyRead((contents,), drops=False))
     assert state.current_drops == {}
@@ -213,7 +213,7 @@ def test_every_state_has_its_word() -> None:
     assert word(state) == "REPEAT"
     state.take(InstrumentLost("unplugged", NOON))
     assert word(state) == "CABLE OUT"
-    state.take(ready(again=True))
+    state.take(ready(restarted=True))
     state.take(DropNotSaved("7", 3, "no room"))
     assert word(state) == "NOT SAFE"
 
@@ -236,14 +236,14 @@ def test_the_action_says_which_drop_is_next() -> None:
     assert "measured drop 2 of 3" in status_of(state, 110.0).action
 
 
-def test_a_whole_point_is_done_and_a_discarded_drop_opens_it_again() -> None:
-    state = state_after(*whole_point(), Ready())
+def test_a_discarded_drop_reopens_a_complete_point() -> None:
+    state = state_after(*complete_point(), Ready())
     assert word(state) == "POINT DONE"
     state.take(Edited("discard", None, None, 6))
     assert word(state) == "READY"
 
 
-def test_a_full_disk_is_told_before_it_is_full() -> None:
+def test_a_disk_is_reported_before_it_is_full() -> None:
     state = state_after(ready(), Ready(), StorageLow("filling", serious=True, drops_remaining=500))
     assert word(state) == "READY"
     state.take(StorageLow("filling", serious=True, drops_remaining=40))
@@ -253,24 +253,24 @@ def test_a_full_disk_is_told_before_it_is_full() -> None:
     assert word(state) == "READY"
 
 
-def test_a_battery_that_is_low_is_shown() -> None:
+def test_a_low_battery_is_reported() -> None:
     state = state_after(ready(), BatteryLow("whatever it says", serious=True))
     assert state.device.battery_low
     assert not state_after(ready(), Notice("battery of something else")).device.battery_low
 
 
-def test_files_that_were_taken_away_are_the_first_thing_to_say() -> None:
+def test_removed_files_have_priority() -> None:
     state = state_after(ready(), Ready(), SurveyFilesChanged("the journal is gone", safe=False))
     assert (word(state), status_of(state, 110.0).action) == ("NOT SAFE", "the journal is gone")
     state.take(SurveyFilesChanged("all is well", safe=True))
     assert word(state) == "READY"
 
 
-def test_a_load_cell_that_is_wrong_is_told() -> None:
+def test_a_faulty_load_cell_is_reported() -> None:
     state = state_after(ready(), Ready(), SensorCheck({}, ("zero of the load cell is off",)))
-    found = status_of(state, 110.0)
-    assert (found.word, found.role) == ("CHECK", "alarm")
-    assert "zero" in found.action
+    point_diagnosis = status_of(state, 110.0)
+    assert (point_diagnosis.word, point_diagnosis.role) == ("CHECK", "alarm")
+    assert "zero" in point_diagnosis.action
 
 
 def test_the_table_is_awaited() -> None:
@@ -295,33 +295,33 @@ def test_every_end_has_its_word(ended: SessionEnded, expected: str) -> None:
     assert word(state_after(ready(), ended)) == expected
 
 
-def test_samples_change_nothing_that_is_kept() -> None:
+def test_samples_do_not_change_the_state() -> None:
     state = state_after(ready())
     before = dataclasses.asdict(state.device)
     state.take(samples(9000.0))
     assert dataclasses.asdict(state.device) == before
 
 
-def test_a_survey_in_a_folder_that_is_none_is_no_state(tmp_path: Path) -> None:
+def test_a_missing_folder_has_no_state(tmp_path: Path) -> None:
     assert state_after().drop_of_record(5) is None
 
 
-def test_what_the_diagnosis_of_a_measured_point_found_is_advised() -> None:
+def test_the_diagnosis_of_a_measured_point_gives_advice() -> None:
     state = SessionState()
     effect = EffectResult(name="rough_contact", scope="point", evidence=20.0)
-    found = DiagnosisResult(drops=(1,), verdict="explained", effects=(effect,))
-    for event in (ready(), saved(), PointDiagnosed("7", found)):
+    point_diagnosis = DiagnosisResult(drops=(1,), verdict="explained", effects=(effect,))
+    for event in (ready(), saved(), PointDiagnosed("7", point_diagnosis)):
         state.take(event)
     assert [text for text in state.advice(state.last) if "clear stones" in text]
-    state.take(PointDiagnosed("7", dataclasses.replace(found, effects=())))
+    state.take(PointDiagnosed("7", dataclasses.replace(point_diagnosis, effects=())))
     assert state.advice(state.last) == [], "with further drops it is not found any more"
 
 
 def test_a_point_that_could_not_be_diagnosed_says_why() -> None:
-    none = DiagnosisResult(
+    no_drop = DiagnosisResult(
         drops=(), verdict="unexplained", warnings=("no measured drop to diagnose",)
     )
-    assert verdict_text(none, SI) == "not made: no measured drop to diagnose"
+    assert verdict_text(no_drop, SI) == "not made: no measured drop to diagnose"
 
 
 def test_a_drop_at_the_end_of_the_range_is_advised_at_once() -> None:

@@ -34,43 +34,43 @@ def _from_the_checkout(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 @contextmanager
 def terminal(*arguments: object, size: tuple[int, int] = (120, 40)) -> Iterator[Terminal]:
-    shown = Terminal([*PFWD, *map(str, arguments)], size)
+    program = Terminal([*PFWD, *map(str, arguments)], size)
     try:
-        yield shown
+        yield program
     finally:
-        shown.close()
+        program.close()
 
 
-def text(shown: Terminal) -> str:
-    return CONTROL.sub(b" ", shown.text).decode(errors="replace")
+def text(program: Terminal) -> str:
+    return CONTROL.sub(b" ", program.text).decode(errors="replace")
 
 
-def begun(point: str, after: str, shown: Terminal) -> bool:
-    latest = text(shown).rsplit(after, 1)[-1]
+def point_started(point: str, after: str, program: Terminal) -> bool:
+    latest = text(program).rsplit(after, 1)[-1]
     return re.search(rf"point\s+{point}", latest) is not None
 
 
-def wait(shown: Terminal, holds: Callable[[], bool]) -> None:
+def wait(program: Terminal, holds: Callable[[], bool]) -> None:
     until = time.monotonic() + PATIENCE
     while not holds():
-        assert time.monotonic() < until, text(shown)[-3000:]
-        assert shown.process.poll() is None or holds(), text(shown)[-3000:]
-        shown.read(0.1)
+        assert time.monotonic() < until, text(program)[-3000:]
+        assert program.process.poll() is None or holds(), text(program)[-3000:]
+        program.read(0.1)
 
 
 def drops_of(survey: Path) -> int:
-    done = subprocess.run(
+    completed = subprocess.run(
         [*PFWD, "check", str(survey), "--json"], capture_output=True, text=True, check=False
     )
-    return int(json.loads(done.stdout)["drops_acknowledged"]) if done.stdout else 0
+    return int(json.loads(completed.stdout)["drops_acknowledged"]) if completed.stdout else 0
 
 
-def ended(shown: Terminal) -> int:
+def ended(program: Terminal) -> int:
     until = time.monotonic() + PATIENCE
-    while shown.process.poll() is None and time.monotonic() < until:
-        shown.read(0.1)
-    assert shown.process.returncode is not None
-    return shown.process.returncode
+    while program.process.poll() is None and time.monotonic() < until:
+        program.read(0.1)
+    assert program.process.returncode is not None
+    return program.process.returncode
 
 
 UNPLUGGED = {
@@ -80,39 +80,42 @@ UNPLUGGED = {
 }
 
 
-def test_a_whole_point_with_the_cable_pulled_in_the_middle(tmp_path: Path) -> None:
+def test_a_complete_point_with_an_unplugged_cable(tmp_path: Path) -> None:
     survey = tmp_path / "survey"
     with serve(UNPLUGGED, rate=1.0) as instrument:
         command = ("live", instrument.url, "-o", survey, "--point", "P 7", "--target", "30")
-        with terminal(*command) as shown:
-            wait(shown, lambda: "READY" in text(shown))
-            wait(shown, lambda: "CABLE OUT" in text(shown))
-            wait(shown, lambda: "POINT DONE" in text(shown))
-            assert "PASS" in text(shown)
-            shown.press("n\r")
+        with terminal(*command) as program:
+            wait(program, lambda: "READY" in text(program))
+            wait(program, lambda: "CABLE OUT" in text(program))
+            wait(program, lambda: "POINT DONE" in text(program))
+            assert "PASS" in text(program)
+            program.press("n\r")
             # The name stands in the dialog first, above its hint: q belongs to the page behind it.
-            wait(shown, lambda: "enter begins the point" in text(shown))
-            wait(shown, lambda: begun("P 8", after="enter begins the point", shown=shown))
-            shown.press("q")
-            assert ended(shown) == 0
+            wait(program, lambda: "enter begins the point" in text(program))
+            wait(
+                program,
+                lambda: point_started("P 8", after="enter begins the point", program=program),
+            )
+            program.press("q")
+            assert ended(program) == 0
     assert drops_of(survey) >= 6
     log = (survey / "log" / "pfwd.log").read_text(encoding="utf-8")
     assert "instrument lost" in log
     assert "drop P 7/6 saved" in log
 
 
-def test_what_is_to_be_known_of_the_options_stands_among_the_notices(tmp_path: Path) -> None:
+def test_remarks_on_the_options_are_in_the_help(tmp_path: Path) -> None:
     (tmp_path / "lot.csv").write_text("name,lane\n12+360,left\n", encoding="utf-8")
     with serve(PLAIN, rate=1.0) as instrument:
         command = ("live", instrument.url, "-o", "survey", "--stations", "lot.csv")
-        with terminal(*command, "--point", "12+36", size=(120, 80)) as shown:
-            wait(shown, lambda: "READY" in text(shown))
-            shown.press("?")
-            wait(shown, lambda: "Last messages" in text(shown))
-            wait(shown, lambda: "! lot.csv: columns not used: 'lane'" in text(shown))
-            wait(shown, lambda: "! point 12+36 is new, but 12+360 exists" in text(shown))
-            shown.press("\x03")  # q belongs to the help page
-            assert ended(shown) == 0
+        with terminal(*command, "--point", "12+36", size=(120, 80)) as program:
+            wait(program, lambda: "READY" in text(program))
+            program.press("?")
+            wait(program, lambda: "Last messages" in text(program))
+            wait(program, lambda: "! lot.csv: columns not used: 'lane'" in text(program))
+            wait(program, lambda: "! point 12+36 is new, but 12+360 exists" in text(program))
+            program.press("\x03")  # q belongs to the help page
+            assert ended(program) == 0
 
 
 def test_a_replay_runs_on_the_screen_and_leaves_the_survey_as_it_was(tmp_path: Path) -> None:
@@ -120,61 +123,61 @@ def test_a_replay_runs_on_the_screen_and_leaves_the_survey_as_it_was(tmp_path: P
     with serve(PLAIN, drops=2, rate=20.0) as instrument:
         assert pfwd("log", instrument.url, "-o", survey, "--no-invert").returncode == 0
     before = sorted(path.name for path in survey.rglob("*"))
-    with terminal("replay", survey, "--live", "--speed", "5") as shown:
-        wait(shown, lambda: "END" in text(shown) and "PFWD" in text(shown))
-        shown.press("q")
-        assert ended(shown) == 0
+    with terminal("replay", survey, "--live", "--speed", "5") as program:
+        wait(program, lambda: "END" in text(program) and "PFWD" in text(program))
+        program.press("q")
+        assert ended(program) == 0
     assert sorted(path.name for path in survey.rglob("*")) == before
 
 
 def test_the_demo_has_the_screen_on_a_terminal_and_ends_by_sigterm(tmp_path: Path) -> None:
     survey = tmp_path / "demo"
-    with terminal("demo", "-o", survey, "--rate", "4", size=(80, 24)) as shown:
-        wait(shown, lambda: "SAFE" in text(shown))
-        shown.process.terminate()
-        assert ended(shown) == 0
-    assert "what was simulated, hidden until now" in text(shown)
+    with terminal("demo", "-o", survey, "--rate", "4", size=(80, 24)) as program:
+        wait(program, lambda: "SAFE" in text(program))
+        program.process.terminate()
+        assert ended(program) == 0
+    assert "what was simulated, hidden until now" in text(program)
     assert drops_of(survey) >= 1
 
 
 def test_a_hostile_instrument_moves_neither_cursor_nor_title(tmp_path: Path) -> None:
     with serve("hostile", rate=1.0) as instrument:
-        with terminal("live", instrument.url, "-o", tmp_path / "survey") as shown:
-            wait(shown, lambda: "owned" in text(shown) and "READY" in text(shown))
-            shown.press("5")
-            wait(shown, lambda: "Setup" in text(shown))
-        assert b"\x1b]0;" not in shown.text
-        assert b"\x1b[2J\xe2\x80\xae" not in shown.text
-        assert "\u202e" not in shown.text.decode(errors="replace")
-        assert "Traceback" not in text(shown)
+        with terminal("live", instrument.url, "-o", tmp_path / "survey") as program:
+            wait(program, lambda: "owned" in text(program) and "READY" in text(program))
+            program.press("5")
+            wait(program, lambda: "Setup" in text(program))
+        assert b"\x1b]0;" not in program.text
+        assert b"\x1b[2J\xe2\x80\xae" not in program.text
+        assert "\u202e" not in program.text.decode(errors="replace")
+        assert "Traceback" not in text(program)
 
 
-def test_a_port_that_is_not_there_is_said_and_waited_for(tmp_path: Path) -> None:
-    with terminal("live", "/dev/nothing-here", "-o", tmp_path / "survey") as shown:
-        wait(shown, lambda: "NO DEVICE" in text(shown))
-        shown.press("q")
-        assert ended(shown) == 0
+def test_a_missing_port_has_the_word_no_device(tmp_path: Path) -> None:
+    with terminal("live", "/dev/nothing-here", "-o", tmp_path / "survey") as program:
+        wait(program, lambda: "NO DEVICE" in text(program))
+        program.press("q")
+        assert ended(program) == 0
 
 
 @pytest.mark.parametrize("command", [["live", "/dev/x", "-o", "s"], ["replay", "s", "--live"]])
-def test_without_a_terminal_it_is_one_line(command: list[str]) -> None:
-    done = pfwd(*command)
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert "expected a terminal" in done.stderr
+def test_without_a_terminal_the_error_is_a_single_line(command: list[str]) -> None:
+    completed = pfwd(*command)
+    assert completed.returncode == 2
+    assert completed.stdout == ""
+    assert len(completed.stderr.strip().splitlines()) == 1
+    assert "expected a terminal" in completed.stderr
 
 
 @pytest.mark.slow
 def test_a_flood_neither_loses_samples_nor_slows_the_screen() -> None:
     from benchmarks.screen import measure_case
 
-    found = measure_case("eight-channels", 8.0, (120, 40))
-    assert found["lost"] == 0
+    figures = measure_case("eight-channels", 8.0, (120, 40))
+    assert figures["lost"] == 0
     # Half of what is wanted: tests run beside others, the benchmark alone tells the figure.
-    assert found["updates_per_s"] >= 5.0
-    assert found["core"] <= 0.6
-    assert found["samples_per_s"] == pytest.approx(50_000, rel=0.05)
+    assert figures["updates_per_s"] >= 5.0
+    assert figures["core"] <= 0.6
+    assert figures["samples_per_s"] == pytest.approx(50_000, rel=0.05)
 
 
 SERVER = (
@@ -221,9 +224,9 @@ def test_a_server_sends_the_measure_page(tmp_path: Path) -> None:
         return data
 
     with served(tmp_path / "survey") as url:
-        shown = asyncio.run(received(url))
-    assert b"PFWD" in shown
-    assert b"rigid plate" in shown
+        program = asyncio.run(received(url))
+    assert b"PFWD" in program
+    assert b"rigid plate" in program
 
 
 @pytest.mark.slow
@@ -246,7 +249,7 @@ def test_a_browser_shows_the_measure_page(tmp_path: Path) -> None:
     assert len(picture) > 20_000  # an empty page has a tenth of it
 
 
-def test_the_first_paint_waits_for_nothing_heavy() -> None:
+def test_the_first_paint_loads_no_heavy_module() -> None:
     unwanted = ["scipy", "matplotlib", "h5py", "rich.markdown", "skfem"]
     unwanted += ["inversion.drop_inversion", "inversion.forward", "inversion.diagnosis.search"]
     code = f"import sys, tui.screen.app; print(*(set({unwanted}) & set(sys.modules)))"

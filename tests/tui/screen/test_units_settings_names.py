@@ -37,9 +37,9 @@ def test_no_digit_before_the_point_is_lost() -> None:
 
 def test_settings_come_back(tmp_path: Path) -> None:
     file = tmp_path / "deep" / "screen.json"
-    wanted = ScreenSettings("daylight", "us", large=True, bell=False)
-    assert save_settings(wanted, file)
-    assert load_settings(file) == wanted
+    expected_name = ScreenSettings("daylight", "us", large=True, bell=False)
+    assert save_settings(expected_name, file)
+    assert load_settings(file) == expected_name
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_a_folder_that_cannot_be_written_costs_the_settings_only(tmp_path: Path)
     assert not save_settings(ScreenSettings(), tmp_path / "file" / "screen.json")
 
 
-def test_good_settings_beside_a_wrong_one_hold(tmp_path: Path) -> None:
+def test_valid_settings_survive_a_wrong_setting(tmp_path: Path) -> None:
     file = tmp_path / "screen.json"
     file.write_text(json.dumps({"theme": "daylight", "units": "furlongs"}))
     assert load_settings(file) == ScreenSettings(theme="daylight")
@@ -70,7 +70,7 @@ def test_the_next_point_counts_on() -> None:
     assert next_name("7", {"8", "9"}) == "10"
 
 
-def test_names_that_cannot_be_are_told() -> None:
+def test_impossible_names_have_an_error() -> None:
     assert point_name_error("P 1") == ""
     assert point_name_error("  ")
     assert point_name_error("x" * 65)

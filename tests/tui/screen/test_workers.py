@@ -1,4 +1,4 @@
-"""What runs beside the session: fits with other settings, the diagnosis."""
+"""Work in further processes: fits with other settings, the diagnosis."""
 
 import dataclasses
 import threading
@@ -18,8 +18,8 @@ from tui.screen.session.screen_events import DiagnosisFinished, Refit
 PATIENCE = 120.0
 
 
-class Told(list[Any]):
-    """Keeps what it is told, and says when."""
+class EventList(list[Any]):
+    """List of received events; a thread can wait for the last one."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -35,24 +35,24 @@ class Told(list[Any]):
         return self[-1]
 
 
-def test_a_drop_is_fitted_with_other_settings_in_a_process_of_its_own() -> None:
-    told = Told()
-    refits = RefitWorker(told)
+def test_a_trial_fit_runs_in_a_separate_process() -> None:
+    events = EventList()
+    refits = RefitWorker(events)
     try:
         options = AnalysisOptions(model="half-space", method="least-squares")
         refits.start(saved_drop(4), options, options.label)
-        found = told.last()
+        finished = events.last()
     finally:
         refits.close()
-    assert (found.point, found.number, found.fault) == ("7", 4, "")
-    assert found.label == "half-space, least-squares"
-    assert found.result.refit == found.label
-    assert found.result.model == "half-space"
-    assert found.curves is not None
+    assert (finished.point, finished.number, finished.fault) == ("7", 4, "")
+    assert finished.label == "half-space, least-squares"
+    assert finished.result.refit == finished.label
+    assert finished.result.model == "half-space"
+    assert finished.curves is not None
     assert refits.n_running == 0
 
 
-def test_labels_name_what_differs() -> None:
+def test_labels_name_the_changed_options() -> None:
     assert AnalysisOptions().label == "as declared"
     assert AnalysisOptions(published=True).label == "published method"
     options = AnalysisOptions(bedrock_depth=1.2, elastic=True, plate="rigid-smooth")
@@ -61,14 +61,14 @@ def test_labels_name_what_differs() -> None:
     assert AnalysisOptions(layers=2, elastic=True).label == "2 layers, elastic"
 
 
-def test_a_diagnosis_that_cannot_be_is_one_sentence(tmp_path: Path) -> None:
-    told = Told()
-    diagnoser = Diagnoser(told)
+def test_an_impossible_diagnosis_is_a_sentence(tmp_path: Path) -> None:
+    events = EventList()
+    diagnoser = Diagnoser(events)
     assert diagnoser.start(str(tmp_path / "none"))
-    found = told.last()
-    assert found.results == ()
-    assert "none failed:" in found.error
-    assert "\n" not in found.error
+    finished = events.last()
+    assert finished.results == ()
+    assert "none failed:" in finished.error
+    assert "\n" not in finished.error
     assert diagnoser.file == ""
 
 
@@ -82,11 +82,11 @@ def test_results_of_a_diagnosis_arrive_as_records(
         return TaskOutcome(fault="point 2: no load", diagnoses=(DiagnosisResult(point="1"),))
 
     monkeypatch.setattr("tui.screen.session.diagnosis.request", request)
-    told = Told()
-    assert Diagnoser(told).start(str(tmp_path))
-    found = told.last()
+    events = EventList()
+    assert Diagnoser(events).start(str(tmp_path))
+    finished = events.last()
     assert [task.source for task in tasks] == [str(tmp_path)]
-    assert (found.file, found.results, found.error) == (
+    assert (finished.file, finished.results, finished.error) == (
         str(tmp_path),
         (DiagnosisResult(point="1"),),
         "",
@@ -105,8 +105,8 @@ def test_a_running_diagnosis_reports_point_work_and_times(
         return TaskOutcome()
 
     monkeypatch.setattr("tui.screen.session.diagnosis.request", request)
-    told = Told()
-    diagnoser = Diagnoser(told)
+    events = EventList()
+    diagnoser = Diagnoser(events)
     diagnoser.start(str(tmp_path / "ring road"))
     assert reported.wait(PATIENCE)
     running = diagnoser.progress
@@ -122,14 +122,14 @@ def test_a_running_diagnosis_reports_point_work_and_times(
     later = started.at(DiagnosisProgress("with what other points show", "", 0, 3), 150.0)
     assert later.remaining(160.0) is None, "a new kind of work has its own pace"
     resume.set()
-    told.last()
+    events.last()
     assert diagnoser.progress is None
 
 
-def test_one_diagnosis_at_a_time_and_it_can_be_stopped(tmp_path: Path) -> None:
-    told = Told()
-    diagnoser = Diagnoser(told)
+def test_a_second_diagnosis_waits_and_the_first_can_be_stopped(tmp_path: Path) -> None:
+    events = EventList()
+    diagnoser = Diagnoser(events)
     assert diagnoser.start(str(tmp_path / "one"))
     assert not diagnoser.start(str(tmp_path / "two"))
     diagnoser.stop()
-    assert told.last().file.endswith("one")
+    assert events.last().file.endswith("one")

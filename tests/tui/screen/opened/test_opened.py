@@ -39,7 +39,7 @@ MODULI = {"0+000": 60e6, "0+020": 40e6, "0+100": 50.2e6, "10": 55e6, "9": 41e6}
 
 
 @pytest.fixture(autouse=True)
-def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _separate_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PFWD_CACHE", str(tmp_path / "cache"))
 
 
@@ -47,8 +47,8 @@ def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def survey(tmp_path: Path) -> Path:
     folder = tmp_path / "road"
     with SurveyWriter.open(folder, publish=False) as writer:
-        asked = JobRequest(procedure=plain_procedure(1, 1), target=50e6)
-        for event in asked.events():
+        requests = JobRequest(procedure=plain_procedure(1, 1), target=50e6)
+        for event in requests.events():
             writer.note_event(*event)
         for place, (name, modulus) in enumerate(MODULI.items()):
             for number in (1, 2):
@@ -62,10 +62,10 @@ def survey(tmp_path: Path) -> Path:
 
 
 def opened(folder: Path) -> OpenedSurvey:
-    found = OpenedSurvey(folder)
-    found.read()
-    found.judge(lambda _: None)
-    return found
+    opened_survey = OpenedSurvey(folder)
+    opened_survey.read()
+    opened_survey.judge(lambda _: None)
+    return opened_survey
 
 
 def titles(rows: list[PointRow]) -> list[str]:
@@ -81,10 +81,10 @@ def test_rows_stand_as_the_survey_is_judged(survey: Path) -> None:
     assert rows[0].value == 60e6
 
 
-def test_what_was_judged_is_kept_until_somebody_writes(survey: Path) -> None:
+def test_the_cache_is_valid_until_the_survey_is_written(survey: Path) -> None:
     rows = opened(survey).rows
-    again = OpenedSurvey(survey)
-    assert again.from_cache() == rows
+    reopened = OpenedSurvey(survey)
+    assert reopened.from_cache() == rows
     with SurveyWriter.open(survey, publish=False) as writer:
         writer.edit("target", 70e6, point="10")
     assert OpenedSurvey(survey).from_cache() is None
@@ -110,8 +110,8 @@ def test_a_damaged_cache_is_survived(survey: Path, tmp_path: Path, text: str) ->
         ("nothing", []),
     ],
 )
-def test_a_filter(survey: Path, wanted: str, expected: list[str]) -> None:
-    assert titles(matching(opened(survey).rows, wanted)) == expected
+def test_a_filter(survey: Path, filter_text: str, expected: list[str]) -> None:
+    assert titles(matching(opened(survey).rows, filter_text)) == expected
 
 
 def test_points_without_a_verdict_are_counted_in_words(survey: Path) -> None:
@@ -189,7 +189,7 @@ def test_the_profile_shows_its_window(survey: Path) -> None:
 Script = Callable[[OpenApp, Any], Awaitable[None]]
 
 
-def look(folder: Path, script: Script, size: tuple[int, int] = (120, 40)) -> None:
+def run_script(folder: Path, script: Script, size: tuple[int, int] = (120, 40)) -> None:
     async def body() -> None:
         app = OpenApp(OpenedSurvey(folder), glyphs=BRAILLE)
         async with app.run_test(size=size) as pilot:
@@ -199,7 +199,7 @@ def look(folder: Path, script: Script, size: tuple[int, int] = (120, 40)) -> Non
     asyncio.run(body())
 
 
-def shown(app: OpenApp) -> str:
+def page_text(app: OpenApp) -> str:
     strips = app.screen._compositor.render_strips()
     return "\n".join("".join(part.text for part in strip).rstrip() for strip in strips)
 
@@ -207,65 +207,65 @@ def shown(app: OpenApp) -> str:
 @pytest.mark.parametrize("size", [(80, 24), (120, 40)])
 def test_the_screen(survey: Path, size: tuple[int, int]) -> None:
     async def script(app: OpenApp, pilot: Any) -> None:
-        assert "2 PASS, 2 FAIL, 1 UNDECIDED" in shown(app)
+        assert "2 PASS, 2 FAIL, 1 UNDECIDED" in page_text(app)
         await pilot.press("slash", *"fail")
-        await until(pilot, lambda: "2 by the filter" in shown(app))
+        await until(pilot, lambda: "2 by the filter" in page_text(app))
         assert app.query_one("#points-table", DataTable).row_count == 2
         await pilot.press("escape")
         await until(pilot, lambda: app.query_one("#points-table", DataTable).row_count == 5)
         app.query_one("#points-table", DataTable).move_cursor(row=0)
         await pilot.press("down", "p")
         await until(
-            pilot, lambda: re.search(r"0\+020: 40(\.0)? .*MPa  FAIL", shown(app)) is not None
+            pilot, lambda: re.search(r"0\+020: 40(\.0)? .*MPa  FAIL", page_text(app)) is not None
         )
         await pilot.press("plus", "right", "m")
-        await until(pilot, lambda: "@ chosen" in shown(app))
+        await until(pilot, lambda: "@ chosen" in page_text(app))
         assert app.chosen == "0+100"
         await pilot.press("escape", "enter")
         await until(pilot, lambda: app.tab == "drops")
-        await until(pilot, lambda: "seating drop 1 of 1" in shown(app))
+        await until(pilot, lambda: "seating drop 1 of 1" in page_text(app))
         await pilot.press("j")
-        await until(pilot, lambda: "procedure  plain" in shown(app))
+        await until(pilot, lambda: "procedure  plain" in page_text(app))
 
-    look(survey, script, size)
+    run_script(survey, script, size)
 
 
 def test_a_change_of_the_tab_builds_no_line_of_keys(survey: Path) -> None:
     async def script(app: OpenApp, pilot: Any) -> None:
         keys = list(app.query_one(KeysLine).children)
-        assert "⏎ Drops" in shown(app)  # on the points too, where it is pressed
+        assert "⏎ Drops" in page_text(app)  # on the points too, where it is pressed
         for key in ("p", "m", "j", "1", "enter", "1"):
             await pilot.press(key)
             await pilot.pause()
         await pilot.pause()
         assert list(app.query_one(KeysLine).children) == keys
-        assert "⏎ Drops" in shown(app)
+        assert "⏎ Drops" in page_text(app)
         await pilot.press("slash")  # letters are typed now and no keys
-        await until(pilot, lambda: "p Profile" not in shown(app))
+        await until(pilot, lambda: "p Profile" not in page_text(app))
 
-    look(survey, script)
+    run_script(survey, script)
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40)])
 def test_every_key_is_named(survey: Path, size: tuple[int, int]) -> None:
     async def script(app: OpenApp, pilot: Any) -> None:
         await pilot.pause()
-        last = shown(app).splitlines()[-1]
+        last = page_text(app).splitlines()[-1]
         for part in ("/ Find", "s Sort", "⏎ Drops", "c Compare", "r Report", "x Export", "q Leave"):
             assert part in last
         assert ("palette" in last) == (size[0] > 100)
 
-    look(survey, script, size)
+    run_script(survey, script, size)
 
 
-def test_keys_that_follow_each_other_at_once_take_the_row_of_the_cursor(survey: Path) -> None:
+def test_fast_keys_use_the_row_of_the_cursor(survey: Path) -> None:
     async def script(app: OpenApp, pilot: Any) -> None:
         app.action_compare()
         app.query_one("#points-table", DataTable).action_cursor_down()
         app.action_compare()  # the message of the row has not come yet
         assert app.marked == ["0+000", "0+020"]
 
-    look(survey, script)
+    run_script(survey, script)
 
 
 def test_a_tab_is_marked_and_has_the_focus_at_once(survey: Path) -> None:
@@ -282,7 +282,7 @@ def test_a_tab_is_marked_and_has_the_focus_at_once(survey: Path) -> None:
             assert (app.focused and app.focused.id) == focused
             await pilot.pause()
 
-    look(survey, script)
+    run_script(survey, script)
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40)])
@@ -290,15 +290,15 @@ def test_two_points_are_compared(survey: Path, size: tuple[int, int]) -> None:
     async def script(app: OpenApp, pilot: Any) -> None:
         await pilot.press("c", "down", "c")
         await until(pilot, lambda: app.tab == "compare")
-        await until(pilot, lambda: "second / first" in shown(app))
-        assert "0.667" in shown(app)
-        await until(pilot, lambda: "deflection as recorded" in shown(app))
-        assert "0+000 and 0+020" in shown(app)
+        await until(pilot, lambda: "second / first" in page_text(app))
+        assert "0.667" in page_text(app)
+        await until(pilot, lambda: "deflection as recorded" in page_text(app))
+        assert "0+000 and 0+020" in page_text(app)
 
-    look(survey, script, size)
+    run_script(survey, script, size)
 
 
-def test_a_click_on_a_title_sorts_and_another_one_turns_it_round(survey: Path) -> None:
+def test_a_click_on_a_title_sorts_and_a_second_click_reverses(survey: Path) -> None:
     async def script(app: OpenApp, pilot: Any) -> None:
         table = app.query_one("#points-table", DataTable)
         for expected in ("0+020", "0+000"):
@@ -308,7 +308,7 @@ def test_a_click_on_a_title_sorts_and_another_one_turns_it_round(survey: Path) -
         await pilot.press("s")
         assert app.order == "verdict"
 
-    look(survey, script)
+    run_script(survey, script)
 
 
 def test_a_report_and_an_export_by_a_key(survey: Path, tmp_path: Path) -> None:
@@ -319,7 +319,7 @@ def test_a_report_and_an_export_by_a_key(survey: Path, tmp_path: Path) -> None:
         await pilot.press("enter")
         await until(pilot, lambda: (tmp_path / "t.csv").exists())
 
-    look(survey, script)
+    run_script(survey, script)
 
 
 def test_a_page_of_the_table_is_more_than_a_terminal_shows() -> None:
@@ -331,11 +331,11 @@ def test_a_page_of_the_table_is_more_than_a_terminal_shows() -> None:
 
 @pytest.fixture
 def server(survey: Path) -> Iterator[SurveyServer]:
-    with SurveyServer(OpenedSurvey(survey), "127.0.0.1", 0) as found:
-        thread = threading.Thread(target=found.serve_forever, args=(0.05,), daemon=True)
+    with SurveyServer(OpenedSurvey(survey), "127.0.0.1", 0) as opened_survey:
+        thread = threading.Thread(target=opened_survey.serve_forever, args=(0.05,), daemon=True)
         thread.start()
-        yield found
-        found.shutdown()
+        yield opened_survey
+        opened_survey.shutdown()
         thread.join()
 
 
@@ -363,7 +363,7 @@ def test_on_this_computer_no_code_is_needed(server: SurveyServer) -> None:
     assert fetch(server, "../../etc/passwd")[0] == 404
 
 
-def test_from_elsewhere_a_code_lets_one_browser_in(server: SurveyServer) -> None:
+def test_a_code_admits_a_single_remote_browser(server: SurveyServer) -> None:
     server.code, server.needs_code = "12345678", True
     assert fetch(server)[0] == fetch(server, "?code=87654321")[0] == 403
     status, _, headers = fetch(server, "?code=12345678")
@@ -392,7 +392,7 @@ def test_where_it_is_served(text: str, place: tuple[str, int]) -> None:
     assert parse_place(text) == place
 
 
-def test_a_place_that_is_none() -> None:
+def test_a_malformed_address_is_refused() -> None:
     for text in ("host:port", "a:b:80", "[::1", "[host]:80", "host:70000", "[::1]80"):
         with pytest.raises(OptionError, match="--serve: expected HOST:PORT"):
             parse_place(text)
@@ -416,9 +416,9 @@ def test_the_command(survey: Path, capsys: pytest.CaptureFixture[str], tmp_path:
         OpenedSurvey(tmp_path)
 
 
-def test_a_diagnosis_that_holds_stands_in_the_row(survey: Path) -> None:
+def test_the_row_has_the_diagnosis_in_force(survey: Path) -> None:
     after = {"modulus_pa": 45e6, "modulus_interval_pa": [43e6, 47e6]}
-    found = {
+    diagnosis = {
         "drops": [1, 2],
         "basis": basis_of(SETUP),
         "verdict": "unexplained",
@@ -427,16 +427,16 @@ def test_a_diagnosis_that_holds_stands_in_the_row(survey: Path) -> None:
     }
     first, second = read_survey(survey).points[:2]
     with SurveyWriter.open(survey, publish=False) as writer:
-        writer.save_result(first.drops[-1].number, found, "diagnosis")
-        other = {**found, "basis": "0" * 16}
-        writer.save_result(second.drops[-1].number, other, "diagnosis")
+        writer.save_result(first.drops[-1].number, diagnosis, "diagnosis")
+        stale = {**diagnosis, "basis": "0" * 16}
+        writer.save_result(second.drops[-1].number, stale, "diagnosis")
     rows = {row.name: row for row in opened(survey).rows}
     assert rows[first.name].diagnosed == "unexplained: use with care, 1.8 % left"
     assert rows[first.name].modulus == 45e6, "the one that is in force"
     assert rows[second.name].diagnosed == ""
 
 
-def test_cells_are_shown_as_they_are(tmp_path: Path, survey: Path) -> None:
+def test_cells_are_no_markup(tmp_path: Path, survey: Path) -> None:
     """No name is mark-up, and the table draws its cells itself: the toolkit's way takes 80 ms."""
     with SurveyWriter.open(survey, publish=False) as writer:
         writer.edit("name", "[b]left[/b] lane", point="9")
@@ -451,16 +451,16 @@ def test_cells_are_shown_as_they_are(tmp_path: Path, survey: Path) -> None:
         assert drawn[0][0].style is not None
         assert drawn[0][0].style.meta == {"row": 0, "column": 0}, "a click finds its cell"
 
-    look(survey, script)
+    run_script(survey, script)
 
 
-def test_rows_that_speak_when_all_is_taken_down_draw_nothing(survey: Path) -> None:
+def test_row_messages_after_the_end_draw_no_plot(survey: Path) -> None:
     async def script(app: OpenApp, pilot: Any) -> None:
         await app.query_one("#tabs").remove()
         assert app.tab == ""
         app.draw_plots()
 
-    look(survey, script)
+    run_script(survey, script)
 
 
 def test_a_receiver_s_position_is_on_the_map(tmp_path: Path) -> None:
@@ -483,4 +483,4 @@ def test_the_curves_are_drawn_for_another_size_too(survey: Path) -> None:
         await pilot.resize_terminal(160, 40)
         await until(pilot, lambda: max(map(len, plot.text.split("\n"))) > wide + 30)
 
-    look(survey, script)
+    run_script(survey, script)
