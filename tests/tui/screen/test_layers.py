@@ -224,7 +224,7 @@ def test_the_measure_page_says_whose_modulus_it_is(size: tuple[int, int]) -> Non
     text_on_page = text(view(ready(), saved(1), analysed(1, **LAYERS)), size)
     assert "subgrade  47.3 (46.7 to 47.9) MPa" in text_on_page
     assert "top       120 (110 to 131) MPa, 0.25 m" in text_on_page
-    assert "lowest of 2 layers, ground without rock" in text_on_page
+    assert "lowest of 2 layers, soil without bedrock" in text_on_page
     text_on_page = text(view(ready(), saved(1), analysed(1, **UNDETERMINED)), size)
     assert "subgrade  not known (40.0 to 410) MPa" in text_on_page
     assert "subgrade" not in text(view(ready(), saved(1), analysed(1)), size)

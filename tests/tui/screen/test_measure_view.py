@@ -97,7 +97,7 @@ def test_the_modulus_stands_with_all_it_rests_on(size: tuple[int, int], large: b
     on_page = text(view(*complete_point(), large=large, chosen=6), size)
     for part in (
         "MPa",
-        "ground over rock",
+        "soil on bedrock",
         "rigid plate without slip",
         "radius 150 mm",
     ):

@@ -455,6 +455,22 @@ def test_a_trial_fit_does_not_replace_the_result_in_force() -> None:
     play(App(), script)
 
 
+def test_the_refit_dialog_has_words_for_its_choices() -> None:
+    async def script(app: App, pilot: Any) -> None:
+        await deliver(app, pilot, *complete_point())
+        await pilot.press("enter", "r")
+        await until(pilot, lambda: bool(app.screen.query("#method")))
+        prompts = [
+            str(prompt)
+            for name in ("model", "plate", "method")
+            for prompt, _ in app.screen.query_one(f"#{name}", Select)._options
+        ]
+        assert {"soil on bedrock", "rigid plate without slip", "full search"} < set(prompts)
+        assert not {"layer", "rigid-rough", "mpga"} & set(prompts)
+
+    play(App(), script)
+
+
 def test_the_refit_dialog_refuses_contradictions() -> None:
     async def script(app: App, pilot: Any) -> None:
         requests: list[Any] = []

@@ -76,7 +76,7 @@ def test_how_the_point_stands_fills_the_screen(
         assert "mean of 3 drops" in app.text
         assert app.text.count("████") > 10
         await pilot.press("up")
-        assert "ground over rock" in app.text, "a chosen drop is shown"
+        assert "soil on bedrock" in app.text, "a chosen drop is shown"
 
     play(quiet(), script, size)
 

@@ -12,8 +12,10 @@ from textual.widgets import Button, Input, Label, Select
 
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.errors import OptionError
+from tui.format import PLATE_WORDS, word
 from tui.output import clean
 from tui.screen.drawing.lines import window
+from tui.screen.pages.drop_texts import METHOD_TEXTS, MODEL_TEXTS
 
 
 class TextDialog(ModalScreen[str | None]):
@@ -174,13 +176,16 @@ class Question(ModalScreen[bool]):
 
 _REFIT_CHOICES: dict[str, tuple[str, tuple[str, ...]]] = {
     "layers": ("layers", ("1", "2", "3", "4", "auto")),
-    "model": ("model", ("layer", "half-space")),
+    "model": ("ground", ("layer", "half-space")),
     "load": ("load", ("measured", "half-sine")),
     "plate": ("plate", ("rigid-rough", "rigid-smooth", "published")),
     "sensors": ("sensors", ("all", "centre")),
     "method": ("method", ("mpga", "least-squares")),
     "elastic": ("viscosity", ("fitted", "none (elastic)")),
 }
+_CHOICE_WORDS = {**MODEL_TEXTS, **PLATE_WORDS, **METHOD_TEXTS}
+"""Words for choices that are values of the JSON output."""
+
 _AS_DECLARED = "as declared"
 _CONVERSIONS: dict[str, Callable[[str], Any]] = {
     "elastic": lambda value: value.startswith("none"),
@@ -205,7 +210,7 @@ class RefitDialog(ModalScreen[AnalysisOptions | None]):
                 with Horizontal(classes="field"):
                     yield Label(title, classes="field-name")
                     yield Select(
-                        [(value, value) for value in (_AS_DECLARED, *values)],
+                        [(word(_CHOICE_WORDS, value), value) for value in (_AS_DECLARED, *values)],
                         value=_AS_DECLARED,
                         allow_blank=False,
                         compact=True,

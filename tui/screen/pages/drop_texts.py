@@ -9,6 +9,7 @@ from pfwd.analysis.results import DropResult
 from pfwd.judging import PointView
 from pfwd.procedures import PointProgress, Quantity, Verdict
 from pfwd.procedures.point import UNSUPPORTED_MARK
+from tui.format import MODEL_WORDS, PLATE_WORDS, word
 from tui.screen.drawing.lines import Line, TableColumn, TableRow, TextRole, cell, fit, piece
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.state import SessionState
@@ -119,26 +120,19 @@ def two_decimals(value: object) -> str:
     return f"{value:.2f}" if isinstance(value, int | float) else NO_VALUE
 
 
-PLATE_TEXTS: Mapping[str, str] = {
-    "rigid-rough": "rigid plate without slip",
-    "rigid-smooth": "rigid plate with slip",
-    "averaged": "rigid plate, mean of both contacts",
-    "published": "plate as in the published method",
-    "uniform": "flexible plate, equal pressure",
-}
 METHOD_TEXTS: Mapping[str, str] = {"mpga": "full search", "least-squares": "quick fit"}
-MODEL_TEXTS: Mapping[str, str] = {"layer": "ground over rock", "half-space": "ground without rock"}
+MODEL_TEXTS: Mapping[str, str] = {**MODEL_WORDS, "half-space": "soil without bedrock"}
 
 
 def assumption_texts(result: DropResult, units: Units) -> tuple[str, str, str, str]:
     """Return ground, plate, method and load of a fit in words."""
     n_layers = len(result.layers or ())
-    ground = MODEL_TEXTS.get(result.model or "", str(result.model))
-    plate = PLATE_TEXTS.get(result.plate or "", str(result.plate))
+    ground = word(MODEL_TEXTS, result.model)
+    radius = units.with_unit("length", result.plate_radius_m)
     return (
         f"lowest of {n_layers} layers, {ground}" if n_layers > 1 else ground,
-        f"{plate}, radius {units.with_unit('length', result.plate_radius_m)}",
-        METHOD_TEXTS.get(result.method or "", str(result.method)),
+        f"{word(PLATE_WORDS, result.plate)}, radius {radius}",
+        word(METHOD_TEXTS, result.method),
         f"{result.load} load",
     )
 

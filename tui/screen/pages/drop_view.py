@@ -10,6 +10,7 @@ import numpy as np
 from pfwd.analysis.results import DropResult
 from pfwd.analysis.screening.drops import channels_outward
 from tui.diagnosis_lines import diagnosis_lines
+from tui.format import word
 from tui.screen.drawing.drop_figures import (
     bowl_figure,
     curves_of,
@@ -301,7 +302,7 @@ def _alternatives(view: DropPageState, drop: DropState, width: int) -> list[Line
     earlier = [("before it", result) for result in drop.results[:-1]]
     units = view.units
     for kind, result in [*in_force, *earlier]:
-        method = METHOD_TEXTS.get(result.method or "", str(result.method))
+        method = word(METHOD_TEXTS, result.method)
         lines += _paragraph(f"{_short_result(result, units)}, {method} ({kind})", width)
     for refit in drop.refits:
         if refit.result is not None:
