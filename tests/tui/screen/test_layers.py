@@ -203,7 +203,7 @@ def test_the_bowl_has_a_dash_a_sensor_and_a_line(make_drop: Callable[..., Drop])
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40), (200, 60)])
-@pytest.mark.parametrize("known", [LAYERS, UNDETERMINED])
+@pytest.mark.parametrize("fields", [LAYERS, UNDETERMINED])
 def test_the_drop_page_has_layers_bowl_and_sensors(
     make_drop: Callable[..., Drop], size: tuple[int, int], fields: dict[str, Any]
 ) -> None:

@@ -558,7 +558,7 @@ RECORD = {
 
 
 @pytest.mark.parametrize(
-    ("value", "sd", "unit", "told"),
+    ("value", "sd", "unit", "expected"),
     [
         (-0.00204, 0.00003, "s", "-2.04 ± 0.03 ms (1 point)"),
         (11.0, 0.2, "Hz", "11.00 ± 0.20 Hz (1 point)"),
@@ -567,13 +567,13 @@ RECORD = {
     ],
 )
 def test_device_effects_have_readable_units(
-    value: float, sd: float | None, unit: str, deliver: str
+    value: float, sd: float | None, unit: str, expected: str
 ) -> None:
     effect = {"name": "x", "scope": "device", "value": value, "sd": sd, "unit": unit}
     point_diagnosis = DiagnosisResult.from_json({**RECORD, "effects": [effect]})
     lines = device_lines([point_diagnosis], Units("si"), 80)
     text = " ".join(str(part) for part in lines[-1])
-    assert deliver in text
+    assert expected in text
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -590,7 +590,7 @@ def test_the_diagnosis_page_shows_the_ladder_and_the_device(
         await deliver(app, pilot, DiagnosisFinished(str(tmp_path), results))
         for part in ("EXPLAINED", "55.2", "47.3", "geophone_response", "effects of the device"):
             assert part in app.text
-        await pilot.press("1")
+        await pilot.press("1", "up")
         app.redraw()
         await pilot.pause()
         on_page = " ".join(app.text.replace("│", " ").split())

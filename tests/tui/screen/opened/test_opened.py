@@ -99,7 +99,7 @@ def test_a_damaged_cache_is_survived(survey: Path, tmp_path: Path, text: str) ->
 
 
 @pytest.mark.parametrize(
-    ("wanted", "expected"),
+    ("filter_text", "expected"),
     [
         ("", list(MODULI)),
         ("fail", ["0+020", "9"]),
@@ -219,7 +219,7 @@ def test_the_screen(survey: Path, size: tuple[int, int]) -> None:
             pilot, lambda: re.search(r"0\+020: 40(\.0)? .*MPa  FAIL", page_text(app)) is not None
         )
         await pilot.press("plus", "right", "m")
-        await until(pilot, lambda: "@ chosen" in page_text(app))
+        await until(pilot, lambda: "@ 0+100" in page_text(app))
         assert app.chosen == "0+100"
         await pilot.press("escape", "enter")
         await until(pilot, lambda: app.tab == "drops")
