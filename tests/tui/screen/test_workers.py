@@ -2,6 +2,7 @@
 
 import dataclasses
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +100,7 @@ def test_a_running_diagnosis_reports_point_work_and_times(
     reported, resume = threading.Event(), threading.Event()
 
     def request(_process: Any, _task: DiagnosisTask, report: Any) -> TaskOutcome:
-        report(DiagnosisProgress("each point by itself", str(tmp_path / "PV01 3"), 4, 12))
+        report(DiagnosisProgress("each point by itself", "ring road, point PV01 3", 4, 12))
         reported.set()
         assert resume.wait(PATIENCE)
         return TaskOutcome()
@@ -131,5 +132,10 @@ def test_a_second_diagnosis_waits_and_the_first_can_be_stopped(tmp_path: Path) -
     diagnoser = Diagnoser(events)
     assert diagnoser.start(str(tmp_path / "one"))
     assert not diagnoser.start(str(tmp_path / "two"))
+    started = time.monotonic()
+    while diagnoser._process is None and time.monotonic() < started + PATIENCE:
+        time.sleep(0.01)
     diagnoser.stop()
-    assert events.last().file.endswith("one")
+    stopped = events.last()
+    assert stopped.file.endswith("one")
+    assert stopped.error == "the diagnosis of one was stopped"

@@ -60,6 +60,7 @@ class Diagnoser:
         self._on_result = on_result
         self._process: subprocess.Popen[bytes] | None = None
         self._lock = threading.Lock()
+        self._is_stopped = False
         self.file = ""
         """Path of the survey or drop file that is being diagnosed; empty: none."""
         self.progress: RunningDiagnosis | None = None
@@ -72,6 +73,7 @@ class Diagnoser:
                 return False
             self.file = file
             self.progress = RunningDiagnosis(time.monotonic())
+            self._is_stopped = False
         threading.Thread(target=self._run, args=(file,), name="diagnosis", daemon=True).start()
         return True
 
@@ -79,6 +81,7 @@ class Diagnoser:
         """Stop the diagnosis that runs."""
         process = self._process
         if process is not None:
+            self._is_stopped = True
             with contextlib.suppress(OSError):
                 process.kill()
 
@@ -86,7 +89,9 @@ class Diagnoser:
         outcome = self._outcome(DiagnosisTask(0, file, AnalysisOptions()))
         self._process, self.file, self.progress = None, "", None
         error = ""
-        if outcome.fault is not None and not outcome.diagnoses:
+        if self._is_stopped:
+            error = f"the diagnosis of {Path(file).name} was stopped"
+        elif outcome.fault is not None and not outcome.diagnoses:
             error = f"the diagnosis of {file} failed: {outcome.fault}"
         self._on_result(DiagnosisFinished(file, outcome.diagnoses, error))
 
@@ -204,7 +209,8 @@ def diagnosis_text(file: str, running: RunningDiagnosis | None, now: float) -> s
     if step is None:
         text += ", reading the drops"
     else:
-        point = f"point {os.path.basename(step.point)}, " if step.point else ""
+        name = os.path.basename(step.point.rpartition(", point ")[2])
+        point = f"point {name}, " if name else ""
         text += f": {point}{step.count} of {step.total} points done, {step.kind}"
     text += f"; {_duration(now - running.start)} so far"
     remaining = running.remaining(now)
