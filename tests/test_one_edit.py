@@ -39,7 +39,7 @@ with SurveyWriter.open(folder / "s", publish=False, reserve_bytes=0) as writer:
     writer.save_result(record, result.to_json())
 for form in ("table", "jsonl", "xlsx"):
     export_survey(folder / "s", form, folder / f"made.{form}")
-from pfwd.report.composing import result_values
+from pfwd.report.provenance_blocks import result_values
 assert "settlement_index_m 0.0125" in result_values(result)
 print(json.dumps(pfwd.open(str(folder / "s")).to_dict()))
 """

@@ -1,7 +1,7 @@
-"""What a report is made of: written as HTML or laid out on pages, from the same blocks.
+"""Blocks of a report, which are written as HTML or laid out on pages.
 
-Every text that a report shows stands in one of them, and there each is made harmless, whatever a
-survey, an instrument or the name of a folder holds.
+Every text of a report is in a block. A block makes its texts harmless, whatever a survey, an
+instrument or the name of a folder holds.
 """
 
 from collections.abc import Callable
@@ -11,21 +11,21 @@ from typing import Any
 from pfwd_device.text import harmless
 
 Draw = Callable[[Any], None]
-"""Draws into a figure of matplotlib, or a part of one."""
+"""Function that draws into a figure of matplotlib."""
 
 
 def _harmless(value: Any) -> Any:
-    """The same with its texts made harmless; the lines of a text stay lines."""
+    """Return a value with its texts made harmless; the lines of a text stay lines."""
     if isinstance(value, str):
         lines = value.replace("\r\n", "\n").replace("\t", "    ").split("\n")
         return "\n".join(map(harmless, lines))
     if isinstance(value, tuple):
         return tuple(map(_harmless, value))
-    return value  # numbers, and what has been made harmless when it was made
+    return value  # a number, or a block that is harmless already
 
 
 class _Harmless:
-    """A block, or a part of one."""
+    """Base of blocks and their parts."""
 
     __slots__ = ()
 
@@ -61,7 +61,7 @@ class Pairs(_Harmless):
 
 @dataclass(frozen=True, slots=True)
 class Mark(_Harmless):
-    """A verdict in a cell: told by its word and by its sign, never by its colour alone."""
+    """A verdict in a cell, with a word and a sign, never with its colour alone."""
 
     kind: str
     """pass, fail, undecided or none."""
@@ -103,12 +103,12 @@ class Picture(_Harmless):
     """mm, at the full width of a page."""
     caption: str
     alternative: str
-    """What it shows, for those who cannot see it."""
+    """Description for those who cannot see it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Together:
-    """Blocks that stand on one page where they fit on one; what they hold is harmless already."""
+    """Blocks that are kept on one page if they fit on one; they are harmless already."""
 
     blocks: tuple["Block", ...]
 
@@ -116,4 +116,4 @@ class Together:
 Block = Heading | Paragraph | Pairs | Table | Listing | Code | Picture | Together
 
 SIGNS = {"pass": "✓", "fail": "✗", "undecided": "?", "none": "–"}
-"""Of a `Mark`; all of them are in DejaVu Sans, which comes with matplotlib."""
+"""Signs of a `Mark`; all of them are in DejaVu Sans, which comes with matplotlib."""

@@ -1,4 +1,4 @@
-"""The first page: what a test report after a procedure has to say, and where it is signed."""
+"""The first page: the test report that a procedure asks for, with lines to sign on."""
 
 import math
 import os
@@ -15,7 +15,7 @@ from pfwd.message_groups import group_messages
 from pfwd.procedures import Procedure, Quantity, Verdict
 from pfwd.procedures.point import UNSUPPORTED_MARK
 from pfwd.procedures.preconditions import presumed_load
-from pfwd.report import shown
+from pfwd.report import formatting
 from pfwd.report.blocks import (
     SIGNS,
     Block,
@@ -67,7 +67,7 @@ def certificate_blocks(
     company: str | None = None,
     logo: str | os.PathLike[str] | None = None,
 ) -> list[Block]:
-    """Who measured what, where, when, with which device, what came out, and lines to sign on.
+    """Return the blocks of the first page: facts, points, verdicts, curves, lines to sign on.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def curve_blocks(report: Report, texts: Texts, letters: Letters) -> list[Block]:
 
 
 def read_logo(path: str | os.PathLike[str]) -> Any:
-    """A picture as an array.
+    """Return a picture as an array.
 
     Raises
     ------
@@ -130,35 +130,35 @@ def read_logo(path: str | os.PathLike[str]) -> Any:
 
     try:
         return imread(os.fspath(path))
-    except (OSError, ValueError, SyntaxError) as err:  # what readers of pictures say
-        came = getattr(err, "strerror", None) or "something else"
-        raise OptionError(refusal(f"--logo {path}", "a picture (.png, .jpg)", came)) from err
+    except (OSError, ValueError, SyntaxError) as err:  # raised by readers of pictures
+        problem = getattr(err, "strerror", None) or "something else"
+        raise OptionError(refusal(f"--logo {path}", "a picture (.png, .jpg)", problem)) from err
 
 
 def certificate_rows(report: Report, texts: Texts) -> tuple[tuple[str, str], ...]:
     """Return the facts of the head of the page with their labels; what is unknown is empty."""
-    kept = [point for point in report.points if not point.discarded]
-    counts = Counter(verdict_of(point) for point in kept)
-    radii = sorted({f"{p.setup.plate_radius * 2e3:g} mm" for p in kept if p.setup.plate_radius})
+    points = [point for point in report.points if not point.discarded]
+    counts = Counter(verdict_of(point) for point in points)
+    radii = sorted({f"{p.setup.plate_radius * 2e3:g} mm" for p in points if p.setup.plate_radius})
     verdicts = texts.say("verdicts", **{kind: counts[kind] for kind in Verdict})
-    if counts[Verdict.NONE] == len(kept):
+    if counts[Verdict.NONE] == len(points):
         verdicts = texts["none"]
-    drops = sum(len(p.drops) for p in kept)
+    drops = sum(len(p.drops) for p in points)
     key = "points_and_drop" if drops == 1 else "points_and_drops"
-    points = texts.say(key, points=len(kept), drops=drops)
+    counted = texts.say(key, points=len(points), drops=drops)
     return (
-        (texts["place"], _each(point.setup.site for point in kept)),
+        (texts["place"], _each(point.setup.site for point in points)),
         (texts["period"], _period(report, texts)),
-        (texts["operator"], _each(point.setup.operator for point in kept)),
-        (texts["instrument"], _device(report, kept)),
+        (texts["operator"], _each(point.setup.operator for point in points)),
+        (texts["instrument"], _device(report, points)),
         (texts["calibrated"], _calibration(report.instruments, texts)),
         (texts["plate_diameter"], ", ".join(radii)),
         (texts["judged_by"], judged_by(report, texts)),
         (texts["formula"], _formula(report.procedure)),
-        (texts["drops_asked"], _drops_asked(report, texts)),
-        (texts["load"], _loads(kept, report.procedure, texts)),
-        (texts["conditions"], _conditions(kept, texts)),
-        (texts["points"], points),
+        (texts["drops_asked"], _required_drops(report, texts)),
+        (texts["load"], _loads(points, report.procedure, texts)),
+        (texts["conditions"], _conditions(points, texts)),
+        (texts["points"], counted),
         (texts["verdict"], verdicts),
     )
 
@@ -177,7 +177,7 @@ def _period(report: Report, texts: Texts) -> str:
 
 
 def _formula(procedure: Procedure) -> str:
-    """How what is judged follows from the settlement; empty: by no formula."""
+    """Return the formula of the judged quantity; empty: there is none."""
     factor, nominal = procedure.factor, procedure.nominal_pressure
     if factor is None or procedure.quantity not in (Quantity.E_VD, Quantity.E_LWD):
         return ""
@@ -186,26 +186,26 @@ def _formula(procedure: Procedure) -> str:
         pressure = "" if nominal is None else f", σ = {nominal.value / 1e6:g} MPa"
         return f"{name} = {factor.value:.3g} r σ / {mean}{pressure}"
     ratio = procedure.poisson_ratio
-    said = "" if ratio is None else f", ν = {ratio.value:g}"
-    return f"{name} = {factor.value:.3g} (1 - ν²) r σ / {mean}, σ = F / (π r²){said}"
+    ratio_text = "" if ratio is None else f", ν = {ratio.value:g}"
+    return f"{name} = {factor.value:.3g} (1 - ν²) r σ / {mean}, σ = F / (π r²){ratio_text}"
 
 
-def _drops_asked(report: Report, texts: Texts) -> str:
-    """How many drops of each kind the procedure wants at a point; empty: it does not say."""
+def _required_drops(report: Report, texts: Texts) -> str:
+    """Return the number of drops of each kind that the procedure requires; empty: none."""
     if not report.chosen or report.procedure.measured_drops is None:
         return ""
-    wanted = (
+    required = (
         (report.procedure.seating_drops, "seating"),
         (report.procedure.measured_drops, "measured"),
     )
-    return " + ".join(f"{count} ({texts[kind]})" for count, kind in wanted if count)
+    return " + ".join(f"{count} ({texts[kind]})" for count, kind in required if count)
 
 
-def _loads(kept: Sequence[PointView], procedure: Procedure, texts: Texts) -> str:
+def _loads(points: Sequence[PointView], procedure: Procedure, texts: Texts) -> str:
     """Return peak loads and mean stresses below the plate: measured, then presumed."""
     loads = [
         (load, load / (math.pi * radius**2))
-        for point in kept
+        for point in points
         for drop in used_drops(point)
         if (load := drop.facts.peak_load) is not None and (radius := point.setup.plate_radius)
     ]
@@ -214,49 +214,50 @@ def _loads(kept: Sequence[PointView], procedure: Procedure, texts: Texts) -> str
         forces, pressures = zip(*loads, strict=True)
         measured = f"{_range(forces, 1e-3)} kN, σ = {_range(pressures, 1e-3)} kPa"
         parts.append(f"{texts['load_measured']}: {measured}")
-    plate = next((point.setup.plate_radius for point in kept if point.setup.plate_radius), 0.0)
+    plate = next((point.setup.plate_radius for point in points if point.setup.plate_radius), 0.0)
     presumed = presumed_load(procedure, (), plate) if plate else None
     if presumed is not None:
         ours = f", {texts['our_tolerance']}" if presumed.tolerance_is_ours else ""
         parts.append(
-            f"{texts['load_presumed']}: {shown.digits(presumed.load / 1e3)} kN, σ = "
-            f"{shown.digits(presumed.pressure / 1e3)} kPa (± {100 * presumed.tolerance:g} %{ours})"
+            f"{texts['load_presumed']}: {formatting.digits(presumed.load / 1e3)} kN, σ = "
+            f"{formatting.digits(presumed.pressure / 1e3)} kPa "
+            f"(± {100 * presumed.tolerance:g} %{ours})"
         )
     return "; ".join(parts)
 
 
 def _range(values: Sequence[float], scale: float) -> str:
-    ends = (shown.digits(value * scale) for value in (min(values), max(values)))
+    ends = (formatting.digits(value * scale) for value in (min(values), max(values)))
     return " – ".join(dict.fromkeys(ends))
 
 
-def _conditions(kept: Sequence[PointView], texts: Texts) -> str:
-    """Material, moisture and temperature, where anybody said them."""
-    found = []
-    materials = _each(point.setup.material for point in kept)
+def _conditions(points: Sequence[PointView], texts: Texts) -> str:
+    """Return material, moisture and temperature, where they are declared."""
+    conditions = []
+    materials = _each(point.setup.material for point in points)
     if materials:
-        found.append(f"{texts['material']}: {materials}")
+        conditions.append(f"{texts['material']}: {materials}")
     for key, unit in (("moisture", "%"), ("temperature", "°C")):
-        values = [v for point in kept if (v := getattr(point.setup, key)) is not None]
+        values = [v for point in points if (v := getattr(point.setup, key)) is not None]
         if values:
-            found.append(f"{texts[key]}: {_range(values, 1.0)} {unit}")
-    return "; ".join(found)
+            conditions.append(f"{texts[key]}: {_range(values, 1.0)} {unit}")
+    return "; ".join(conditions)
 
 
 def _each(values: Any) -> str:
     return ", ".join(sorted({str(value) for value in values if value is not None}))
 
 
-def _device(report: Report, kept: Sequence[PointView]) -> str:
+def _device(report: Report, points: Sequence[PointView]) -> str:
     named = [
         f"{identity.get('model', '')} {identity.get('serial_number', '')}".strip()
         for identity in report.instruments
     ]
-    return ", ".join(filter(None, named)) or _each(point.setup.device for point in kept)
+    return ", ".join(filter(None, named)) or _each(point.setup.device for point in points)
 
 
 def _calibration(instruments: Sequence[Mapping[str, Any]], texts: Texts) -> str:
-    """The dates of the channels, each pair once."""
+    """Return the dates of calibration of the channels, each pair once."""
     dates = dict.fromkeys(
         (str(channel["calibrated"]), str(channel.get("due") or ""))
         for identity in instruments
@@ -269,7 +270,7 @@ def _calibration(instruments: Sequence[Mapping[str, Any]], texts: Texts) -> str:
 
 
 def judged_by(report: Report, texts: Texts) -> str:
-    """The procedure and what it judges."""
+    """Return the procedure and the quantity that it judges."""
     if not report.chosen:
         only_peaks = has_only_peaks(report)
         return (
@@ -278,11 +279,13 @@ def judged_by(report: Report, texts: Texts) -> str:
             else (f"{texts['modulus_full']}; {texts['no_procedure']}")
         )
     name = report.procedure.quantity
-    what = texts["modulus_full"] if name is Quantity.MODULUS else shown.name_of(name, texts)
-    text = f"{report.procedure.name} ({texts.title(report.procedure.title)}): {what}"
-    if report.own_procedure is None:
+    quantity = (
+        texts["modulus_full"] if name is Quantity.MODULUS else formatting.name_of(name, texts)
+    )
+    text = f"{report.procedure.name} ({texts.title(report.procedure.title)}): {quantity}"
+    if report.survey_procedure is None:
         return text
-    return f"{text}; {texts.say('own_procedure', name=report.own_procedure)}"
+    return f"{text}; {texts.say('own_procedure', name=report.survey_procedure)}"
 
 
 def points_table(report: Report, texts: Texts) -> Table:
@@ -293,7 +296,7 @@ def points_table(report: Report, texts: Texts) -> Table:
     if has_only_peaks(report):
         return peaks_table(report, texts)
     quantity = report.procedure.quantity
-    # What the documents of the procedures ask for: s and v of the light drop weight tester, peak
+    # The documents of the procedures ask for s and v of the light drop weight tester, and for peak
     # loads of devices with a load cell. A mean settlement that is judged has its own column.
     speeds = not report.chosen or quantity is Quantity.E_VD
     judged = quantity is not Quantity.MODULUS
@@ -303,7 +306,7 @@ def points_table(report: Report, texts: Texts) -> Table:
     columns += ["s\N{COMBINING MACRON}, mm"] if mean else []
     columns += ["v, mm/s", "s/v, ms"] if speeds else ["F, kN"]
     right = tuple(range(3, len(columns)))
-    columns += [shown.name_of(quantity, texts)] if judged else []
+    columns += [formatting.name_of(quantity, texts)] if judged else []
     columns += [texts["modulus"], texts["target"], texts["verdict"]]
     rows = []
     for point, time in zip(report.points, times, strict=True):
@@ -314,31 +317,31 @@ def points_table(report: Report, texts: Texts) -> Table:
         cells: list[str | Mark] = [
             point.shown_name,
             time,
-            " / ".join(map(depth_text, depths[:MOST_DEPTHS]))
-            + (" …" if len(depths) > MOST_DEPTHS else ""),
+            " / ".join(map(depth_text, depths[:MAX_LISTED_DEPTHS]))
+            + (" …" if len(depths) > MAX_LISTED_DEPTHS else ""),
         ]
         cells += [depth_text(fmean(depths) if depths else None)] if mean else []
         if speeds:
             cells += [
                 _mean([v * 1e3 for fact in facts if (v := fact.peak_velocity) is not None]),
-                shown.scaled(progress.s_over_v, 1e3, ""),
+                formatting.scaled(progress.s_over_v, 1e3, ""),
             ]
         else:
             cells.append(_mean([f / 1e3 for fact in facts if (f := fact.peak_load) is not None]))
-        cells += [shown.value_of(progress.value, texts)] if judged else []
+        cells += [formatting.value_of(progress.value, texts)] if judged else []
         cells += [
             modulus_text(point, texts),
-            shown.target_of(progress.target, quantity),
+            formatting.target_of(progress.target, quantity),
             Mark(kind, texts["discarded"] if point.discarded else texts[kind]),
         ]
         rows.append(tuple(cells))
     table = Table(tuple(columns), tuple(rows), right)
-    return shown.without_empty_columns(table, always=(title, texts["target"]))
+    return formatting.without_empty_columns(table, always=(title, texts["target"]))
 
 
 def depth_text(depth: float | None) -> str:
     """Return a deflection, m, in mm; a dash for none."""
-    return shown.NOTHING if depth is None else f"{depth * 1e3:.3f}"
+    return formatting.NO_VALUE if depth is None else f"{depth * 1e3:.3f}"
 
 
 def verdict_reasons(report: Report, texts: Texts) -> list[Block]:
@@ -383,8 +386,8 @@ def unsupported_note(report: Report, texts: Texts) -> list[Block]:
 
 
 def _mean(values: Sequence[float]) -> str:
-    return shown.digits(sum(values) / len(values)) if values else shown.NOTHING
+    return formatting.digits(sum(values) / len(values)) if values else formatting.NO_VALUE
 
 
-MOST_DEPTHS = 3
-"""Settlements of a point that its line has; procedures ask for three."""
+MAX_LISTED_DEPTHS = 3
+"""Settlements that the line of a point lists; procedures ask for three."""

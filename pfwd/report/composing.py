@@ -1,23 +1,12 @@
-"""What a report says, in which order: the same blocks for HTML and for PDF."""
+"""The content of a report in its order: the same blocks for HTML and for PDF."""
 
 import dataclasses
-import json
 import os
-from collections.abc import Mapping
-from typing import Any
 
-from inversion.records import is_number, stored_fields
-from inversion.result import InversionResult
-from pfwd.analysis.results import DropResult
-from pfwd.files.header import IMPORTED, declared_values
-from pfwd.judging import PointView
 from pfwd.report.blocks import (
     Block,
-    Code,
     Heading,
-    Pairs,
     Paragraph,
-    Table,
     Together,
 )
 from pfwd.report.certificate_blocks import (
@@ -28,13 +17,12 @@ from pfwd.report.certificate_blocks import (
     points_table,
 )
 from pfwd.report.content import Report
-from pfwd.report.device_blocks import device_blocks
 from pfwd.report.fonts import Letters
 from pfwd.report.localising import localised, names_of
 from pfwd.report.lot_blocks import lot_blocks
 from pfwd.report.peaks_blocks import basin_of_drop, has_only_peaks
 from pfwd.report.point_blocks import photo_blocks, point_blocks
-from pfwd.report.procedure_blocks import procedure_blocks
+from pfwd.report.provenance_blocks import device_blocks, procedure_blocks, recompute_blocks
 from pfwd.report.summary_blocks import common_warnings, summary_blocks, warning_blocks
 from pfwd.report.texts import Texts
 
@@ -46,16 +34,16 @@ def compose(
     company: str | None = None,
     logo: str | os.PathLike[str] | None = None,
 ) -> list[Block]:
-    """The blocks of a report.
+    """Return the blocks of a report.
 
     Parameters
     ----------
     report : Report
     texts : Texts
     letters : Letters
-        For names in drawings.
+        Widths of names in drawings.
     company : str, optional
-        Of the first page.
+        Name on the first page.
     logo : path of a picture, optional
 
     Returns
@@ -94,103 +82,16 @@ def compose(
         for p in report.points
     ]
     names = names_of(report)
-    found = localised(blocks, texts, keep, names)
-    found += procedure_blocks(report.procedure, texts) if report.chosen else []
-    found += device_blocks(report, texts)
-    return [*found, *localised(pages, texts, keep, names), *_recompute(report, texts)]
+    content = localised(blocks, texts, keep, names)
+    content += procedure_blocks(report.procedure, texts) if report.chosen else []
+    content += device_blocks(report, texts)
+    return [*content, *localised(pages, texts, keep, names), *recompute_blocks(report, texts)]
 
 
 _AS_THEY_ARE = ("survey", "made", "software", "judged_by", "position", "period", "photos")
-"""Labels of what has dots that are no decimal signs."""
+"""Labels of values with dots that are no decimal signs."""
 
 
 def on_new_page(heading: Block) -> Block:
-    """A heading at the beginning of a page."""
+    """Return a heading that begins a page."""
     return dataclasses.replace(heading, new_page=True) if isinstance(heading, Heading) else heading
-
-
-def _declared(report: Report, texts: Texts) -> list[Block]:
-    """What was declared: what all points share once, then what they have of their own."""
-    said = [(point.shown_name, _said(point)) for point in report.points]
-    first = said[0][1] if said else {}
-    shared = {k: v for k, v in first.items() if all(o.get(k, _ABSENT) == v for _, o in said)}
-    points: dict[str, list[str]] = {}
-    for name, values in said:
-        own = {key: value for key, value in values.items() if key not in shared}
-        points.setdefault(_text(own), []).append(name)
-    blocks: list[Block] = [Code(_text(shared))] if shared else []
-    lines = [f"{', '.join(names)}: {text}" for text, names in points.items() if text != "{}"]
-    return [*blocks, Code("\n".join(lines))] if lines else blocks
-
-
-_ABSENT = object()
-
-
-def _said(point: PointView) -> dict[str, Any]:
-    """The keys of a point; the remarks of its import are among the warnings."""
-    said = {key: v for key, v in declared_values(point.setup).items() if key != "point"}
-    noted = said.pop(IMPORTED, None)
-    if isinstance(noted, Mapping):
-        said |= {f"{IMPORTED}.{key}": v for key, v in noted.items() if key != "remarks"}
-    elif noted is not None:
-        said[IMPORTED] = noted
-    return said
-
-
-def _text(said: Mapping[str, Any]) -> str:
-    return json.dumps(said, ensure_ascii=False, default=str, sort_keys=True)
-
-
-def _recompute(report: Report, texts: Texts) -> list[Block]:
-    settings = ", ".join(f"{key} {value}" for key, value in report.settings.items())
-    rows = (
-        (texts["command"], report.command),
-        (texts["survey"], f"{report.survey}, {report.survey_id}"),
-        (texts["software"], ", ".join(f"{n} {v}" for n, v in report.software.items())),
-        (texts["settings"], "" if has_only_peaks(report) else settings),
-    )
-    blocks: list[Block] = [
-        Heading(texts["recompute"]),
-        Paragraph(texts["recompute_note"], "note"),
-        Pairs(tuple(row for row in rows if row[1])),
-    ]
-    blocks += [Heading(texts["declared"], 3), *_declared(report, texts)]
-    files = [
-        (point.shown_name, str(drop.number), f"drop-{drop.record:06d}.h5", checksum)
-        for point in report.points
-        for drop in point.drops
-        if drop.record is not None and (checksum := report.checksums.get(drop.record))
-    ]
-    if files:
-        columns = (texts["point"], texts["drop"], texts["file"], texts["checksum"])
-        blocks.append(Table(columns, tuple(files), (1,)))
-    values = _values_of_averaged_drops(report)
-    if values:
-        blocks += [Heading(texts["result_values"], 3), Code("\n".join(values))]
-    if report.chosen and report.procedure.file is not None:
-        blocks += [Heading(texts["procedure"], 3), Code(report.procedure.text)]
-    return blocks
-
-
-def _values_of_averaged_drops(report: Report) -> list[str]:
-    """Return a line for each averaged drop with the values of its result."""
-    return [
-        f"{point.shown_name}, {drop.number}: {result_values(drop.result)}"
-        for point in report.points
-        for drop in point.drops
-        if drop.number in point.progress.used and drop.result is not None
-    ]
-
-
-def result_values(result: DropResult) -> str:
-    """Return the numbers of a result under their JSON keys, SI units, in one line."""
-    written = result.to_json()
-    texts = []
-    for field in stored_fields(InversionResult):
-        value = written.get(field.name)
-        if is_number(value):
-            texts.append(f"{field.name} {value:.6g}")
-        elif isinstance(value, list) and value and all(map(is_number, value)):
-            ends = " ".join(f"{end:.6g}" for end in value)
-            texts.append(f"{field.name} [{ends}]")
-    return ", ".join(texts)

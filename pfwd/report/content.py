@@ -1,4 +1,4 @@
-"""What a report shows, gathered and judged, before anything is drawn or written."""
+"""The data of a report, before anything is drawn or written."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,36 +10,36 @@ from pfwd.procedures import Procedure
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Report:
-    """A survey as it is reported."""
+    """Data of a report on a survey."""
 
     title: str
     survey: str
-    """Path."""
+    """Path of the survey."""
     survey_id: str
     made: str
-    """Local time, ISO 8601."""
+    """Local time of the report, ISO 8601."""
     zone: str
     """Name of the time zone of `made`."""
     software: Mapping[str, str]
     """Versions by package."""
     procedure: Procedure
     chosen: bool
-    """Whether a procedure was chosen by anybody; otherwise the drops are averaged as they are."""
+    """True if a procedure was chosen; otherwise all measured drops are averaged."""
     instruments: tuple[Mapping[str, Any], ...]
     """Identities that drops were measured with."""
     check: Mapping[str, Any] | None
     """The last check of the sensors."""
     points: tuple[PointView, ...]
-    """With the curves of their drops; a point whose plate was changed is here more than once."""
+    """Points with the curves of their drops; a point whose plate was changed has several parts."""
     checksums: Mapping[int, str]
     """SHA-256 of the drop files by number of the drop within the survey."""
     damage: tuple[str, ...]
-    """What is lost of the survey."""
+    """Damage of the survey, one sentence each."""
     settings: Mapping[str, Any]
-    """Of the inversion, for what was found for this report."""
+    """Settings of the inversion of drops for this report."""
     command: str
-    """That makes this report again."""
-    own_procedure: str | None = None
-    """Name of the survey's, where the report was asked to judge by another."""
+    """Command line that makes this report again."""
+    survey_procedure: str | None = None
+    """Name of the survey's procedure, if the report judges by another; else None."""
     otherwise: tuple[str, ...] = ()
-    """Where it was asked for another judgement than the survey's own, a sentence each."""
+    """Sentences on requests to judge otherwise than the survey does."""

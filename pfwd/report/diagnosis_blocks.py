@@ -1,15 +1,18 @@
-"""The part of a point's report on the diagnosis of its residual."""
+"""The part of a point's report on the diagnosis of its residual, with its picture."""
 
 import math
+from collections.abc import Sequence
 from functools import partial
+from typing import Any, TypeGuard
 
 from pfwd.analysis.results import DiagnosisResult, EffectResult, FittedState
 from pfwd.digits import read_in
 from pfwd.judging import PointView
 from pfwd.message_groups import group_messages
-from pfwd.report import shown
+from pfwd.report import formatting
 from pfwd.report.blocks import Block, Heading, Listing, Paragraph, Picture, Table
-from pfwd.report.diagnosis_drawing import draw_ladder, ladder_height, ladder_of
+from pfwd.report.drawing import COLOURS, finish, margins, number_log_axis
+from pfwd.report.formatting import percent
 from pfwd.report.point_facts import diagnosis_of
 from pfwd.report.texts import Texts
 
@@ -62,8 +65,8 @@ def _states(diagnosis: DiagnosisResult, texts: Texts) -> list[Block]:
             texts[when],
             _modulus(state, texts),
             texts.word(str(state.model)),
-            shown.percent(state.contact_residual_rms_over_peak),
-            shown.percent(state.residual_rms_over_peak),
+            formatting.percent(state.contact_residual_rms_over_peak),
+            formatting.percent(state.residual_rms_over_peak),
         )
         for when, state in (("before", diagnosis.before), ("after", diagnosis.after))
         if state is not None
@@ -104,21 +107,76 @@ def _use(diagnosis: DiagnosisResult, texts: Texts) -> str:
     ):
         return text
     stress = f"{after.stress_pa / 1e3:.0f} kPa"
-    at_100 = f"{shown.digits(modulus_100kpa / 1e6, 2)} MPa"
+    at_100 = f"{formatting.digits(modulus_100kpa / 1e6, 2)} MPa"
     return f"{text} {texts.say('secant', stress=stress, modulus=at_100)}"
 
 
 def _modulus(state: FittedState, texts: Texts) -> str:
     if state.modulus_pa is None:
-        return shown.NOTHING
+        return formatting.NO_VALUE
     ends = state.modulus_interval_pa
     interval = None if ends is None else [end / 1e6 for end in ends]
-    return shown.with_interval(state.modulus_pa / 1e6, interval, "MPa", texts)
+    return formatting.with_interval(state.modulus_pa / 1e6, interval, "MPa", texts)
 
 
 def _effect(effect: EffectResult, texts: Texts) -> str:
     scale, unit = read_in(effect.unit or "")
-    value = shown.with_deviation(effect.value, effect.sd, scale, unit).strip()
+    value = formatting.with_deviation(effect.value, effect.sd, scale, unit).strip()
     text = f"{texts.word(str(effect.name))}: {value}"
     alternatives = ", ".join(map(texts.word, effect.alternatives or ()))
     return f"{text} ({texts['effect_or']} {alternatives})" if alternatives else text
+
+
+Step = tuple[str, float, str]
+"""Label, residual over the peak, and before, without or after."""
+
+
+def ladder_of(diagnosis: DiagnosisResult, texts: Texts) -> list[Step]:
+    """Return the residuals before, without each effect, and after; the largest effect first."""
+    without = [
+        (texts.say("without", effect=texts.word(str(effect.name))), residual, "without")
+        for effect in diagnosis.effects or ()
+        if _is_part(residual := effect.residual_without_over_peak)
+    ]
+    without.sort(key=lambda step: -step[1])
+    ends = [
+        (texts[when], state.residual_rms_over_peak, when)
+        for when, state in (("before", diagnosis.before), ("after", diagnosis.after))
+        if state is not None
+    ]
+    steps = [*ends[:1], *without, *ends[1:]]
+    return [(name, residual, kind) for name, residual, kind in steps if _is_part(residual)]
+
+
+_ROW, _ABOVE, _BELOW = 4.2, 1.0, 11.0
+"""mm: a bar with its gap, and the margins; numbers and title of the axis stand below the bars."""
+
+
+def ladder_height(steps: Sequence[Step]) -> float:
+    """Return the height of the picture of `draw_ladder`, mm."""
+    return _ROW * len(steps) + _ABOVE + _BELOW
+
+
+def draw_ladder(figure: Any, diagnosis: DiagnosisResult, texts: Texts) -> None:
+    """Draw the residuals as bars, percent of the peak, on a logarithmic axis."""
+    steps = ladder_of(diagnosis, texts)
+    height = ladder_height(steps)
+    axes = figure.subplots(gridspec_kw=margins(0.27, 0.95, _BELOW / height, 1 - _ABOVE / height))
+    colours = {"before": COLOURS[1], "without": COLOURS[5], "after": COLOURS[0]}
+    lowest = min(residual for _, residual, _ in steps)
+    start = 100 * lowest / 1.6
+    for place, (_, residual, kind) in enumerate(steps):
+        axes.barh(place, 100 * residual - start, left=start, height=0.62, color=colours[kind])
+        text = percent(residual).replace(".", texts.decimal)
+        axes.text(100 * residual * 1.04, place, text, va="center", fontsize=7)
+    axes.set_xscale("log")
+    axes.set_xlim(start, 160 * max(residual for _, residual, _ in steps))
+    axes.set_yticks(range(len(steps)), [name for name, _, _ in steps])
+    axes.invert_yaxis()
+    axes.set_xlabel(texts["ladder_axis"], fontsize=7.5, labelpad=2)
+    finish(axes, texts)
+    number_log_axis(axes, texts)
+
+
+def _is_part(value: float | None) -> TypeGuard[float]:
+    return value is not None and math.isfinite(value) and value > 0.0

@@ -1,4 +1,4 @@
-"""The drawings of a report, into a figure of matplotlib or a part of one."""
+"""The pictures of a report, drawn into a figure of matplotlib."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -13,73 +13,75 @@ from pfwd.judging import DropView, PointView
 from pfwd.procedures import Quantity, Verdict
 from pfwd.report.content import Report
 from pfwd.report.fonts import Letters
+from pfwd.report.formatting import name_of
 from pfwd.report.labels import common_beginning, on_page, place_labels, room_of
 from pfwd.report.lot import Line, Lot
-from pfwd.report.shown import name_of
 from pfwd.report.texts import Texts
 
-EARTH_RADIUS = 6_371_000.0
-"""m, mean; a sketch of some kilometres needs no ellipsoid."""
+EARTH_RADIUS_M = 6_371_000.0
+"""Mean radius of the earth; a sketch of some kilometres needs no ellipsoid."""
 
 COLOURS = ("#0b3c5d", "#b8500f", "#3d7a2a", "#7b3f8c", "#8a6d00", "#444444")
-"""Distinguishable without colour vision."""
+"""Colours that can be distinguished without colour vision."""
 
 VERDICT_COLOURS = {"pass": "#1b7837", "fail": "#b2182b", "undecided": "#b8860b", "none": "#555555"}
 VERDICT_SHAPES = {"pass": "o", "fail": "X", "undecided": "D", "none": "s"}
 
-SHOWN_AFTER = 2.2
-"""Window of the fit that a picture shows; what comes later is the same line."""
+DRAWN_PART_OF_WINDOW = 2.2
+"""Drawn time over the window of the fit; the later part of the curves is a flat line."""
 
-_NAME_SIZE = 7.5
-"""Points; letters of names in a sketch."""
+_NAME_SIZE_PT = 7.5
+"""Size of the letters of names in a sketch."""
 
-_MAX_LED_NAMES = 30
+_MAX_NAMES_WITH_LINES = 30
 """Points of a sketch up to which a line may lead to a name for which there is no room beside."""
 
-_MANY_MARKERS = 15
+_MAX_LARGE_MARKERS = 15
 """Points of a sketch from which their markers are smaller, lest they hide each other."""
 
-_FEW_STEPS = 4
-"""Of an axis that is two centimetres long; more numbers would touch."""
+_MAX_AXIS_STEPS = 4
+"""Steps of an axis that is two centimetres long; more numbers would touch."""
 
-MOST_NAMED = 5
+MAX_LEGEND_SENSORS = 5
 """Sensors that the legend of a picture names; more hide the curves, and a table has them."""
 
 MAX_PHOTOS = 4
 """Photos of a point in a report; more are in the survey."""
 
-PHOTO_PIXELS = 500
+PRINTED_PHOTO_PIXELS = 500
 """Longest side of a photo in a report, which is 45 mm wide there."""
 
-MOST_DOTS = 260
-"""Of a trace; more cannot be told apart and make a file large."""
+MAX_DOTS = 260
+"""Dots of a trace; more make the file large, and the picture is the same."""
 
 
 def place(report: Report) -> dict[int, tuple[float, float]]:
-    """East and north of the points that have a position, m from their middle, by index."""
-    known = {
+    """Return east and north of the points with a position, m from their centroid, by index."""
+    positions = {
         index: point.position
         for index, point in enumerate(report.points)
         if point.position is not None
     }
-    if not known:
+    if not positions:
         return {}
-    middle = [math.fsum(values) / len(known) for values in zip(*known.values(), strict=True)]
-    scale = math.radians(1) * EARTH_RADIUS
+    centroid = [
+        math.fsum(values) / len(positions) for values in zip(*positions.values(), strict=True)
+    ]
+    scale = math.radians(1) * EARTH_RADIUS_M
     return {
         index: (
-            (longitude - middle[1]) * scale * math.cos(math.radians(middle[0])),
-            (latitude - middle[0]) * scale,
+            (longitude - centroid[1]) * scale * math.cos(math.radians(centroid[0])),
+            (latitude - centroid[0]) * scale,
         )
-        for index, (latitude, longitude) in known.items()
+        for index, (latitude, longitude) in positions.items()
     }
 
 
 def draw_map(figure: Any, report: Report, texts: Texts, letters: Letters) -> None:
-    """Points from above, by their verdict."""
+    """Draw the points from above, with their verdicts."""
     axes = figure.subplots(gridspec_kw=margins(0.11, 0.97, 0.17, 0.96))
     places = place(report)
-    radius = 4.0 if len(places) <= _MANY_MARKERS else 2.5
+    radius = 4.0 if len(places) <= _MAX_LARGE_MARKERS else 2.5
     for index, (east, north) in places.items():
         kind = _verdict(report.points[index])
         axes.plot(
@@ -117,15 +119,15 @@ def _name_points(
     letters: Letters,
     radius: float,
 ) -> None:
-    """Names beside the markers; one that would hide another name or a marker is left away."""
+    """Write names beside the markers, except those that would hide a name or a marker."""
     axes.apply_aspect()  # places on the page are known from here on
     titles = [letters.drawable(report.points[index].name) for index in places]
     skipped = len(common_beginning(titles))
     names = [_short(title[skipped:]) for title in titles]
-    sizes = [(letters.width(name, _NAME_SIZE) + 2, _NAME_SIZE * 1.3) for name in names]
+    sizes = [(letters.width(name, _NAME_SIZE_PT) + 2, _NAME_SIZE_PT * 1.3) for name in names]
     spots = list(places.values())
     for label in place_labels(on_page(axes, spots), sizes, room_of(axes), radius + 0.5):
-        if label.led and len(spots) > _MAX_LED_NAMES:
+        if label.has_line and len(spots) > _MAX_NAMES_WITH_LINES:
             continue  # lines to many names would cover the sketch
         line = {"arrowstyle": "-", "color": "0.6", "linewidth": 0.6}
         axes.annotate(
@@ -135,19 +137,19 @@ def _name_points(
             textcoords="offset points",
             ha="center",
             va="center",
-            fontsize=_NAME_SIZE,
+            fontsize=_NAME_SIZE_PT,
             parse_math=False,
-            arrowprops=line if label.led else None,
+            arrowprops=line if label.has_line else None,
         )
 
 
 def draw_profile(figure: Any, report: Report, texts: Texts, letters: Letters) -> None:
-    """What is judged, point by point, with intervals and targets."""
+    """Draw the judged quantity point by point, with intervals and targets."""
     axes = figure.subplots(gridspec_kw=margins(0.09, 0.98, 0.24, 0.90))
     distances = _distances(report)
     deflection = report.procedure.quantity is Quantity.DEFLECTION
     scale = 1e3 if deflection else 1e-6
-    told: set[str] = set()
+    labelled: set[str] = set()
     highest = 0.0
     for index, point in enumerate(report.points):
         value = point.progress.value
@@ -168,9 +170,9 @@ def draw_profile(figure: Any, report: Report, texts: Texts, letters: Letters) ->
             color=VERDICT_COLOURS[kind],
             capsize=4,
             markersize=7,
-            label=texts[kind] if kind not in told else None,
+            label=texts[kind] if kind not in labelled else None,
         )
-        told.add(kind)
+        labelled.add(kind)
         if point.progress.target is not None:
             target = point.progress.target * scale
             highest = max(highest, target)
@@ -183,7 +185,7 @@ def draw_profile(figure: Any, report: Report, texts: Texts, letters: Letters) ->
     axes.set_xlabel(texts["profile_distance" if by_distance else "profile_order"], fontsize=8)
     axes.set_ylim(0, 1.12 * highest if highest > 0 else 1.0)
     axes.margins(x=0.06 if len(report.points) > 1 else 0.5)
-    if told:
+    if labelled:
         # Above the axes, where no point is.
         above = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.985)}
         axes.legend(fontsize=7, ncols=4, frameon=False, **above)
@@ -236,7 +238,7 @@ def draw_peaks_profile(
     below.set_ylim(bottom=0.0)
     below.set_ylabel(f"{texts['peak_method']}, MPa", fontsize=7)
     below.set_xlabel(texts["profile_distance" if by_distance else "profile_order"], fontsize=8)
-    below.locator_params(axis="y", nbins=_FEW_STEPS)
+    below.locator_params(axis="y", nbins=_MAX_AXIS_STEPS)
     for axes in (depth, below):
         finish(axes, texts)
     if not by_distance:
@@ -259,7 +261,7 @@ def has_distances(report: Report) -> bool:
 
 
 def name_ticks(axes: Any, places: Sequence[float], titles: Sequence[str], letters: Letters) -> None:
-    """Names below an axis, upright where they are long, some of them where they are many.
+    """Write names below an axis: upright if they are long, only every nth if they are many.
 
     No two of them overlap.
     """
@@ -267,7 +269,7 @@ def name_ticks(axes: Any, places: Sequence[float], titles: Sequence[str], letter
     skipped = len(common_beginning(names))
     names = [_short(name[skipped:]) for name in names]
     room = room_of(axes)
-    step = (room.right - room.left) / max(1, len(names))
+    step = (room.x1 - room.x0) / max(1, len(names))
     widest = max(letters.width(name, 7.0) for name in names) + 4
     turned = widest > step
     every = max(1, math.ceil((9.0 if turned else widest) / step))
@@ -278,14 +280,14 @@ def name_ticks(axes: Any, places: Sequence[float], titles: Sequence[str], letter
 
 
 def _distances(report: Report) -> list[float]:
-    """Way from the first point to each, m, when all have a position; else their order."""
+    """Return the way from the first point to each, m; their numbers if not all have positions."""
     places = place(report)
     if len(places) < len(report.points) or len(places) < 2:
         return [float(index) for index in range(1, len(report.points) + 1)]
-    found = [0.0]
+    distances = [0.0]
     for index in range(1, len(report.points)):
-        found.append(found[-1] + math.dist(places[index - 1], places[index]))
-    return found
+        distances.append(distances[-1] + math.dist(places[index - 1], places[index]))
+    return distances
 
 
 def _step(distances: Sequence[float]) -> float:
@@ -294,8 +296,8 @@ def _step(distances: Sequence[float]) -> float:
     return max((distances[-1] - distances[0]) / (len(distances) - 1), 1e-9)
 
 
-def _short(name: str, most: int = 12) -> str:
-    return name if len(name) <= most else f"{name[: most - 1]}…"
+def _short(name: str, max_length: int = 12) -> str:
+    return name if len(name) <= max_length else f"{name[: max_length - 1]}…"
 
 
 def _verdict(point: PointView) -> str:
@@ -303,7 +305,7 @@ def _verdict(point: PointView) -> str:
 
 
 def draw_point(figure: Any, point: PointView, drops: Sequence[DropView], texts: Texts) -> None:
-    """Traces of drops on the left, deflection and modulus drop by drop on the right."""
+    """Draw traces of drops on the left, deflection and modulus drop by drop on the right."""
     several = len(point.progress.compaction) > 1
     if several and not drops and not any(facts.modulus for facts in point.facts):
         # Of peaks alone.
@@ -312,16 +314,16 @@ def draw_point(figure: Any, point: PointView, drops: Sequence[DropView], texts: 
     if drops:
         _draw_traces(figure, drops, texts, 0.62 if several else 0.985)
     if several:
-        left = 0.71 if drops else 0.09
-        bottom = figure.add_axes((left, 0.16, 0.985 - left, 0.33))
-        top = figure.add_axes((left, 0.585, 0.985 - left, 0.33), sharex=bottom)
+        start = 0.71 if drops else 0.09
+        bottom = figure.add_axes((start, 0.16, 0.985 - start, 0.33))
+        top = figure.add_axes((start, 0.585, 0.985 - start, 0.33), sharex=bottom)
         _draw_compaction(top, bottom, point, texts)
         top.set_xlabel("")
         top.tick_params(labelbottom=False)
 
 
 def draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts) -> None:
-    """Load, displacement and residual of drops, one above the other."""
+    """Draw load, displacement and residual of drops, one above the other."""
     _draw_traces(figure, drops, texts, 0.985)
 
 
@@ -341,7 +343,7 @@ def _draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts, right: fl
         end = _end(curves)
         ends.append(end)
         part = curves.time <= end
-        few = np.flatnonzero(part)[:: max(1, int(part.sum()) // MOST_DOTS)]
+        dots = np.flatnonzero(part)[:: max(1, int(part.sum()) // MAX_DOTS)]
         time = curves.time * 1e3
         name = f"{texts['drop']} {drop.number}"
         load.plot(time[part], curves.load[part] / 1e3, color=colour, linewidth=1.1, label=name)
@@ -350,7 +352,7 @@ def _draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts, right: fl
             if len(drops) == 1:
                 colour = COLOURS[row % len(COLOURS)]
             moved.plot(
-                time[few], curves.observed[row][few] * 1e6, ".", markersize=2.6, color=colour
+                time[dots], curves.observed[row][dots] * 1e6, ".", markersize=2.6, color=colour
             )
             moved.plot(
                 time[part],
@@ -360,8 +362,8 @@ def _draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts, right: fl
                 linestyle=("-", "--", "-.", ":")[row % 4],
                 label=label if index == 0 else None,
             )
-            left = curves.predicted[row] - curves.observed[row]
-            residual.plot(time[few], left[few] * 1e6, color=colour, linewidth=0.9)
+            difference = curves.predicted[row] - curves.observed[row]
+            residual.plot(time[dots], difference[dots] * 1e6, color=colour, linewidth=0.9)
         moved.axvline(curves.window_end * 1e3, color="0.5", linewidth=0.8, linestyle=":")
         residual.axvline(curves.window_end * 1e3, color="0.5", linewidth=0.8, linestyle=":")
     titles = ("load_axis", "deflection_axis", "residual_axis")
@@ -371,38 +373,38 @@ def _draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts, right: fl
     residual.set_xlabel(texts["time_axis"], fontsize=7, labelpad=1)
     for axes in (load, moved, residual):
         axes.axhline(0.0, color="0.7", linewidth=0.6)
-        axes.locator_params(axis="y", nbins=_FEW_STEPS)
+        axes.locator_params(axis="y", nbins=_MAX_AXIS_STEPS)
         finish(axes, texts)
-    left_out = dict.fromkeys(offset for drop in drops for offset in drop.left_out)
-    for offset in left_out:
+    excluded = dict.fromkeys(offset for drop in drops for offset in drop.left_out)
+    for offset in excluded:
         # Its name alone: what a loose sensor recorded would squeeze the others into a line.
         moved.plot([], [], color="0.6", label=texts.say("left_out", offset=f"{offset:g}"))
     if ends:
         load.legend(fontsize=7, loc="upper right")
         several = any(d.curves is not None and d.curves.offsets.size > 1 for d in drops)
-        most = max((d.curves.offsets.size for d in drops if d.curves is not None), default=0)
-        if (several or left_out) and most <= MOST_NAMED:
+        sensors = max((d.curves.offsets.size for d in drops if d.curves is not None), default=0)
+        if (several or excluded) and sensors <= MAX_LEGEND_SENSORS:
             moved.legend(fontsize=6, loc="upper right")
         load.set_xlim(right=max(ends) * 1e3)
 
 
 def _end(curves: TimeHistories) -> float:
-    """Until when a drop is shown, s."""
+    """Return the time at which the picture of a drop ends, s."""
     start = float(curves.time[0])
-    return min(float(curves.time[-1]), start + SHOWN_AFTER * (curves.window_end - start))
+    return min(float(curves.time[-1]), start + DRAWN_PART_OF_WINDOW * (curves.window_end - start))
 
 
 def draw_compaction(figure: Any, point: PointView, texts: Texts) -> None:
-    """Deflection by drop, and the modulus beside it."""
-    left, right = figure.subplots(
+    """Draw deflection and modulus by drop, side by side."""
+    deflections, moduli = figure.subplots(
         1, 2, gridspec_kw={**margins(0.09, 0.985, 0.24, 0.95), "wspace": 0.24}
     )
-    _draw_compaction(left, right, point, texts)
+    _draw_compaction(deflections, moduli, point, texts)
 
 
-def _draw_compaction(left: Any, right: Any, point: PointView, texts: Texts) -> None:
-    _draw_deflections(left, point, texts)
-    _draw_moduli(right, point, texts)
+def _draw_compaction(deflections: Any, moduli: Any, point: PointView, texts: Texts) -> None:
+    _draw_deflections(deflections, point, texts)
+    _draw_moduli(moduli, point, texts)
 
 
 _DROP_SHAPES = {
@@ -410,17 +412,17 @@ _DROP_SHAPES = {
     "measured": ("o", COLOURS[0]),
     "discarded": ("x", "0.4"),
 }
-_OTHER_SHAPE = ("x", "0.4")
+_REJECTED_SHAPE = ("x", "0.4")
 
 
 def _draw_deflections(axes: Any, point: PointView, texts: Texts) -> None:
-    """Deflection by drop."""
-    told: set[str] = set()
+    """Draw the deflection of each drop."""
+    labelled: set[str] = set()
     numbers, depths = [], []
     for number, kind, deflection in point.progress.compaction:
-        shape, fill = _DROP_SHAPES.get(kind, _OTHER_SHAPE)
-        label = texts[kind] if kind not in told else None
-        told.add(kind)
+        shape, fill = _DROP_SHAPES.get(kind, _REJECTED_SHAPE)
+        label = texts[kind] if kind not in labelled else None
+        labelled.add(kind)
         style: Mapping[str, Any] = {
             "color": COLOURS[0] if kind != "discarded" else "0.4",
             "markerfacecolor": fill,
@@ -432,7 +434,7 @@ def _draw_deflections(axes: Any, point: PointView, texts: Texts) -> None:
     axes.plot(numbers, depths, color="0.75", linewidth=1.0, zorder=0)
     axes.set_ylabel(texts["deflection_axis"], fontsize=6)
     _finish_by_drop(axes, max([0.0, *depths]), texts)
-    if told:
+    if labelled:
         # Above the axes, where no drop is.
         axes.legend(
             fontsize=6.5,
@@ -446,7 +448,7 @@ def _draw_deflections(axes: Any, point: PointView, texts: Texts) -> None:
 
 
 def _draw_moduli(axes: Any, point: PointView, texts: Texts) -> None:
-    """Modulus by drop, with its interval."""
+    """Draw the modulus of each drop with its interval."""
     kinds = dict(point.progress.kinds)
     highest = 0.0
     for drop in point.drops:
@@ -458,7 +460,7 @@ def _draw_moduli(axes: Any, point: PointView, texts: Texts) -> None:
             low, high = (end / 1e6 for end in facts.modulus_interval)
             spread = [[value - low], [high - value]]
         highest = max(highest, value + (spread[1][0] if spread else 0.0))
-        shape, fill = _DROP_SHAPES.get(str(kinds.get(drop.number)), _OTHER_SHAPE)
+        shape, fill = _DROP_SHAPES.get(str(kinds.get(drop.number)), _REJECTED_SHAPE)
         axes.errorbar(
             drop.number,
             value,
@@ -478,33 +480,33 @@ def _finish_by_drop(axes: Any, highest: float, texts: Texts) -> None:
     axes.margins(x=0.08)
     axes.set_ylim(0, 1.15 * (highest or 1.0))
     axes.xaxis.get_major_locator().set_params(integer=True)
-    axes.locator_params(axis="y", nbins=_FEW_STEPS)
+    axes.locator_params(axis="y", nbins=_MAX_AXIS_STEPS)
     finish(axes, texts)
 
 
-_CURVES_IN_ROW, _MANY_CURVES_IN_ROW = 4, 6
-"""Points side by side; the second number where more than two rows of the first would be needed."""
+_CURVES_IN_ROW, _MAX_CURVES_IN_ROW = 4, 6
+"""Points side by side: usually, and if more than two rows of these would be needed."""
 
-_ONE_POINT, _ROW_OF_CURVES, _ROW_OF_MANY, _BELOW_CURVES = 62.0, 33.0, 30.0, 8.0
-"""mm; of the picture of the curves. Below the lowest stand their numbers and unit."""
+_SINGLE_HEIGHT, _ROW_HEIGHT, _SMALL_ROW_HEIGHT, _FOOT_HEIGHT = 62.0, 33.0, 30.0, 8.0
+"""mm: the picture of a single point, a row of curves, a row of small ones, numbers and unit."""
 
-_OWN_SCALE_FROM = 2.5
-"""Deflection over the median of the points above which a point has a scale of its own; with a
-common one the curves of the others would be flat."""
+_MAX_DEFLECTION_OVER_MEDIAN = 2.5
+"""Deflection over the median of the points up to which a point is drawn to the common scale; with
+a deeper one the curves of all others would be flat."""
 
 
 def _curve_columns(points: Sequence[PointView]) -> int:
-    in_row = _CURVES_IN_ROW if len(points) <= 2 * _CURVES_IN_ROW else _MANY_CURVES_IN_ROW
+    in_row = _CURVES_IN_ROW if len(points) <= 2 * _CURVES_IN_ROW else _MAX_CURVES_IN_ROW
     return min(len(points), in_row)
 
 
 def curves_height(points: Sequence[PointView]) -> float:
-    """Height of the picture of :func:`draw_curves`, mm."""
+    """Return the height of the picture of :func:`draw_curves`, mm."""
     if len(points) == 1:
-        return _ONE_POINT
+        return _SINGLE_HEIGHT
     columns = _curve_columns(points)
-    row = _ROW_OF_MANY if columns > _CURVES_IN_ROW else _ROW_OF_CURVES
-    return math.ceil(len(points) / columns) * row + _BELOW_CURVES
+    row = _SMALL_ROW_HEIGHT if columns > _CURVES_IN_ROW else _ROW_HEIGHT
+    return math.ceil(len(points) / columns) * row + _FOOT_HEIGHT
 
 
 def draw_curves(figure: Any, points: Sequence[PointView], texts: Texts, letters: Letters) -> None:
@@ -514,9 +516,9 @@ def draw_curves(figure: Any, points: Sequence[PointView], texts: Texts, letters:
     """
     columns = _curve_columns(points)
     rows = math.ceil(len(points) / columns)
-    base = _BELOW_CURVES / curves_height(points)
+    base = _FOOT_HEIGHT / curves_height(points)
     wide, high = 0.93 / columns, (1.0 - base) / rows
-    deep = points_with_own_scale(points)
+    deep = points_out_of_scale(points)
     common = _deflection_range([point for place, point in enumerate(points) if place not in deep])
     first, last = _time_range(points)
     numbered_rows = set()  # rows that have the numbers of the common scale
@@ -525,8 +527,8 @@ def draw_curves(figure: Any, points: Sequence[PointView], texts: Texts, letters:
         has_numbers = number in deep or row not in numbered_rows
         if number not in deep:
             numbered_rows.add(row)
-        left, bottom = 0.07 + column * wide, base + (rows - 1 - row) * high
-        axes = figure.add_axes((left, bottom, wide * 0.86, high * 0.74))
+        x, y = 0.07 + column * wide, base + (rows - 1 - row) * high
+        axes = figure.add_axes((x, y, wide * 0.86, high * 0.74))
         for index, drop in enumerate(with_deflection(point)):
             _draw_curve(axes, drop, COLOURS[index % len(COLOURS)])
         highest, deepest = _deflection_range([point]) if number in deep else common
@@ -534,7 +536,7 @@ def draw_curves(figure: Any, points: Sequence[PointView], texts: Texts, letters:
         above = 3 * room if number in deep else room  # words stand there
         axes.set_ylim(deepest + room, highest - above)  # a plate goes down
         axes.set_xlim(first, last)
-        axes.locator_params(nbins=_FEW_STEPS)
+        axes.locator_params(nbins=_MAX_AXIS_STEPS)
         axes.axhline(0.0, color="0.7", linewidth=0.6)
         title = _short(letters.drawable(point.shown_name), 88 // columns)
         if number in deep:
@@ -557,7 +559,7 @@ def _draw_curve(axes: Any, drop: DropView, colour: str) -> None:
     curve = drop.deflection
     if curve is None:
         return
-    step = max(1, curve.time.size // MOST_DOTS)
+    step = max(1, curve.time.size // MAX_DOTS)
     # The peak and the last sample are drawn, whatever lies between two dots.
     ends = (int(curve.deflection.argmax()), curve.time.size - 1)
     dots = np.union1d(np.arange(0, curve.time.size, step), ends)
@@ -576,10 +578,10 @@ def with_deflection(point: PointView) -> list[DropView]:
     return [drop for drop in used if drop.deflection is not None]
 
 
-def points_with_own_scale(points: Sequence[PointView]) -> set[int]:
+def points_out_of_scale(points: Sequence[PointView]) -> set[int]:
     """Return the places of the points that are much deeper than the others."""
     deepest = [_deflection_range([point])[1] for point in points]
-    limit = _OWN_SCALE_FROM * float(np.median(deepest))
+    limit = _MAX_DEFLECTION_OVER_MEDIAN * float(np.median(deepest))
     return {place for place, depth in enumerate(deepest) if depth > limit}
 
 
@@ -606,7 +608,7 @@ def _time_range(points: Sequence[PointView]) -> tuple[float, float]:
 
 
 def draw_signatures(figure: Any, labels: Sequence[str]) -> None:
-    """Lines to sign on, each with what stands below it."""
+    """Draw lines to sign on, each with its label below."""
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set_axis_off()
     axes.set_xlim(0, 1)
@@ -619,7 +621,7 @@ def draw_signatures(figure: Any, labels: Sequence[str]) -> None:
 
 
 def draw_logo(figure: Any, image: Any) -> None:
-    """A picture at the left, as high as there is room."""
+    """Draw a picture at the left, as high as there is room."""
     axes = figure.add_axes((0.0, 0.02, 0.45, 0.96))
     axes.imshow(image)
     axes.set_anchor("W")
@@ -635,14 +637,14 @@ def draw_photos(figure: Any, files: Sequence[Path]) -> None:
         axes.set_axis_off()
         axes.set_anchor("NW")
         with Image.open(file) as image:
-            image.thumbnail((2 * PHOTO_PIXELS, 2 * PHOTO_PIXELS))
+            image.thumbnail((2 * PRINTED_PHOTO_PIXELS, 2 * PRINTED_PHOTO_PIXELS))
             upright = ImageOps.exif_transpose(image)
-            upright.thumbnail((PHOTO_PIXELS, PHOTO_PIXELS))
+            upright.thumbnail((PRINTED_PHOTO_PIXELS, PRINTED_PHOTO_PIXELS))
             axes.imshow(np.asarray(upright.convert("RGB")))
 
 
 def draw_lot(figure: Any, lot: Lot, unit: str, target: float | None, texts: Texts) -> None:
-    """Control chart of the values in their order, and their histogram beside it."""
+    """Draw the control chart of the values in their order, and their histogram."""
     shape = {**margins(0.09, 0.985, 0.19, 0.88), "wspace": 0.16, "width_ratios": (2.2, 1.0)}
     chart, bars = figure.subplots(1, 2, gridspec_kw=shape)
     numbers = np.arange(1, len(lot.values) + 1)
@@ -683,7 +685,7 @@ def draw_correlation(
     names: tuple[str, str],
     texts: Texts,
 ) -> None:
-    """Pairs of what was judged and what a plate load test said, and the line through them."""
+    """Draw pairs of judged values and moduli of plate load tests, and the line through them."""
     axes = figure.subplots(gridspec_kw=margins(0.09, 0.6, 0.2, 0.96))
     xs, ys = zip(*pairs, strict=True)
     axes.plot(xs, ys, "o", color=COLOURS[0], markersize=5)
@@ -695,13 +697,13 @@ def draw_correlation(
     finish(axes, texts)
 
 
-def margins(left: float, right: float, bottom: float, top: float) -> dict[str, Any]:
-    """Given, not found: parts of a page are not laid out by matplotlib."""
-    return {"left": left, "right": right, "bottom": bottom, "top": top}
+def margins(x0: float, x1: float, y0: float, y1: float) -> dict[str, Any]:
+    """Return margins of a picture as parts of its width and height."""
+    return {"left": x0, "right": x1, "bottom": y0, "top": y1}
 
 
 def finish(axes: Any, texts: Texts | None = None) -> None:
-    """The same look for all axes; numbers with the decimal sign of the language."""
+    """Give axes the common look, and their numbers the decimal sign of the language."""
     axes.grid(alpha=0.25)
     axes.tick_params(labelsize=7)
     for side in ("top", "right"):
@@ -715,8 +717,38 @@ def finish(axes: Any, texts: Texts | None = None) -> None:
                 axis.set_major_formatter(FuncFormatter(_localised(axis, texts.decimal)))
 
 
+_MAX_RATIO_BY_1_2_5 = 300.0
+"""Ends of a logarithmic axis, one over the other, up to which it is numbered at 2 and 5, too."""
+
+
+def number_log_axis(axes: Any, texts: Texts, min_ratio: float = 1.0) -> None:
+    """Number a logarithmic horizontal axis with plain numbers.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    texts : Texts
+    min_ratio : float
+        Smallest ratio of the ends of the axis; less than a decade may hold no number at all.
+    """
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+
+    low, high = axes.get_xlim()
+    if high < min_ratio * low:
+        centre, half = math.sqrt(low * high), math.sqrt(min_ratio)
+        low, high = centre / half, centre * half
+        axes.set_xlim(low, high)
+    digits = (1.0,) if high > _MAX_RATIO_BY_1_2_5 * low else (1.0, 2.0, 5.0)
+    axes.xaxis.set_major_locator(LogLocator(10.0, digits))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.xaxis.set_major_formatter(
+        FuncFormatter(lambda value, _place: f"{value:g}".replace(".", texts.decimal))
+    )
+
+
 def _localised(axis: Any, decimal: str) -> Callable[[float, Any], str]:
-    """Numbers of an axis with another decimal sign, with the digits that their steps need."""
+    """Return a formatter with another decimal sign and the decimals that the steps need."""
 
     def show(value: float, _place: Any) -> str:
         places = axis.get_majorticklocs()
@@ -726,17 +758,17 @@ def _localised(axis: Any, decimal: str) -> Callable[[float, Any], str]:
     return show
 
 
-MOST_DECIMALS = 6
-"""Of the numbers of an axis."""
+MAX_DECIMALS = 6
+"""Decimals of the numbers of an axis."""
 
 
 def decimals_of(step: float) -> int:
-    """Decimals without which the steps of an axis would not be what stands beside them.
+    """Return the decimals that the numbers of an axis need to be exact.
 
     Examples
     --------
     >>> [decimals_of(step) for step in (50.0, 2.0, 0.5, 0.25, 0.025, 0.0)]
     [0, 0, 1, 2, 3, 0]
     """
-    exact = (d for d in range(MOST_DECIMALS) if abs(round(step, d) - step) <= 1e-6 * step)
-    return next(exact, MOST_DECIMALS)
+    exact = (d for d in range(MAX_DECIMALS) if abs(round(step, d) - step) <= 1e-6 * step)
+    return next(exact, MAX_DECIMALS)

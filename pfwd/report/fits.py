@@ -1,4 +1,4 @@
-"""The traces that a stored result stands for: one forward solve, no search."""
+"""The fitted traces of a stored result, by one forward solve without a search."""
 
 import math
 from dataclasses import replace
@@ -37,7 +37,7 @@ from pfwd_device import Drop
 
 
 def is_layered(result: DropResult) -> bool:
-    """Whether the result's model is that of layered ground."""
+    """Return whether the result's model is that of layered ground."""
     return len(result.layers or ()) > 1 or result.plate not in PLATE_MODELS
 
 
@@ -48,7 +48,7 @@ def curves_of(
     result: DropResult,
     library: SurrogateLibrary,
 ) -> TimeHistories | None:
-    """What was measured, and what the model makes of the ground that a result names.
+    """Return the measured traces and those of the model with the ground of a result.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def curves_of(
 def _layered_motion(
     prepared: PreparedDrop, record: Record, load: NDArray[np.floating[Any]], result: DropResult
 ) -> NDArray[np.floating[Any]]:
-    """Displacement of layered ground, (n_sensors, n), m."""
+    """Return the displacement of layered ground, (n_sensors, n), m."""
     layers = result.layers or ()
     media = tuple(
         Medium(

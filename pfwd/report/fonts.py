@@ -1,4 +1,4 @@
-"""Which letters can be drawn on this computer."""
+"""The fonts of this computer, and the letters that they have."""
 
 import contextlib
 import os
@@ -37,31 +37,31 @@ LATIN = "DejaVu Sans"
 
 @cache
 def chinese_family() -> str | None:
-    """The family that Chinese letters are drawn with; None: there is none."""
+    """Return the family that Chinese letters are drawn with; None: there is none."""
     start_matplotlib()
     from matplotlib.font_manager import findSystemFonts, fontManager
 
-    found = _among(entry.name for entry in fontManager.ttflist)
-    if found is not None:
-        return found
+    family = _first_chinese(entry.name for entry in fontManager.ttflist)
+    if family is not None:
+        return family
     # The list of matplotlib is kept from its first run: a font installed since is not in it.
     for path in findSystemFonts():
         name = os.path.basename(path).lower().replace("-", "").replace(" ", "")
         if any(hint in name for hint in _FILES):
             with contextlib.suppress(OSError, RuntimeError):  # not every file is a sound font
                 fontManager.addfont(path)
-    return _among(entry.name for entry in fontManager.ttflist)
+    return _first_chinese(entry.name for entry in fontManager.ttflist)
 
 
-def _among(known: Iterable[str]) -> str | None:
-    names = set(known)
+def _first_chinese(families: Iterable[str]) -> str | None:
+    names = set(families)
     return next((name for name in CHINESE if name in names), None)
 
 
 def families() -> list[str]:
-    """Families to draw with, in the order in which they are asked for a letter."""
-    found = chinese_family()
-    return [LATIN] if found is None else [LATIN, found]
+    """Return the families to draw with, in the order in which they are searched for a letter."""
+    chinese = chinese_family()
+    return [LATIN] if chinese is None else [LATIN, chinese]
 
 
 def font_folders() -> list[str]:
@@ -92,7 +92,7 @@ def require_letters(language: str) -> None:
 
 
 class Letters:
-    """Widths of letters, and the letters that no font has."""
+    """Widths of letters, and the number of letters that no font has."""
 
     def __init__(self) -> None:
         start_matplotlib()
@@ -102,39 +102,39 @@ class Letters:
         self._maps = [face.get_charmap() for face in self._faces]
         self._widths: dict[str, float] = {}
         self.missing = 0
-        """How many letters were replaced."""
+        """Number of replaced letters."""
 
     def __reduce__(self) -> tuple[type["Letters"], tuple[()]]:
         """Pickle nothing: faces of FreeType cannot be, and another process has the same fonts."""
         return Letters, ()
 
     def drawable(self, text: object) -> str:
-        """The text with every letter that no font has replaced by a question mark."""
-        shown = []
+        """Return the text with a question mark for every letter that no font has."""
+        drawable = []
         for letter in str(text):
             if letter == "\n":
-                shown.append(letter)
+                drawable.append(letter)
             elif unicodedata.category(letter)[0] == "C":
-                shown.append(" ")  # control characters have no business on paper
-            elif any(ord(letter) in known for known in self._maps):
-                shown.append(letter)
+                drawable.append(" ")  # control characters have no business on paper
+            elif any(ord(letter) in letters for letters in self._maps):
+                drawable.append(letter)
             else:
                 self.missing += 1
-                shown.append("?")
-        return "".join(shown)
+                drawable.append("?")
+        return "".join(drawable)
 
     def width(self, text: str, size: float) -> float:
-        """Width of a text in points at a size in points."""
+        """Return the width of a text in points, at a size in points."""
         return sum(self._advance(letter) for letter in text) * size
 
     def _advance(self, letter: str) -> float:
-        found = self._widths.get(letter)
-        if found is None:
-            found = 0.6
+        width = self._widths.get(letter)
+        if width is None:
+            width = 0.6
             for face, letters in zip(self._faces, self._maps, strict=True):
                 if ord(letter) in letters:
                     face.set_size(100.0, 72.0)
-                    found = face.load_char(ord(letter)).linearHoriAdvance / 65536 / 100
+                    width = face.load_char(ord(letter)).linearHoriAdvance / 65536 / 100
                     break
-            self._widths[letter] = found
-        return found
+            self._widths[letter] = width
+        return width

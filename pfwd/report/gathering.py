@@ -1,4 +1,4 @@
-"""Gathers what a report shows: reads the survey, inverts what is missing, judges the points."""
+"""Gather the data of a report: read the survey, invert what has no result, judge the points."""
 
 import datetime
 import hashlib
@@ -52,24 +52,24 @@ from pfwd_device import Drop
 from pfwd_device.recording import DropRecord, Survey, SurveyPoint, read_survey
 
 PACKAGES = ("pfwd", "numpy", "scipy", "h5py", "matplotlib")
-"""Whose versions a report names: they made its numbers and pictures."""
+"""Packages that a report names with their versions: they made its numbers and pictures."""
 
-GIVEN = "given with the report"
-"""Where a target is from that the survey does not have."""
+TARGET_OF_REPORT = "given with the report"
+"""Source of a target that the survey does not have."""
 
 Progress = Callable[[str], None]
 Diagnoses = Mapping[tuple[str, int], DiagnosisResult]
-"""By point and number of a drop."""
+"""Diagnoses by point and number of the drop."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportOptions:
-    """What is asked of a report.
+    """Options of a report.
 
     Raises
     ------
     OptionError
-        If the target is not positive.
+        If the target is not positive, or options contradict each other.
     """
 
     language: str = "en"
@@ -77,29 +77,29 @@ class ReportOptions:
     title: str | None = None
     """Heading; None: the site, or the name of the folder."""
     procedure: str | None = None
-    """Name or file to judge by; None: what the drops were measured by."""
+    """Name or file of the procedure that judges; None: that of the survey."""
     target: float | None = None
-    """Of points that have none, Pa, or m for a procedure that judges deflections."""
+    """Target of points without one, Pa, or m for a procedure that judges deflections."""
     refit: bool = False
-    """Invert anew, whatever is stored."""
+    """Invert all drops, even those with a stored result."""
     diagnose: bool = False
-    """Ask what is behind the residuals."""
+    """Diagnose the residuals."""
     store: bool = True
-    """Keep what is computed with the survey."""
+    """Store new results with the survey."""
     seed: int = 0
-    """Of the search, for what is inverted here."""
+    """Random seed of the search, for drops that are inverted."""
     layers: Layers | None = None
-    """Media to invert anew with, whatever is stored; None: what is stored counts."""
+    """Number of media, with which all drops are inverted; None: stored results are used."""
     thickness: Thickness | None = None
-    """Of all media but the lowest, from the top, m; None: fitted."""
+    """Thickness of all media but the lowest, from the top, m; None: fitted."""
     company: str | None = None
-    """Whose report it is, for the first page."""
+    """Name of the company on the first page."""
     logo: str | None = None
-    """Path of a picture for the first page."""
+    """Path of the picture on the first page."""
     template: str | None = None
-    """Path of a workbook to be filled."""
+    """Path of a workbook to fill, or of a template of Typst."""
     jobs: int = 1
-    """Processes that may work on it."""
+    """Number of processes."""
     point: str | None = None
     """Name or title of the only point to report; None: all points."""
     slip: bool = False
@@ -120,7 +120,7 @@ class ReportOptions:
 
     @property
     def analysis(self) -> AnalysisOptions:
-        """With which drops are inverted for the report.
+        """Options of the inversion of drops.
 
         Raises
         ------
@@ -130,26 +130,26 @@ class ReportOptions:
 
     @property
     def fallback(self) -> tuple[float, str] | None:
-        """Target of points for which the survey has none, and where it is from."""
-        return None if self.target is None else (self.target, GIVEN)
+        """Target of points for which the survey has none, with its source."""
+        return None if self.target is None else (self.target, TARGET_OF_REPORT)
 
     @property
-    def anew(self) -> bool:
-        """Whether stored results do not count: they were found with other layers, or none."""
+    def ignores_stored_results(self) -> bool:
+        """True if all drops are inverted, as with another number of media."""
         return self.refit or self.layers is not None
 
 
 def gather(
     folder: str | Path, options: ReportOptions | None = None, progress: Progress | None = None
 ) -> Report:
-    """Everything that a report of a survey shows.
+    """Return the data of a report.
 
     Parameters
     ----------
     folder : path of a survey
     options : ReportOptions, optional
     progress : callable, optional
-        Told what is done, one sentence each.
+        Receives one sentence for each step.
 
     Returns
     -------
@@ -170,31 +170,34 @@ def gather(
     if options.point is not None:
         choose_point(survey, options.point)  # refused before the work
     job = _job(survey, options)
-    own = None if options.procedure is None else _own_procedure(survey)
-    own = None if own == job.procedure_in_force.name else own
-    new = _diagnosed(survey, options, tell) if options.diagnose else {}
-    found = _Gatherer(survey, options, job, new, tell)
-    points = [gathered for some in _gathered(found, options.jobs) for gathered in some]
+    survey_procedure = None if options.procedure is None else _procedure_of(survey)
+    if survey_procedure == job.procedure_in_force.name:
+        survey_procedure = None
+    diagnoses = _diagnose(survey, options, tell) if options.diagnose else {}
+    gatherer = _Gatherer(survey, options, job, diagnoses, tell)
+    points = [part for parts in _gather_points(gatherer, options.jobs) for part in parts]
     if options.store:
-        failed = store_drop_results(str(folder), _new_results(points), counting=not options.anew)
+        failed = store_drop_results(
+            str(folder), _new_results(points), counting=not options.ignores_stored_results
+        )
         if failed is not None:
             tell(failed)
     otherwise = (
-        *_said_otherwise(own, job.procedure_in_force, options.target, points),
+        *_deviations_from_job(survey_procedure, job.procedure_in_force, options.target, points),
         *changed_verdicts(survey, point_views(survey, job)),
     )
     report = _report(survey, job, points, options)
     return replace(
         report,
-        instruments=tuple(found.instruments.values()),
+        instruments=tuple(gatherer.instruments.values()),
         checksums=dict(_checksums(survey)),
-        own_procedure=own,
+        survey_procedure=survey_procedure,
         otherwise=otherwise,
     )
 
 
 def gather_stored(folder: str | Path, point: str | None = None) -> Report:
-    """Return what is stored of a survey; nothing is inverted.
+    """Return the stored data of a survey; nothing is inverted.
 
     Parameters
     ----------
@@ -214,7 +217,7 @@ def gather_stored(folder: str | Path, point: str | None = None) -> Report:
     job = job_of(survey)
     if point is None:
         return _report(survey, job, point_views(survey, job), options)
-    stored = next((one for one in survey.points if one.name == point), None)
+    stored = next((item for item in survey.points if item.name == point), None)
     if stored is None:
         raise SurveyError(refusal(str(folder), f"a point named {point}", "none"))
     gatherer = _Gatherer(survey, options, job, {}, _silent, only_stored=True)
@@ -253,76 +256,86 @@ def _report(
     )
 
 
-def _own_procedure(survey: Survey) -> str:
-    """Name of what the survey itself is measured by."""
+def _procedure_of(survey: Survey) -> str:
+    """Return the name of the survey's procedure."""
     try:
         return job_of(survey).procedure_in_force.name
     except SurveyError:
         return "cannot be read"
 
 
-def _said_otherwise(
-    own: str | None, procedure: Procedure, target: float | None, points: Sequence[PointView]
+def _deviations_from_job(
+    survey_procedure: str | None,
+    procedure: Procedure,
+    target: float | None,
+    points: Sequence[PointView],
 ) -> tuple[str, ...]:
-    """Where the report was asked for another judgement than the survey's own, a sentence each."""
-    said = []
-    if own is not None:
-        said.append(f"judged by {procedure.name}; the procedure of the survey is another: {own}")
+    """Return one sentence for each request to judge otherwise than the survey does."""
+    sentences = []
+    if survey_procedure is not None:
+        sentences.append(
+            f"judged by {procedure.name}; the procedure of the survey is another: "
+            f"{survey_procedure}"
+        )
     names = {point.shown_name for point in points}
-    others = {p.shown_name: p.progress for p in points if p.progress.target_source != GIVEN}
-    if target is not None and others:
-        kept = Counter(f"{_of(progress)} {progress.target_source}" for progress in others.values())
-        listed = ", ".join(f"{count} x {text.strip()}" for text, count in kept.most_common(3))
-        said.append(
-            f"the target {target_text(target)} counts for {len(names) - len(others)} of "
+    with_target = {
+        p.shown_name: p.progress for p in points if p.progress.target_source != TARGET_OF_REPORT
+    }
+    if target is not None and with_target:
+        targets = Counter(
+            f"{_target_of(progress)} {progress.target_source}" for progress in with_target.values()
+        )
+        listed = ", ".join(f"{count} x {text.strip()}" for text, count in targets.most_common(3))
+        sentences.append(
+            f"the target {target_text(target)} counts for {len(names) - len(with_target)} of "
             f"{len(names)} points; the others have their own: {listed}"
         )
-    return tuple(said)
+    return tuple(sentences)
 
 
-def _of(progress: PointProgress) -> str:
+def _target_of(progress: PointProgress) -> str:
     return "none" if progress.target is None else target_text(progress.target)
 
 
-def _gathered(found: "_Gatherer", jobs: int) -> Iterator[list[PointView]]:
-    """The points of a survey in their order, on so many processes."""
-    points: Sequence[SurveyPoint] = found.survey.points
-    if found.options.point is not None:
-        points = [choose_point(found.survey, found.options.point)]
+def _gather_points(gatherer: "_Gatherer", jobs: int) -> Iterator[list[PointView]]:
+    """Yield the parts of each point of a survey, in their order, by this number of processes."""
+    points: Sequence[SurveyPoint] = gatherer.survey.points
+    if gatherer.options.point is not None:
+        points = [choose_point(gatherer.survey, gatherer.options.point)]
     if jobs < 2 or len(points) < 2:
-        yield from map(found.points, points)
+        yield from map(gatherer.points, points)
         return
-    folder = str(found.survey.folder)
-    work = partial(_gather_elsewhere, folder, found.options, found.job, found.new)
+    folder = str(gatherer.survey.folder)
+    task = partial(
+        _gather_in_worker, folder, gatherer.options, gatherer.job, gatherer.new_diagnoses
+    )
     with worker_pool(min(jobs, len(points))) as pool:
-        for said, instruments, some in pool.map(work, range(len(points))):
-            for text in said:
-                found.tell(text)
-            found.instruments |= {
-                k: v for k, v in instruments.items() if k not in found.instruments
-            }
-            yield some
+        for sentences, instruments, parts in pool.map(task, range(len(points))):
+            for sentence in sentences:
+                gatherer.tell(sentence)
+            gatherer.instruments = {**instruments, **gatherer.instruments}
+            yield parts
 
 
-_here: dict[str, "_Gatherer"] = {}
-"""In a worker: the survey that it works on, read once."""
+_worker_gatherers: dict[str, "_Gatherer"] = {}
+"""Gatherer of a worker process by the folder of its survey, which is read once."""
 
 
-def _gather_elsewhere(
-    folder: str, options: ReportOptions, job: Job, new: Diagnoses, number: int
+def _gather_in_worker(
+    folder: str, options: ReportOptions, job: Job, diagnoses: Diagnoses, number: int
 ) -> tuple[list[str], dict[str, Mapping[str, Any]], list[PointView]]:
-    """What was said, the instruments that were met, and one point."""
-    said: list[str] = []
-    if folder not in _here:
-        _here[folder] = _Gatherer(read_survey(folder), options, job, new, _silent)
-    gatherer = _here[folder]
-    gatherer.tell = said.append
-    point = gatherer.points(gatherer.survey.points[number])
-    return said, gatherer.instruments, point
+    """Return the sentences on progress, the instruments, and the parts of one point."""
+    sentences: list[str] = []
+    if folder not in _worker_gatherers:
+        _worker_gatherers[folder] = _Gatherer(read_survey(folder), options, job, diagnoses, _silent)
+    gatherer = _worker_gatherers[folder]
+    gatherer.tell = sentences.append
+    parts = gatherer.points(gatherer.survey.points[number])
+    return sentences, gatherer.instruments, parts
 
 
 def _new_results(points: Sequence[PointView]) -> list[tuple[int, DropResult]]:
-    """What the survey has not, with the numbers of the drops within it."""
+    """Return the results that are not stored, with the numbers of their drops in the survey."""
     return [
         (drop.record, drop.result)
         for point in points
@@ -337,7 +350,7 @@ def _silent(_text: str) -> None:
 
 
 def _job(survey: Survey, options: ReportOptions) -> Job:
-    """The survey's own, with the procedure that was asked for."""
+    """Return the job of the survey, with the requested procedure."""
     chosen = None if options.procedure is None else find_procedure(options.procedure)
     return job_of(survey, chosen)
 
@@ -355,13 +368,13 @@ def _version(package: str) -> str:
 
 
 def _layer_settings(options: ReportOptions) -> dict[str, Any]:
-    """What was asked of the layers, as words of the command line."""
+    """Return the requested layers as words of the command line."""
     if options.layers is None:
         return {}
-    said: dict[str, Any] = {"layers": options.layers}
+    settings: dict[str, Any] = {"layers": options.layers}
     if options.thickness is not None:
-        said["thickness"] = _thickness_text(options.thickness)
-    return said
+        settings["thickness"] = _thickness_text(options.thickness)
+    return settings
 
 
 def _thickness_text(thickness: Thickness) -> str:
@@ -381,22 +394,22 @@ def _command(folder: str, options: ReportOptions) -> str:
     words += [] if options.signed is None else ["--signed", options.signed]
     if options.target is not None:
         words += ["--target", target_text(options.target).split()[0]]
-    for name, said in _layer_settings(options).items():
-        words += [f"--{name}", str(said)]
+    for name, value in _layer_settings(options).items():
+        words += [f"--{name}", str(value)]
     words += ["--refit"] if options.refit else []
     words += ["--diagnose"] if options.diagnose else []
     return shlex.join([*words, "--seed", str(options.seed)])
 
 
 class _Gatherer:
-    """Works through the points of a survey."""
+    """Reads, inverts and judges the points of a survey."""
 
     def __init__(
         self,
         survey: Survey,
         options: ReportOptions,
         job: Job,
-        new: Diagnoses,
+        new_diagnoses: Diagnoses,
         tell: Progress,
         *,
         only_stored: bool = False,
@@ -405,16 +418,16 @@ class _Gatherer:
         self.survey = survey
         self.options = options
         self.job = job
-        self.new = new
+        self.new_diagnoses = new_diagnoses
         self._analysis = options.analysis
         self._library = SurrogateLibrary()
         self.tell = tell
         self.instruments: dict[str, Mapping[str, Any]] = {}
 
     def points(self, stored: SurveyPoint) -> list[PointView]:
-        """Return a point; several where another plate was used on the way.
+        """Return a point, in several parts if its plate was changed.
 
-        All of them have the verdict of the point as a whole.
+        All parts have the verdict of the complete point.
         """
         point = self._view(stored)
         groups: list[list[tuple[DropView, Drop]]] = []
@@ -428,12 +441,12 @@ class _Gatherer:
             groups[-1].append((drop, record.drop))
             self._note_instrument(record)
         fitted = [self._fits(point, group) for group in groups]
-        whole = replace(point, drops=tuple(drop for drops in fitted for drop in drops))
+        complete = replace(point, drops=tuple(drop for drops in fitted for drop in drops))
         parts = []
         for drops, group in zip(fitted, groups, strict=True):
             setup = drops[0].setup
             place = place_of_point(stored, drops, declared_values(setup))
-            part = replace(whole, drops=drops, whole=whole, place=place)
+            part = replace(complete, drops=drops, whole=complete, place=place)
             warnings = self._warnings(part, [traces for _, traces in group])
             parts.append(replace(part, warnings=warnings))
         return parts
@@ -441,7 +454,9 @@ class _Gatherer:
     def _view(self, stored: SurveyPoint) -> PointView:
         """Return a point with the diagnosis and the target of this report."""
         point = point_view(stored, self.job)
-        made = (self.new.get((point.title, drop.number)) for drop in reversed(point.drops))
+        made = (
+            self.new_diagnoses.get((point.title, drop.number)) for drop in reversed(point.drops)
+        )
         diagnosis = next((new for new in made if new is not None), None) or point.diagnosis
         return replace(point, diagnosis=diagnosis, fallback_target=self.options.fallback)
 
@@ -460,27 +475,27 @@ class _Gatherer:
         screenings = leave_out_bad_sensors(traces, screen_point(traces))
         self.tell(f"point {point.title}: {len(drops)} drops")
         return tuple(
-            self._fit(drop, own, setup, screening)
-            for (drop, own), screening in zip(drops, screenings, strict=True)
+            self._fit(drop, traces_of_drop, setup, screening)
+            for (drop, traces_of_drop), screening in zip(drops, screenings, strict=True)
         )
 
     def _fit(
         self, drop: DropView, traces: Drop, setup: PointSetup, screening: Screening
     ) -> DropView:
-        """Return a drop with its stored result, or with a new one where that does not count."""
+        """Return a drop with its stored result, or with a new one if that does not count."""
         stiffness = stiffness_of(traces, setup) if setup.is_stiffness_test else None
         drop = replace(drop, screening=screening, stiffness=stiffness)
         if drop.discarded is not None or screening.status == "rejected":
             return drop.with_result(None)
         drop = replace(drop, deflection=judged_deflection(traces, setup))
-        result = None if self.options.anew else drop.sound_result
+        result = None if self.options.ignores_stored_results else drop.sound_result
         options = self._analysis
         if result is not None and not rests_on(result, setup):
             options = with_layers_of(options, result)
             result = None
             changed = Notice("declarations-changed")
-            said = replace(screening, warnings=(*screening.warnings, changed))
-            drop = replace(drop, screening=said)
+            warnings = (*screening.warnings, changed)
+            drop = replace(drop, screening=replace(screening, warnings=warnings))
         if result is not None:
             result = replace(result, stored=True)
         elif self.only_stored:
@@ -503,7 +518,7 @@ class _Gatherer:
 
 
 def _layer_warnings(point: PointView, procedure: Procedure) -> list[Notice]:
-    """Return what a modulus means where the ground has layers, unlike on homogeneous ground."""
+    """Return warnings on the meaning of a modulus of layered ground."""
     numbers = {
         len(drop.result.layers or ()) or 1
         for drop, facts in zip(point.drops, point.facts, strict=True)
@@ -527,23 +542,32 @@ def _checksums(survey: Survey) -> Iterator[tuple[int, str]]:
                 yield drop.number, hashlib.sha256(drop.file.read_bytes()).hexdigest()
 
 
-def _diagnosed(
+def _diagnose(
     survey: Survey, options: ReportOptions, tell: Progress
 ) -> dict[tuple[str, int], DiagnosisResult]:
-    """New diagnoses by point and drop; they are kept. Discarded points have none."""
+    """Diagnose the points, store the diagnoses, and return them by point and drop.
+
+    Discarded points have none.
+    """
     from pfwd.analysis.diagnosis.diagnose import diagnose_files
     from pfwd.analysis.result_store import store_diagnoses
 
     folder = str(survey.folder)
     tell("residuals are diagnosed")
-    found = list(diagnose_files([folder], jobs=options.jobs, use_stored=not options.refit))
-    for diagnosed in found:
+    diagnosed_points = list(
+        diagnose_files([folder], jobs=options.jobs, use_stored=not options.refit)
+    )
+    for diagnosed in diagnosed_points:
         if diagnosed.error is not None:
             tell(f"diagnosis: {diagnosed.error}")
     if options.store:
-        new = [(it.number, it.result) for it in found if it.number is not None and it.result]
+        new = [
+            (item.number, item.result)
+            for item in diagnosed_points
+            if item.number is not None and item.result
+        ]
         failed = store_diagnoses(folder, new)
         if failed is not None:
             tell(failed)
-    results = [it.result for it in found if it.result is not None]
-    return {(str(it.point), drop): it for it in results for drop in it.drops or ()}
+    results = [item.result for item in diagnosed_points if item.result is not None]
+    return {(str(item.point), drop): item for item in results for drop in item.drops or ()}

@@ -1,20 +1,24 @@
-"""The part of a point's page on the ground: profile, bowl, residual per sensor, layers."""
+"""The part of a point's page on the ground: profile, bowl, residual by sensor, layers."""
 
+import math
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
+
+import numpy as np
 
 from pfwd.analysis.results import DropResult, LayerResult
-from pfwd.analysis.sensor_fits import over_drops, sensor_fits
+from pfwd.analysis.sensor_fits import SensorFit, over_drops, sensor_fits
 from pfwd.judging import DropView
-from pfwd.report import shown
+from pfwd.report import formatting
 from pfwd.report.blocks import Block, Heading, Paragraph, Picture, Table
-from pfwd.report.ground_drawing import draw_ground, has_layers
+from pfwd.report.drawing import COLOURS, finish, margins, number_log_axis
 from pfwd.report.texts import Texts
 
 _LAYERS_HEIGHT, _BOWL_HEIGHT = 66.0, 42.0
 """mm, of the picture; with a bowl alone a point of three drops and eleven sensors fits a page."""
 
-_COLUMNS = (
+_LAYER_RESULTS = (
     ("drop", ""),
     ("layer", ""),
     ("modulus", "MPa"),
@@ -26,7 +30,7 @@ _COLUMNS = (
 
 
 def ground_blocks(drops: Sequence[DropView], name: str, texts: Texts) -> list[Block]:
-    """Blocks on the drops whose traces are shown; none for one sensor on ground without layers.
+    """Return the blocks on the ground below some drops; none for one sensor without layers.
 
     Parameters
     ----------
@@ -57,14 +61,14 @@ def ground_blocks(drops: Sequence[DropView], name: str, texts: Texts) -> list[Bl
 
 
 def effective_of(result: DropResult, texts: Texts) -> str:
-    """The one modulus that deflects alike, with its interval and the depth it stands for."""
+    """Return the effective modulus with its interval and the depth that it stands for."""
     modulus, depth = result.effective_modulus_pa, result.effective_depth_m
     if modulus is None or depth is None:
-        return shown.NOTHING
+        return formatting.NO_VALUE
     ends = result.effective_modulus_interval_pa
     interval = None if ends is None else [end / 1e6 for end in ends]
-    value = shown.with_interval(modulus / 1e6, interval, "MPa", texts)
-    return texts.say("effective_text", value=value, depth=shown.digits(depth, 2))
+    value = formatting.with_interval(modulus / 1e6, interval, "MPa", texts)
+    return texts.say("effective_text", value=value, depth=formatting.digits(depth, 2))
 
 
 def _layers(drops: Sequence[DropView], texts: Texts) -> list[Block]:
@@ -80,20 +84,20 @@ def _layers(drops: Sequence[DropView], texts: Texts) -> list[Block]:
                     texts.say("subgrade_of", place=place) if last else str(place),
                     _modulus(layer, texts),
                     _thickness(layer, texts),
-                    shown.scaled(layer.viscosity_pa_s, 1e-3, ""),
-                    shown.scaled(layer.density_kg_m3, 1.0, "", 4),
-                    shown.scaled(layer.poisson_ratio, 1.0, "", 2),
+                    formatting.scaled(layer.viscosity_pa_s, 1e-3, ""),
+                    formatting.scaled(layer.density_kg_m3, 1.0, "", 4),
+                    formatting.scaled(layer.poisson_ratio, 1.0, "", 2),
                 )
             )
-    columns = tuple(f"{texts[name]}{', ' if unit else ''}{unit}" for name, unit in _COLUMNS)
+    columns = tuple(f"{texts[name]}{', ' if unit else ''}{unit}" for name, unit in _LAYER_RESULTS)
     blocks: list[Block] = [
         Heading(texts["layers"], 3),
         Table(columns, tuple(rows), (0, *range(2, len(columns)))),
     ]
     for drop in drops:
-        said = effective_of(drop.result or DropResult(), texts)
-        if said != shown.NOTHING:
-            text = f"{texts['drop']} {drop.number}: {texts['effective']} {said}"
+        effective = effective_of(drop.result or DropResult(), texts)
+        if effective != formatting.NO_VALUE:
+            text = f"{texts['drop']} {drop.number}: {texts['effective']} {effective}"
             blocks.append(Paragraph(text, "note"))
     return blocks
 
@@ -101,12 +105,12 @@ def _layers(drops: Sequence[DropView], texts: Texts) -> list[Block]:
 def _modulus(layer: LayerResult, texts: Texts) -> str:
     interval = layer.modulus_interval_pa
     if layer.modulus_pa is None:
-        return shown.NOTHING
+        return formatting.NO_VALUE
     ends = None if interval is None else [end / 1e6 for end in interval]
     if ends is not None and not layer.modulus_known:
-        low, high = (shown.digits(end, 2) for end in ends)
+        low, high = (formatting.digits(end, 2) for end in ends)
         return texts.say("layer_open", low=low, high=high)
-    return shown.with_interval(layer.modulus_pa / 1e6, ends, "", texts)
+    return formatting.with_interval(layer.modulus_pa / 1e6, ends, "", texts)
 
 
 def _thickness(layer: LayerResult, texts: Texts) -> str:
@@ -114,25 +118,25 @@ def _thickness(layer: LayerResult, texts: Texts) -> str:
         return texts["endless"]
     if layer.thickness_sd_m is None:
         return f"{layer.thickness_m:.3g} ({texts['given']})"
-    return shown.with_interval(layer.thickness_m, layer.thickness_interval_m, "", texts)
+    return formatting.with_interval(layer.thickness_m, layer.thickness_interval_m, "", texts)
 
 
 def _sensors(drops: Sequence[DropView], texts: Texts) -> list[Block]:
-    """A line a sensor: rms over the drops of its residual over its own peak."""
+    """Return a line for each sensor: rms over the drops of its residual over its own peak."""
     fits = over_drops([sensor_fits(drop.curves) for drop in drops if drop.curves is not None])
     rows = [
         (
             texts["centre"] if fit.offset == 0 else f"{fit.offset:g} m",
-            shown.scaled(fit.measured_peak, 1e6, ""),
-            shown.scaled(fit.modelled_peak, 1e6, ""),
-            shown.scaled(fit.contact, 1e2, "", 2),
-            shown.scaled(fit.whole, 1e2, "", 2),
+            formatting.scaled(fit.measured_peak, 1e6, ""),
+            formatting.scaled(fit.modelled_peak, 1e6, ""),
+            formatting.scaled(fit.contact, 1e2, "", 2),
+            formatting.scaled(fit.whole, 1e2, "", 2),
         )
         for fit in fits
     ]
-    left_out = dict.fromkeys(offset for drop in drops for offset in drop.left_out)
-    nothing = (shown.NOTHING,) * 4
-    rows += [(texts.say("left_out", offset=f"{offset:g}"), *nothing) for offset in left_out]
+    excluded = dict.fromkeys(offset for drop in drops for offset in drop.left_out)
+    dashes = (formatting.NO_VALUE,) * 4
+    rows += [(texts.say("left_out", offset=f"{offset:g}"), *dashes) for offset in excluded]
     columns = (
         texts["sensor"],
         f"{texts['bowl_measured']}, µm",
@@ -146,3 +150,153 @@ def _sensors(drops: Sequence[DropView], texts: Texts) -> list[Block]:
         Table(columns, tuple(rows), (1, 2, 3, 4)),
         Paragraph(f"{texts['drops']} {numbers}. {texts['sensor_residuals_note']}", "note"),
     ]
+
+
+DRAWN_DEPTH_OVER_DEEPEST = 1.35
+"""Drawn depth over that of the deepest boundary or of the effective depth: the lowest medium is
+seen to go on."""
+
+ROCK_PART = 0.08
+"""Part of the drawn depth that rock takes."""
+
+_SOLID_LINE, _DOTTED_LINE = "-", ":"
+_BAND_OPACITY = 0.14
+"""Opacity of bands; those of several drops lie on each other."""
+
+
+def has_layers(drop: DropView) -> bool:
+    """Return whether the drop's result has a profile of moduli."""
+    return drop.result is not None and len(drop.result.layers or ()) > 1
+
+
+def draw_ground(figure: Any, drops: Sequence[DropView], texts: Texts) -> None:
+    """Draw the profile of moduli if there are layers, the deflection bowl if there are sensors."""
+    layered, bowls = [has_layers(drop) for drop in drops], [_bowl(drop) for drop in drops]
+    has_profile, has_bowl = any(layered), any(bowls)
+    if has_profile and has_bowl:
+        profile, bowl = figure.subplots(
+            1,
+            2,
+            gridspec_kw={
+                **margins(0.09, 0.985, 0.24, 0.97),
+                "wspace": 0.22,
+                "width_ratios": (1.0, 1.25),
+            },
+        )
+    elif has_profile or has_bowl:
+        profile = bowl = figure.subplots(gridspec_kw=margins(0.09, 0.985, 0.24, 0.97))
+    else:
+        return
+    if has_profile:
+        _draw_layers(profile, drops, texts)
+    if has_bowl:
+        _draw_bowl(bowl, drops, bowls, texts)
+
+
+def _draw_layers(axes: Any, drops: Sequence[DropView], texts: Texts) -> None:
+    results = [(i, drop.result) for i, drop in enumerate(drops) if drop.result is not None]
+    layered = [(i, result) for i, result in results if len(result.layers or ()) > 1]
+    bottom = DRAWN_DEPTH_OVER_DEEPEST * max(_reach(result) for _, result in layered)
+    rock = [r.bedrock_depth_m for _, r in layered if r.bedrock_depth_m is not None]
+    if rock:
+        bottom = max(rock) / (1.0 - ROCK_PART)
+    for index, result in layered:
+        _draw_profile(axes, result, COLOURS[index % len(COLOURS)], bottom)
+    if rock:
+        # The deepest rock of several drops, below which all agree.
+        axes.axhspan(
+            max(rock), bottom, facecolor="0.92", edgecolor="0.55", hatch="////", linewidth=0.0
+        )
+        axes.axhline(max(rock), color="0.35", linewidth=1.0)
+        axes.annotate(
+            texts["rock"],
+            (0.03, (max(rock) + bottom) / 2.0),
+            xycoords=("axes fraction", "data"),
+            fontsize=7,
+            va="center",
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+        )
+    axes.set_xscale("log")
+    number_log_axis(axes, texts, min_ratio=10.0)
+    axes.set_ylim(bottom, 0.0)
+    axes.set_xlabel(texts["modulus_axis"], fontsize=8)
+    axes.set_ylabel(texts["depth_axis"], fontsize=8)
+    axes.plot([], [], color="0.3", linewidth=1.4, label=texts["layers"])
+    if any(result.effective_modulus_pa is not None for _, result in layered):
+        axes.plot([], [], "--", color="0.3", linewidth=1.0, label=texts["effective"])
+    axes.legend(fontsize=7, loc="best")
+    finish(axes, texts)
+
+
+def _reach(result: DropResult) -> float:
+    """Return the depth down to which a result describes the ground, m."""
+    ends = [result.effective_depth_m or 0.0, result.bedrock_depth_m or 0.0]
+    thickness = [layer.thickness_m or 0.0 for layer in result.layers or ()]
+    return max(*ends, sum(thickness), 1e-3)
+
+
+def _draw_profile(axes: Any, result: DropResult, colour: str, bottom: float) -> None:
+    """Draw moduli as steps with bands, intervals of the boundaries, and the effective modulus."""
+    top, before, above = 0.0, None, LayerResult()
+    for layer in result.layers or ():
+        end = bottom if layer.thickness_m is None else top + layer.thickness_m
+        value = None if layer.modulus_pa is None else layer.modulus_pa / 1e6
+        if layer.modulus_interval_pa is not None:
+            low, high = (edge / 1e6 for edge in layer.modulus_interval_pa)
+            axes.fill_betweenx(
+                [top, end], low, high, color=colour, alpha=_BAND_OPACITY, linewidth=0.0
+            )
+        if value is not None:
+            # A value that the record leaves open is one of many.
+            style = _SOLID_LINE if layer.modulus_known else _DOTTED_LINE
+            axes.plot([value, value], [top, end], style, color=colour, linewidth=1.6)
+            if before is not None:
+                axes.plot([before, value], [top, top], color=colour, linewidth=1.6)
+                _draw_boundary(axes, above, math.sqrt(before * value), top, colour)
+        top, before, above = end, value, layer
+    if before is not None:
+        _draw_boundary(axes, above, before, top, colour)
+    modulus, depth = result.effective_modulus_pa, result.effective_depth_m
+    if modulus is not None and depth is not None:
+        axes.plot([modulus / 1e6] * 2, [0.0, depth], "--", color=colour, linewidth=1.0)
+        axes.plot([modulus / 1e6], [depth], "v", color=colour, markersize=3.5)
+
+
+def _draw_boundary(axes: Any, layer: LayerResult, value: float, end: float, colour: str) -> None:
+    """Draw the interval of a layer's lower end as a bar."""
+    if layer.thickness_interval_m is None or layer.thickness_m is None:
+        return
+    low, high = (end - layer.thickness_m + edge for edge in layer.thickness_interval_m)
+    axes.plot([value, value], [low, high], "_-", color=colour, linewidth=2.6, alpha=0.6)
+
+
+def _bowl(drop: DropView) -> tuple[SensorFit, ...]:
+    """Return the sensors of a drop from one side to the other; none if it has a single one."""
+    if drop.curves is None or drop.curves.offsets.size < 2:
+        return ()
+    return tuple(sorted(sensor_fits(drop.curves), key=lambda fit: fit.offset))
+
+
+def _draw_bowl(
+    axes: Any, drops: Sequence[DropView], bowls: Sequence[Sequence[SensorFit]], texts: Texts
+) -> None:
+    deepest = 0.0
+    for index, (drop, bowl) in enumerate(zip(drops, bowls, strict=True)):
+        if not bowl:
+            continue
+        colour = COLOURS[index % len(COLOURS)]
+        offsets = np.array([fit.offset for fit in bowl])
+        measured = np.array([fit.measured_peak for fit in bowl]) * 1e6
+        modelled = np.array([fit.modelled_peak for fit in bowl]) * 1e6
+        name = f"{texts['drop']} {drop.number}"
+        axes.plot(offsets, modelled, "-", color=colour, linewidth=1.1, label=name)
+        axes.plot(offsets, measured, "o", color=colour, markersize=4.0)
+        deepest = max(deepest, float(measured.max()), float(modelled.max()))
+    axes.plot([], [], "o", color="0.3", markersize=4.0, label=texts["bowl_measured"])
+    axes.plot([], [], "-", color="0.3", linewidth=1.1, label=texts["bowl_modelled"])
+    axes.axhline(0.0, color="0.7", linewidth=0.6)
+    axes.set_ylim(1.08 * deepest, min(0.0, -0.04 * deepest))
+    axes.set_xlabel(texts["offset_axis"], fontsize=8)
+    axes.set_ylabel(texts["peak_axis"], fontsize=8)
+    axes.legend(fontsize=7, loc="lower right")
+    finish(axes, texts)

@@ -13,16 +13,16 @@ from pfwd.report.texts import Texts
 def render_html(
     blocks: Sequence[Block], texts: Texts, title: str, second: SecondDrawer | None = None
 ) -> str:
-    """The text of the file.
+    """Return the text of the file.
 
     Parameters
     ----------
     blocks : sequence of Block
     texts : Texts
     title : str
-        For the window.
+        Title of the window.
     second : SecondDrawer, optional
-        Draws pictures, too.
+        Second process that draws pictures.
 
     Returns
     -------
@@ -62,19 +62,19 @@ def _with_pictures(
     blocks: Sequence[Block], second: SecondDrawer | None = None
 ) -> list[dict[str, Any]]:
     """Return the values of the template: kind and block, of a picture its address too."""
-    shown: list[dict[str, Any]] = [
+    items: list[dict[str, Any]] = [
         {"kind": type(block).__name__, "block": block} for block in _flat(blocks)
     ]
-    drawn = [item for item in shown if isinstance(item["block"], Picture)]
+    drawn = [item for item in items if isinstance(item["block"], Picture)]
     for item, data in zip(
         drawn, data_addresses([item["block"] for item in drawn], second), strict=True
     ):
         item["data"] = data
-    return shown
+    return items
 
 
 def _flat(blocks: Sequence[Block]) -> Iterator[Block]:
-    """Paper alone has pages."""
+    """Yield the blocks without those that keep others on one page: HTML has no pages."""
     for block in blocks:
         if isinstance(block, Together):
             yield from _flat(block.blocks)

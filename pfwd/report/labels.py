@@ -7,46 +7,43 @@ from typing import Any, NamedTuple
 class Box(NamedTuple):
     """A rectangle, points of the page."""
 
-    left: float
-    bottom: float
-    right: float
-    top: float
+    x0: float
+    y0: float
+    x1: float
+    y1: float
 
-    def hits(self, other: "Box") -> bool:
-        """Whether two of them share something."""
-        return (
-            self.left < other.right
-            and other.left < self.right
-            and self.bottom < other.top
-            and other.bottom < self.top
-        )
+    def overlaps(self, box: "Box") -> bool:
+        """Return whether two rectangles overlap."""
+        return self.x0 < box.x1 and box.x0 < self.x1 and self.y0 < box.y1 and box.y0 < self.y1
 
 
-GAP = 6.0
-"""Points between a marker and its name."""
+LABEL_GAP_PT = 6.0
+"""Distance between a marker and its name."""
 
-_AROUND = (
+_DIRECTIONS = (
     *((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)),
     *((0.8, 0.8), (0.8, -0.8), (-0.8, 0.8), (-0.8, -0.8)),
 )
-"""Directions that a name is tried in."""
+"""Directions from a marker in which a place for its name is tried."""
 
 _STEPS = (1.0, 2.0, 3.5, 5.5, 8.0)
-"""Distances, in gaps; from the third on a line leads to the name."""
+"""Distances that are tried, in gaps."""
 
-LED_FROM = 3.0
+LINE_FROM_GAPS = 3.0
+"""Distance from which a line leads to the name, in gaps."""
 
 
-class Placed(NamedTuple):
-    """Where a name goes."""
+class LabelPlace(NamedTuple):
+    """Place of a name beside its marker."""
 
     number: int
-    """Place among the markers."""
+    """Index of the marker."""
     dx: float
-    """Points from the marker to the middle of the name."""
+    """Points from the marker to the centre of the name, to the right."""
     dy: float
-    led: bool
-    """Whether it is so far that a line leads to it."""
+    """The same, upwards."""
+    has_line: bool
+    """True if it is so distant that a line leads to it."""
 
 
 def place_labels(
@@ -54,8 +51,8 @@ def place_labels(
     sizes: Sequence[tuple[float, float]],
     room: Box,
     radius: float = 4.5,
-) -> list[Placed]:
-    """Places for names, the first ones first; a name that fits nowhere has none.
+) -> list[LabelPlace]:
+    """Return places for names, the first ones first; a name that fits nowhere has none.
 
     Parameters
     ----------
@@ -63,41 +60,38 @@ def place_labels(
     sizes : sequence of (width, height), points
         Of the names.
     room : Box
-        That a name has to stay within.
+        Rectangle that contains all names.
     radius : float, points
         Of a marker.
 
     Returns
     -------
-    list of Placed
+    list of LabelPlace
     """
-    taken = [Box(x - radius, y - radius, x + radius, y + radius) for x, y in markers]
-    found = []
+    occupied = [Box(x - radius, y - radius, x + radius, y + radius) for x, y in markers]
+    places = []
     for index, ((x, y), (width, height)) in enumerate(zip(markers, sizes, strict=True)):
-        place = _place(x, y, width, height, room, taken)
+        place = _place(x, y, width, height, room, occupied)
         if place is None:
             continue
         dx, dy, step = place
-        taken.append(_box(x + dx, y + dy, width, height))
-        found.append(Placed(index, dx, dy, step >= LED_FROM))
-    return found
+        occupied.append(_box(x + dx, y + dy, width, height))
+        places.append(LabelPlace(index, dx, dy, step >= LINE_FROM_GAPS))
+    return places
 
 
 def _place(
-    x: float, y: float, width: float, height: float, room: Box, taken: Sequence[Box]
+    x: float, y: float, width: float, height: float, room: Box, occupied: Sequence[Box]
 ) -> tuple[float, float, float] | None:
     for step in _STEPS:
-        for along, up in _AROUND:
-            dx = along * (GAP * step) + along * width / 2
-            dy = up * (GAP * step) + up * height / 2
+        for along, up in _DIRECTIONS:
+            dx = along * (LABEL_GAP_PT * step) + along * width / 2
+            dy = up * (LABEL_GAP_PT * step) + up * height / 2
             box = _box(x + dx, y + dy, width, height)
             inside = (
-                box.left >= room.left
-                and box.right <= room.right
-                and box.bottom >= room.bottom
-                and box.top <= room.top
+                box.x0 >= room.x0 and box.x1 <= room.x1 and box.y0 >= room.y0 and box.y1 <= room.y1
             )
-            if inside and not any(box.hits(other) for other in taken):
+            if inside and not any(box.overlaps(obstacle) for obstacle in occupied):
                 return dx, dy, step
     return None
 
@@ -107,19 +101,19 @@ def _box(x: float, y: float, width: float, height: float) -> Box:
 
 
 def room_of(axes: Any) -> Box:
-    """The rectangle of axes, points of the page."""
+    """Return the rectangle of axes, points of the page."""
     box, scale = axes.get_window_extent(), 72.0 / axes.figure.dpi
     return Box(box.x0 * scale, box.y0 * scale, box.x1 * scale, box.y1 * scale)
 
 
 def on_page(axes: Any, points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Places of data, points of the page; the limits of the axes have to stand."""
+    """Return the places of data, points of the page; the limits of the axes must be final."""
     scale = 72.0 / axes.figure.dpi
     return [(float(x) * scale, float(y) * scale) for x, y in axes.transData.transform(list(points))]
 
 
 def common_beginning(names: Sequence[str]) -> str:
-    """What all names begin with, up to a blank or a slash; it says nothing beside each marker.
+    """Return the common beginning of names, up to a blank or a slash.
 
     Examples
     --------

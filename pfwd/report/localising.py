@@ -19,7 +19,7 @@ from pfwd.report.content import Report
 from pfwd.report.texts import Texts
 
 _DECIMAL = re.compile(r"(?<![\w.:/])(\d+)\.(\d+)(?![\w]|[.:]\d)")
-"""A number with decimals; no version, date, part of a name or of a path."""
+"""A number with decimals, but no version, date, part of a name or of a path."""
 
 
 def names_of(report: Report) -> list[str]:
@@ -51,8 +51,8 @@ def localised(
     pattern = re.compile("|".join([*dotted, _DECIMAL.pattern])) if dotted else _DECIMAL
 
     def replace_sign(match: re.Match[str]) -> str:
-        whole, part = match.groups()
-        return match[0] if whole is None else f"{whole}{texts.decimal}{part}"
+        integer, fraction = match.groups()
+        return match[0] if integer is None else f"{integer}{texts.decimal}{fraction}"
 
     return [_block(block, partial(pattern.sub, replace_sign), keep) for block in blocks]
 

@@ -1,4 +1,4 @@
-r"""Statistics of the points of a survey: what the lot is worth, not a single point.
+r"""Statistics of the points of a survey as one lot.
 
 Points of one lot are taken for samples of one population, normally distributed. With n values, mean
 m and standard deviation s:
@@ -18,13 +18,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-FEWEST = 3
+MIN_POINTS_OF_LOT = 3
 """Points of a lot; a fractile of fewer is a factor of seven off the mean or more."""
 
-FEWEST_FOR_OUTLIERS = 5
-"""Points; among fewer one in four is far from the others by chance."""
+MIN_POINTS_FOR_OUTLIERS = 5
+"""Points of a lot with outliers; of fewer points one in four is distant by chance."""
 
-OUTLYING = 3.5
+MIN_OUTLIER_SCORE = 3.5
 """Modified z-score from which the source calls a value an outlier."""
 
 _MAD_OF_NORMAL = 0.6745
@@ -36,7 +36,7 @@ _RANGE_OF_TWO = 1.128
 
 @dataclass(frozen=True, slots=True)
 class Lot:
-    """Of values in one unit."""
+    """Statistics of values in one unit."""
 
     values: tuple[float, ...]
     mean: float
@@ -47,9 +47,9 @@ class Lot:
     mean_interval: tuple[float, float]
     """95 %, of the mean."""
     limits: tuple[float, float]
-    """Of the control chart."""
+    """Limits of the control chart."""
     outliers: tuple[int, ...]
-    """Their places among the values."""
+    """Places of the outliers among the values."""
 
     @property
     def noticeable(self) -> tuple[int, ...]:
@@ -65,44 +65,46 @@ class Lot:
 
 
 def lot_of(values: Sequence[float], *, small_is_good: bool = False) -> Lot | None:
-    """The statistics of values; None of too few.
+    """Return the statistics of values; None for fewer than three values.
 
     Parameters
     ----------
     values : sequence of float
         In the order in which they were measured.
     small_is_good : bool
-        Of a deflection.
+        True for a deflection.
     """
     n = len(values)
-    if n < FEWEST:
+    if n < MIN_POINTS_OF_LOT:
         return None
     from scipy.special import stdtrit  # scipy.stats has the same, and takes 0.3 s to import
 
-    found = np.asarray(values, np.float64)
-    mean, deviation = float(found.mean()), float(found.std(ddof=1))
+    array = np.asarray(values, np.float64)
+    mean, deviation = float(array.mean()), float(array.std(ddof=1))
     reach = float(stdtrit(n - 1, 0.95)) * math.sqrt(1 + 1 / n) * deviation
     half = float(stdtrit(n - 1, 0.975)) * deviation / math.sqrt(n)
-    swing = 3 * float(np.abs(np.diff(found)).mean()) / _RANGE_OF_TWO
+    swing = 3 * float(np.abs(np.diff(array)).mean()) / _RANGE_OF_TWO
     return Lot(
-        tuple(map(float, found)),
+        tuple(map(float, array)),
         mean,
         deviation,
         mean + reach if small_is_good else mean - reach,
         (mean - half, mean + half),
         (max(0.0, mean - swing), mean + swing),
-        _outliers(found),
+        _outliers(array),
     )
 
 
 def _outliers(values: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> tuple[int, ...]:
-    if values.size < FEWEST_FOR_OUTLIERS:
+    if values.size < MIN_POINTS_FOR_OUTLIERS:
         return ()
-    far = np.abs(values - np.median(values))
-    spread = float(np.median(far))
+    distances = np.abs(values - np.median(values))
+    spread = float(np.median(distances))
     if spread == 0.0:
         return ()
-    return tuple(int(i) for i in np.flatnonzero(_MAD_OF_NORMAL * far / spread > OUTLYING))
+    return tuple(
+        int(i) for i in np.flatnonzero(_MAD_OF_NORMAL * distances / spread > MIN_OUTLIER_SCORE)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,11 +118,11 @@ class Line:
 
 
 def line_through(xs: Sequence[float], ys: Sequence[float]) -> Line | None:
-    """y = intercept + slope x; None of fewer than three pairs, or of equal x."""
-    if len(xs) < FEWEST or max(xs) == min(xs):
+    """Return the line of pairs by least squares; None for fewer than three pairs or equal x."""
+    if len(xs) < MIN_POINTS_OF_LOT or max(xs) == min(xs):
         return None
     x, y = np.asarray(xs, np.float64), np.asarray(ys, np.float64)
     slope, intercept = (float(value) for value in np.polyfit(x, y, 1))
     total = float(((y - y.mean()) ** 2).sum())
-    left = float(((y - intercept - slope * x) ** 2).sum())
-    return Line(slope, intercept, 1 - left / total if total > 0 else 1.0, len(xs))
+    residual = float(((y - intercept - slope * x) ** 2).sum())
+    return Line(slope, intercept, 1 - residual / total if total > 0 else 1.0, len(xs))

@@ -6,7 +6,7 @@ from functools import partial
 
 from pfwd.judging import PointView
 from pfwd.procedures import Quantity
-from pfwd.report import shown
+from pfwd.report import formatting
 from pfwd.report.blocks import Block, Heading, Pairs, Paragraph, Picture, Table, Together
 from pfwd.report.content import Report
 from pfwd.report.drawing import draw_correlation, draw_lot
@@ -19,16 +19,16 @@ _HEIGHT, _CORRELATION_HEIGHT = 56.0, 48.0
 
 
 def lot_blocks(report: Report, texts: Texts) -> list[Block]:
-    """Blocks on the points as a lot; none for fewer than three values."""
+    """Return the blocks on the points as a lot; none for fewer than three values."""
     valued = [p for p in report.points if not p.discarded and p.progress.value is not None]
-    kept = [p for p in valued if p.progress.value and p.progress.value.not_supported is None]
-    excluded = [point.shown_name for point in valued if point not in kept]
+    supported = [p for p in valued if p.progress.value and p.progress.value.not_supported is None]
+    excluded = [point.shown_name for point in valued if point not in supported]
     scale, unit = _unit(report)
-    lot = _lot(report, kept, scale)
+    lot = _lot(report, supported, scale)
     if lot is None:
         return []
-    name = shown.name_of(report.procedure.quantity, texts)
-    targets = {point.progress.target for point in kept}
+    name = formatting.name_of(report.procedure.quantity, texts)
+    targets = {point.progress.target for point in supported}
     target = targets.pop() if len(targets) == 1 else None
     draw = partial(
         draw_lot,
@@ -39,13 +39,13 @@ def lot_blocks(report: Report, texts: Texts) -> list[Block]:
     )
     together: tuple[Block, ...] = (
         Heading(f"{texts['lot']}: {name}"),
-        Pairs(tuple(row for row in _rows(lot, kept, excluded, unit, texts) if row[1])),
+        Pairs(tuple(row for row in _rows(lot, supported, excluded, unit, texts) if row[1])),
         Picture(draw, _HEIGHT, texts["lot_note"], texts["lot"]),
     )
     return [
         Together(together),
-        *_zones(report, kept, scale, unit, texts),
-        *_correlation(report, kept, scale, unit, texts),
+        *_zones(report, supported, scale, unit, texts),
+        *_correlation(report, supported, scale, unit, texts),
     ]
 
 
@@ -62,19 +62,20 @@ def _rows(
     lot: Lot, points: Sequence[PointView], excluded: Sequence[str], unit: str, texts: Texts
 ) -> list[tuple[str, str]]:
     names = [point.shown_name for point in points]
-    outliers = ", ".join(f"{names[i]} ({shown.digits(lot.values[i])})" for i in lot.noticeable)
+    outliers = ", ".join(f"{names[i]} ({formatting.digits(lot.values[i])})" for i in lot.noticeable)
     low, high = lot.mean_interval
     ends = (max(0.0, low), high)
     return [
-        (texts["mean"], shown.with_interval(lot.mean, ends, unit, texts)),
+        (texts["mean"], formatting.with_interval(lot.mean, ends, unit, texts)),
         (
             texts["spread_of_points"],
-            f"s = {shown.digits(lot.deviation, 2)} {unit}, V = {shown.percent(lot.variation)}; "
-            f"{shown.digits(min(lot.values))} – {shown.digits(max(lot.values))} {unit}, "
+            f"s = {formatting.digits(lot.deviation, 2)} {unit}, "
+            f"V = {formatting.percent(lot.variation)}; "
+            f"{formatting.digits(min(lot.values))} – {formatting.digits(max(lot.values))} {unit}, "
             f"n = {len(lot.values)}",
         ),
         (texts["characteristic"], _characteristic(lot, unit, texts)),
-        (texts["outliers"], outliers or shown.NOTHING),
+        (texts["outliers"], outliers or formatting.NO_VALUE),
         (texts["passed"], _passed(points, texts)),
         (
             texts["lot_excluded"],
@@ -86,11 +87,11 @@ def _rows(
 def _characteristic(lot: Lot, unit: str, texts: Texts) -> str:
     if lot.characteristic <= 0:
         return texts["characteristic_none"]
-    return f"{shown.digits(lot.characteristic, 2)} {unit}"
+    return f"{formatting.digits(lot.characteristic, 2)} {unit}"
 
 
 def _passed(points: Sequence[PointView], texts: Texts) -> str:
-    """Share of the points with a target that pass."""
+    """Return the share of the points with a target that pass."""
     counts = Counter(verdict_of(point) for point in points)
     judged = len(points) - counts["none"]
     if not judged:
@@ -104,7 +105,7 @@ def _zones(
     zones: dict[str, list[PointView]] = {}
     for point in points:
         zone = point.setup.site if point.setup.zone is None else point.setup.zone
-        zones.setdefault(shown.NOTHING if zone is None else str(zone), []).append(point)
+        zones.setdefault(formatting.NO_VALUE if zone is None else str(zone), []).append(point)
     if len(zones) < 2:
         return []
     rows = []
@@ -115,10 +116,10 @@ def _zones(
             (
                 name,
                 str(len(values)),
-                shown.digits(sum(values) / len(values)),
-                shown.NOTHING if lot is None else shown.digits(lot.deviation, 2),
-                shown.NOTHING if lot is None else _characteristic(lot, "", texts).strip(),
-                f"{shown.digits(min(values))} – {shown.digits(max(values))}",
+                formatting.digits(sum(values) / len(values)),
+                formatting.NO_VALUE if lot is None else formatting.digits(lot.deviation, 2),
+                formatting.NO_VALUE if lot is None else _characteristic(lot, "", texts).strip(),
+                f"{formatting.digits(min(values))} – {formatting.digits(max(values))}",
                 _passed(some, texts),
             )
         )
@@ -137,7 +138,7 @@ def _zones(
 def _correlation(
     report: Report, points: Sequence[PointView], scale: float, unit: str, texts: Texts
 ) -> list[Block]:
-    """What plate load tests gave at the same points, where somebody said so."""
+    """Return the comparison with plate load tests at the same points; none without any."""
     pairs = [
         (point.progress.value.value * scale, static / 1e6)
         for point in points
@@ -150,13 +151,14 @@ def _correlation(
     line = line_through([x for x, _ in pairs], [y for _, y in pairs])
     if line is None:
         return [*blocks, Paragraph(texts.say("plate_load_few", count=len(pairs)), "note")]
-    name = shown.name_of(report.procedure.quantity, texts)
+    name = formatting.name_of(report.procedure.quantity, texts)
     names = (f"{name}, {unit}", f"{texts['plate_load_axis']}, MPa")
     draw = partial(draw_correlation, pairs=pairs, line=line, names=names, texts=texts)
     sign = "+" if line.slope >= 0 else "−"
     equation = (
-        f"{texts['plate_load_axis']} = {shown.digits(line.intercept, 3)} MPa {sign} "
-        f"{shown.digits(abs(line.slope), 3)} · {name}; R² = {line.r_squared:.2f}, n = {line.pairs}"
+        f"{texts['plate_load_axis']} = {formatting.digits(line.intercept, 3)} MPa {sign} "
+        f"{formatting.digits(abs(line.slope), 3)} · {name}; R² = {line.r_squared:.2f}, "
+        f"n = {line.pairs}"
     )
     caption = f"{equation}. {texts['plate_load_note']}"
     return [*blocks, Picture(draw, _CORRELATION_HEIGHT, caption, texts["plate_load"])]

@@ -7,7 +7,7 @@ from statistics import fmean
 from pfwd.judging import DropView, PointView
 from pfwd.peaks.basin import ASSUMED_POISSON_RATIO, Basin, basin_of
 from pfwd.procedures import Verdict
-from pfwd.report import shown
+from pfwd.report import formatting
 from pfwd.report.blocks import Block, Heading, Mark, Pairs, Paragraph, Picture, Table
 from pfwd.report.content import Report
 from pfwd.report.drawing import draw_peaks_profile
@@ -45,7 +45,7 @@ def peaks_table(report: Report, texts: Texts) -> Table:
     columns = [texts["point"], title, texts["drops"], "F, kN", "s, mm"]
     columns += [f"{texts['peak_method']}, MPa", *_INDICES]
     right = tuple(range(2, len(columns)))
-    columns += [shown.name_of(report.procedure.quantity, texts)] if judged else []
+    columns += [formatting.name_of(report.procedure.quantity, texts)] if judged else []
     columns += [texts["target"], texts["verdict"]] if has_verdict else []
     rows = []
     for point, time in zip(report.points, times, strict=True):
@@ -64,13 +64,13 @@ def peaks_table(report: Report, texts: Texts) -> Table:
             _mean([basin.bci_m for basin in basins], 1e6),
             _mean([basin.area_m for basin in basins], 1e3),
         ]
-        cells += [shown.value_of(point.progress.value, texts)] if judged else []
+        cells += [formatting.value_of(point.progress.value, texts)] if judged else []
         if has_verdict:
-            cells.append(shown.target_of(point.progress.target, report.procedure.quantity))
+            cells.append(formatting.target_of(point.progress.target, report.procedure.quantity))
             cells.append(Mark(kind, texts["discarded"] if point.discarded else texts[kind]))
         rows.append(tuple(cells))
     table = Table(tuple(columns), tuple(rows), right)
-    return shown.without_empty_columns(table, always=(title, texts["target"]))
+    return formatting.without_empty_columns(table, always=(title, texts["target"]))
 
 
 def peaks_profile(report: Report, texts: Texts, letters: Letters) -> list[Block]:
@@ -128,9 +128,9 @@ def _peaks_of_sensors(point: PointView, texts: Texts) -> Table:
         (
             str(drop.number),
             texts[str(kinds.get(drop.number, facts.kind))],
-            shown.scaled(facts.peak_load, 1e-3, ""),
+            formatting.scaled(facts.peak_load, 1e-3, ""),
             *(
-                shown.scaled(peaks.get(drop.number, {}).get(offset), 1e6, "", 4)
+                formatting.scaled(peaks.get(drop.number, {}).get(offset), 1e6, "", 4)
                 for offset in offsets
             ),
         )
@@ -146,8 +146,8 @@ def _peaks_of_sensors(point: PointView, texts: Texts) -> Table:
 
 
 def _mean(values: Sequence[float | None], scale: float) -> str:
-    known = [value * scale for value in values if value is not None]
-    return shown.digits(fmean(known)) if known else shown.NOTHING
+    recorded = [value * scale for value in values if value is not None]
+    return formatting.digits(fmean(recorded)) if recorded else formatting.NO_VALUE
 
 
 def basin_of_drop(drop: DropView) -> Basin | None:
@@ -161,18 +161,21 @@ def basin_of_drop(drop: DropView) -> Basin | None:
 
 def _basins(point: PointView, texts: Texts, *, with_heading: bool = True) -> list[Block]:
     basins = [(drop, basin_of_drop(drop)) for drop in point.drops]
-    found = [(drop, basin) for drop, basin in basins if basin is not None]
-    if not found:
+    with_basin = [(drop, basin) for drop, basin in basins if basin is not None]
+    if not with_basin:
         return []
-    distances = sorted({offset for _, basin in found for offset in basin.surface_moduli_pa})
+    distances = sorted({offset for _, basin in with_basin for offset in basin.surface_moduli_pa})
     rows = [
         (
             str(drop.number),
-            shown.scaled(basin.peak_modulus_pa, 1e-6, ""),
+            formatting.scaled(basin.peak_modulus_pa, 1e-6, ""),
             *_indices(basin),
-            *(shown.scaled(basin.surface_moduli_pa.get(offset), 1e-6, "") for offset in distances),
+            *(
+                formatting.scaled(basin.surface_moduli_pa.get(offset), 1e-6, "")
+                for offset in distances
+            ),
         )
-        for drop, basin in found
+        for drop, basin in with_basin
     ]
     columns = (
         texts["drop"],
@@ -183,7 +186,7 @@ def _basins(point: PointView, texts: Texts, *, with_heading: bool = True) -> lis
     ratio = point.setup.poisson_ratio
     basis = f"a = {point.setup.plate_radius:g} m, ν = "
     basis += f"{ASSUMED_POISSON_RATIO if ratio is None else ratio:g}"
-    out = sorted({offset for _, basin in found for offset in basin.rejected_offsets_m})
+    out = sorted({offset for _, basin in with_basin for offset in basin.rejected_offsets_m})
     blocks: list[Block] = [
         *([Heading(texts["basin"], 3)] if with_heading else []),
         Table(columns, tuple(rows), tuple(range(len(columns)))),
@@ -196,18 +199,20 @@ def _basins(point: PointView, texts: Texts, *, with_heading: bool = True) -> lis
 
 
 def _indices(basin: Basin) -> tuple[str, ...]:
-    depths = (shown.scaled(one, 1e6, "") for one in (basin.sci_m, basin.bdi_m, basin.bci_m))
-    return (*depths, shown.scaled(basin.area_m, 1e3, ""))
+    depths = (
+        formatting.scaled(value, 1e6, "") for value in (basin.sci_m, basin.bdi_m, basin.bci_m)
+    )
+    return (*depths, formatting.scaled(basin.area_m, 1e3, ""))
 
 
 def _stiffness(point: PointView, texts: Texts) -> list[Block]:
     rows = [
         (
             str(drop.number),
-            shown.scaled(drop.stiffness.peak_load_n, 1e-3, ""),
-            shown.scaled(drop.stiffness.peak_displacement_m, 1e6, ""),
-            shown.scaled(drop.stiffness.secant_n_per_m, 1e-6, ""),
-            shown.scaled(drop.stiffness.dynamic_n_per_m, 1e-6, ""),
+            formatting.scaled(drop.stiffness.peak_load_n, 1e-3, ""),
+            formatting.scaled(drop.stiffness.peak_displacement_m, 1e6, ""),
+            formatting.scaled(drop.stiffness.secant_n_per_m, 1e-6, ""),
+            formatting.scaled(drop.stiffness.dynamic_n_per_m, 1e-6, ""),
         )
         for drop in point.drops
         if drop.stiffness is not None

@@ -1,7 +1,7 @@
 """The pictures of a page as SVG in data addresses, drawn by one process or by two from both ends.
 
-Drawing keeps one processor busy. A second process starts while this one reads the survey; it draws
-the last picture, then the one before, until this one has come there from the beginning.
+Drawing keeps one processor busy. A second process starts while this one reads the survey. It draws
+the pictures from the last one on, until it meets this process, which begins with the first.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from pfwd.report.blocks import Picture
 from pfwd.report.fonts import families
 from pfwd.spawning import HelperProcess, beside, helper_result, processors
 
-WIDTH = 180.0
-"""mm, of a picture."""
+PICTURE_WIDTH_MM = 180.0
+"""Width of a picture."""
 
-MANY_DROPS = 3_000
-"""Bytes of a ledger, those of 20 drops: in the time that a second process takes to start the
-pictures of so many are drawn."""
+MIN_DRAWN_LEDGER_BYTES = 3_000
+"""Size of the ledger from which a second process helps, that of 20 drops: their pictures take as
+long as the process takes to start."""
 
 _MM_PER_INCH = 25.4
 
 
 class SecondDrawer(HelperProcess):
-    """A process that draws pictures."""
+    """Helper process that draws pictures."""
 
     def __init__(self) -> None:
         super().__init__(_load)
 
-    def ask(self, pictures: Sequence[Picture]) -> Sequence[Future[str] | None]:
+    def request(self, pictures: Sequence[Picture]) -> Sequence[Future[str] | None]:
         """Request these pictures, the last one first; None: the process has ended."""
         return self.submit(data_address, pictures)
 
@@ -46,14 +46,16 @@ def second_drawer(survey: str, output: str) -> AbstractContextManager[SecondDraw
     Parameters
     ----------
     survey : path of a survey
-    output : path of the report; HTML alone has its pictures one by one
+    output : path of the report; only HTML has its pictures one by one
     """
     html = output.lower().endswith(".html")
-    return beside(SecondDrawer, html and processors() > 1 and has_ledger_of(survey, MANY_DROPS))
+    return beside(
+        SecondDrawer, html and processors() > 1 and has_ledger_of(survey, MIN_DRAWN_LEDGER_BYTES)
+    )
 
 
 def _load() -> None:
-    """What drawing needs, loaded before the first picture comes."""
+    """Load the modules that drawing needs, before the first picture arrives."""
     start_matplotlib()
 
     import pfwd.report.drawing  # noqa: F401
@@ -62,11 +64,11 @@ def _load() -> None:
 def data_addresses(
     pictures: Sequence[Picture], second: SecondDrawer | None = None
 ) -> Iterator[str]:
-    """The address of each picture, in their order."""
-    asked = [None] * len(pictures) if second is None else second.ask(pictures)
-    for picture, future in zip(pictures, asked, strict=True):
-        made = helper_result(future)
-        yield data_address(picture) if made is None else made
+    """Yield the address of each picture, in their order."""
+    futures = [None] * len(pictures) if second is None else second.request(pictures)
+    for picture, future in zip(pictures, futures, strict=True):
+        address = helper_result(future)
+        yield data_address(picture) if address is None else address
 
 
 def data_address(picture: Picture) -> str:
@@ -75,7 +77,7 @@ def data_address(picture: Picture) -> str:
     return "data:image/svg+xml;base64," + base64.b64encode(svg).decode("ascii")
 
 
-def svg_of(picture: Picture, width: float = WIDTH) -> str:
+def svg_of(picture: Picture, width: float = PICTURE_WIDTH_MM) -> str:
     """Return a picture as SVG.
 
     Parameters
@@ -94,8 +96,8 @@ def svg_of(picture: Picture, width: float = WIDTH) -> str:
         FigureCanvasSVG(figure)
         picture.draw(figure)
         stream = io.StringIO()
-        # What margins in parts of the width leave no room for is not cut on a narrow picture.
-        box = "tight" if width < WIDTH else None
+        # Margins are parts of the width: on a narrow picture they may be too small for the labels.
+        box = "tight" if width < PICTURE_WIDTH_MM else None
         figure.savefig(
             stream, format="svg", metadata={"Date": None, "Creator": None}, bbox_inches=box
         )

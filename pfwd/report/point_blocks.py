@@ -10,7 +10,7 @@ from pfwd.files.photos import photos_of
 from pfwd.judging import DropView, PointView
 from pfwd.message_groups import as_ranges, group_messages
 from pfwd.procedures import Quantity, Verdict
-from pfwd.report import shown
+from pfwd.report import formatting
 from pfwd.report.blocks import (
     Block,
     Heading,
@@ -39,10 +39,10 @@ from pfwd.report.texts import Texts
 
 _NO_RESULT = DropResult()
 
-MOST_TRACES = 6
+MAX_DRAWN_DROPS = 6
 """Drops in one picture of traces: the averaged ones, then the last before them."""
 
-_COLUMNS = (
+_DROP_RESULT_COLUMNS = (
     ("drop", ""),
     ("kind", ""),
     ("load", "kN"),
@@ -57,20 +57,20 @@ _COLUMNS = (
 )
 
 
-_EMPTY = f"{shown.NOTHING}; "
-"""Letters of a value that says nothing."""
+_EMPTY_LETTERS = f"{formatting.NO_VALUE}; "
+"""Letters of an empty value."""
 
 _PHOTO_HEIGHT = 45.0
-"""mm, of a row of photos."""
+"""Height of a row of photos, mm."""
 
-_HEIGHT, _DROPS_HEIGHT = 50.0, 30.0
-"""mm, of the picture of a point, and of one without traces: two points fit on a page."""
+_TRACES_HEIGHT, _DROPS_HEIGHT = 50.0, 30.0
+"""Heights of the picture of a point with traces and without, mm: two points fit on a page."""
 
 
 def point_blocks(
     point: PointView, report: Report, texts: Texts, common: Collection[Hashable] = ()
 ) -> list[Block]:
-    """All of one point.
+    """Return the blocks on one point.
 
     Parameters
     ----------
@@ -78,9 +78,9 @@ def point_blocks(
     report : Report
     texts : Texts
     common : collection
-        Keys of messages that hold for all points, and are said once in the beginning.
+        Keys of messages that hold for all points; the first part of the report has them.
     """
-    rows = tuple(row for row in _rows(point, report, texts) if row[1].strip(_EMPTY))
+    rows = tuple(row for row in _rows(point, report, texts) if row[1].strip(_EMPTY_LETTERS))
     if has_only_peaks(report):
         return peaks_point_blocks(point, rows, texts, common)
     blocks: list[Block] = [
@@ -118,43 +118,43 @@ def _rows(point: PointView, report: Report, texts: Texts) -> list[tuple[str, str
     progress = point.progress
     word = texts["discarded"] if point.discarded else texts[verdict_of(point)]
     # "no target" is its own reason.
-    reason = f": {texts.message(progress.verdict_reason)}"
-    said = progress.verdict is not Verdict.NONE or point.discarded
-    rows = [(texts["verdict"], word + (reason if said else ""))]
+    has_reason = progress.verdict is not Verdict.NONE or point.discarded
+    reason = f": {texts.message(progress.verdict_reason)}" if has_reason else ""
+    rows = [(texts["verdict"], word + reason)]
     if report.procedure.quantity is not Quantity.MODULUS:
         rows += [
             (
-                shown.name_of(report.procedure.quantity, texts),
-                f"{shown.value_of(progress.value, texts)}; "
-                f"{shown.value_basis(progress.value, texts)}",
+                formatting.name_of(report.procedure.quantity, texts),
+                f"{formatting.value_of(progress.value, texts)}; "
+                f"{formatting.value_basis(progress.value, texts)}",
             )
         ]
     layered = len(effective_result(point).layers or ()) > 1
-    spread = shown.percent(progress.deflection_spread)
-    s_over_v = shown.scaled(progress.s_over_v, 1e3, "ms")
+    spread = formatting.percent(progress.deflection_spread)
+    s_over_v = formatting.scaled(progress.s_over_v, 1e3, "ms")
     scatter = [
         f"{name}: {value}"
         for name, value in ((texts["spread"], spread), (texts["s_over_v"], s_over_v))
-        if value != shown.NOTHING
+        if value != formatting.NO_VALUE
     ]
     around = [
         f"{texts[name]}: {value}"
         for name, value in (
-            ("moisture", shown.scaled(point.setup.moisture, 1.0, "%")),
-            ("temperature", shown.scaled(point.setup.temperature, 1.0, "°C")),
-            ("material", _said(point.setup.material)),
-            ("photos", _said(point.setup.photos)),
+            ("moisture", formatting.scaled(point.setup.moisture, 1.0, "%")),
+            ("temperature", formatting.scaled(point.setup.temperature, 1.0, "°C")),
+            ("material", _text_of(point.setup.material)),
+            ("photos", _text_of(point.setup.photos)),
         )
-        if value and value != shown.NOTHING
+        if value and value != formatting.NO_VALUE
     ]
     rows += [
         (
             texts["modulus"],
-            f"{modulus_text(point, texts)}; {shown.basis_of(first_result(point), texts)}",
+            f"{modulus_text(point, texts)}; {formatting.basis_of(first_result(point), texts)}",
         ),
         (
             texts["effective"],
-            effective_of(effective_result(point), texts) if layered else shown.NOTHING,
+            effective_of(effective_result(point), texts) if layered else formatting.NO_VALUE,
         ),
         (texts["target"], _target(point, report, texts)),
         (texts["used"], _used(point, texts)),
@@ -171,8 +171,8 @@ def _rows(point: PointView, report: Report, texts: Texts) -> list[tuple[str, str
 
 
 def _used(point: PointView, texts: Texts) -> str:
-    """Which drops are averaged, and why the others take no part, each reason once."""
-    used = ", ".join(map(str, point.progress.used)) or shown.NOTHING
+    """Return the averaged drops, and each reason of the excluded ones once."""
+    used = ", ".join(map(str, point.progress.used)) or formatting.NO_VALUE
     excluded = _excluded(point, texts)
     return f"{used}; {texts['excluded'].lower()}: {excluded}" if excluded else used
 
@@ -187,9 +187,9 @@ def _excluded(point: PointView, texts: Texts) -> str:
 
 
 def _traced(point: PointView) -> list[DropView]:
-    """The drops whose curves are shown."""
-    traced = [drop for drop in used_drops(point) if drop.curves is not None][-MOST_TRACES:]
-    return traced or [drop for drop in point.drops if drop.curves is not None][-MOST_TRACES:]
+    """Return the drops whose curves are drawn."""
+    traced = [drop for drop in used_drops(point) if drop.curves is not None][-MAX_DRAWN_DROPS:]
+    return traced or [drop for drop in point.drops if drop.curves is not None][-MAX_DRAWN_DROPS:]
 
 
 def _pictures(point: PointView, texts: Texts) -> list[Block]:
@@ -201,16 +201,18 @@ def _pictures(point: PointView, texts: Texts) -> list[Block]:
     caption += f"{texts['compaction']}." if len(point.progress.compaction) > 1 else ""
     alternative = f"{texts['traces']}: {texts['point']} {point.shown_name}"
     draw = partial(draw_point, point=point, drops=traced, texts=texts)
-    return [Picture(draw, _HEIGHT if traced else _DROPS_HEIGHT, caption.strip(), alternative)]
+    return [
+        Picture(draw, _TRACES_HEIGHT if traced else _DROPS_HEIGHT, caption.strip(), alternative)
+    ]
 
 
 def _target(point: PointView, report: Report, texts: Texts) -> str:
-    text = shown.target_of(point.progress.target, report.procedure.quantity)
+    text = formatting.target_of(point.progress.target, report.procedure.quantity)
     source = texts.message(point.progress.target_source or "")
-    return f"{text} ({source})" if text != shown.NOTHING and source else text
+    return f"{text} ({source})" if text != formatting.NO_VALUE and source else text
 
 
-def _said(value: object) -> str:
+def _text_of(value: object) -> str:
     return "" if value is None else str(value)
 
 
@@ -222,7 +224,7 @@ def _stress(point: PointView, texts: Texts) -> str:
     deviation = stress.exponent_deviation
     if deviation is not None and abs(stress.exponent) < 2 * deviation:  # 95 %: it may be none
         return texts.say("stress_none", low=f"{low:.0f}", high=f"{high:.0f}")
-    exponent = shown.with_deviation(stress.exponent, deviation, 1.0, "")
+    exponent = formatting.with_deviation(stress.exponent, deviation, 1.0, "")
     return texts.say("stress_text", exponent=exponent, low=f"{low:.0f}", high=f"{high:.0f}")
 
 
@@ -257,37 +259,37 @@ def _results(point: PointView, texts: Texts) -> list[Block]:
             (
                 str(drop.number),
                 texts[kind],
-                shown.scaled(facts.peak_load, 1e-3, ""),
-                shown.scaled(facts.peak_deflection, 1e6, ""),
-                shown.scaled(facts.pulse_duration, 1e3, ""),
-                shown.modulus_of(drop.result, texts, unit=""),
-                shown.with_deviation(
+                formatting.scaled(facts.peak_load, 1e-3, ""),
+                formatting.scaled(facts.peak_deflection, 1e6, ""),
+                formatting.scaled(facts.pulse_duration, 1e3, ""),
+                formatting.modulus_of(drop.result, texts, unit=""),
+                formatting.with_deviation(
                     result.viscosity_pa_s, result.viscosity_sd_pa_s, 1e-3, "", blurred
                 ),
-                shown.with_deviation(
+                formatting.with_deviation(
                     result.density_kg_m3, result.density_sd_kg_m3, 1.0, "", blurred
                 ),
-                shown.depth_of(result, texts, ""),
-                shown.scaled(result.residual_rms_over_peak, 1e2, "", 2),
-                shown.scaled(result.peak_modulus_pa, 1e-6, ""),
+                formatting.depth_of(result, texts, ""),
+                formatting.scaled(result.residual_rms_over_peak, 1e2, "", 2),
+                formatting.scaled(result.peak_modulus_pa, 1e-6, ""),
             )
         )
-    names = [f"{texts[name]}{', ' if unit else ''}{unit}" for name, unit in _COLUMNS]
-    # Of peaks alone most columns are empty.
-    told = [i for i in range(len(names)) if any(row[i] != shown.NOTHING for row in rows)]
-    cells = tuple(tuple(row[i] for i in told) for row in rows)
-    right = tuple(place for place, i in enumerate(told) if i != 1)
-    table = Table(tuple(names[i] for i in told), cells, right)
+    names = [f"{texts[name]}{', ' if unit else ''}{unit}" for name, unit in _DROP_RESULT_COLUMNS]
+    # A point of peaks has values in few columns.
+    filled = [i for i in range(len(names)) if any(row[i] != formatting.NO_VALUE for row in rows)]
+    cells = tuple(tuple(row[i] for i in filled) for row in rows)
+    right = tuple(place for place, i in enumerate(filled) if i != 1)
+    table = Table(tuple(names[i] for i in filled), cells, right)
     basis: dict[str, list[str]] = {}
     for drop in point.drops:
-        found = drop.result
-        if found is not None and found.modulus_pa is not None:
-            where = texts["stored" if found.stored else "fitted"]
+        stored_result = drop.result
+        if stored_result is not None and stored_result.modulus_pa is not None:
+            where = texts["stored" if stored_result.stored else "fitted"]
             text = (
-                f"{shown.basis_of(found, texts, with_depth=False)}; "
-                f"{found.method}, {texts['load']}: {texts.word(str(found.load))}; "
-                f"{texts['seed']} {found.seed}; {where}; "
-                f"{texts['peak_method']}: k = {found.peak_factor or math.nan:.4g}"
+                f"{formatting.basis_of(stored_result, texts, with_depth=False)}; "
+                f"{stored_result.method}, {texts['load']}: {texts.word(str(stored_result.load))}; "
+                f"{texts['seed']} {stored_result.seed}; {where}; "
+                f"{texts['peak_method']}: k = {stored_result.peak_factor or math.nan:.4g}"
             )
             basis.setdefault(text, []).append(str(drop.number))
     order = [str(drop.number) for drop in point.drops]

@@ -1,4 +1,4 @@
-"""What several parts of a report say of a point."""
+"""Facts of a point that several parts of a report have."""
 
 import datetime
 import re
@@ -11,14 +11,14 @@ from pfwd.files.header import IMPORTED
 from pfwd.judging import DropView, PointView
 from pfwd.message_groups import MessageGroup, as_ranges, group_messages
 from pfwd.procedures import Verdict
-from pfwd.report import shown
+from pfwd.report import formatting
 from pfwd.report.blocks import Block, Heading, Listing, Paragraph
 from pfwd.report.content import Report
 from pfwd.report.texts import Texts
 
 
 def verdict_of(point: PointView) -> str:
-    """Kind of a point's mark; a discarded point has no verdict."""
+    """Return the kind of a point's mark; a discarded point has no verdict."""
     return "none" if point.discarded else Verdict(point.progress.verdict).value
 
 
@@ -28,7 +28,7 @@ def diagnosis_of(point: PointView) -> DiagnosisResult | None:
 
 
 def used_drops(point: PointView) -> list[DropView]:
-    """The drops that are averaged."""
+    """Return the averaged drops."""
     return [drop for drop in point.drops if drop.number in point.progress.used]
 
 
@@ -85,7 +85,7 @@ def time_with_zone(point: PointView, texts: Texts) -> str:
     return " ".join(filter(None, clock_and_zone(point, texts)))
 
 
-_MINUTES = len("2026-01-31 14:05")
+MINUTE_LENGTH = len("2026-01-31 14:05")
 """Characters of a time to the minute."""
 
 
@@ -97,12 +97,12 @@ def time_cells(report: Report, texts: Texts) -> tuple[str, list[str]]:
     times = [clock_and_zone(point, texts) for point in report.points]
     zones = {zone for time, zone in times if time}
     if len(zones) == 1:
-        return f"{texts['time']}, {zones.pop()}", [time[:_MINUTES] for time, _ in times]
-    return texts["time"], [f"{time[:_MINUTES]} {zone}".strip() for time, zone in times]
+        return f"{texts['time']}, {zones.pop()}", [time[:MINUTE_LENGTH] for time, _ in times]
+    return texts["time"], [f"{time[:MINUTE_LENGTH]} {zone}".strip() for time, zone in times]
 
 
 def first_result(point: PointView) -> DropResult | None:
-    """The first result with a modulus, of an averaged drop where there is one."""
+    """Return the first result with a modulus, if possible of an averaged drop."""
     for drop in (*used_drops(point), *point.drops):
         if drop.result is not None and drop.result.modulus_pa is not None:
             return drop.result
@@ -110,7 +110,7 @@ def first_result(point: PointView) -> DropResult | None:
 
 
 def effective_result(point: PointView) -> DropResult:
-    """The first result with an effective modulus, of an averaged drop where there is one."""
+    """Return the first result with an effective modulus, if possible of an averaged drop."""
     for drop in (*used_drops(point), *point.drops):
         if drop.result is not None and drop.result.effective_modulus_pa is not None:
             return drop.result
@@ -118,22 +118,22 @@ def effective_result(point: PointView) -> DropResult:
 
 
 def modulus_text(point: PointView, texts: Texts) -> str:
-    """The modulus of the point that counts, marked where the data do not support it."""
+    """Return the modulus in force of the point, marked if the data do not support it."""
     modulus = point.progress.modulus
     if modulus is None:
-        return shown.NOTHING
+        return formatting.NO_VALUE
     ends = None if modulus.interval is None else [end / 1e6 for end in modulus.interval]
-    return shown.with_interval(
+    return formatting.with_interval(
         modulus.value / 1e6, ends, "MPa", texts, marked=modulus.not_supported is not None
     )
 
 
 def all_warnings(point: PointView) -> list[str]:
-    """What is said of the point and of its drops, each sentence once."""
-    found = [*point.warnings, *point.progress.faults, *point.progress.notes]
+    """Return the messages on the point and on its drops, each once."""
+    messages = [*point.warnings, *point.progress.faults, *point.progress.notes]
     for drop in point.drops:
-        found += [*drop.marks, *drop.warnings]
-    return list(dict.fromkeys(found))
+        messages += [*drop.marks, *drop.warnings]
+    return list(dict.fromkeys(messages))
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,8 +146,8 @@ class PointMessages:
     """Numbers of the drops by the key of the point, where the message names any."""
 
 
-_DROPS = re.compile(r"drops? (\d+(?:, \d+)*): ")
-"""What a message on some drops of a point begins with."""
+_DROPS_BEFORE_MESSAGE = re.compile(r"drops? (\d+(?:, \d+)*): ")
+"""Beginning of a message on some drops of a point."""
 
 
 def group_point_messages(messages: Iterable[tuple[str, str]]) -> list[PointMessages]:
@@ -159,15 +159,15 @@ def group_point_messages(messages: Iterable[tuple[str, str]]) -> list[PointMessa
 
     Examples
     --------
-    >>> (found,) = group_point_messages([("A", "drops 1, 2: too low"), ("B", "drop 3: too low")])
-    >>> found.group.text, found.group.places, dict(found.drops)
+    >>> (item,) = group_point_messages([("A", "drops 1, 2: too low"), ("B", "drop 3: too low")])
+    >>> item.group.text, item.group.places, dict(item.drops)
     ('too low', ('A', 'B'), {'A': ('1', '2'), 'B': ('3',)})
     """
     by_rest: list[tuple[str, str]] = []
     numbers: list[tuple[str, str, tuple[str, ...]]] = []
     for place, message in messages:
         coded = isinstance(message, Notice) and message.code != OTHER
-        match = None if coded else _DROPS.match(message)
+        match = None if coded else _DROPS_BEFORE_MESSAGE.match(message)
         rest = message if match is None else message[match.end() :]
         by_rest.append((place, rest))
         if match is not None:

@@ -1,4 +1,4 @@
-"""Writes a report of a survey, as HTML or PDF by the ending of its name, or fills a workbook."""
+"""Write a report of a survey as HTML or PDF, by the ending of its name, or fill a workbook."""
 
 import contextlib
 import gc
@@ -23,11 +23,11 @@ __all__ = ["ReportOptions", "write_report"]
 PDF = ".pdf"
 ENDINGS = (".html", PDF)
 WORKBOOK = ".xlsx"
-"""With a template."""
+"""Ending of a workbook, which needs a template."""
 
-COLLECT_AFTER = 50_000
-"""New objects after which garbage is looked for while pictures are drawn. They have so many that
-live that Python's own 700 takes a tenth of the time; this many take a few MB."""
+GC_THRESHOLD = 50_000
+"""New objects after which the garbage collector runs while pictures are drawn. With Python's usual
+700 it takes a tenth of the time; this many objects take a few MB."""
 
 
 def write_report(
@@ -45,14 +45,14 @@ def write_report(
     output : path ending in .html or .pdf; in .xlsx with a workbook as template
     options : ReportOptions, optional
     progress : callable, optional
-        Told what is done, one sentence each.
+        Receives one sentence for each step.
     second : SecondDrawer, optional
-        Draws pictures of HTML, too.
+        Second process that draws pictures of HTML.
 
     Returns
     -------
     Report
-        What it shows.
+        Data of the report.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def _rendered(
     ending: str,
     second: SecondDrawer | None,
 ) -> bytes:
-    with _garbage_seldom():
+    with _rare_garbage_collection():
         letters = Letters()
         if options.slip:
             blocks = slip_blocks(report, texts, letters, options)
@@ -131,9 +131,9 @@ def _rendered(
 
 
 @contextlib.contextmanager
-def _garbage_seldom() -> Iterator[None]:
+def _rare_garbage_collection() -> Iterator[None]:
     before = gc.get_threshold()
-    gc.set_threshold(max(before[0], COLLECT_AFTER) if before[0] else 0, *before[1:])
+    gc.set_threshold(max(before[0], GC_THRESHOLD) if before[0] else 0, *before[1:])
     try:
         yield
     finally:
@@ -145,5 +145,5 @@ def _write(target: Path, data: bytes) -> None:
         with replaced_at_once(target) as draft:
             draft.write_bytes(data)
     except OSError as err:
-        came = err.strerror or str(err)
-        raise OptionError(refusal(f"--output {target}", "a file to write", came)) from err
+        problem = err.strerror or str(err)
+        raise OptionError(refusal(f"--output {target}", "a file to write", problem)) from err

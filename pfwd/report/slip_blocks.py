@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from pfwd.judging import PointView
-from pfwd.report import shown
+from pfwd.report import formatting
 from pfwd.report.blocks import Block, Heading, Mark, Pairs, Paragraph, Picture, Table
 from pfwd.report.certificate_blocks import (
     certificate_rows,
@@ -45,12 +45,12 @@ def slip_blocks(
     facts = [row for row in certificate_rows(report, texts) if row[1]]
     facts = [row for row in facts if row[0] not in (texts["points"], texts["verdict"])]
     verdict = Table(
-        (texts["verdict"], shown.name_of(report.procedure.quantity, texts), texts["target"]),
+        (texts["verdict"], formatting.name_of(report.procedure.quantity, texts), texts["target"]),
         (
             (
                 Mark(verdict_of(point), texts[_word_of(point)]),
                 _value(point, report, texts),
-                shown.target_of(point.progress.target, report.procedure.quantity),
+                formatting.target_of(point.progress.target, report.procedure.quantity),
             ),
         ),
     )
@@ -81,7 +81,10 @@ def slip_blocks(
         *localised(blocks, texts, keep, names_of(report)),
         Picture(draw, _CODE_HEIGHT, texts["qr_code_note"], alternative),
         Pairs(
-            ((texts["checksum"], checksum or shown.NOTHING), (texts["survey"], report.survey_id))
+            (
+                (texts["checksum"], checksum or formatting.NO_VALUE),
+                (texts["survey"], report.survey_id),
+            )
         ),
     ]
 
@@ -91,8 +94,8 @@ def _word_of(point: PointView) -> str:
 
 
 def _value(point: PointView, report: Report, texts: Texts) -> str:
-    value = shown.value_of(point.progress.value, texts)
-    return modulus_text(point, texts) if value == shown.NOTHING else value
+    value = formatting.value_of(point.progress.value, texts)
+    return modulus_text(point, texts) if value == formatting.NO_VALUE else value
 
 
 def _drops(parts: Sequence[PointView], texts: Texts) -> Table:
@@ -106,10 +109,10 @@ def _drops(parts: Sequence[PointView], texts: Texts) -> Table:
                     str(drop.number),
                     texts[str(kinds.get(drop.number, facts.kind))],
                     texts["yes" if used else "no"],
-                    shown.scaled(facts.peak_load, 1e-3, ""),
+                    formatting.scaled(facts.peak_load, 1e-3, ""),
                     depth_text(facts.peak_deflection),
-                    shown.scaled(facts.peak_velocity, 1e3, ""),
-                    shown.scaled(facts.pulse_duration, 1e3, ""),
+                    formatting.scaled(facts.peak_velocity, 1e3, ""),
+                    formatting.scaled(facts.pulse_duration, 1e3, ""),
                 )
             )
     columns = (

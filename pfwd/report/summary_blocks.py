@@ -1,4 +1,4 @@
-"""The second part of a report: where the points are, what holds for all of them, what to know."""
+"""The second part of a report: map and profile of the points, and the warnings."""
 
 from collections.abc import Hashable
 from functools import partial
@@ -16,6 +16,7 @@ from pfwd.report.drawing import draw_map, draw_profile, place
 from pfwd.report.fonts import Letters
 from pfwd.report.peaks_blocks import has_only_peaks, peaks_profile
 from pfwd.report.point_facts import (
+    MINUTE_LENGTH,
     PointMessages,
     all_warnings,
     group_point_messages,
@@ -23,13 +24,10 @@ from pfwd.report.point_facts import (
 )
 from pfwd.report.texts import Texts
 
-_MINUTES = len("2026-01-31T14:05")
-"""Characters of a time to the minute."""
-
 
 def summary_blocks(report: Report, texts: Texts, letters: Letters) -> list[Block]:
-    """Damage, map and profile."""
-    kept = [point for point in report.points if not point.discarded]
+    """Return the blocks on damage, map and profile."""
+    points = [point for point in report.points if not point.discarded]
     blocks: list[Block] = [
         Heading(texts["summary"]),
         Pairs(tuple((label, value) for label, value in _rows(report, texts) if value)),
@@ -53,7 +51,7 @@ def summary_blocks(report: Report, texts: Texts, letters: Letters) -> list[Block
         blocks.append(Paragraph(texts["no_positions"], "note"))
     if has_only_peaks(report):
         blocks += peaks_profile(report, texts, letters)
-    if several and any(point.progress.value is not None for point in kept):
+    if several and any(point.progress.value is not None for point in points):
         blocks.append(
             Picture(
                 partial(draw_profile, report=report, texts=texts, letters=letters),
@@ -68,7 +66,7 @@ def summary_blocks(report: Report, texts: Texts, letters: Letters) -> list[Block
 def _rows(report: Report, texts: Texts) -> tuple[tuple[str, str], ...]:
     return (
         (texts["survey"], report.survey),
-        (texts["made"], f"{report.made[:_MINUTES].replace('T', ' ')} {report.zone}"),
+        (texts["made"], f"{report.made[:MINUTE_LENGTH].replace('T', ' ')} {report.zone}"),
         (texts["software"], ", ".join(f"{n} {v}" for n, v in report.software.items())),
     )
 

@@ -1,4 +1,4 @@
-"""A workbook of one's own, filled with a survey: ``pfwd report SURVEY --template T.xlsx``.
+"""Fill a workbook of the user with a survey: ``pfwd report SURVEY --template T.xlsx``.
 
 A cell is filled when it has a name (one of Excel's defined names) or holds ``{{ name }}``. Of the
 survey there are single values; ``points.value``, or the name ``points_value``, fills the cell and
@@ -33,11 +33,11 @@ from pfwd.report.point_facts import (
 )
 from pfwd_device.text import harmless
 
-LARGEST_TEMPLATE = 20_000_000
-"""Bytes; forms with a logo have some 100,000."""
+MAX_TEMPLATE_BYTES = 20_000_000
+"""Size of a template; forms with a logo have some 100,000 bytes."""
 
-LARGEST_UNPACKED = 200_000_000
-"""Bytes; a hostile archive unpacks to more than memory holds."""
+MAX_UNPACKED_BYTES = 200_000_000
+"""Size of the unpacked workbook; a hostile archive unpacks to more than memory holds."""
 
 SCALES = {
     "Pa": 1.0,
@@ -53,9 +53,9 @@ SCALES = {
     "percent": 1e2,
     "mm_s": 1e3,
 }
-"""Shown value over SI value."""
+"""Value in a unit over the SI value."""
 
-_PLACE = re.compile(r"\{\{\s*([A-Za-z_][\w.]*)\s*(?:\|\s*(\w+)\s*)?\}\}")
+_TEMPLATE_FIELD = re.compile(r"\{\{\s*([A-Za-z_][\w.]*)\s*(?:\|\s*(\w+)\s*)?\}\}")
 
 Value = Any
 Values = Mapping[str, Value]
@@ -64,14 +64,14 @@ Values = Mapping[str, Value]
 def fill_template(
     report: Report, template: str | os.PathLike[str], company: str | None = None
 ) -> tuple[bytes, list[str]]:
-    """The bytes of the filled workbook, and the cells that were filled.
+    """Return the bytes of the filled workbook, and the filled cells.
 
     Parameters
     ----------
     report : Report
     template : path of an .xlsx file
     company : str, optional
-        Whose report it is.
+        Name of the company.
 
     Returns
     -------
@@ -90,8 +90,8 @@ def fill_template(
     for sheet in book.worksheets:
         filler.fill_sheet(sheet)
     if not filler.filled:
-        known = ", ".join([*list(filler.survey)[:4], "points.value"])
-        expected = f"named cells or {{{{ }}}} such as {known}"
+        examples = ", ".join([*list(filler.survey)[:4], "points.value"])
+        expected = f"named cells or {{{{ }}}} such as {examples}"
         raise OptionError(refusal(f"--template {template}", expected, "none"))
     stream = BytesIO()
     book.save(stream)
@@ -104,19 +104,19 @@ def _open(template: str | os.PathLike[str]) -> Any:
     where = f"--template {template}"
     try:
         size = Path(template).stat().st_size
-        if size > LARGEST_TEMPLATE:
-            raise OptionError(refusal(where, f"at most {LARGEST_TEMPLATE} bytes", str(size)))
+        if size > MAX_TEMPLATE_BYTES:
+            raise OptionError(refusal(where, f"at most {MAX_TEMPLATE_BYTES} bytes", str(size)))
         with ZipFile(template) as archive:
             unpacked = sum(item.file_size for item in archive.infolist())
-        if unpacked > LARGEST_UNPACKED:
-            expected = f"at most {LARGEST_UNPACKED} bytes, unpacked"
+        if unpacked > MAX_UNPACKED_BYTES:
+            expected = f"at most {MAX_UNPACKED_BYTES} bytes, unpacked"
             raise OptionError(refusal(where, expected, str(unpacked)))
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of what it does not keep, such as pivot tables
+            warnings.simplefilter("ignore")  # on parts that it drops, such as pivot tables
             return load_workbook(template)
     except OSError as err:
-        came = err.strerror or "something else"
-        raise OptionError(refusal(where, "a workbook (.xlsx)", came)) from err
+        problem = err.strerror or "something else"
+        raise OptionError(refusal(where, "a workbook (.xlsx)", problem)) from err
     except OptionError:
         raise
     except (BadZipFile, KeyError, ValueError, TypeError, SyntaxError) as err:
@@ -125,7 +125,7 @@ def _open(template: str | os.PathLike[str]) -> Any:
 
 
 class _Filler:
-    """Puts values into cells."""
+    """Writes values into cells."""
 
     def __init__(self, report: Report, template: str, company: str | None) -> None:
         self._where = f"--template {template}"
@@ -141,7 +141,7 @@ class _Filler:
         self.filled: list[str] = []
 
     def fill_names(self, book: Any) -> None:
-        """Cells that a name of the workbook, or of one of its sheets, leads to."""
+        """Fill the cells with a defined name of the workbook or of one of its sheets."""
         for names in (book.defined_names, *(sheet.defined_names for sheet in book.worksheets)):
             for name, defined in names.items():
                 key, unit = self._of_name(name)
@@ -153,7 +153,7 @@ class _Filler:
                         self._fill(cell, key, unit)
 
     def _of_name(self, name: str) -> tuple[str | None, str | None]:
-        """The key and the unit that a defined name stands for."""
+        """Return the key and the unit that a defined name stands for."""
         if name in self.survey:
             return name, None
         for kind, keys in self._keys.items():
@@ -168,26 +168,26 @@ class _Filler:
         return None, None
 
     def fill_sheet(self, sheet: Any) -> None:
-        """Cells that hold a name in double braces."""
+        """Fill the cells that hold a name in double braces."""
         for row in list(sheet.iter_rows()):
             for cell in row:
                 text = cell.value
                 if not isinstance(text, str) or "{{" not in text:
                     continue
-                found = list(_PLACE.finditer(text))
-                if len(found) == 1 and found[0].span() == (0, len(text.strip())):
-                    self._fill(cell, found[0][1], found[0][2])
-                elif found:
+                fields = list(_TEMPLATE_FIELD.finditer(text))
+                if len(fields) == 1 and fields[0].span() == (0, len(text.strip())):
+                    self._fill(cell, fields[0][1], fields[0][2])
+                elif fields:
                     self._fill_text(cell, text)
 
     def _fill_text(self, cell: Any, text: str) -> None:
-        def said(match: re.Match[str]) -> str:
+        def value_text(match: re.Match[str]) -> str:
             value = _scaled(self._single(match[1], cell), match[2], self._at(cell))
             return (
                 "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
             )
 
-        _put(cell, _PLACE.sub(said, text))
+        _put(cell, _TEMPLATE_FIELD.sub(value_text, text))
         self.filled.append(self._name(cell))
 
     def _fill(self, cell: Any, key: str, unit: str | None) -> None:
@@ -212,8 +212,8 @@ class _Filler:
             self._refuse(cell, key, hint)
         return self.survey[key]
 
-    def _refuse(self, cell: Any, key: str, known: Sequence[str]) -> None:
-        expected = f"one of {', '.join(known)}"
+    def _refuse(self, cell: Any, key: str, names: Sequence[str]) -> None:
+        expected = f"one of {', '.join(names)}"
         raise OptionError(refusal(self._at(cell), expected, quote(key)))
 
     def _at(self, cell: Any) -> str:
@@ -233,7 +233,7 @@ def _scaled(value: Value, unit: str | None, where: str) -> Value:
 
 
 def _put(cell: Any, value: Value) -> None:
-    """A value into a cell; a text is never a formula, whatever a survey says."""
+    """Write a value into a cell; a text is never a formula."""
     if isinstance(value, str):
         cell.value = harmless(value)
         cell.data_type = "s"
@@ -244,9 +244,9 @@ def _put(cell: Any, value: Value) -> None:
 
 
 def survey_values(report: Report) -> Values:
-    """What there is once a survey."""
-    kept = [point for point in report.points if not point.discarded]
-    counts = Counter(verdict_of(point) for point in kept)
+    """Return the values of the survey by key."""
+    points = [point for point in report.points if not point.discarded]
+    counts = Counter(verdict_of(point) for point in points)
     times = sorted(filter(None, map(time_of, report.points)))
     procedure = report.procedure if report.chosen else None
     first = report.instruments[0] if report.instruments else {}
@@ -255,8 +255,8 @@ def survey_values(report: Report) -> Values:
     setups = [point.setup for point in report.points]
 
     def each(name: str) -> str | None:
-        found = sorted({str(v) for s in setups if (v := getattr(s, name)) is not None})
-        return ", ".join(found) or None
+        values = sorted({str(v) for s in setups if (v := getattr(s, name)) is not None})
+        return ", ".join(values) or None
 
     return {
         "title": report.title,
@@ -276,8 +276,8 @@ def survey_values(report: Report) -> Values:
         "last_time": as_date(times[-1]) if times else None,
         "made": as_date(report.made),
         "software": ", ".join(f"{name} {version}" for name, version in report.software.items()),
-        "points_count": len(kept),
-        "drops_count": sum(len(point.drops) for point in kept),
+        "points_count": len(points),
+        "drops_count": sum(len(point.drops) for point in points),
         "passed": counts["pass"],
         "failed": counts["fail"],
         "undecided": counts["undecided"],
@@ -293,7 +293,7 @@ def point_values(point: PointView) -> Values:
     if progress.value is None:
         values |= {"quantity": None, "unit": None}
     depths = [drop.facts.peak_deflection for drop in used]
-    known = [depth for depth in depths if depth is not None]
+    recorded = [depth for depth in depths if depth is not None]
     speeds = [v for drop in used if (v := drop.facts.peak_velocity) is not None]
     imported = point.setup.extra.get("imported")
     noted = imported if isinstance(imported, Mapping) else {}
@@ -309,7 +309,7 @@ def point_values(point: PointView) -> Values:
         "discarded": point.discarded,
         "note": "; ".join(point.notes) or None,
         **{f"s{n}_m": depths[n - 1] if len(depths) >= n else None for n in (1, 2, 3)},
-        "s_mean_m": sum(known) / len(known) if known else None,
+        "s_mean_m": sum(recorded) / len(recorded) if recorded else None,
         "v_mean_m_s": sum(speeds) / len(speeds) if speeds else None,
         "s_over_v_s": progress.s_over_v,
         "material": point.setup.material,
@@ -319,7 +319,7 @@ def point_values(point: PointView) -> Values:
 
 
 def drop_values(point: PointView, drop: DropView) -> Values:
-    """What there is of a drop."""
+    """Return the values of a drop by key."""
     facts = next(facts for facts in point.facts if facts.number == drop.number)
     result = drop.result
     kinds = dict(point.progress.kinds)

@@ -14,18 +14,18 @@ from pfwd.message_groups import GAP, MessageGroup, fill, split_numbers
 from pfwd.procedures.profile import CHECKS
 from pfwd_device.text import clean
 
-LARGEST_FILE = 1_000_000
-"""Bytes of a file with texts; a catalogue has under 20 000."""
+MAX_TEXTS_BYTES = 1_000_000
+"""Size of a file with texts; a catalogue has under 30,000 bytes."""
 
-_CODE = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
-"""Of a language, as HTML has them (BCP 47)."""
+_LANGUAGE_CODE = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
+"""Code of a language, as in HTML (BCP 47)."""
 
 
 _LINE = re.compile(r"(\.\w+, )line( \{\})")
-"""Of a file, behind its name."""
+"""Line of a file, behind its name."""
 
 
-_DROPS = re.compile(r"(drops?) \{\}(?:, \{\})*")
+_DROP_NUMBERS = re.compile(r"(drops?) \{\}(?:, \{\})*")
 """Numbers of drops."""
 
 _NUMBERS_FOLLOW = (
@@ -52,9 +52,9 @@ class Texts:
     Parameters
     ----------
     code : str
-        Of the language.
+        Code of the language.
     table : dict
-        As the catalogue has it.
+        Texts of the catalogue.
     """
 
     def __init__(self, code: str, table: dict[str, str]) -> None:
@@ -90,7 +90,7 @@ class Texts:
         return self.grouped_message(*split_numbers(text))
 
     def title(self, text: str) -> str:
-        """As :meth:`message`, of what has numbers in its name: they stay as they are."""
+        """Return a title in this language; the numbers in it stay as they are."""
         pattern, numbers = split_numbers(text)
         return fill(self._messages.get(pattern, pattern), numbers)
 
@@ -129,7 +129,7 @@ class Texts:
         return fill_template(template, texts)
 
     def grouped_message(self, pattern: str, numbers: Sequence[str]) -> str:
-        """As :meth:`message`, of a pattern with gaps and of the numbers that fill them.
+        """Return a message in this language, from its pattern and the numbers of its gaps.
 
         A message of several clauses is translated clause by clause. What a file or a procedure is
         called may stand before a clause.
@@ -145,7 +145,7 @@ class Texts:
         words = self._list_of_words(pattern)
         if words is not None:
             return words
-        drop = _DROPS.fullmatch(pattern)
+        drop = _DROP_NUMBERS.fullmatch(pattern)
         if drop is not None:
             return fill(pattern.replace(drop[1], self[drop[1]]), numbers)
         for named, translation in self._named:
@@ -162,7 +162,7 @@ class Texts:
         for separator in ("; ", ": ", ", "):
             for match in re.finditer(re.escape(separator), pattern):
                 head, rest = pattern[: match.start()], pattern[match.end() :]
-                if not self._is_known(head) and not self._is_known(rest):
+                if not self._has_translation(head) and not self._has_translation(rest):
                     continue
                 gaps = head.count(GAP)
                 clauses = (
@@ -175,15 +175,15 @@ class Texts:
             self.untranslated.add(text)
         return text
 
-    def _is_known(self, clause: str) -> bool:
+    def _has_translation(self, clause: str) -> bool:
         return (
             clause in self._messages
-            or _DROPS.fullmatch(clause) is not None
+            or _DROP_NUMBERS.fullmatch(clause) is not None
             or self._list_of_words(clause) is not None
         )
 
     def say(self, key: str, **values: object) -> str:
-        """A text with its words in braces filled in."""
+        """Return a text with its words in braces filled in."""
         return self._table[key].format(**values)
 
 
@@ -199,7 +199,7 @@ def _catalogues() -> dict[str, str]:
 
 @cache
 def _messages() -> dict[str, dict[str, dict[str, str]]]:
-    """By the code of a language, its messages, warnings and words.
+    """Return messages, warnings and words by the code of a language.
 
     A message has its English text with ``{}`` for each number as key, a warning its code, a word
     that of the program.
@@ -213,12 +213,12 @@ def _messages() -> dict[str, dict[str, dict[str, str]]]:
 
 
 def languages() -> tuple[str, ...]:
-    """Codes of the languages that there are catalogues for, sorted."""
+    """Return the codes of the languages with a catalogue, sorted."""
     return tuple(_catalogues())
 
 
 def load_texts(language: str) -> Texts:
-    """The texts of a language, by its code, or those that a TOML file holds.
+    """Return the texts of a language by its code, or those of a TOML file.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def load_texts(language: str) -> Texts:
 
 
 def _read_texts(file: str) -> Texts:
-    """The texts of a file, which may be a stranger's: the same keys, with the same words filled in.
+    """Return the texts of an untrusted file, which needs the same keys and words in braces.
 
     Raises
     ------
@@ -249,9 +249,9 @@ def _read_texts(file: str) -> Texts:
     where = f"--language {file}"
     try:
         with open(file, "rb") as stream:
-            data = stream.read(LARGEST_FILE + 1)
-        if len(data) > LARGEST_FILE:
-            raise OptionError(refusal(where, f"at most {LARGEST_FILE} bytes", "more"))
+            data = stream.read(MAX_TEXTS_BYTES + 1)
+        if len(data) > MAX_TEXTS_BYTES:
+            raise OptionError(refusal(where, f"at most {MAX_TEXTS_BYTES} bytes", "more"))
         table = tomllib.loads(data.decode("utf-8-sig"))
     except OSError as err:
         raise OptionError(refusal(where, "a TOML file", err.strerror or str(err))) from err
@@ -270,7 +270,7 @@ def _read_texts(file: str) -> Texts:
         if not isinstance(text, str) or _filled_in(text) != _filled_in(english[key]):
             expected = f"{key}: a text with the words in braces of {english[key]!r}"
             raise OptionError(refusal(where, expected, quote(text)))
-    if not _CODE.fullmatch(table["code"]):
+    if not _LANGUAGE_CODE.fullmatch(table["code"]):
         raise OptionError(refusal(where, 'code: one such as "fr"', quote(table["code"])))
     return Texts(table["code"], table)
 
@@ -286,10 +286,10 @@ def _some(keys: Collection[str]) -> str:
 
 
 def _filled_in(text: str) -> set[tuple[str, str | None, str | None]] | None:
-    """The words in braces of a text and how they are written; None when the braces are wrong.
+    """Return the words in braces of a text and their format; None if the braces are wrong.
 
-    The whole of it: `{point.__class__}` or `{point:>99999999}` of a stranger's file would be
-    looked up and written, too.
+    Names and formats are compared in full: `{point.__class__}` or `{point:>99999999}` of an
+    untrusted file would be evaluated, too.
     """
     try:
         parts = list(string.Formatter().parse(text))
@@ -299,5 +299,5 @@ def _filled_in(text: str) -> set[tuple[str, str | None, str | None]] | None:
 
 
 def placeholders(text: str) -> set[str]:
-    """The words in braces of a text."""
+    """Return the words in braces of a text."""
     return {name for _, name, _, _ in string.Formatter().parse(text) if name is not None}

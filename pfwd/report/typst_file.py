@@ -31,22 +31,22 @@ from pfwd.report.texts import Texts
 STANDARDS: tuple[Literal["a-2a"], Literal["ua-1"]] = ("a-2a", "ua-1")
 """Archiving with tags, and accessibility. Typst refuses to write a file that breaks their rules."""
 
-_CHECKSUM_LENGTH = 64
+_CHECKSUM_CHARACTERS = 64
 """Characters of a SHA-256."""
 
-_MANY_COLUMNS = 9
-"""Columns from which a table has smaller letters."""
+_MIN_SMALL_COLUMNS = 9
+"""Number of columns from which a table has smaller letters."""
 
-_TABLE_WIDTH = 510.0
+_TABLE_WIDTH_PT = 510.0
 """Points; A4 without its margins."""
 
-_CELL_SIZE, _SMALL_CELL_SIZE = 7.0, 6.2
+_CELL_SIZE_PT, _SMALL_CELL_SIZE_PT = 7.0, 6.2
 """Points; letters of a table, as in the template."""
 
-_BOLD_WIDTH = 1.17
+_BOLD_OVER_PLAIN_WIDTH = 1.17
 """Width of bold letters over plain ones."""
 
-_CELL_PADDING = 6.5
+_CELL_PADDING_PT = 6.5
 """Points, left and right of a cell's text together."""
 
 
@@ -105,16 +105,16 @@ def typst_data(
     blocks: Sequence[Block], texts: Texts, title: str, letters: Letters
 ) -> dict[str, Any]:
     """Return the data of a template, described in docs/reports.md."""
-    shown = [_block_data(block, letters) for block in blocks]
+    block_data = [_block_data(block, letters) for block in blocks]
     if letters.missing:
         text = texts.say("missing_letters", count=letters.missing)
-        shown.append(_block_data(Paragraph(text, "warning"), letters))
+        block_data.append(_block_data(Paragraph(text, "warning"), letters))
     return {
         "title": _drawable(title, letters),
         "language": texts.code,
         "fonts": families(),
         "page": texts.say("page", page="{page}", pages="{pages}"),
-        "blocks": shown,
+        "blocks": block_data,
     }
 
 
@@ -156,8 +156,8 @@ def _table_data(table: Table, letters: Letters) -> dict[str, Any]:
     cells = [[_cell_data(cell, letters) for cell in row] for row in table.rows]
     columns = [_drawable(column, letters) for column in table.columns]
     lengths = [len(cell) for row in cells for cell in row if isinstance(cell, str)]
-    small = len(columns) >= _MANY_COLUMNS or max(lengths, default=0) == _CHECKSUM_LENGTH
-    size = _SMALL_CELL_SIZE if small else _CELL_SIZE
+    small = len(columns) >= _MIN_SMALL_COLUMNS or max(lengths, default=0) == _CHECKSUM_CHARACTERS
+    size = _SMALL_CELL_SIZE_PT if small else _CELL_SIZE_PT
     return {
         "columns": columns,
         "rows": cells,
@@ -181,23 +181,23 @@ def _column_widths(
     letters: Letters,
 ) -> list[float]:
     """Return the width of each column, points: its longest cell, the widest columns narrowed."""
-    wanted = []
+    widths_needed = []
     for title, *cells in zip(columns, *rows, strict=True):
-        widths = [letters.width(word, size * _BOLD_WIDTH) for word in title.split()]
+        widths = [letters.width(word, size * _BOLD_OVER_PLAIN_WIDTH) for word in title.split()]
         for cell in cells:
             bold = isinstance(cell, dict)
             text = f"{cell['sign']} {cell['text']}" if isinstance(cell, dict) else cell
-            scale = size * (_BOLD_WIDTH if bold else 1.03)
+            scale = size * (_BOLD_OVER_PLAIN_WIDTH if bold else 1.03)
             widths += [letters.width(line, scale) for line in text.split("\n")]
-        wanted.append(max(widths, default=0.0) + _CELL_PADDING)
-    if sum(wanted) <= _TABLE_WIDTH:
-        spare = (_TABLE_WIDTH - sum(wanted)) / len(wanted)
-        return [width + spare for width in wanted]
-    low, high = 0.0, max(wanted)  # limit of a column's width, found by halving
+        widths_needed.append(max(widths, default=0.0) + _CELL_PADDING_PT)
+    if sum(widths_needed) <= _TABLE_WIDTH_PT:
+        spare = (_TABLE_WIDTH_PT - sum(widths_needed)) / len(widths_needed)
+        return [width + spare for width in widths_needed]
+    low, high = 0.0, max(widths_needed)  # limit of a column's width, by bisection
     for _ in range(40):
-        middle = (low + high) / 2
-        if sum(min(width, middle) for width in wanted) > _TABLE_WIDTH:
-            high = middle
+        limit = (low + high) / 2
+        if sum(min(width, limit) for width in widths_needed) > _TABLE_WIDTH_PT:
+            high = limit
         else:
-            low = middle
-    return [min(width, low) for width in wanted]
+            low = limit
+    return [min(width, low) for width in widths_needed]

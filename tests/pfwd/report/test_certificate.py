@@ -155,7 +155,7 @@ def test_a_much_deeper_point_has_a_scale_of_its_own(
 ) -> None:
     first, second = gather(survey).points
     points = [first, second, deepened(first, times)]
-    assert drawing.points_with_own_scale(points) == own
+    assert drawing.points_out_of_scale(points) == own
     axes = drawn_curves(points)
     assert axes[0].get_ylim() == axes[1].get_ylim()
     assert (axes[2].get_ylim() != axes[0].get_ylim()) == bool(own)

@@ -15,8 +15,7 @@ from pfwd.errors import OptionError
 from pfwd.files.editing import Edit, edit_survey
 from pfwd.report import gathering
 from pfwd.report.gathering import ReportOptions, gather
-from pfwd.report.ground_blocks import effective_of, ground_blocks
-from pfwd.report.ground_drawing import draw_ground
+from pfwd.report.ground_blocks import draw_ground, effective_of, ground_blocks
 from pfwd.report.report import write_report
 from pfwd.report.texts import languages, load_texts
 from pfwd_device import Channel, Drop

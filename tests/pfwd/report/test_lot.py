@@ -74,10 +74,10 @@ def test_names_hide_neither_each_other_nor_a_marker(step: float) -> None:
         boxes.append(Box(x - 21, y - 5, x + 21, y + 5))
     dots = [Box(x - 4.5, y - 4.5, x + 4.5, y + 4.5) for x, y in markers]
     for i, box in enumerate(boxes):
-        assert not any(box.hits(other) for other in boxes[i + 1 :])
-        assert not any(box.hits(dot) for dot in dots)
-        assert box.left >= 0
-        assert box.right <= 600
+        assert not any(box.overlaps(other) for other in boxes[i + 1 :])
+        assert not any(box.overlaps(dot) for dot in dots)
+        assert box.x0 >= 0
+        assert box.x1 <= 600
     assert len(placed) >= 6
     if step == 40.0:
         assert len(placed) >= 12  # as many as there is room for

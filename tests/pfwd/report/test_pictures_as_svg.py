@@ -18,7 +18,7 @@ from pfwd.report.fonts import Letters
 from pfwd.report.gathering import gather
 from pfwd.report.html_file import _flat
 from pfwd.report.pictures_as_svg import (
-    MANY_DROPS,
+    MIN_DRAWN_LEDGER_BYTES,
     SecondDrawer,
     data_address,
     data_addresses,
@@ -42,7 +42,7 @@ def test_two_processes_draw_what_one_does() -> None:
     second = SecondDrawer()
     try:
         # It has drawn all of them before this one begins.
-        asked = second.ask(PICTURES)
+        asked = second.request(PICTURES)
         assert [future.result() for future in asked if future is not None] == alone
         assert list(data_addresses(PICTURES, second)) == alone
     finally:
@@ -51,7 +51,7 @@ def test_two_processes_draw_what_one_does() -> None:
 
 def test_a_second_process_that_has_ended_leaves_the_pictures_to_this_one() -> None:
     second = SecondDrawer()
-    second.ask(PICTURES[:1])[0].result()  # type: ignore[union-attr]
+    second.request(PICTURES[:1])[0].result()  # type: ignore[union-attr]
     for process in second._pool._processes.values():
         process.kill()
     try:
@@ -63,8 +63,8 @@ def test_a_second_process_that_has_ended_leaves_the_pictures_to_this_one() -> No
 class DoneFirst(SecondDrawer):
     """A second process that is done with all pictures before this one begins."""
 
-    def ask(self, pictures: Sequence[Picture]) -> Sequence[Future[str] | None]:
-        futures = super().ask(pictures)
+    def request(self, pictures: Sequence[Picture]) -> Sequence[Future[str] | None]:
+        futures = super().request(pictures)
         wait(future for future in futures if future is not None)
         return futures
 
@@ -98,7 +98,7 @@ def test_the_second_process_draws_pictures_that_measure_letters() -> None:
     picture = Picture(draw, 40.0, "caption", "alternative")
     second = SecondDrawer()
     try:
-        (future,) = second.ask([picture])
+        (future,) = second.request([picture])
         assert future is not None
         assert future.result() == data_address(picture)
     finally:
@@ -130,11 +130,11 @@ def survey_of(folder: Path, size: int) -> str:
 @pytest.mark.parametrize(
     ("output", "size", "count", "helps"),
     [
-        ("report.html", MANY_DROPS, 2, True),
-        ("REPORT.HTML", MANY_DROPS, 2, True),
-        ("report.pdf", MANY_DROPS, 2, False),
-        ("report.html", MANY_DROPS - 1, 2, False),
-        ("report.html", MANY_DROPS, 1, False),
+        ("report.html", MIN_DRAWN_LEDGER_BYTES, 2, True),
+        ("REPORT.HTML", MIN_DRAWN_LEDGER_BYTES, 2, True),
+        ("report.pdf", MIN_DRAWN_LEDGER_BYTES, 2, False),
+        ("report.html", MIN_DRAWN_LEDGER_BYTES - 1, 2, False),
+        ("report.html", MIN_DRAWN_LEDGER_BYTES, 1, False),
     ],
 )
 def test_a_second_process_where_it_helps(
@@ -169,5 +169,5 @@ def test_no_survey_and_no_process_to_be_had(
     monkeypatch.setattr(pictures_as_svg, "SecondDrawer", refuse)
     with second_drawer(str(tmp_path / "none"), "report.html") as second:
         assert second is None
-    with second_drawer(survey_of(tmp_path, MANY_DROPS), "report.html") as second:
+    with second_drawer(survey_of(tmp_path, MIN_DRAWN_LEDGER_BYTES), "report.html") as second:
         assert second is None

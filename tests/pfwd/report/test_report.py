@@ -37,7 +37,7 @@ from pfwd.report.drawing import draw_traces
 from pfwd.report.fits import curves_of
 from pfwd.report.gathering import ReportOptions, gather
 from pfwd.report.point_blocks import _stress
-from pfwd.report.report import COLLECT_AFTER, _garbage_seldom, write_report
+from pfwd.report.report import GC_THRESHOLD, _rare_garbage_collection, write_report
 from pfwd.report.texts import load_texts
 from pfwd_device import Channel, Drop
 from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
@@ -594,8 +594,8 @@ def test_results_and_points_survive_json(survey: Path) -> None:
 
 def test_garbage_is_looked_for_as_before_once_the_pictures_are_drawn() -> None:
     before = gc.get_threshold()
-    with _garbage_seldom():
-        assert gc.get_threshold()[0] == max(before[0], COLLECT_AFTER)
+    with _rare_garbage_collection():
+        assert gc.get_threshold()[0] == max(before[0], GC_THRESHOLD)
     assert gc.get_threshold() == before
 
 
@@ -616,7 +616,7 @@ def test_a_dependence_on_stress_is_told_where_the_drops_tell_it(
 
 
 def test_a_ladder_of_residuals_has_plain_numbers_and_room_for_its_axis() -> None:
-    from pfwd.report.diagnosis_drawing import draw_ladder, ladder_height, ladder_of
+    from pfwd.report.diagnosis_blocks import draw_ladder, ladder_height, ladder_of
 
     state = {"model": "half-space", "modulus_pa": 50e6}
     effects = [

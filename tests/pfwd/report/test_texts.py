@@ -11,7 +11,7 @@ import pytest
 import pfwd.report as package
 from pfwd.errors import OptionError
 from pfwd.procedures import PointValue, Quantity
-from pfwd.report import shown
+from pfwd.report import formatting
 from pfwd.report.fonts import Letters
 from pfwd.report.texts import _catalogues, languages, load_texts, placeholders
 
@@ -107,27 +107,27 @@ def test_every_text_that_is_asked_for_is_there() -> None:
 def test_a_modulus_comes_with_its_interval(
     value: float, interval: tuple[float, float] | None, expected: str
 ) -> None:
-    assert plain(shown.with_interval(value, interval, "MPa", EN)) == expected
+    assert plain(formatting.with_interval(value, interval, "MPa", EN)) == expected
 
 
 def test_a_deviation_is_never_shown_as_nothing() -> None:
-    assert shown.with_deviation(0.70081, 1e-6, 1.0, "m") == "0.7008 ±<0.0001 m"
-    assert shown.with_deviation(1903.0, 6.4, 1.0, "kg/m³") == "1903 ± 6 kg/m³"
-    assert shown.with_deviation(1.2, None, 1.0, "m") == "1.20 m"
-    assert shown.with_deviation(None, None, 1.0, "m") == "–"
+    assert formatting.with_deviation(0.70081, 1e-6, 1.0, "m") == "0.7008 ±<0.0001 m"
+    assert formatting.with_deviation(1903.0, 6.4, 1.0, "kg/m³") == "1903 ± 6 kg/m³"
+    assert formatting.with_deviation(1.2, None, 1.0, "m") == "1.20 m"
+    assert formatting.with_deviation(None, None, 1.0, "m") == "–"
 
 
 def test_one_drop_has_no_interval_and_says_so() -> None:
     value = PointValue(Quantity.E_VD, 45e6, None, 1, factor=1.5, plate_radius=0.15, pressure=1e5)
-    assert plain(shown.value_of(value, EN)) == "45.0 MPa (one drop: no interval)"
-    assert shown.value_basis(value, EN) == "k = 1.5, r = 0.15 m, σ = 100 kPa, n = 1"
+    assert plain(formatting.value_of(value, EN)) == "45.0 MPa (one drop: no interval)"
+    assert formatting.value_basis(value, EN) == "k = 1.5, r = 0.15 m, σ = 100 kPa, n = 1"
 
 
 def test_a_deflection_is_shown_in_millimetres() -> None:
     value = PointValue(Quantity.DEFLECTION, 5.1e-4, (4.9e-4, 5.3e-4), 3)
-    assert plain(shown.value_of(value, EN)) == "0.510 mm (0.490 – 0.530)"
-    assert shown.target_of(6e-4, Quantity.DEFLECTION) == "≤ 0.6 mm"
-    assert shown.target_of(45e6, Quantity.E_VD) == "≥ 45 MPa"
+    assert plain(formatting.value_of(value, EN)) == "0.510 mm (0.490 – 0.530)"
+    assert formatting.target_of(6e-4, Quantity.DEFLECTION) == "≤ 0.6 mm"
+    assert formatting.target_of(45e6, Quantity.E_VD) == "≥ 45 MPa"
 
 
 def test_control_characters_have_no_business_on_paper() -> None:

@@ -1,4 +1,4 @@
-"""Numbers as a report shows them: units, as many digits as they are worth, never a bare modulus."""
+"""Numbers as texts of a report: with unit and justified digits, a modulus with its interval."""
 
 import math
 from collections.abc import Collection
@@ -12,11 +12,11 @@ from pfwd.procedures.point import UNSUPPORTED_MARK
 from pfwd.report.blocks import Table
 from pfwd.report.texts import Texts
 
-NOTHING = "–"
+NO_VALUE = "–"
 
 
 def digits(value: float, count: int = 3) -> str:
-    """So many digits that count, or all before the point when there are more.
+    """Return a number with this count of significant digits, or all before the point.
 
     Examples
     --------
@@ -41,7 +41,7 @@ def with_interval(
     *,
     marked: bool = False,
 ) -> str:
-    """A value with its 95 % interval, or with the word that there is none.
+    """Return a value with its 95 % interval, or with the words that there is none.
 
     Parameters
     ----------
@@ -58,9 +58,9 @@ def with_interval(
     mark = UNSUPPORTED_MARK if marked else ""
     if not interval or not all(is_number(end) for end in interval):
         return f"{f'{digits(value)}{mark} {unit}'.strip()} ({texts[missing]})"
-    shown, low, high = with_ends(value, (interval[0], interval[1]))
+    number, low, high = with_ends(value, (interval[0], interval[1]))
     # Broken between value and interval, if at all.
-    value_text = shown + mark + (f"\N{NO-BREAK SPACE}{unit}" if unit else "")
+    value_text = number + mark + (f"\N{NO-BREAK SPACE}{unit}" if unit else "")
     gap = "\N{NO-BREAK SPACE}–\N{NO-BREAK SPACE}"
     return f"{value_text} ({low}{gap}{high})"
 
@@ -68,7 +68,7 @@ def with_interval(
 def with_deviation(
     value: Any, deviation: Any, scale: float, unit: str, relative: float = 0.0
 ) -> str:
-    """A value with its standard deviation; a dash for none.
+    """Return a value with its standard deviation; a dash for none.
 
     Parameters
     ----------
@@ -76,41 +76,44 @@ def with_deviation(
     scale : float
     unit : str
     relative : float
-        Least spread over the value that the digits are for, where the deviation is not all.
+        Smallest spread over the value that the digits are for, where the deviation is not all.
     """
     if not is_number(value):
-        return NOTHING
-    shown = value * scale
+        return NO_VALUE
+    scaled_value = value * scale
     if not is_number(deviation):
-        return f"{digits(shown)} {unit}".rstrip()
+        return f"{digits(scaled_value)} {unit}".rstrip()
     spread = deviation * scale
-    if relative > 0.0 and abs(shown) * relative > spread:
-        text, around = rounded(shown, abs(shown) * relative), rounded(spread, abs(shown) * relative)
+    if relative > 0.0 and abs(scaled_value) * relative > spread:
+        text, around = (
+            rounded(scaled_value, abs(scaled_value) * relative),
+            rounded(spread, abs(scaled_value) * relative),
+        )
         return (
             f"{text} {unit}".rstrip()
             if float(around) == 0.0
             else f"{text} ± {around} {unit}".rstrip()
         )
-    decimals = min(_decimals(spread, 2) if spread else 3, _decimals(shown, 4))
-    least = 10.0**-decimals
-    around = f"<{least:.{decimals}f}" if spread < least / 2 else f" {spread:.{decimals}f}"
-    return f"{shown:.{decimals}f} ±{around} {unit}".rstrip()
+    decimals = min(_decimals(spread, 2) if spread else 3, _decimals(scaled_value, 4))
+    last_digit = 10.0**-decimals
+    around = f"<{last_digit:.{decimals}f}" if spread < last_digit / 2 else f" {spread:.{decimals}f}"
+    return f"{scaled_value:.{decimals}f} ±{around} {unit}".rstrip()
 
 
 def depth_of(result: DropResult, texts: Texts, unit: str = "m") -> str:
-    """The depth of the rock with its interval; a dash for none."""
+    """Return the depth of the rock with its interval; a dash for none."""
     depth = result.bedrock_depth_m
     if not is_number(depth):
-        return NOTHING
+        return NO_VALUE
     if result.bedrock_depth_sd_m is None:
         return f"{digits(depth)} {unit}".rstrip()
     return with_interval(depth, result.bedrock_depth_interval_m, unit, texts)
 
 
 def modulus_of(result: DropResult | None, texts: Texts, unit: str = "MPa") -> str:
-    """The modulus of a result with its interval, MPa; the unit may stand above it."""
+    """Return the modulus of a result with its interval, MPa."""
     if result is None:
-        return NOTHING
+        return NO_VALUE
     if not is_number(result.modulus_pa):
         return texts["no_result"]
     interval = result.modulus_interval_pa
@@ -122,7 +125,7 @@ def modulus_of(result: DropResult | None, texts: Texts, unit: str = "MPa") -> st
 def basis_of(result: DropResult | None, texts: Texts, *, with_depth: bool = True) -> str:
     """Return the model, the plate and Poisson's ratio that a modulus depends on."""
     if result is None or result.model is None:
-        return NOTHING
+        return NO_VALUE
     model = texts.word(result.model)
     if result.layers and len(result.layers) > 1:
         model = f"{texts.say('lowest_of', count=len(result.layers))}, {model}"
@@ -138,9 +141,9 @@ def basis_of(result: DropResult | None, texts: Texts, *, with_depth: bool = True
 
 
 def value_of(value: PointValue | None, texts: Texts) -> str:
-    """The quantity of a procedure for a point, with its interval."""
+    """Return the judged value of a point with its interval."""
     if value is None:
-        return NOTHING
+        return NO_VALUE
     scale, unit = (1e3, "mm") if value.quantity is Quantity.DEFLECTION else (1e-6, "MPa")
     marked = value.not_supported is not None
     if value.interval is None and value.drop_range is not None:
@@ -153,9 +156,9 @@ def value_of(value: PointValue | None, texts: Texts) -> str:
 
 
 def value_basis(value: PointValue | None, texts: Texts) -> str:
-    """What the quantity of a procedure rests on."""
+    """Return the numbers that a judged value is computed with."""
     if value is None:
-        return NOTHING
+        return NO_VALUE
     parts = []
     if value.factor is not None:
         parts.append(f"k = {value.factor:g}")
@@ -170,43 +173,43 @@ def value_basis(value: PointValue | None, texts: Texts) -> str:
 
 
 def name_of(quantity: Quantity, texts: Texts) -> str:
-    """Name of what is judged, in the language of the report."""
+    """Return the name of the judged quantity in the language of the report."""
     names = {Quantity.MODULUS: texts["modulus"], Quantity.DEFLECTION: texts["deflection"]}
     return names.get(quantity, str(quantity))
 
 
 def target_of(target: float | None, quantity: Quantity) -> str:
-    """A target with its unit and its direction."""
+    """Return a target with its unit and its direction."""
     if target is None:
-        return NOTHING
+        return NO_VALUE
     if quantity is Quantity.DEFLECTION:
         return f"≤ {target * 1e3:g} mm"
     return f"≥ {target / 1e6:g} MPa"
 
 
 def percent(value: Any, count: int = 2) -> str:
-    """A part as percent."""
-    return f"{digits(value * 100, count)} %" if is_number(value) else NOTHING
+    """Return a part as percent."""
+    return f"{digits(value * 100, count)} %" if is_number(value) else NO_VALUE
 
 
 def scaled(value: Any, scale: float, unit: str, count: int = 3) -> str:
-    """A number in a unit of people; a dash for none."""
-    return f"{digits(value * scale, count)} {unit}".rstrip() if is_number(value) else NOTHING
+    """Return a number in a unit; a dash for none."""
+    return f"{digits(value * scale, count)} {unit}".rstrip() if is_number(value) else NO_VALUE
 
 
 def without_empty_columns(table: Table, always: Collection[str] = ()) -> Table:
     """Return a table without the columns that have no value in any row, but for some titles."""
-    kept = [
+    columns = [
         place
         for place, title in enumerate(table.columns)
-        if title in always or any(row[place] not in (NOTHING, "") for row in table.rows)
+        if title in always or any(row[place] not in (NO_VALUE, "") for row in table.rows)
     ]
     return Table(
-        tuple(table.columns[place] for place in kept),
-        tuple(tuple(row[place] for place in kept) for row in table.rows),
-        tuple(new for new, place in enumerate(kept) if place in table.right),
+        tuple(table.columns[place] for place in columns),
+        tuple(tuple(row[place] for place in columns) for row in table.rows),
+        tuple(new for new, place in enumerate(columns) if place in table.right),
     )
 
 
 def _plain(value: Any) -> str:
-    return f"{value:g}" if is_number(value) else NOTHING
+    return f"{value:g}" if is_number(value) else NO_VALUE

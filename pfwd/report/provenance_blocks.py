@@ -1,0 +1,228 @@
+"""The parts of a report on the procedure, the instruments, and what repeats the computation."""
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from inversion.records import is_number, stored_fields
+from inversion.result import InversionResult
+from pfwd.analysis.results import DropResult
+from pfwd.files.header import IMPORTED, declared_values
+from pfwd.judging import PointView
+from pfwd.procedures import Number, Procedure, Quantity
+from pfwd.procedures.profile import CHECKS
+from pfwd.report import formatting
+from pfwd.report.blocks import (
+    Block,
+    Code,
+    Heading,
+    Pairs,
+    Paragraph,
+    Table,
+)
+from pfwd.report.content import Report
+from pfwd.report.localising import with_decimals
+from pfwd.report.peaks_blocks import has_only_peaks
+from pfwd.report.texts import Texts
+
+_NUMBER_UNITS = {
+    "seating": (1.0, ""),
+    "measured": (1.0, ""),
+    "factor": (1.0, ""),
+    "nominal_pressure_pa": (1e-3, "kPa"),
+    "nominal_load_n": (1e-3, "kN"),
+    "poisson_ratio": (1.0, ""),
+    "plate_radius_m": (1.0, "m"),
+    **{key: (check.scale, check.unit) for key, check in CHECKS.items()},
+}
+
+
+def procedure_blocks(procedure: Procedure, texts: Texts) -> list[Block]:
+    """Return the blocks on the procedure with all its numbers."""
+    blocks: list[Block] = [
+        Heading(f"{texts['procedure']}: {texts.title(procedure.title)}"),
+        Pairs(((texts["procedure"], procedure.name), (texts["source"], procedure.source))),
+    ]
+    if procedure.about:
+        blocks.append(Paragraph(texts.source(texts.title(procedure.about)), "note"))
+    rows = []
+    for key, number in procedure.numbers().items():
+        rows.append(
+            (
+                texts.number_name(key),
+                with_decimals(_number(procedure, key, number), texts),
+                texts.source(number.source),
+                _state(procedure, number, texts),
+            )
+        )
+    if rows:
+        columns = (texts["number"], texts["value"], texts["source"], "")
+        blocks.append(Table(columns, tuple(rows), (1,)))
+    return blocks
+
+
+def _number(procedure: Procedure, key: str, number: Number) -> str:
+    scale, unit = _NUMBER_UNITS.get(key, (1.0, ""))
+    if key.startswith("target"):
+        deflection = procedure.quantity is Quantity.DEFLECTION
+        scale, unit = (1e3, "mm") if deflection else (1e-6, "MPa")
+    for suffix in ("_pa", "_n", "_m"):
+        if not unit and key.endswith(suffix):
+            unit = {"_pa": "Pa", "_n": "N", "_m": "m"}[suffix]
+    return f"{number.value * scale:g} {unit}".strip()
+
+
+def _state(procedure: Procedure, number: Number, texts: Texts) -> str:
+    if number.verified:
+        return texts["verified"]
+    return texts["enforced_unverified" if procedure.enforce_unverified else "not_verified"]
+
+
+def device_blocks(report: Report, texts: Texts) -> list[Block]:
+    """Return the blocks on the instruments of the survey and the last check of their sensors."""
+    blocks: list[Block] = [Heading(texts["device"])]
+    if not report.instruments:
+        return [*blocks, Paragraph(texts["imported"], "note")]
+    for identity in report.instruments:
+        rows = (
+            (texts["instrument"], str(identity.get("model") or "")),
+            (texts["serial"], str(identity.get("serial_number") or "")),
+            (texts["firmware"], str(identity.get("firmware") or "")),
+            (texts["rate"], formatting.scaled(identity.get("sampling_rate"), 1.0, "Hz", 4)),
+            (texts["plate"], _plate(identity, texts)),
+        )
+        blocks.append(Pairs(tuple(row for row in rows if row[1])))
+        names = ("channel", "role", "offset", "sensitivity", "response", "calibrated", "due")
+        channels = [_channel(channel, texts) for channel in identity.get("channels") or ()]
+        blocks.append(Table(tuple(texts[name] for name in names), tuple(channels), (2, 3)))
+    if report.check is not None:
+        blocks.append(Pairs(((texts["check"], _check(report.check, texts)),)))
+    return blocks
+
+
+def _plate(identity: Mapping[str, Any], texts: Texts) -> str:
+    radius, mass = identity.get("plate_radius"), identity.get("plate_mass")
+    parts = [f"r = {radius:g} m"] if radius is not None else []
+    parts += [f"m = {mass:g} kg"] if mass is not None else []
+    return ", ".join([*parts, texts.word(f"sensor_on_{identity.get('centre_sensor')}")])
+
+
+def _channel(channel: Mapping[str, Any], texts: Texts) -> tuple[str, ...]:
+    frequency, damping = channel.get("natural_frequency"), channel.get("damping")
+    response = formatting.NO_VALUE
+    if frequency is not None and damping is not None:
+        response = f"{frequency:g} Hz, {damping:g}"
+    return (
+        str(channel.get("name") or ""),
+        texts.word(str(channel.get("role") or "")),
+        f"{channel.get('offset', 0):g} m",
+        f"{channel.get('sensitivity', math.nan):.4g}",
+        response,
+        str(channel.get("calibrated") or formatting.NO_VALUE),
+        str(channel.get("due") or formatting.NO_VALUE),
+    )
+
+
+def _check(check: Mapping[str, Any], texts: Texts) -> str:
+    details = check.get("details", check)
+    parts = [str(check.get("time_utc") or "")]
+    if isinstance(details.get("zero_n"), int | float):
+        parts.append(texts.say("check_zero", value=f"{details['zero_n']:.0f}"))
+    if isinstance(details.get("span_ratio"), int | float):
+        parts.append(texts.say("check_span", value=f"{100 * details['span_ratio']:.1f}"))
+    faults = [texts.message(str(fault)) for fault in details.get("faults") or ()]
+    parts += faults or [texts["check_passed"]]
+    return ", ".join(part for part in parts if part)
+
+
+def _declared(report: Report, texts: Texts) -> list[Block]:
+    """Return the declarations that all points share, then those that differ."""
+    declared = [(point.shown_name, _declarations_of(point)) for point in report.points]
+    first = declared[0][1] if declared else {}
+    shared = {
+        key: value
+        for key, value in first.items()
+        if all(values.get(key, _ABSENT) == value for _, values in declared)
+    }
+    points: dict[str, list[str]] = {}
+    for name, values in declared:
+        different = {key: value for key, value in values.items() if key not in shared}
+        points.setdefault(_json_text(different), []).append(name)
+    blocks: list[Block] = [Code(_json_text(shared))] if shared else []
+    lines = [f"{', '.join(names)}: {text}" for text, names in points.items() if text != "{}"]
+    return [*blocks, Code("\n".join(lines))] if lines else blocks
+
+
+_ABSENT = object()
+
+
+def _declarations_of(point: PointView) -> dict[str, Any]:
+    """Return the keys of a point; the remarks of its import are among the warnings."""
+    declared = {key: v for key, v in declared_values(point.setup).items() if key != "point"}
+    imported = declared.pop(IMPORTED, None)
+    if isinstance(imported, Mapping):
+        declared |= {f"{IMPORTED}.{key}": v for key, v in imported.items() if key != "remarks"}
+    elif imported is not None:
+        declared[IMPORTED] = imported
+    return declared
+
+
+def _json_text(declared: Mapping[str, Any]) -> str:
+    return json.dumps(declared, ensure_ascii=False, default=str, sort_keys=True)
+
+
+def recompute_blocks(report: Report, texts: Texts) -> list[Block]:
+    """Return the blocks with all that is needed to compute the report again."""
+    settings = ", ".join(f"{key} {value}" for key, value in report.settings.items())
+    rows = (
+        (texts["command"], report.command),
+        (texts["survey"], f"{report.survey}, {report.survey_id}"),
+        (texts["software"], ", ".join(f"{n} {v}" for n, v in report.software.items())),
+        (texts["settings"], "" if has_only_peaks(report) else settings),
+    )
+    blocks: list[Block] = [
+        Heading(texts["recompute"]),
+        Paragraph(texts["recompute_note"], "note"),
+        Pairs(tuple(row for row in rows if row[1])),
+    ]
+    blocks += [Heading(texts["declared"], 3), *_declared(report, texts)]
+    files = [
+        (point.shown_name, str(drop.number), f"drop-{drop.record:06d}.h5", checksum)
+        for point in report.points
+        for drop in point.drops
+        if drop.record is not None and (checksum := report.checksums.get(drop.record))
+    ]
+    if files:
+        columns = (texts["point"], texts["drop"], texts["file"], texts["checksum"])
+        blocks.append(Table(columns, tuple(files), (1,)))
+    values = _values_of_averaged_drops(report)
+    if values:
+        blocks += [Heading(texts["result_values"], 3), Code("\n".join(values))]
+    if report.chosen and report.procedure.file is not None:
+        blocks += [Heading(texts["procedure"], 3), Code(report.procedure.text)]
+    return blocks
+
+
+def _values_of_averaged_drops(report: Report) -> list[str]:
+    """Return a line for each averaged drop with the values of its result."""
+    return [
+        f"{point.shown_name}, {drop.number}: {result_values(drop.result)}"
+        for point in report.points
+        for drop in point.drops
+        if drop.number in point.progress.used and drop.result is not None
+    ]
+
+
+def result_values(result: DropResult) -> str:
+    """Return the numbers of a result under their JSON keys, SI units, in one line."""
+    written = result.to_json()
+    texts = []
+    for field in stored_fields(InversionResult):
+        value = written.get(field.name)
+        if is_number(value):
+            texts.append(f"{field.name} {value:.6g}")
+        elif isinstance(value, list) and value and all(map(is_number, value)):
+            ends = " ".join(f"{end:.6g}" for end in value)
+            texts.append(f"{field.name} [{ends}]")
+    return ", ".join(texts)
