@@ -241,9 +241,7 @@ def _parameters(view: DropPageState, result: DropResult, width: int) -> list[Lin
     ends = result.modulus_interval_pa or ()
     if len(ends) == 2:
         low, high = (units.text("modulus", end, 4) for end in ends)
-        lines += _paragraph(
-            f"{low} to {high} {unit}, of which noise of the record ± {noise}", width
-        )
+        lines += _paragraph(f"{low} to {high} {unit}, noise of the record ± {noise}", width)
     bounds = result.at_bound or ()
     for name, (amount, deviation, of) in ground_parameters(result, units).items():
         interval = f"± {deviation}" if deviation else "(given)"
