@@ -17,7 +17,7 @@ from benchmarks.output import Reporter
 from inversion import SurrogateLibrary
 from inversion.diagnosis.model import PointRecords
 from inversion.diagnosis.problem import Point
-from inversion.fitting.layered.number import left_out_errors
+from inversion.fitting.layer_count import held_out_errors
 from inversion.inference.posterior import Posterior
 from inversion.inference.structures import fit_drops
 from inversion.threads import single_threaded_blas
@@ -102,7 +102,7 @@ def _ladder(records: PointRecords) -> tuple[list[Step], np.ndarray, float]:
         rock = "bedrock" in steps[-1][4]
         fit = estimate.fit(rock=rock, geophone=True, lag=True)
         sensors = [int(k) for k in fit.misfit.sensors]
-        errors = left_out_errors(fit, np.random.default_rng(0), sensors)
+        errors = held_out_errors(fit, np.random.default_rng(0), sensors)
     return steps, errors, seconds
 
 

@@ -6,41 +6,30 @@ import math
 import time as clock
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from inversion.arrays import FloatArray
 from inversion.errors import ModelError, RecordError
-from inversion.fitting.ground_fit import GroundFit, Method, fit_ground
-from inversion.fitting.ground_parameters import (
-    DENSITY,
-    DEPTH,
-    MODULUS,
-    VISCOSITY,
-    homogeneous_space,
-)
-from inversion.fitting.layered.fit import LayeredFit
-from inversion.fitting.layered.number import MOST_LAYERS
+from inversion.fitting.ground_fit import GroundFit
+from inversion.fitting.ground_parameters import homogeneous_space
+from inversion.fitting.homogeneous_fit import Method, fit_homogeneous
+from inversion.fitting.layer_count import MAX_LAYERS
 from inversion.fitting.misfit import DropHistory, WeightedDrop, transform_of
-from inversion.fitting.parameters import ParameterSpace
-from inversion.fitting.uncertainty import NORMAL_95, Uncertainty, estimate_uncertainty
+from inversion.fitting.uncertainty import NORMAL_95
 from inversion.forward.contact import PLATE_MODELS, PlateProblem
 from inversion.forward.laplace import FULL_BAND_HZ
-from inversion.forward.layered import (
-    LayeredGround,
-    LayeredPlateModel,
-    Medium,
-)
-from inversion.forward.layered.statics import effective_depth
+from inversion.forward.layered import LayeredPlateModel
 from inversion.forward.library import SurrogateLibrary
-from inversion.layered_inversion import Effective, LayeredInversion, LayerRequest, invert_layers
+from inversion.forward.surrogate import Surrogate
+from inversion.ground_estimate import GroundEstimate, estimate_ground
+from inversion.layered_inversion import LayerRequest, invert_layers
 from inversion.measured.half_sine import HalfSineFit, fit_half_sine, fit_half_sine_equal_area
 from inversion.measured.peak_method import PeakModulus, peak_modulus
 from inversion.measured.record import PreparedDrop, Record, prepare
 from inversion.notices import Notice, Value
-from inversion.result import HalfSinePulse, InversionResult, LayerResult, TimeHistories
+from inversion.result import HalfSinePulse, InversionResult, TimeHistories
 from inversion.threads import single_threaded_blas
 
 Load = Literal["measured", "half-sine", "half-sine-equal-area"]
@@ -88,8 +77,8 @@ class Settings:
     priors: bool = True
 
     def __post_init__(self) -> None:
-        if self.layers != "auto" and self.layers not in range(1, MOST_LAYERS + 1):
-            raise ModelError(f"layers: expected 1 to {MOST_LAYERS} or auto, got {self.layers}")
+        if self.layers != "auto" and self.layers not in range(1, MAX_LAYERS + 1):
+            raise ModelError(f"layers: expected 1 to {MAX_LAYERS} or auto, got {self.layers}")
         if self.method == "published" and self.layers != 1:
             raise ModelError(
                 f"layers: the published method knows one, got {self.layers}; leave one of them out"
@@ -171,31 +160,64 @@ def _invert_joint(
 ) -> tuple[InversionResult, ...]:
     _check_alike(records)
     used = [_selected(record, settings) for record in records]
-    if not settings.homogeneous:
-        return _invert_layered(used, settings)
     first = used[0]
-    depth = settings.depth_of(first)
-    surrogate = library.get(*surrogate_request(first, settings))
+    # A table that has to be built is not counted as time of the analysis.
+    surrogate = library.get(*surrogate_request(first, settings)) if settings.homogeneous else None
     begun = clock.perf_counter()
-    weighted = tuple(_weighted_drop(record, settings) for record in used)
-    peaks = [_peak(item.drop, first) for item in weighted]
-    space = homogeneous_space(
-        float(np.median([peak.modulus for peak in peaks])),
-        first.instrument.plate_radius,
-        first.poisson_ratio,
-        density=first.density,
-        rock_depth=depth,
-        elastic=settings.elastic,
-    )
-    rng = np.random.default_rng(settings.seed)
-    fit = fit_ground(weighted, space, surrogate, settings.method, rng, priors=settings.priors)
-    uncertainty = estimate_uncertainty(fit)
+    drops = tuple(_weighted_drop(record, settings) for record in used)
+    peaks = [_peak(item.drop, first) for item in drops]
+    modulus = float(np.median([peak.modulus for peak in peaks]))
+    if surrogate is not None:
+        estimate = _homogeneous_estimate(drops, surrogate, modulus, first, settings)
+    else:
+        estimate = _layered_estimate(drops, modulus, first, settings)
     reports = [
-        _report(item, fit, uncertainty, peak, settings)
-        for item, peak in zip(fit.drops, peaks, strict=True)
+        _report(item, estimate, peak, settings)
+        for item, peak in zip(estimate.fit.drops, peaks, strict=True)
     ]
     elapsed = clock.perf_counter() - begun
     return tuple(replace(report, elapsed_s=elapsed) for report in reports)
+
+
+def _homogeneous_estimate(
+    drops: tuple[WeightedDrop, ...],
+    surrogate: Surrogate,
+    peak_modulus: float,
+    record: Record,
+    settings: Settings,
+) -> GroundEstimate:
+    """Return one medium under the drops, with the depth of rock where it is not unique."""
+    radius = record.instrument.plate_radius
+    space = homogeneous_space(
+        peak_modulus,
+        radius,
+        record.poisson_ratio,
+        density=record.density,
+        rock_depth=settings.depth_of(record),
+        elastic=settings.elastic,
+    )
+    rng = np.random.default_rng(settings.seed)
+    fit = fit_homogeneous(drops, space, surrogate, settings.method, rng, priors=settings.priors)
+    return estimate_ground(fit, settings.plate, radius)
+
+
+def _layered_estimate(
+    drops: tuple[WeightedDrop, ...], peak_modulus: float, record: Record, settings: Settings
+) -> GroundEstimate:
+    """Return the layers under the drops."""
+    request = LayerRequest(
+        layers=settings.layers,
+        thickness=settings.thickness,
+        rock_depth=settings.depth_of(record),
+        density=record.density,
+        elastic=settings.elastic,
+        plate=settings.plate,
+        poisson_ratio=record.poisson_ratio,
+        plate_radius=record.instrument.plate_radius,
+        surface_modulus=peak_modulus,
+        genetic=settings.method == "mpga",
+    )
+    return invert_layers(drops, request, np.random.default_rng(settings.seed))
 
 
 def _check_alike(records: Sequence[Record]) -> None:
@@ -256,99 +278,6 @@ def _model_load(drop: PreparedDrop, settings: Settings) -> FloatArray:
     return fit(drop.time, drop.load).load(drop.time)
 
 
-def _invert_layered(records: list[Record], settings: Settings) -> tuple[InversionResult, ...]:
-    begun = clock.perf_counter()
-    first = records[0]
-    drops = [_weighted_drop(record, settings) for record in records]
-    peaks = [_peak(item.drop, first) for item in drops]
-    request = LayerRequest(
-        layers=settings.layers,
-        thickness=settings.thickness,
-        rock_depth=settings.depth_of(first),
-        density=first.density,
-        elastic=settings.elastic,
-        plate=settings.plate,
-        poisson_ratio=first.poisson_ratio,
-        plate_radius=first.instrument.plate_radius,
-        surface_modulus=float(np.median([peak.modulus for peak in peaks])),
-        genetic=settings.method == "mpga",
-    )
-    found = invert_layers(drops, request, np.random.default_rng(settings.seed))
-    reports = [
-        _layered_report(item, found, peak, settings)
-        for item, peak in zip(found.fit.drops, peaks, strict=True)
-    ]
-    elapsed = clock.perf_counter() - begun
-    return tuple(replace(report, elapsed_s=elapsed) for report in reports)
-
-
-def _layered_report(
-    item: WeightedDrop, found: LayeredInversion, peak: PeakModulus, settings: Settings
-) -> InversionResult:
-    drop, fit = item.drop, found.fit
-    history = _histories(item, fit)
-    lowest = found.layers[-1]
-    column = fit.space.index("modulus", fit.space.media - 1)
-    rock = None
-    if fit.space.rock and fit.space.rock_depth is None:
-        rock = fit.space.index("thickness", fit.space.media - 1)
-    correlation = None
-    if column is not None and rock is not None:
-        correlation = float(found.uncertainty.correlation[column, rock])
-    lowest_known = lowest if found.modulus_known else LayerResult()
-    result = InversionResult(
-        **_fields_of_any_ground(item, history, peak, settings),
-        model="layer" if found.ground.rock else "half-space",
-        modulus_pa=lowest_known.modulus_pa,
-        modulus_sd_pa=lowest_known.modulus_sd_pa,
-        modulus_interval_pa=lowest.modulus_interval_pa,
-        viscosity_pa_s=lowest.viscosity_pa_s,
-        viscosity_sd_pa_s=None if settings.elastic else found.viscosity_deviation,
-        density_kg_m3=lowest.density_kg_m3,
-        density_sd_kg_m3=found.density_deviation,
-        bedrock_depth_m=found.bedrock_depth,
-        bedrock_depth_sd_m=found.depth_deviation,
-        bedrock_depth_interval_m=found.depth_interval,
-        modulus_depth_correlation=correlation,
-        layers=found.layers,
-        **_effective_fields(found.effective),
-        poisson_ratio=fit.space.poisson_ratio,
-        priors=True,
-        explained=bool(np.sqrt(fit.cost) <= _EXPLAINED_FACTOR),
-        converged=fit.converged,
-        at_bound=fit.space.at_bound(fit.best.point),
-        forward_solves=found.solves,
-    )
-    return replace(result, warnings=(*_common_warnings(result, drop, fit.cost), *found.remarks))
-
-
-def _fields_of_any_ground(
-    item: WeightedDrop, history: TimeHistories, peak: PeakModulus, settings: Settings
-) -> dict[str, Any]:
-    """Return the fields of a result that do not depend on how the ground is modelled."""
-    drop = item.drop
-    noise = (drop.noise[0], drop.quantisation[0], item.model_floor[0])
-    return {
-        "method": settings.method,
-        "plate": settings.plate,
-        "load": "measured" if settings.load == "measured" else "half-sine",
-        "plate_radius_m": item.instrument.plate_radius,
-        "half_sine": _pulse(fit_half_sine(drop.time, drop.load), item),
-        "half_sine_equal_area": _pulse(fit_half_sine_equal_area(drop.time, drop.load), item),
-        "peak_modulus_pa": peak.modulus,
-        "peak_factor": peak.factor,
-        "r_squared": _r_squared(drop, history),
-        "noise_rms_m": float(max(noise)),
-        "residual_rms_over_peak": _residual_until(drop, history, math.inf),
-        "contact_residual_rms_over_peak": _residual_until(drop, history, drop.contact_end),
-        "window_residual_rms_over_peak": _residual_until(drop, history, drop.window_end),
-        "contact_end_s": history.contact_end,
-        "window_end_s": history.window_end,
-        "seed": settings.seed,
-        "history": history,
-    }
-
-
 def _pulse(fit: HalfSineFit, item: WeightedDrop) -> HalfSinePulse:
     return HalfSinePulse(
         peak_pressure_pa=fit.peak_load / (math.pi * item.instrument.plate_radius**2),
@@ -356,14 +285,6 @@ def _pulse(fit: HalfSineFit, item: WeightedDrop) -> HalfSinePulse:
         rms_over_peak=fit.rms_over_peak,
         start_s=fit.start + item.drop.start,
     )
-
-
-def _effective_fields(effective: Effective) -> dict[str, Any]:
-    return {
-        "effective_modulus_pa": effective.modulus,
-        "effective_modulus_interval_pa": effective.interval,
-        "effective_depth_m": effective.depth,
-    }
 
 
 def _peak(drop: PreparedDrop, record: Record) -> PeakModulus:
@@ -379,91 +300,58 @@ def _peak(drop: PreparedDrop, record: Record) -> PeakModulus:
 
 
 def _report(
-    item: WeightedDrop,
-    fit: GroundFit,
-    uncertainty: Uncertainty,
-    peak: PeakModulus,
-    settings: Settings,
+    item: WeightedDrop, estimate: GroundEstimate, peak: PeakModulus, settings: Settings
 ) -> InversionResult:
-    space, drop = fit.misfit.space, item.drop
+    drop, fit, lowest = item.drop, estimate.fit, estimate.lowest
     history = _histories(item, fit)
-    ground = space.grounds(fit.best.point[None])
-    deviation = uncertainty.standard_deviation.get
-    modulus, depth = float(ground.modulus[0, 0]), float(ground.thickness[0, 0])
-    poisson_ratio = space.poisson_ratio
-    only = LayerResult(
-        modulus_pa=modulus,
-        modulus_sd_pa=deviation(MODULUS),
-        modulus_interval_pa=uncertainty.modulus_interval,
-        thickness_m=depth if math.isfinite(depth) else None,
-        thickness_sd_m=deviation(DEPTH),
-        thickness_interval_m=uncertainty.depth_interval,
-        viscosity_pa_s=float(ground.viscosity[0, 0]),
-        density_kg_m3=float(ground.density[0, 0]),
-        poisson_ratio=poisson_ratio,
-    )
-    effective = _homogeneous_effective(
-        modulus,
-        uncertainty.modulus_interval,
-        settings.plate,
-        item.instrument.plate_radius,
-        poisson_ratio,
-        depth,
-    )
+    # The bounds of one medium are within a factor of its peak modulus: it is always stated.
+    is_stated = settings.homogeneous or estimate.modulus_known
+    noise = (drop.noise[0], drop.quantisation[0], item.model_floor[0])
     result = InversionResult(
-        **_fields_of_any_ground(item, history, peak, settings),
-        model="half-space" if math.isinf(depth) else "layer",
-        modulus_pa=modulus,
-        modulus_sd_pa=only.modulus_sd_pa,
-        modulus_interval_pa=uncertainty.modulus_interval,
-        viscosity_pa_s=only.viscosity_pa_s,
-        viscosity_sd_pa_s=deviation(VISCOSITY),
-        density_kg_m3=only.density_kg_m3,
-        density_sd_kg_m3=deviation(DENSITY),
-        bedrock_depth_m=only.thickness_m,
-        bedrock_depth_sd_m=only.thickness_sd_m,
-        bedrock_depth_interval_m=uncertainty.depth_interval,
-        modulus_depth_correlation=_modulus_depth_correlation(space, uncertainty),
-        layers=(only,),
-        **_effective_fields(effective),
-        poisson_ratio=poisson_ratio,
-        priors=settings.priors and settings.method != "published",
+        method=settings.method,
+        model="layer" if fit.space.rock else "half-space",
+        modulus_pa=lowest.modulus_pa if is_stated else None,
+        modulus_sd_pa=lowest.modulus_sd_pa if is_stated else None,
+        modulus_interval_pa=lowest.modulus_interval_pa,
+        viscosity_pa_s=lowest.viscosity_pa_s,
+        viscosity_sd_pa_s=estimate.viscosity_deviation,
+        density_kg_m3=lowest.density_kg_m3,
+        density_sd_kg_m3=estimate.density_deviation,
+        bedrock_depth_m=estimate.bedrock_depth,
+        bedrock_depth_sd_m=estimate.depth_deviation,
+        bedrock_depth_interval_m=estimate.depth_interval,
+        modulus_depth_correlation=estimate.modulus_depth_correlation,
+        layers=estimate.layers,
+        effective_modulus_pa=estimate.effective.modulus,
+        effective_modulus_interval_pa=estimate.effective.interval,
+        effective_depth_m=estimate.effective.depth,
+        poisson_ratio=fit.space.poisson_ratio,
+        plate=settings.plate,
+        plate_radius_m=item.instrument.plate_radius,
+        load="measured" if settings.load == "measured" else "half-sine",
+        half_sine=_pulse(fit_half_sine(drop.time, drop.load), item),
+        half_sine_equal_area=_pulse(fit_half_sine_equal_area(drop.time, drop.load), item),
+        peak_modulus_pa=peak.modulus,
+        peak_factor=peak.factor,
+        priors=not settings.homogeneous or (settings.priors and settings.method != "published"),
         explained=bool(np.sqrt(fit.best.cost) <= _EXPLAINED_FACTOR),
+        r_squared=_r_squared(drop, history),
+        noise_rms_m=float(max(noise)),
+        residual_rms_over_peak=_residual_until(drop, history, math.inf),
+        contact_residual_rms_over_peak=_residual_until(drop, history, drop.contact_end),
+        window_residual_rms_over_peak=_residual_until(drop, history, drop.window_end),
+        contact_end_s=history.contact_end,
+        window_end_s=history.window_end,
         converged=fit.converged,
-        at_bound=space.at_bound(fit.best.point),
-        forward_solves=fit.solves,
+        at_bound=fit.space.at_bound(fit.best.point),
+        forward_solves=estimate.solves,
+        seed=settings.seed,
+        history=history,
     )
-    return replace(result, warnings=_warnings(result, drop, fit, uncertainty))
+    return replace(result, warnings=_warnings(result, drop, estimate))
 
 
-def _homogeneous_effective(
-    modulus: float,
-    interval: tuple[float, float],
-    plate: LayeredPlateModel,
-    radius: float,
-    poisson_ratio: float,
-    depth: float,
-) -> Effective:
-    """The modulus itself, and how deep it reaches."""
-    radii = math.inf if math.isinf(depth) else float(f"{depth / radius:.3g}")
-    return Effective(modulus, interval, radius * _effective_radii(plate, poisson_ratio, radii))
-
-
-@lru_cache(maxsize=1024)
-def _effective_radii(plate: LayeredPlateModel, poisson_ratio: float, depth: float) -> float:
-    """Effective depth of one medium on rock at ``depth``, both in plate radii."""
-    medium = Medium(1.0, 0.0, 1.0, poisson_ratio, depth)
-    return effective_depth(plate, 1.0, LayeredGround((medium,), math.isfinite(depth)))
-
-
-def _modulus_depth_correlation(space: ParameterSpace, uncertainty: Uncertainty) -> float | None:
-    row, column = space.index("modulus"), space.depth_column
-    if row is None or column is None:
-        return None
-    return float(uncertainty.correlation[row, column])
-
-
-def _histories(item: WeightedDrop, fit: GroundFit | LayeredFit) -> TimeHistories:
+def _histories(item: WeightedDrop, fit: GroundFit) -> TimeHistories:
     drop, misfit = item.drop, fit.misfit
     time = drop.time[1:]
     transform = transform_of(item, float(time[-1]), FULL_BAND_HZ)
@@ -516,17 +404,19 @@ def _r_squared(drop: PreparedDrop, history: TimeHistories) -> float:
 
 
 def _warnings(
-    result: InversionResult, drop: PreparedDrop, fit: GroundFit, uncertainty: Uncertainty
+    result: InversionResult, drop: PreparedDrop, estimate: GroundEstimate
 ) -> tuple[Notice, ...]:
-    found = [*_common_warnings(result, drop, fit.best.cost)]
+    notices = [*_fit_warnings(result, drop, estimate.fit.best.cost), *estimate.remarks]
+    if isinstance(estimate.fit.misfit.plate, str):
+        return tuple(notices)
     density = result.density_kg_m3
     if result.explained and density and _is_no_soil(density, result.density_sd_kg_m3):
         values: dict[str, Value] = {"usual_kg_m3": _SOIL_DENSITIES, "density_kg_m3": density}
-        found.append(Notice("density-suspect", values))
-    if not uncertainty.depth_unique and uncertainty.depth_interval is not None:
-        low, high = uncertainty.depth_interval
-        found.append(Notice("depth-not-unique", {"depth_low_m": low, "depth_high_m": high}))
-    return tuple(found)
+        notices.append(Notice("density-suspect", values))
+    if not estimate.uncertainty.depth_unique and result.bedrock_depth_interval_m is not None:
+        low, high = result.bedrock_depth_interval_m
+        notices.append(Notice("depth-not-unique", {"depth_low_m": low, "depth_high_m": high}))
+    return tuple(notices)
 
 
 def _is_no_soil(density: float, deviation: float | None) -> bool:
@@ -537,7 +427,7 @@ def _is_no_soil(density: float, deviation: float | None) -> bool:
     return density + reach < _SOIL_DENSITIES[0] or density - reach > _SOIL_DENSITIES[1]
 
 
-def _common_warnings(result: InversionResult, drop: PreparedDrop, cost: float) -> list[Notice]:
+def _fit_warnings(result: InversionResult, drop: PreparedDrop, cost: float) -> list[Notice]:
     found = [Notice("parameter-on-bound", {"parameter": name}) for name in result.at_bound or ()]
     if not result.explained:
         sizes = {

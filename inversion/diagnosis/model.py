@@ -23,7 +23,7 @@ from inversion.diagnosis.flat_tops import (
 from inversion.diagnosis.ground_response import GroundResponse
 from inversion.diagnosis.rest import PreTriggerNoise, estimate_pre_trigger_noise
 from inversion.effects.base import DropContext, Effect, Ground, Values, geophone
-from inversion.fitting.layered.first_look import FirstLook
+from inversion.fitting.layer_starts import LayerStarts
 from inversion.fitting.misfit import model_floor
 from inversion.forward.laplace import DampedTransform, band_of_load
 from inversion.forward.nonlinear_stiffness import (
@@ -114,7 +114,7 @@ class DropModel:
     largest_load : float, N, of the point's drops
     index : int, of the drop within the point
     point : PointRecords
-    layers : FirstLook or None, the point's drops as layered ground
+    layers : LayerStarts or None, the point's drops as layered ground
     response : GroundResponse or None, which the drops of a point share
     duration : float or None, s, of the longest record of the point, so that drops share a response
     rest : PreTriggerNoise or None, the drop with its noise as estimated from all drops of the point
@@ -127,7 +127,7 @@ class DropModel:
         largest_load: float,
         index: int,
         point: PointRecords,
-        layers: FirstLook | None = None,
+        layers: LayerStarts | None = None,
         response: GroundResponse | None = None,
         duration: float | None = None,
         rest: PreTriggerNoise | None = None,

@@ -12,7 +12,7 @@ import numpy as np
 from inversion.diagnosis.ground_response import GroundResponse
 from inversion.diagnosis.model import DropModel, PointRecords
 from inversion.diagnosis.rest import estimate_pre_trigger_noise
-from inversion.fitting.layered.first_look import FirstLook
+from inversion.fitting.layer_starts import LayerStarts
 from inversion.fitting.misfit import WeightedDrop
 from inversion.forward.library import SurrogateLibrary
 from inversion.forward.surrogate import Surrogate
@@ -90,7 +90,7 @@ def response_of(record: Record, surrogate: Surrogate, library: SurrogateLibrary)
     return GroundResponse(surrogate, instrument, offsets, library)
 
 
-def _layered_first_estimate(records: PointRecords) -> FirstLook:
+def _layered_first_estimate(records: PointRecords) -> LayerStarts:
     """Return the drops of a point as needed for a first estimate of layers."""
     first = records.records[0]
     drops = []
@@ -101,7 +101,7 @@ def _layered_first_estimate(records: PointRecords) -> FirstLook:
         if records.half_sine:
             load = fit_half_sine(drop.time, drop.load).load(drop.time)
         drops.append(WeightedDrop.of(drop, record.instrument, load, record.model_floor))
-    return FirstLook(
+    return LayerStarts(
         drops,
         first.poisson_ratio,
         first.density,

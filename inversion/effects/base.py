@@ -26,7 +26,7 @@ from scipy.linalg.lapack import dtbtrs
 from inversion.arrays import ComplexArray, FloatArray
 from inversion.errors import ModelError
 from inversion.fitting.coordinates import Coordinate, coordinate_of, parameter_value
-from inversion.fitting.layered.first_look import FirstLook
+from inversion.fitting.layer_starts import LayerStarts
 from inversion.fitting.parameters import Parameter
 from inversion.forward.layered import Medium
 from inversion.forward.nonlinear_stiffness import NonlinearStiffness
@@ -71,7 +71,7 @@ class DropContext:
     elastic : bool, whether the ground of the base model is elastic
     is_density_declared : bool, whether the ground's density is declared
     unmodelled_load : (n,) ndarray of float or None, N: measured load minus the half-sine in use
-    layers : FirstLook or None, the point's drops as layered ground
+    layers : LayerStarts or None, the point's drops as layered ground
     """
 
     time: FloatArray
@@ -97,7 +97,7 @@ class DropContext:
     elastic: bool = False
     is_density_declared: bool = False
     unmodelled_load: FloatArray | None = None
-    layers: FirstLook | None = None
+    layers: LayerStarts | None = None
 
     @property
     def step(self) -> float:

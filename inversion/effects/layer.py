@@ -87,13 +87,13 @@ class Layer(Effect):
         top: tuple[Parameter, ...] = (_RATIO, thickness)
         top += () if drop.elastic else (_RELAXATION,)
         top += () if drop.is_density_declared else (_DENSITY,)
-        if drop.layers is None or not drop.layers.has_middle:
+        if drop.layers is None or not drop.layers.has_middle_layer:
             return top
         return (*top, *(replace(p, name=_MIDDLE_PREFIX + p.name) for p in top))
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
         """Return whether there are several distances; the centre alone cannot resolve layers."""
-        return drops[0].layers is not None and drops[0].layers.distances > 1
+        return drops[0].layers is not None and drops[0].layers.n_distances > 1
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
         """Return the ground with layers above it, of the same Poisson's ratio and rock depth."""

@@ -25,8 +25,11 @@ MODEL_FLOOR_FRACTION = 0.003
 _FAR_SENSOR_SHARE = 0.1
 # Sensors whose distances from the plate's centre differ by less count as one distance.
 _DISTANCE_GAP_M = 0.005
-# Errors of the model are smooth: about so many independent ones a drop.
-INDEPENDENT_A_DROP = 6.0
+# Errors of the model are smooth.  The fit of one medium counts this number of independent ones in a
+# drop; layers are told apart by each sensor, so that there the errors of each are counted, which
+# are correlated over a third of the contact.
+_N_INDEPENDENT_PER_DROP = 6.0
+ERROR_CORRELATION_CONTACTS = 1.0 / 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +96,18 @@ def model_floor(drop: PreparedDrop, granted: float | None) -> FloatArray:
     return np.maximum(floor, drop.side_floor)
 
 
+def independent_errors(drops: Sequence[WeightedDrop], sensors: int) -> float:
+    """Return the number of independent errors of the model in the windows of all drops.
+
+    A Gaussian correlation over `ERROR_CORRELATION_CONTACTS` leaves one for each of its lengths.
+    """
+    total = 0.0
+    for item in drops:
+        length = ERROR_CORRELATION_CONTACTS * math.sqrt(math.pi) * item.drop.contact_end
+        total += max(1.0, item.drop.window_end / length)
+    return total * sensors
+
+
 class Misfit:
     """Residuals (predicted - observed over the scale) of the drops of one point on one ground.
 
@@ -127,7 +142,7 @@ class Misfit:
     ) -> None:
         self.drops, self.space, self.plate = tuple(drops), space, plate
         self.prior_level = prior_level
-        self.n_independent = n_independent or INDEPENDENT_A_DROP * len(self.drops)
+        self.n_independent = n_independent or _N_INDEPENDENT_PER_DROP * len(self.drops)
         self.solves = 0
         self.seconds = sum(item.drop.window_end for item in self.drops)
         """Length of the windows of all drops."""

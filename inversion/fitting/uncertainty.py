@@ -1,4 +1,4 @@
-r"""How well the fitted parameters are known.
+r"""Covariance of the fitted parameters, and their intervals.
 
 With weighted residuals r, their Jacobian J and :math:`P = (J^T J)^{-1} J^T`, an error n of the
 data moves the parameters by P n.  The random part takes n from the noise before the pulse with
@@ -6,146 +6,164 @@ its own correlation, carried through baseline and integration (:func:`record.nat
 from the noise of the load, carried through the model.  The model's part takes n of the size of
 its stated error, correlated over a third of the pulse, because an error of the model is a
 smooth history.  Where the residual is larger than noise and model error together, the model's
-error is taken to be as large as the residual says.
+error is taken to be as large as the residual says.  The rows of the priors belong to P: what a
+record does not determine has the spread of its prior.
+
+The interval of a modulus or a thickness also covers the alternatives that the search met.  Layers
+are far from linear, so that there it is read off its profile as well: the parameter is fixed at
+values on both sides, everything else fitted again, and the interval ends where the misfit has
+risen by 3.84 in units of independent errors.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inversion.arrays import ComplexArray, FloatArray
-from inversion.fitting.ground_fit import GroundFit, Minimum, allowed_cost
-from inversion.fitting.misfit import WeightedDrop
-from inversion.forward.laplace import FULL_BAND_HZ, DampedTransform
+from inversion.fitting.ground_fit import CHI_SQUARE_1_95, GroundFit
+from inversion.fitting.misfit import ERROR_CORRELATION_CONTACTS, Misfit, WeightedDrop
+from inversion.fitting.parameters import on_bound
 from inversion.measured.record import NoiseModel, PreparedDrop, native_rows
+from inversion.search.least_squares import fit_batch
 
 # Two-sided 95 % of a normal distribution.
 NORMAL_95 = 1.96
+# Standard deviations from the best value at which a profile is computed, on each side.
+_PROFILE_DEVIATIONS = (1.0, 1.7, 2.4, 4.0, 8.0)
+_N_PROFILE_STEPS = 5
+# A value with at most this relative standard deviation needs no profile, unless an unknown of the
+# fit ended on a bound: the misfit still falls there, so that its curvature does not show how far
+# the others follow when that unknown moves inside.
+_MAX_LINEAR_DEVIATION = 0.02
+# A depth is unique if its interval reaches less than this far, and all alternatives are within 1.5
+# times its reach, or times the distance between two depths of the profile, in units of the box.
+_MAX_UNIQUE_REACH, _MAX_ALTERNATIVE_REACHES, _PROFILE_DISTANCE = 0.25, 1.5, 1.0 / 14.0
 
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """Standard deviations and intervals.
+    """Standard deviations and intervals of the unknowns of a fit, by their columns.
 
     Parameters
     ----------
-    standard_deviation : dict of fitted names to SI values, random part
-    model_deviation : dict of fitted names to SI values, from the model's stated error
-    correlation : (d, d) ndarray, of both parts together
-    modulus_interval : (float, float), Pa, 95 %, both parts, and every minimum the data allow
-    depth_interval : (float, float), m, or None where the depth is not fitted
-    depth_unique : bool
+    deviation : (d,) ndarray, SI, from the noise of the record
+    spread : (d,) ndarray, standard deviations of the unit values, model's error and priors included
+    correlation : (d, d) ndarray, of all parts together
+    intervals : tuple of (low, high), SI, 95 %, all parts and the alternatives
+    open_ends : tuple of (bool, bool), whether an interval ends on a bound for want of data
+    depth_unique : bool, False: alternatives have other depths of rock, or any depth fits
     """
 
-    standard_deviation: dict[str, float]
-    model_deviation: dict[str, float]
+    deviation: FloatArray
+    spread: FloatArray
     correlation: FloatArray
-    modulus_interval: tuple[float, float]
-    depth_interval: tuple[float, float] | None
+    intervals: tuple[tuple[float, float], ...]
+    open_ends: tuple[tuple[bool, bool], ...]
     depth_unique: bool
 
 
 def estimate_uncertainty(fit: GroundFit) -> Uncertainty:
-    """Uncertainty of the best ground of a fit."""
-    space = fit.misfit.space
-    point = fit.best.point
-    values, slope = fit.misfit.linearise(point[None], np.arange(point.size))
+    """Return the uncertainty of the best ground of a fit."""
+    space, point = fit.space, fit.best.point
+    values, slope = fit.misfit.linearise(point[None], np.arange(space.size))
     pseudo = np.linalg.pinv(slope[0], rcond=1e-9)
     random, model = _covariances(fit, pseudo, values[0])
-    steps = np.array(
-        [float(p.parameter.slopes(u)) for p, u in zip(space.unknowns, point, strict=True)]
-    )
-    model += fit.misfit.prior_covariance(pseudo)
-    both = random + model
-    spread = np.maximum(np.sqrt(np.diag(both)), 1e-30)
-    interval = _modulus_interval(fit, both)
-    depth, unique = _depth_interval(fit, both)
+    covariance = random + model
+    spread = np.maximum(np.sqrt(np.diag(covariance)), 1e-12)
+    steps = [float(u.parameter.slopes(x)) for u, x in zip(space.unknowns, point, strict=True)]
+    intervals, open_ends = [], []
+    for column, unknown in enumerate(space.unknowns):
+        low, high = _interval(fit, column, covariance, float(spread[column]))
+        ends = unknown.parameter.value(np.array([low, high]))
+        intervals.append((float(ends[0]), float(ends[1])))
+        open_ends.append((low <= 0.0, high >= 1.0))
     return Uncertainty(
-        dict(zip(space.names, (np.sqrt(np.diag(random)) * steps).tolist(), strict=True)),
-        dict(zip(space.names, (np.sqrt(np.diag(model)) * steps).tolist(), strict=True)),
-        both / np.outer(spread, spread),
-        interval,
-        depth,
-        unique,
+        np.sqrt(np.diag(random)) * np.array(steps),
+        spread,
+        covariance / np.outer(spread, spread),
+        tuple(intervals),
+        tuple(open_ends),
+        _is_depth_unique(fit, spread),
     )
 
 
 def _covariances(
     fit: GroundFit, pseudo: FloatArray, values: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Random and model covariance of the unit parameters, each (d, d)."""
+    """Return the random covariance of the unit values, and that of model's error and priors."""
     size = pseudo.shape[0]
-    random, model = np.zeros((size, size)), np.zeros((size, size))
+    random, model = np.zeros((size, size)), fit.misfit.prior_covariance(pseudo)
+    transfer = _instrument_transfer(fit.misfit, fit.best.point)
     first = 0
     for item, rows in zip(fit.drops, fit.misfit.rows, strict=True):
         time = item.drop.time[rows]
-        lag = (time - time[0]) / (item.drop.contact_end / 3.0)
+        lag = (time - time[0]) / (ERROR_CORRELATION_CONTACTS * item.drop.contact_end)
         smooth = NoiseModel(np.exp(-(lag**2)), rows.size)
-        on_displacement = []
-        for sensor, scale in enumerate(item.scale):
+        weights_of_sensors = []
+        for sensor in fit.misfit.sensors.tolist():
             part = slice(first, first + rows.size)
             first += rows.size
+            scale = item.scale[sensor]
             weights = pseudo[:, part] / scale
-            on_displacement.append(weights)
-            random += sensor_noise(item.drop, sensor, rows, weights, values[part] * scale)
-            floor = item.model_floor[sensor] ** 2 * max(1.0, fit.best.cost)
-            model += smooth.quadratic_form(weights) * floor
-        random += _load_noise(fit, item, rows, np.stack(on_displacement, axis=1))
+            weights_of_sensors.append(weights)
+            random += _sensor_noise(item.drop, sensor, rows, weights, values[part] * scale)
+            model += smooth.quadratic_form(weights) * item.model_floor[sensor] ** 2 * fit.level
+        weights = np.stack(weights_of_sensors, axis=1)
+        random += _load_noise(item, fit.misfit, rows, weights, transfer)
     return random, model
 
 
-def sensor_noise(
-    drop: PreparedDrop, sensor: int, rows: NDArray[np.intp], weights: FloatArray, left: FloatArray
+def _sensor_noise(
+    drop: PreparedDrop,
+    sensor: int,
+    rows: NDArray[np.intp],
+    weights: FloatArray,
+    residual: FloatArray,
 ) -> FloatArray:
-    """Covariance (d, d) from a sensor's noise, for weights (d, n) on its displacement at ``rows``.
+    """Return the covariance (d, d) from a sensor's noise, for weights (d, n) at ``rows``.
 
-    ``left`` (n,) is what the fit leaves there, m: it serves where the record begins with the pulse.
+    ``residual`` (n,) of the fit there, m, serves where the record begins with the pulse.
     """
     channel = drop.channels[sensor]
-    quantum: FloatArray = weights @ weights.T * drop.quantisation[sensor] ** 2
+    covariance: FloatArray = weights @ weights.T * drop.quantisation[sensor] ** 2
     full = np.zeros((weights.shape[0], int(rows[-1]) + 1))
     full[:, rows] = weights
     if channel.model.samples:
-        quantum += channel.model.quadratic_form(native_rows(full, channel, drop.step))
-        return quantum
-    # No record before the pulse: what is rough in the residual of the channel itself is taken for
-    # white noise. Second differences of white noise have 6 times its variance. A velocity over k
-    # steps is a mean by trapezoids that shares its ends with the next: (6 k - 5) / k^2 times.
+        covariance += channel.model.quadratic_form(native_rows(full, channel, drop.step))
+        return covariance
+    # No record before the pulse: the roughness of the channel's own residual is taken for white
+    # noise. Second differences of white noise have 6 times its variance. A velocity over k steps
+    # is a mean by trapezoids that shares its ends with the next: (6 k - 5) / k^2 times.
     stride = int(rows[1] - rows[0])
-    native = np.diff(left) / (stride * drop.step) if channel.integrates else left
-    times = (6.0 * stride - 5.0) / stride**2 if channel.integrates else 6.0
-    white = float(np.mean(np.diff(native, 2) ** 2)) / times
+    native = np.diff(residual) / (stride * drop.step) if channel.integrates else residual
+    factor = (6.0 * stride - 5.0) / stride**2 if channel.integrates else 6.0
+    white = float(np.mean(np.diff(native, 2) ** 2)) / factor
     model = NoiseModel(np.array([white]), native.size)
     # The zero of a displacement is at least the first sample, with its noise.
     before = channel.baseline_samples if channel.integrates else max(1, channel.baseline_samples)
-    quantum += model.quadratic_form(
+    covariance += model.quadratic_form(
         native_rows(full, replace(channel, baseline_samples=before), drop.step)
     )
-    return quantum
+    return covariance
+
+
+def _instrument_transfer(misfit: Misfit, point: FloatArray) -> ComplexArray:
+    """Return the transfer function (n_sensors, n) from load to sensors with all responses."""
+    s = misfit.transform.s
+    transfer = misfit.transfer.values(s, misfit.space.grounds(point[None]))
+    response = misfit.response(point[None], s)[0] * misfit.instrument.response(s)
+    return np.asarray(transfer[0] * response[0])
 
 
 def _load_noise(
-    fit: GroundFit, item: WeightedDrop, rows: NDArray[np.intp], weights: FloatArray
-) -> FloatArray:
-    """Noise of the load through the model, for weights (d, n_sensors, n) on the displacement."""
-    drop = item.drop
-    if drop.load_noise.samples == 0:
-        return np.zeros((weights.shape[0], weights.shape[0]))
-    transform = DampedTransform(float(drop.time[rows[-1]]), min(FULL_BAND_HZ, 0.5 / drop.step))
-    grounds = fit.misfit.space.grounds(fit.best.point[None])
-    transfer = fit.misfit.transfer.values(transform.s, grounds)[0]
-    transfer = transfer * item.instrument.response(transform.s)
-    return load_noise_covariance(drop, rows, weights, transform, transfer)
-
-
-def load_noise_covariance(
-    drop: PreparedDrop,
+    item: WeightedDrop,
+    misfit: Misfit,
     rows: NDArray[np.intp],
     weights: FloatArray,
-    transform: DampedTransform,
     transfer: ComplexArray,
 ) -> FloatArray:
     """Return the covariance (d, d) from the load's noise, carried through a transfer function.
@@ -153,47 +171,80 @@ def load_noise_covariance(
     ``weights`` (d, n_sensors, n) act on the displacement at ``rows``; ``transfer`` (n_sensors,
     n_frequencies) leads from the load to the sensors.
     """
+    drop = item.drop
+    if drop.load_noise.samples == 0:
+        return np.zeros((weights.shape[0], weights.shape[0]))
     # (d, n_sensors, n_frequencies), the slow sum over time first.
-    parts = weights @ transform.synthesis(drop.time[rows]).T
+    parts = weights @ misfit.transform.synthesis(drop.time[rows]).T
     spectrum = np.einsum("dks,ks->ds", parts, transfer)
-    native = transform.adjoint_of_samples(drop.time[: int(rows[-1]) + 1], spectrum)
+    native = misfit.transform.adjoint_of_samples(drop.time[: int(rows[-1]) + 1], spectrum)
     return drop.load_noise.quadratic_form(native)
 
 
-def _modulus_interval(fit: GroundFit, covariance: FloatArray) -> tuple[float, float]:
-    space = fit.misfit.space
-    column = space.index("modulus")
-    assert column is not None
-    parameter = space.unknowns[column].parameter
-    reach = NORMAL_95 * float(np.sqrt(covariance[column, column]))
-    unit_values = [m.point[column] for m in (fit.best, *_equivalent(fit))]
-    # Nothing is claimed outside of what was searched.
-    ends = np.clip([min(unit_values) - reach, max(unit_values) + reach], 0.0, 1.0)
-    low, high = parameter.value(ends)
-    return float(low), float(high)
+def _interval(
+    fit: GroundFit, column: int, covariance: FloatArray, spread: float
+) -> tuple[float, float]:
+    """Return the ends of the interval of one unit value, within the box."""
+    place, reach = float(fit.best.point[column]), NORMAL_95 * spread
+    low, high = place - reach, place + reach
+    unknown = fit.space.unknowns[column]
+    if unknown.quantity in ("modulus", "thickness"):
+        p = unknown.parameter
+        deviation = float(p.slopes(place) / p.value(place)) * spread
+        is_linear = deviation <= _MAX_LINEAR_DEVIATION and not on_bound(fit.best.point).any()
+        if fit.coarse is not None and not is_linear:
+            below, above = _profile_ends(fit, fit.coarse, column, covariance, spread)
+            low, high = min(low, below), max(high, above)
+        margin = reach if fit.rule.is_widened else 0.0
+        for alternative in fit.alternatives:
+            value = float(alternative.point[column])
+            low, high = min(low, value - margin), max(high, value + margin)
+    return max(0.0, low), min(1.0, high)
 
 
-def _depth_interval(
-    fit: GroundFit, covariance: FloatArray
-) -> tuple[tuple[float, float] | None, bool]:
-    space = fit.misfit.space
-    column = space.depth_column
+def _profile_ends(
+    fit: GroundFit, misfit: Misfit, column: int, covariance: FloatArray, spread: float
+) -> tuple[float, float]:
+    """Return where the profile of one unit value ends; the bound where it never rises enough."""
+    point = fit.best.point
+    direction = covariance[:, column] / covariance[column, column]
+    steps = np.array([*(-s for s in _PROFILE_DEVIATIONS[::-1]), *_PROFILE_DEVIATIONS]) * spread
+    fixed = np.clip(point[column] + steps, 0.0, 1.0)
+    starts = np.clip(point + (fixed - point[column])[:, None] * direction, 0.0, 1.0)
+    starts[:, column] = fixed
+    if point.size == 1:  # there is nothing else to fit again
+        cost = misfit.objective(starts)
+    else:
+        cost = fit_batch(
+            misfit.linearise, starts, iterations=_N_PROFILE_STEPS, tolerance=1e-3, frozen=column
+        ).cost
+    # The profile is measured from the best ground at the band of the search.
+    least = min(float(misfit.objective(point[None])[0]), float(cost.min()))
+    rise = (cost - least) * fit.misfit.n_independent / fit.level
+    half = len(_PROFILE_DEVIATIONS)
+    below = _crossing(point[column], fixed[:half][::-1], rise[:half][::-1])
+    above = _crossing(point[column], fixed[half:], rise[half:])
+    return (0.0 if below is None else below), (1.0 if above is None else above)
+
+
+def _crossing(start: float, fixed: FloatArray, rise: FloatArray) -> float | None:
+    """Return where a profile without rise at ``start`` first reaches the threshold, or None."""
+    before, before_rise = start, 0.0
+    for place, value in zip(fixed, rise, strict=True):
+        if value >= CHI_SQUARE_1_95:
+            # A profile rises with the square of the distance: its root is nearly straight.
+            from_root, to_root = math.sqrt(max(0.0, before_rise)), math.sqrt(value)
+            share = (math.sqrt(CHI_SQUARE_1_95) - from_root) / max(to_root - from_root, 1e-12)
+            return float(before + min(max(share, 0.0), 1.0) * (place - before))
+        before, before_rise = place, max(before_rise, float(value))
+    return None
+
+
+def _is_depth_unique(fit: GroundFit, spread: FloatArray) -> bool:
+    column = fit.space.depth_column
     if column is None:
-        return None, True
-    parameter = space.unknowns[column].parameter
-    reach = NORMAL_95 * float(np.sqrt(covariance[column, column]))
-    own = float(fit.best.point[column])
-    unit_values = [float(m.point[column]) for m in _equivalent(fit)]
-    spread = max(reach, 1.0 / 14.0)
-    unique = (
-        all(abs(unit_value - own) <= 1.5 * spread for unit_value in unit_values) and reach < 0.25
-    )
-    ends = np.clip([min([own, *unit_values]) - reach, max([own, *unit_values]) + reach], 0.0, 1.0)
-    low, high = parameter.value(ends)
-    return (float(low), float(high)), unique
-
-
-def _equivalent(fit: GroundFit) -> list[Minimum]:
-    """Other minima, and points of profiles, that the data do not tell from the best."""
-    allowed = allowed_cost(fit)
-    return [m for m in (*fit.others, *fit.profile, *fit.off_bounds) if m.cost <= allowed]
+        return True
+    reach = NORMAL_95 * float(spread[column])
+    limit = _MAX_ALTERNATIVE_REACHES * max(reach, _PROFILE_DISTANCE)
+    distances = [abs(float((m.point - fit.best.point)[column])) for m in fit.alternatives]
+    return reach < _MAX_UNIQUE_REACH and all(distance <= limit for distance in distances)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from inversion import ForwardModel, Grounds, Instrument, PlateProblem, Record, Sensor
 from inversion import SurrogateLibrary as Library
-from inversion.fitting.ground_fit import GroundFit, Minimum
+from inversion.fitting.ground_fit import AlternativeRule, GroundFit, Minimum
 from inversion.fitting.ground_parameters import (
     DENSITY,
     DEPTH,
@@ -112,6 +112,9 @@ def true_point(of: ParameterSpace) -> Array:
     return np.array([u.parameter.unit_value(TRUTH[u.name]) for u in of.unknowns])
 
 
+RULE = AlternativeRule(max_rise=6.0, is_widened=True)
+
+
 def fit_at_truth(
     library: Library,
     drops: tuple[WeightedDrop, ...],
@@ -122,4 +125,4 @@ def fit_at_truth(
     misfit = Misfit(drops, of, responses(library, drops[0]), FULL_BAND_HZ, most_samples)
     point = true_point(of)
     best = Minimum(point, float(misfit.objective(point[None])[0]))
-    return GroundFit(best, (), (), True, 1, misfit, drops)
+    return GroundFit(best, (), True, 1, misfit, drops, RULE)

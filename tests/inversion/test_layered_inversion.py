@@ -21,8 +21,8 @@ from inversion import (
     invert,
     invert_joint,
 )
-from inversion import layered_inversion as module
-from inversion.fitting.layered.intervals import LayeredUncertainty, layered_uncertainty
+from inversion import ground_estimate as module
+from inversion.fitting.uncertainty import Uncertainty, estimate_uncertainty
 from inversion.forward.layered import LayeredGround, Medium
 from inversion.forward.layered.statics import effective_depth, effective_modulus
 from inversion.records import known
@@ -252,11 +252,11 @@ def test_the_centre_alone_tells_one_layer_and_two_sensors_two(library: Surrogate
 # --- what is not known ---------------------------------------------------------------------------
 
 
-def widened(factor: float) -> Callable[[Any], LayeredUncertainty]:
+def widened(factor: float) -> Callable[[Any], Uncertainty]:
     """The lowest modulus is known within a factor."""
 
-    def uncertainty(fit: Any) -> LayeredUncertainty:
-        found = layered_uncertainty(fit)
+    def uncertainty(fit: Any) -> Uncertainty:
+        found = estimate_uncertainty(fit)
         intervals = list(found.intervals)
         intervals[1] = (2e7, 2e7 * factor)
         return replace(found, intervals=tuple(intervals))
@@ -268,7 +268,7 @@ def widened(factor: float) -> Callable[[Any], LayeredUncertainty]:
 def test_an_interval_wider_than_a_factor_of_ten_is_no_value(
     factor: float, known: bool, library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "layered_uncertainty", widened(factor))
+    monkeypatch.setattr(module, "estimate_uncertainty", widened(factor))
     result = invert(recorded(), TWO_LAYERS, library)
     assert (result.modulus_pa is not None) == known
     said = [text for text in result.warnings if text.startswith("modulus of the subgrade")]
@@ -280,11 +280,11 @@ def test_an_interval_wider_than_a_factor_of_ten_is_no_value(
 def test_a_layer_between_that_is_not_known_is_said(
     library: SurrogateLibrary, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def uncertainty(fit: Any) -> LayeredUncertainty:
-        found = layered_uncertainty(fit)
+    def uncertainty(fit: Any) -> Uncertainty:
+        found = estimate_uncertainty(fit)
         return replace(found, intervals=((1e7, 1.01e8), *found.intervals[1:]))
 
-    monkeypatch.setattr(module, "layered_uncertainty", uncertainty)
+    monkeypatch.setattr(module, "estimate_uncertainty", uncertainty)
     result = invert(recorded(), TWO_LAYERS, library)
     assert result.modulus_pa is not None
     assert result.warnings == ("modulus of layer 1 not known: 10 to 100 MPa fit as well",)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import FrozenInstanceError, dataclass, replace
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from inversion import ForwardModel, Record, Sensor, SurrogateLibrary
 from inversion.fitting.ground_fit import GroundFit, Minimum
 from inversion.fitting.ground_parameters import DEPTH, MODULUS
 from inversion.fitting.misfit import WeightedDrop
-from inversion.fitting.uncertainty import Uncertainty, estimate_uncertainty
+from inversion.fitting.uncertainty import estimate_uncertainty
 from inversion.forward.laplace import FULL_BAND_HZ
 from inversion.measured.record import Quantity, prepare
 from tests.inversion.synthetic import (
@@ -31,6 +31,33 @@ from tests.inversion.synthetic import (
 
 # Of velocities, m/s, displacements, m, and loads, N: about a hundredth of their peaks.
 SPEED_NOISE, MOTION_NOISE, LOAD_NOISE = 2e-4, 4e-6, 60.0
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What is stated of a fit, by names."""
+
+    standard_deviation: dict[str, float]
+    model_deviation: dict[str, float]
+    correlation: Array
+    modulus_interval: tuple[float, float]
+    depth_interval: tuple[float, float] | None
+    depth_unique: bool
+
+
+def stated_of(fit: GroundFit) -> Stated:
+    found, of, point = estimate_uncertainty(fit), fit.space, fit.best.point
+    steps = [float(u.parameter.slopes(x)) for u, x in zip(of.unknowns, point, strict=True)]
+    model = np.sqrt((found.spread * steps) ** 2 - found.deviation**2)
+    depth = of.depth_column
+    return Stated(
+        dict(zip(of.names, found.deviation.tolist(), strict=True)),
+        dict(zip(of.names, model.tolist(), strict=True)),
+        found.correlation,
+        found.intervals[0],
+        None if depth is None else found.intervals[depth],
+        found.depth_unique,
+    )
 
 
 def on_parameters(fit: GroundFit) -> Array:
@@ -101,7 +128,7 @@ def test_noise_of_the_sensor_reaches_the_ground_sample_by_sample(
 ) -> None:
     drop = record(library, Scene(quantity, noise, offsets=offsets, length=0.04, seed=4))
     fit = fit_at_truth(library, (weighted(library, drop),), space(), most_samples)
-    stated = estimate_uncertainty(fit).standard_deviation
+    stated = stated_of(fit).standard_deviation
     expected = expected_of_sensors(fit, drop, mean_variance(fit))
     for name, value in expected.items():
         # Correlated noise is not quite white noise of the same power.
@@ -122,7 +149,7 @@ def test_without_a_pre_trigger_the_roughness_of_the_residual_is_the_noise(
         assert fit.drops[0].drop.channels[0].model.samples == 0
         if seed == 0:
             expected = expected_of_sensors(fit, drop, noise**2)
-        stated = estimate_uncertainty(fit).standard_deviation
+        stated = stated_of(fit).standard_deviation
         ratios.append([(stated[name] / value) ** 2 for name, value in expected.items()])
     # Known as well as a dozen records of some ninety samples, or of twenty, tell the roughness.
     assert np.mean(ratios, axis=0) == pytest.approx(
@@ -137,6 +164,8 @@ def test_without_a_pre_trigger_the_roughness_of_the_residual_is_the_noise(
         # The window then ends with an even or an odd sample.
         Scene(pulse=0.0182, instrument=replace(INSTRUMENT, load_delay=1e-3)),
         Scene(pulse=0.0184),
+        # No more of the load's noise than the model of a filtered channel takes.
+        Scene(instrument=replace(INSTRUMENT, load_filter=300.0)),
         Scene(offsets=(0.3, 0.6)),
     ],
 )
@@ -166,7 +195,7 @@ def test_noise_of_the_load_reaches_the_ground_through_the_model(
     known = prepared.load_noise.autocovariance[: values.size]
     values[: known.size] = known
     expected = deviations(fit, weights @ toeplitz(values) @ weights.T)
-    stated = estimate_uncertainty(fit).standard_deviation
+    stated = stated_of(fit).standard_deviation
     for name, value in expected.items():
         assert value > 0
         assert stated[name] == pytest.approx(value, rel=1e-5)
@@ -184,7 +213,7 @@ def test_a_load_without_a_pre_trigger_adds_nothing(
         )
     )
     assert noisy.drops[0].drop.load_noise.samples == 0
-    first, other = (estimate_uncertainty(fit).standard_deviation for fit in (quiet, noisy))
+    first, other = (stated_of(fit).standard_deviation for fit in (quiet, noisy))
     assert other[MODULUS] == pytest.approx(first[MODULUS], rel=1e-3)
 
 
@@ -197,7 +226,7 @@ def test_steps_of_the_converter_are_noise_of_their_own(library: SurrogateLibrary
     assert fit.drops[0].drop.quantisation == pytest.approx([quantum / np.sqrt(12)])
     weights = on_parameters(fit)
     expected = deviations(fit, quantum**2 / 12 * weights @ weights.T)
-    assert estimate_uncertainty(fit).standard_deviation == pytest.approx(expected, rel=1e-6)
+    assert stated_of(fit).standard_deviation == pytest.approx(expected, rel=1e-6)
 
 
 def of_model(fit: GroundFit) -> Array:
@@ -217,15 +246,13 @@ def test_the_model_is_off_smoothly_over_a_third_of_the_contact(
     fit = fit_at_truth(library, (weighted(library, record(library, Scene())),), space())
     fit = replace(fit, best=replace(fit.best, cost=cost))
     covariance = max(1.0, cost) * of_model(fit)
-    stated = estimate_uncertainty(fit).model_deviation
+    stated = stated_of(fit).model_deviation
     assert stated == pytest.approx(deviations(fit, covariance), rel=0.02)
 
 
 def test_two_alike_drops_halve_the_variance(library: SurrogateLibrary) -> None:
     drop = weighted(library, record(library, Scene("velocity", SPEED_NOISE, LOAD_NOISE)))
-    alone, both = (
-        estimate_uncertainty(fit_at_truth(library, (drop,) * count, space())) for count in (1, 2)
-    )
+    alone, both = (stated_of(fit_at_truth(library, (drop,) * count, space())) for count in (1, 2))
     for name, value in alone.standard_deviation.items():
         assert both.standard_deviation[name] == pytest.approx(value / np.sqrt(2), rel=1e-6)
         assert both.model_deviation[name] == pytest.approx(
@@ -242,14 +269,14 @@ def fit(library: SurrogateLibrary) -> GroundFit:
     return fit_at_truth(library, (weighted(library, record(library, scene)),), space(density=None))
 
 
-def reach(found: Uncertainty, name: str) -> float:
+def reach(found: Stated, name: str) -> float:
     """95 % of a normal distribution, of the logarithm of a parameter."""
     both = np.hypot(found.standard_deviation[name], found.model_deviation[name])
     return float(norm.ppf(0.975) * both / TRUTH[name])
 
 
 def test_intervals_hold_95_percent_of_both_parts(fit: GroundFit) -> None:
-    found = estimate_uncertainty(fit)
+    found = stated_of(fit)
     assert found.depth_interval is not None
     for name, ends in ((MODULUS, found.modulus_interval), (DEPTH, found.depth_interval)):
         sides = np.log(ends) - np.log(TRUTH[name])
@@ -258,7 +285,7 @@ def test_intervals_hold_95_percent_of_both_parts(fit: GroundFit) -> None:
 
 
 def test_correlation_is_that_of_both_parts(fit: GroundFit) -> None:
-    found = estimate_uncertainty(fit)
+    found = stated_of(fit)
     assert np.diag(found.correlation) == pytest.approx(np.ones(4))
     assert found.correlation == pytest.approx(found.correlation.T)
     smooth = of_model(fit)
@@ -282,7 +309,7 @@ def test_correlation_is_that_of_both_parts(fit: GroundFit) -> None:
     assert np.linalg.eigvalsh(random).min() > -1e-3 * np.trace(random)
     quiet = replace(fit, best=replace(fit.best, cost=1e6))
     spread = np.sqrt(np.diag(smooth))
-    assert estimate_uncertainty(quiet).correlation == pytest.approx(
+    assert stated_of(quiet).correlation == pytest.approx(
         smooth / np.outer(spread, spread), abs=0.01
     )
 
@@ -302,13 +329,13 @@ def test_whatever_fits_nearly_as_well_is_in_the_intervals(
     where: str, cost: float, side: float, fit: GroundFit
 ) -> None:
     best = replace(fit.best, cost=cost)
-    alone = estimate_uncertainty(replace(fit, best=best))
+    alone = stated_of(replace(fit, best=best))
     # 95 % of chi-square with two degrees of freedom, of six independent samples a drop.
     allowed = cost + chi2.ppf(0.95, 2) / 6 * max(1.0, cost)
     point = at(fit, **{MODULUS: side, DEPTH: 2 * side})
     for share, inside in ((0.99, True), (1.03, False)):
         other = Minimum(point, cost + share * (allowed - cost))
-        found = estimate_uncertainty(replace(fit, best=best, **{where: (other,)}))
+        found = stated_of(replace(fit, best=best, **{where: (other,)}))
         assert found.depth_interval is not None
         assert alone.depth_interval is not None
         if not inside:
@@ -334,17 +361,17 @@ def test_with_more_drops_less_passes_for_the_best(library: SurrogateLibrary) -> 
     drop = weighted(library, record(library, Scene("velocity", SPEED_NOISE, LOAD_NOISE)))
     both = fit_at_truth(library, (drop, drop), space(density=None))
     both = replace(both, best=replace(both.best, cost=1.0))
-    alone = estimate_uncertainty(both).modulus_interval
+    alone = stated_of(both).modulus_interval
     for share, inside in ((0.99, True), (1.03, False)):
         other = Minimum(at(both, **{MODULUS: 0.15}), 1.0 + share * chi2.ppf(0.95, 2) / 12)
-        found = estimate_uncertainty(replace(both, others=(other,)))
+        found = stated_of(replace(both, others=(other,)))
         assert (found.modulus_interval != alone) == inside
 
 
 def test_nothing_is_claimed_outside_of_the_box(fit: GroundFit) -> None:
     parameters = [u.parameter for u in fit.misfit.space.unknowns]
     far = [Minimum(np.full(len(parameters), end), 0.0) for end in (0.0, 1.0)]
-    found = estimate_uncertainty(replace(fit, others=tuple(far)))
+    found = stated_of(replace(fit, others=tuple(far)))
     modulus, depth = (parameters[fit.misfit.space.names.index(n)] for n in (MODULUS, DEPTH))
     assert found.modulus_interval == pytest.approx((modulus.lower, modulus.upper))
     assert found.depth_interval == pytest.approx((depth.lower, depth.upper))
@@ -358,13 +385,13 @@ def test_a_depth_is_unique_when_what_fits_is_near(
 ) -> None:
     # Near is one and a half steps of the profile, of which there are fourteen in the box.
     near = Minimum(at(fit, **{DEPTH: move}), fit.best.cost)
-    assert estimate_uncertainty(replace(fit, profile=(near,))).depth_unique == unique
+    assert stated_of(replace(fit, profile=(near,))).depth_unique == unique
 
 
 def test_a_depth_that_may_be_anything_is_not_unique(library: SurrogateLibrary) -> None:
     scene = Scene("velocity", 1e-2)
     deep = fit_at_truth(library, (weighted(library, record(library, scene)),), space(density=None))
-    found = estimate_uncertainty(deep)
+    found = stated_of(deep)
     (depth,) = (u.parameter for u in deep.misfit.space.unknowns if u.name == DEPTH)
     assert reach(found, DEPTH) > 0.25 * np.log(depth.upper / depth.lower)
     assert not found.depth_unique
@@ -379,6 +406,6 @@ def test_what_is_stated_is_not_changed_and_is_itself_alone(fit: GroundFit) -> No
 
 def test_a_given_depth_has_no_interval(library: SurrogateLibrary) -> None:
     drop: WeightedDrop = weighted(library, record(library, Scene()))
-    found = estimate_uncertainty(fit_at_truth(library, (drop,), space(depth=TRUTH[DEPTH])))
+    found = stated_of(fit_at_truth(library, (drop,), space(depth=TRUTH[DEPTH])))
     assert found.depth_interval is None
     assert found.depth_unique

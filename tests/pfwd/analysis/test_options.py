@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from inversion.fitting.layered import number
+from inversion.fitting.layer_count import MAX_LAYERS
 from pfwd.analysis.analyse import settings_of
 from pfwd.analysis.options import (
     DEFAULT,
@@ -128,7 +128,7 @@ def test_layers_reach_the_inversion(options: dict[str, Any], layers: Any, thickn
 
 
 def test_as_many_layers_as_the_inversion_knows() -> None:
-    assert MOST_LAYERS == number.MOST_LAYERS == 4
+    assert MOST_LAYERS == MAX_LAYERS == 4
 
 
 @pytest.mark.parametrize(

@@ -7,14 +7,14 @@ from typing import Any
 
 import pytest
 
-from inversion.fitting.layered import first_look as module
-from inversion.fitting.layered.first_look import FirstLook
+from inversion.fitting import layer_starts as module
+from inversion.fitting.layer_starts import LayerStarts
 from tests.inversion.layered_drops import DEPTH, TWO, prepared, recorded
 
 TOP, BELOW = TWO.layers
 
 
-def look(sensors: int = 4, **changes: Any) -> FirstLook:
+def look(sensors: int = 4, **changes: Any) -> LayerStarts:
     known: dict[str, Any] = {
         "poisson_ratio": 0.35,
         "density": None,
@@ -22,7 +22,7 @@ def look(sensors: int = 4, **changes: Any) -> FirstLook:
         "elastic": False,
         "peak_modulus": 9e7,
     }
-    return FirstLook([prepared(recorded(sensors=sensors))], **(known | changes))
+    return LayerStarts([prepared(recorded(sensors=sensors))], **(known | changes))
 
 
 def test_the_ground_is_found_relative_to_what_is_below() -> None:
@@ -52,15 +52,15 @@ def test_the_instrument_is_fitted_where_it_is_asked_for() -> None:
 
 
 def test_a_middle_layer_needs_four_distances() -> None:
-    assert module._MIDDLE_DISTANCES == 4
+    assert module._MIN_DISTANCES_FOR_MIDDLE_LAYER == 4
     few = look(3)
-    assert few.distances == 3
-    assert not few.has_middle
-    assert not few._known, "nothing was fitted for that"
+    assert few.n_distances == 3
+    assert not few.has_middle_layer
+    assert not few._fits, "nothing was fitted for that"
 
 
 def test_two_media_have_no_middle() -> None:
-    assert not look().has_middle
+    assert not look().has_middle_layer
 
 
 def test_each_variant_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,4 +78,4 @@ def test_each_variant_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_declared_rock_is_there_whatever_is_asked() -> None:
     found = look(2)
     assert found.values(rock=False, geophone=False, lag=False)["depth"] == pytest.approx(DEPTH)
-    assert len(found._known) == 1
+    assert len(found._fits) == 1

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inversion.fitting.ground_fit import Minimum
+from inversion.fitting.ground_fit import GroundFit, Minimum
 from inversion.fitting.ground_parameters import layered_space
-from inversion.fitting.layered.fit import LayeredFit, fit_layers
-from inversion.fitting.layered.number import (
-    Considered,
+from inversion.fitting.layer_count import (
+    Candidate,
+    held_out_errors,
     information,
-    is_worth_more,
-    left_out_errors,
-    most_layers,
+    is_better,
+    max_layers,
 )
+from inversion.fitting.layered_fit import fit_layers
 from inversion.fitting.misfit import Misfit
 from inversion.fitting.parameters import ParameterSpace
 from tests.inversion.layered_drops import (
@@ -38,11 +38,11 @@ def space(media: int = 2) -> ParameterSpace:
 
 
 @pytest.fixture(scope="module")
-def fit() -> LayeredFit:
+def fit() -> GroundFit:
     return fitted()
 
 
-def fitted(record: Any = None, media: int = 2) -> LayeredFit:
+def fitted(record: Any = None, media: int = 2) -> GroundFit:
     drops = [prepared(recorded() if record is None else record)]
     return fit_layers(drops, space(media), "rigid-rough", np.random.default_rng(0))
 
@@ -60,7 +60,7 @@ class _Left:
         return [self.left]
 
 
-def with_cost(fit: LayeredFit, cost: float, media: int = 2) -> LayeredFit:
+def with_cost(fit: GroundFit, cost: float, media: int = 2) -> GroundFit:
     of = space(media)
     misfit: Any = _Left(cost, of, fit.misfit.sensors, fit.misfit.n_independent)
     return replace(fit, best=Minimum(np.zeros(of.size), cost), misfit=misfit)
@@ -72,13 +72,13 @@ def with_cost(fit: LayeredFit, cost: float, media: int = 2) -> LayeredFit:
 @pytest.mark.parametrize(
     ("cost", "media", "unknowns"), [(3.0, 1, 3), (3.0, 2, 7), (0.5, 3, 11), (40.0, 2, 7)]
 )
-def test_information_is_schwarz_s(cost: float, media: int, unknowns: int, fit: LayeredFit) -> None:
-    n = fit.independent
+def test_information_is_schwarz_s(cost: float, media: int, unknowns: int, fit: GroundFit) -> None:
+    n = fit.misfit.n_independent
     expected = n * math.log(cost) + unknowns * math.log(n)
     assert information(with_cost(fit, cost, media)) == pytest.approx(expected)
 
 
-def test_residuals_of_a_tenth_are_not_told_apart(fit: LayeredFit) -> None:
+def test_residuals_of_a_tenth_are_not_told_apart(fit: GroundFit) -> None:
     least = information(with_cost(fit, 0.1))
     assert information(with_cost(fit, 0.01)) == pytest.approx(least)
     assert information(with_cost(fit, 0.2)) > least
@@ -99,27 +99,27 @@ def test_residuals_of_a_tenth_are_not_told_apart(fit: LayeredFit) -> None:
     ],
 )
 def test_a_medium_more_is_worth_strong_evidence_and_predicts_about_as_well(
-    gain: float, before: float | None, after: float | None, worth: bool, fit: LayeredFit
+    gain: float, before: float | None, after: float | None, worth: bool, fit: GroundFit
 ) -> None:
-    fewer = Considered(fit, 100.0, before)
-    assert is_worth_more(fewer, Considered(fit, 100.0 - gain, after)) == worth
+    fewer = Candidate(fit, 100.0, before)
+    assert is_better(fewer, Candidate(fit, 100.0 - gain, after)) == worth
 
 
 @pytest.mark.parametrize(("sensors", "most"), [(1, 1), (2, 2), (3, 3), (4, 4), (5, 4), (9, 4)])
 def test_never_more_media_than_sensors_nor_than_four(sensors: int, most: int) -> None:
-    assert most_layers(sensors) == most
+    assert max_layers(sensors) == most
 
 
-def test_media_are_those_of_the_fit(fit: LayeredFit) -> None:
-    assert Considered(fit, 0.0).media == 2
+def test_media_are_those_of_the_fit(fit: GroundFit) -> None:
+    assert Candidate(fit, 0.0).media == 2
 
 
 # --- sensors left out ----------------------------------------------------------------------------
 
 
-def test_a_left_out_sensor_is_predicted_by_the_ground_of_the_others(fit: LayeredFit) -> None:
+def test_a_left_out_sensor_is_predicted_by_the_ground_of_the_others(fit: GroundFit) -> None:
     rng = np.random.default_rng(0)
-    found = left_out_errors(fit, rng, sensors=[1, 3])
+    found = held_out_errors(fit, rng, sensors=[1, 3])
     assert found.shape == (2,)
     for sensor, error in zip((1, 3), found, strict=True):
         others = [k for k in range(4) if k != sensor]
@@ -129,7 +129,7 @@ def test_a_left_out_sensor_is_predicted_by_the_ground_of_the_others(fit: Layered
             "rigid-rough",
             rng,
             sensors=others,
-            near=fit.best.point,
+            start=fit.best.point,
             window="whole",
         )
         (item,) = fit.drops
@@ -143,11 +143,11 @@ def test_a_left_out_sensor_is_predicted_by_the_ground_of_the_others(fit: Layered
         assert error < 0.01
 
 
-def test_the_left_out_sensor_does_not_move_the_ground_that_predicts_it(fit: LayeredFit) -> None:
+def test_the_left_out_sensor_does_not_move_the_ground_that_predicts_it(fit: GroundFit) -> None:
     """Its values times 1.2: the prediction stays, so that a sixth of the peak is missing."""
     loud = prepared(changed(recorded(), 2, 1.2))
     (item,) = fit.drops
-    (error,) = left_out_errors(
+    (error,) = held_out_errors(
         replace(fit, drops=(replace(loud, drop=loud.drop.with_tail()),)),
         np.random.default_rng(0),
         sensors=[2],
@@ -160,13 +160,13 @@ def test_the_left_out_sensor_does_not_move_the_ground_that_predicts_it(fit: Laye
     ("count", "expected"), [(3, [0, 1, 2]), (4, [0, 1, 2, 3]), (9, [0, 3, 5, 8])]
 )
 def test_at_most_four_sensors_are_left_out_spread_over_the_offsets(
-    count: int, expected: list[int], fit: LayeredFit, monkeypatch: pytest.MonkeyPatch
+    count: int, expected: list[int], fit: GroundFit, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from inversion.fitting.layered import number as module
+    from inversion.fitting import layer_count as module
 
     left: list[int] = []
 
-    def without(*_: Any, sensors: list[int], **__: Any) -> LayeredFit:
+    def without(*_: Any, sensors: list[int], **__: Any) -> GroundFit:
         left.append(next(k for k in range(count) if k not in sensors))
         return fit
 
@@ -175,5 +175,5 @@ def test_at_most_four_sensors_are_left_out_spread_over_the_offsets(
     misfit: Any = _Left(1.0, fit.space, np.arange(count), 1.0)
     misfit.__dict__["plate"] = "rigid-rough"
     short = replace(fit, misfit=misfit)
-    assert left_out_errors(short, np.random.default_rng(0)).size == len(expected)
+    assert held_out_errors(short, np.random.default_rng(0)).size == len(expected)
     assert left == expected

@@ -1,0 +1,132 @@
+"""Starting points of the diagnosis on layered ground.
+
+The diagnosis fits layers together with other effects, one prediction at a time.  Finding the right
+minimum among several would take it long, so that the fit of batches does it beforehand: for the
+variants of the ground (rock or none) and of the instrument (geophone, lag) in a set of effects.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from inversion.fitting.ground_fit import GroundFit, Window
+from inversion.fitting.ground_parameters import layered_space
+from inversion.fitting.layer_count import MIN_EVIDENCE_GAIN, information
+from inversion.fitting.layered_fit import fit_layers
+from inversion.fitting.misfit import WeightedDrop
+
+# Distances of sensors that determine a layer between the top and the ground below.
+_MIN_DISTANCES_FOR_MIDDLE_LAYER = 4
+
+
+class LayerStarts:
+    """Layered grounds that fit the drops of a point, each computed at its first request.
+
+    Parameters
+    ----------
+    drops : sequence of WeightedDrop
+    poisson_ratio : float
+    density : float or None, kg/m3, where it is declared
+    rock_depth : float or None, m, where it is declared; inf: none
+    elastic : bool
+    peak_modulus : float, Pa, by the peak method
+    """
+
+    def __init__(
+        self,
+        drops: Sequence[WeightedDrop],
+        poisson_ratio: float,
+        density: float | None,
+        rock_depth: float | None,
+        elastic: bool,
+        peak_modulus: float,
+    ) -> None:
+        self.drops = tuple(drops)
+        self.poisson_ratio = poisson_ratio
+        self.density = density
+        self.rock_depth = rock_depth
+        self.elastic = elastic
+        self.peak_modulus = peak_modulus
+        self._fits: dict[tuple[int, bool, bool, bool], GroundFit] = {}
+        self._has_middle_layer: bool | None = None
+        self._window: Window | None = None
+
+    @property
+    def n_distances(self) -> int:
+        """Number of distances of the sensors from the plate's centre."""
+        return self.drops[0].n_distances
+
+    @property
+    def has_middle_layer(self) -> bool:
+        """Whether the record supports a layer between the top and the ground below."""
+        if self._has_middle_layer is None:
+            self._has_middle_layer = False
+            if self.n_distances >= _MIN_DISTANCES_FOR_MIDDLE_LAYER:
+                # The richer ground decides which part of the record is explained.
+                three, two = (self._fit(media, True, True, True) for media in (3, 2))
+                gain = information(two) - information(three)
+                self._has_middle_layer = gain > MIN_EVIDENCE_GAIN
+        return self._has_middle_layer
+
+    def values(self, *, rock: bool, geophone: bool, lag: bool) -> dict[str, float]:
+        """Return the unknowns of the best ground of a variant, by name, SI.
+
+        ``modulus``, ``relaxation`` and ``density`` are those of the ground below; of the top and,
+        where there is one, the middle: ``modulus_ratio``, ``relaxation_ratio``, ``density_ratio``,
+        ``thickness`` and the same with ``middle_``; ``depth`` of the rock from the surface; of the
+        instrument ``natural_frequency``, ``damping`` and ``lag``.
+        """
+        fit = self.fit(rock=rock, geophone=geophone, lag=lag)
+        ground = fit.space.grounds(fit.best.point[None])
+        modulus, density = ground.modulus[0], ground.density[0]
+        relaxation = ground.viscosity[0] / modulus
+        values = {
+            "modulus": float(modulus[-1]),
+            "relaxation": float(relaxation[-1]),
+            "density": float(density[-1]),
+        }
+        for j, prefix in enumerate(("", "middle_")[: fit.space.media - 1]):
+            values[f"{prefix}modulus_ratio"] = float(modulus[j] / modulus[-1])
+            if not self.elastic:
+                values[f"{prefix}relaxation_ratio"] = float(relaxation[j] / relaxation[-1])
+            if self.density is None:
+                values[f"{prefix}density_ratio"] = float(density[j] / density[-1])
+            values[f"{prefix}thickness"] = float(ground.thickness[0, j])
+        if fit.space.rock:
+            values["depth"] = float(ground.thickness[0].sum())
+        fitted = fit.space.values(fit.best.point[None])[0]
+        for name, value in zip(fit.space.names, fitted.tolist(), strict=True):
+            if name in ("natural_frequency", "geophone_damping", "lag"):
+                values[name.removeprefix("geophone_")] = value
+        return values
+
+    def fit(self, *, rock: bool, geophone: bool, lag: bool) -> GroundFit:
+        """Return the best layered ground of a variant of ground and instrument."""
+        return self._fit(3 if self.has_middle_layer else 2, rock, geophone, lag)
+
+    def _fit(self, media: int, rock: bool, geophone: bool, lag: bool) -> GroundFit:
+        is_declared = self.rock_depth is not None and math.isfinite(self.rock_depth)
+        key = (media, rock or is_declared, geophone, lag)
+        if key not in self._fits:
+            instrument = self.drops[0].instrument
+            space = layered_space(
+                media,
+                self.peak_modulus,
+                instrument.plate_radius,
+                self.poisson_ratio,
+                density=self.density,
+                rock_depth=self.rock_depth if is_declared else (None if rock else math.inf),
+                elastic=self.elastic,
+                own_relaxation=True,
+                geophone=geophone and instrument.geophone_natural_frequency is None,
+                lag=lag,
+            )
+            # The same starts for every variant.
+            rng = np.random.default_rng(0)
+            fit = fit_layers(self.drops, space, "rigid-rough", rng, window=self._window)
+            self._window = self._window or fit.window
+            self._fits[key] = fit
+        return self._fits[key]

@@ -1,1 +1,0 @@
-"""Layered ground fitted to drops: unknowns, misfit, starts, intervals, how many layers."""

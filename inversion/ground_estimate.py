@@ -1,0 +1,248 @@
+"""Estimate of the ground under a plate: media with their intervals, from a fit of any of them.
+
+Beside the media it has what even a single sensor determines: one modulus with the same deflection,
+and the depth down to which the ground contributes to it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from inversion.arrays import FloatArray
+from inversion.fitting.ground_fit import GroundFit
+from inversion.fitting.parameters import ParameterSpace, Quantity
+from inversion.fitting.uncertainty import NORMAL_95, Uncertainty, estimate_uncertainty
+from inversion.forward.layered import LayeredGround, LayeredPlateModel, Medium
+from inversion.forward.layered.statics import effective_depth, effective_modulus
+from inversion.notices import Notice
+from inversion.result import OPEN_FACTOR, LayerResult
+
+Interval = tuple[float, float]
+
+# Step of the unit values in the derivatives of the effective modulus.
+_UNIT_STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class EffectiveModulus:
+    """One modulus for all media.
+
+    Parameters
+    ----------
+    modulus : float, Pa, of one medium into which the plate at rest would sink as far
+    interval : (float, float), Pa, 95 %
+    depth : float, m, above which 90 % of that deflection arises
+    """
+
+    modulus: float
+    interval: Interval
+    depth: float
+
+
+@dataclass(frozen=True, eq=False)
+class GroundEstimate:
+    """Best ground of a fit with its uncertainty.
+
+    Parameters
+    ----------
+    fit : GroundFit
+    uncertainty : Uncertainty
+    layers : tuple of LayerResult, from the top
+    effective : EffectiveModulus
+    bedrock_depth : float, m, or None: no rock
+    solves : int, forward solves, of all variants that were fitted
+    remarks : tuple of Notice
+    """
+
+    fit: GroundFit
+    uncertainty: Uncertainty
+    layers: tuple[LayerResult, ...]
+    effective: EffectiveModulus
+    bedrock_depth: float | None
+    solves: int
+    remarks: tuple[Notice, ...] = ()
+
+    @property
+    def space(self) -> ParameterSpace:
+        """Unknowns of the fit."""
+        return self.fit.space
+
+    @property
+    def lowest(self) -> LayerResult:
+        """Lowest medium."""
+        return self.layers[-1]
+
+    @property
+    def modulus_known(self) -> bool:
+        """Whether the lowest medium's modulus is known within a factor of ten."""
+        low, high = interval_of(self.lowest)
+        return high <= OPEN_FACTOR * low
+
+    @property
+    def depth_deviation(self) -> float | None:
+        """Standard deviation of the fitted depth of rock, m; None: not fitted."""
+        column = self.space.depth_column
+        return None if column is None else float(self.uncertainty.deviation[column])
+
+    @property
+    def depth_interval(self) -> Interval | None:
+        """Interval of the fitted depth of rock, m, below the best boundaries; None: not fitted."""
+        column = self.space.depth_column
+        if column is None or self.bedrock_depth is None:
+            return None
+        low, high = self.uncertainty.intervals[column]
+        assert self.lowest.thickness_m is not None
+        above = self.bedrock_depth - self.lowest.thickness_m
+        return above + low, above + high
+
+    @property
+    def modulus_depth_correlation(self) -> float | None:
+        """Correlation of the lowest medium's modulus with the fitted depth of rock, or None."""
+        row, column = self.space.index("modulus", self.space.media - 1), self.space.depth_column
+        if row is None or column is None:
+            return None
+        return float(self.uncertainty.correlation[row, column])
+
+    @property
+    def viscosity_deviation(self) -> float | None:
+        """Standard deviation of the lowest medium's viscosity, Pa s; None: not fitted.
+
+        A viscosity that is the modulus times a relaxation time has the deviations of both.
+        """
+        direct = self._deviation("viscosity")
+        if direct is not None:
+            return direct
+        last = self.space.media - 1
+        modulus, relaxation = (self.space.index(q, last) for q in ("modulus", "relaxation"))
+        if relaxation is None or modulus is None:
+            return None
+        viscosity, lowest_modulus = self.lowest.viscosity_pa_s, self.lowest.modulus_pa
+        assert viscosity is not None
+        assert lowest_modulus is not None
+        by_modulus = self.uncertainty.deviation[modulus] * (viscosity / lowest_modulus)
+        by_relaxation = self.uncertainty.deviation[relaxation] * lowest_modulus
+        mixed = 2.0 * by_modulus * by_relaxation * self.uncertainty.correlation[modulus, relaxation]
+        return math.sqrt(max(0.0, float(by_modulus**2 + by_relaxation**2 + mixed)))
+
+    @property
+    def density_deviation(self) -> float | None:
+        """Standard deviation of the lowest medium's density, kg/m3; None: not fitted."""
+        return self._deviation("density")
+
+    def _deviation(self, quantity: Quantity) -> float | None:
+        column = self.space.index(quantity, self.space.media - 1)
+        return None if column is None else float(self.uncertainty.deviation[column])
+
+
+def estimate_ground(
+    fit: GroundFit, plate: LayeredPlateModel, plate_radius: float
+) -> GroundEstimate:
+    """Return the best ground of a fit with its uncertainty.
+
+    Parameters
+    ----------
+    plate, plate_radius : for the effective modulus; radius in m
+    """
+    uncertainty = estimate_uncertainty(fit)
+    ground = ground_at(fit.space, fit.best.point)
+    layers = tuple(_layer(fit.space, uncertainty, ground, j) for j in range(fit.space.media))
+    if not isinstance(fit.misfit.plate, str):
+        effective = _effective_of_one_medium(layers[0], ground, plate, plate_radius)
+    else:
+        effective = _effective_of_layers(fit, uncertainty, ground, plate, plate_radius)
+    return GroundEstimate(
+        fit,
+        uncertainty,
+        layers,
+        effective,
+        ground.rock_depth if ground.rock else None,
+        fit.solves,
+    )
+
+
+def ground_at(space: ParameterSpace, point: FloatArray) -> LayeredGround:
+    """Return the ground at one point (d,) of the unit box."""
+    g = space.grounds(point[None])
+    media = tuple(
+        Medium(
+            float(g.modulus[0, j]),
+            float(g.viscosity[0, j]),
+            float(g.density[0, j]),
+            float(g.poisson_ratio[0, j]),
+            float(g.thickness[0, j]),
+        )
+        for j in range(space.media)
+    )
+    return LayeredGround(media, space.rock)
+
+
+def interval_of(layer: LayerResult) -> Interval:
+    """Return the interval of a fitted modulus, Pa."""
+    assert layer.modulus_interval_pa is not None
+    return layer.modulus_interval_pa
+
+
+def _layer(
+    space: ParameterSpace, uncertainty: Uncertainty, ground: LayeredGround, j: int
+) -> LayerResult:
+    medium = ground.media[j]
+    column, thickness = space.index("modulus", j), space.index("thickness", j)
+    assert column is not None
+    return LayerResult(
+        modulus_pa=medium.modulus,
+        modulus_sd_pa=float(uncertainty.deviation[column]),
+        modulus_interval_pa=uncertainty.intervals[column],
+        modulus_open=uncertainty.open_ends[column],
+        thickness_m=medium.thickness if math.isfinite(medium.thickness) else None,
+        thickness_sd_m=None if thickness is None else float(uncertainty.deviation[thickness]),
+        thickness_interval_m=None if thickness is None else uncertainty.intervals[thickness],
+        viscosity_pa_s=medium.viscosity,
+        density_kg_m3=medium.density,
+        poisson_ratio=medium.poisson_ratio,
+    )
+
+
+def _effective_of_one_medium(
+    layer: LayerResult, ground: LayeredGround, plate: LayeredPlateModel, plate_radius: float
+) -> EffectiveModulus:
+    (medium,) = ground.media
+    depth = ground.rock_depth
+    radii = math.inf if math.isinf(depth) else float(f"{depth / plate_radius:.3g}")
+    effective = plate_radius * _effective_radii(plate, medium.poisson_ratio, radii)
+    return EffectiveModulus(medium.modulus, interval_of(layer), effective)
+
+
+@lru_cache(maxsize=1024)
+def _effective_radii(plate: LayeredPlateModel, poisson_ratio: float, depth: float) -> float:
+    """Return the effective depth of one medium on rock at ``depth``, both in plate radii."""
+    medium = Medium(1.0, 0.0, 1.0, poisson_ratio, depth)
+    return effective_depth(plate, 1.0, LayeredGround((medium,), math.isfinite(depth)))
+
+
+def _effective_of_layers(
+    fit: GroundFit,
+    uncertainty: Uncertainty,
+    ground: LayeredGround,
+    plate: LayeredPlateModel,
+    plate_radius: float,
+) -> EffectiveModulus:
+    """Return one modulus for all media, with the interval by the covariance of the fit."""
+    space, point = fit.space, fit.best.point
+    value = effective_modulus(plate, plate_radius, ground)
+    slopes = np.zeros(space.size)
+    for column, unknown in enumerate(space.unknowns):
+        if unknown.quantity not in ("modulus", "thickness"):
+            continue
+        moved = point.copy()
+        step = -_UNIT_STEP if moved[column] > 0.5 else _UNIT_STEP
+        moved[column] += step
+        moved_value = effective_modulus(plate, plate_radius, ground_at(space, moved))
+        slopes[column] = math.log(moved_value / value) / step
+    covariance = uncertainty.correlation * np.outer(uncertainty.spread, uncertainty.spread)
+    reach = NORMAL_95 * math.sqrt(max(0.0, float(slopes @ covariance @ slopes)))
+    interval = (value * math.exp(-reach), value * math.exp(reach))
+    return EffectiveModulus(value, interval, effective_depth(plate, plate_radius, ground))
