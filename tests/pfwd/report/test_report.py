@@ -547,7 +547,7 @@ def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.M
     assert report.points[0].diagnosis is not None
     assert report.points[0].diagnosis.verdict == "explained"
     assert "geophone response: 11.00 ± 0.20 Hz (or: lag)" in " ".join(page.texts)
-    assert "clean: no effect is asked for" in text
+    assert "clean: the base model explains the record" in text
     assert "stress dependence: 0.43 ± 0.13" in page.texts
     assert "sensor lag: 2.10 ± 0.10 ms" in page.texts
     assert text.count("The modulus after is a design value: the record is explained") == 1
@@ -602,7 +602,7 @@ def test_garbage_is_looked_for_as_before_once_the_pictures_are_drawn() -> None:
 @pytest.mark.parametrize(
     ("deviation", "said"),
     [
-        (0.55, "none that the drops tell (90 to 120 kPa)"),
+        (0.55, "not visible in the drops (90 to 120 kPa)"),
         (0.04, "to the power -0.09"),
         (None, "to"),
     ],
