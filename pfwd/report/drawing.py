@@ -1,6 +1,7 @@
 """The pictures of a report, drawn into a figure of matplotlib."""
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -368,8 +369,9 @@ def _draw_traces(figure: Any, drops: Sequence[DropView], texts: Texts, right: fl
         residual.axvline(curves.window_end * 1e3, color="0.5", linewidth=0.8, linestyle=":")
     titles = ("load_axis", "deflection_axis", "residual_axis")
     for axes, title in zip((load, moved, residual), titles, strict=True):
-        axes.set_ylabel(texts[title], fontsize=5.5)  # longer words would run into each other
-        axes.yaxis.set_label_coords(-0.078 / wide, 0.5)
+        # The unit stands in a line of its own, lest the words run into each other.
+        axes.set_ylabel(re.sub(", |，", "\n", texts[title]), fontsize=5.5, linespacing=1.1)
+        axes.yaxis.set_label_coords(-0.066 / wide, 0.5)
     residual.set_xlabel(texts["time_axis"], fontsize=7, labelpad=1)
     for axes in (load, moved, residual):
         axes.axhline(0.0, color="0.7", linewidth=0.6)

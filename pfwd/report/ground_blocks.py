@@ -13,6 +13,7 @@ from pfwd.judging import DropView
 from pfwd.report import formatting
 from pfwd.report.blocks import Block, Heading, Paragraph, Picture, Table
 from pfwd.report.drawing import COLOURS, finish, margins, number_log_axis
+from pfwd.report.point_facts import drops_text
 from pfwd.report.texts import Texts
 
 _LAYERS_HEIGHT, _BOWL_HEIGHT = 66.0, 42.0
@@ -144,11 +145,12 @@ def _sensors(drops: Sequence[DropView], texts: Texts) -> list[Block]:
         f"{texts['contact_phase']}, %",
         f"{texts['whole_record']}, %",
     )
-    numbers = ", ".join(str(drop.number) for drop in drops)
+    numbers = [str(drop.number) for drop in drops]
+    names = drops_text(numbers, numbers, texts)
     return [
         Heading(texts["sensor_residuals"], 3),
         Table(columns, tuple(rows), (1, 2, 3, 4)),
-        Paragraph(f"{texts['drops']} {numbers}. {texts['sensor_residuals_note']}", "note"),
+        Paragraph(f"{names}. {texts['sensor_residuals_note']}", "note"),
     ]
 
 

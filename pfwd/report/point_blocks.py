@@ -196,8 +196,9 @@ def _pictures(point: PointView, texts: Texts) -> list[Block]:
     traced = _traced(point)
     if not traced and len(point.progress.compaction) < 2:
         return []
-    names = ", ".join(str(drop.number) for drop in traced)
-    caption = f"{texts['traces']}, {texts['drops']} {names}. " if traced else ""
+    order = [str(drop.number) for drop in point.drops]
+    names = drops_text([str(drop.number) for drop in traced], order, texts)
+    caption = f"{texts['traces']}, {names}. " if traced else ""
     caption += f"{texts['compaction']}." if len(point.progress.compaction) > 1 else ""
     alternative = f"{texts['traces']}: {texts['point']} {point.shown_name}"
     draw = partial(draw_point, point=point, drops=traced, texts=texts)

@@ -1,5 +1,6 @@
 """The parts of a report on the procedure, the instruments, and what repeats the computation."""
 
+import datetime
 import json
 import math
 from collections.abc import Mapping
@@ -124,9 +125,18 @@ def _channel(channel: Mapping[str, Any], texts: Texts) -> tuple[str, ...]:
     )
 
 
+def _utc_text(text: str) -> str:
+    """Return a time in UTC, ISO 8601, to the minute; another text as it is."""
+    try:
+        time = datetime.datetime.fromisoformat(text)
+    except ValueError:
+        return text
+    return f"{time:%Y-%m-%d %H:%M} UTC"
+
+
 def _check(check: Mapping[str, Any], texts: Texts) -> str:
     details = check.get("details", check)
-    parts = [str(check.get("time_utc") or "")]
+    parts = [_utc_text(str(check.get("time_utc") or ""))]
     if isinstance(details.get("zero_n"), int | float):
         parts.append(texts.say("check_zero", value=f"{details['zero_n']:.0f}"))
     if isinstance(details.get("span_ratio"), int | float):

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pypdf
 import pytest
+from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -33,7 +34,7 @@ from pfwd.judging import DropView
 from pfwd.procedures import StressDependence, Verdict
 from pfwd.report import fonts
 from pfwd.report.content import Report
-from pfwd.report.drawing import draw_traces
+from pfwd.report.drawing import draw_point, draw_traces
 from pfwd.report.fits import curves_of
 from pfwd.report.gathering import ReportOptions, gather
 from pfwd.report.point_blocks import _stress
@@ -647,3 +648,24 @@ def test_a_ladder_of_residuals_has_plain_numbers_and_room_for_its_axis() -> None
     boxes = [label.get_window_extent(renderer) for label in shown]
     assert all(left.x1 < right.x0 for left, right in pairwise(boxes))
     assert all(title.y1 <= box.y0 for box in boxes)
+
+
+@pytest.mark.parametrize("language", ["en", "de", "zh"])
+def test_labels_of_traces_do_not_run_into_each_other(survey: Path, language: str) -> None:
+    if language == "zh" and fonts.chinese_family() is None:
+        pytest.skip("no font with Chinese letters on this computer")
+    point = gather(survey).points[0]
+    with rc_context({"font.family": fonts.families()}):
+        figure = Figure(figsize=(180 / 25.4, 50 / 25.4))
+        canvas = FigureCanvasAgg(figure)
+        draw_point(figure, point, point.drops[1:], load_texts(language))
+        canvas.draw()
+    renderer = canvas.get_renderer()
+    labels = [axes.yaxis.label for axes in figure.axes[:3]]
+    assert all(label.get_text() for label in labels)
+    boxes = sorted((label.get_window_extent(renderer) for label in labels), key=lambda b: b.y0)
+    assert all(lower.y1 < upper.y0 for lower, upper in pairwise(boxes))
+    assert all(box.x0 >= 0 for box in boxes)
+    for axes, box in zip(sorted(figure.axes[:3], key=lambda a: a.bbox.y0), boxes, strict=True):
+        numbers = [label.get_window_extent(renderer) for label in axes.get_yticklabels()]
+        assert not any(box.overlaps(number) for number in numbers)
