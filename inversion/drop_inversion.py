@@ -1,4 +1,4 @@
-"""The inversion as its users meet it: records in, a modulus with all its conditions out."""
+"""Inversion of recorded drops: the modulus of the ground with all its conditions."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ from inversion.threads import single_threaded_blas
 
 Load = Literal["measured", "half-sine", "half-sine-equal-area"]
 
-# A residual up to this many times the noise counts as noise.
-_EXPLAINED_FACTOR = 2.0
-# Densities of soils and granular fills, kg/m3, from loose and dry to crushed rock, dense and wet.
-_SOIL_DENSITIES = (1200.0, 2600.0)
+# A residual up to this multiple of the noise counts as noise.
+_MAX_RESIDUAL_OVER_NOISE = 2.0
+# Densities of soils and granular fills, from loose and dry to crushed rock, dense and wet.
+_SOIL_DENSITIES_KG_M3 = (1200.0, 2600.0)
 # Residual of the plate after the contact, rms over its peak and over its noise: of declared drops
 # of finite elements at most 0.7 % is left there, with something wrongly declared 4 to 22 %.
 _MAX_TAIL_OVER_PEAK, _MAX_TAIL_OVER_NOISE = 0.03, 3.0
@@ -45,21 +45,21 @@ _MAX_TAIL_OVER_PEAK, _MAX_TAIL_OVER_NOISE = 0.03, 3.0
 
 @dataclass(frozen=True)
 class Settings:
-    """How a drop is inverted; the defaults give the truest modulus.
+    """Settings of an inversion; the defaults give the truest modulus.
 
     Parameters
     ----------
     plate : contact of plate and ground
     load : the measured load, or the half-sine fitted to it (by least squares, or with the
-        measured peak and area as the paper has it)
-    all_sensors : False: the centre alone
-    bedrock_depth : m; inf: none; "declared": as the record says, fitted where it says nothing;
+        measured peak and area as in the paper)
+    all_sensors : False: the centre only
+    bedrock_depth : m; inf: none; "declared": that of the record, fitted where it has none;
         "unknown": fitted
     elastic : True: no viscosity
     layers : number of media with a modulus, the lowest included (1 to 4), or "auto": as many as the
-        record can tell
+        record determines
     thickness : m, of all media but the lowest, from the top; None: fitted
-    priors : whether what nature gives decides between grounds that fit alike
+    priors : True: the most probable of the grounds that fit alike is chosen
     method : "mpga" (genetic search, then polish), "least-squares" (several starts), or
         "published" (the genetic search of the paper on its own fitness, without polish)
     seed : int, of the search
@@ -81,11 +81,11 @@ class Settings:
             raise ModelError(f"layers: expected 1 to {MAX_LAYERS} or auto, got {self.layers}")
         if self.method == "published" and self.layers != 1:
             raise ModelError(
-                f"layers: the published method knows one, got {self.layers}; leave one of them out"
+                f"layers: the published method has one, got {self.layers}; leave one of them out"
             )
         if self.method == "published" and self.plate not in PLATE_MODELS:
             raise ModelError(
-                f"plate: the published method knows {', '.join(PLATE_MODELS)}, got {self.plate}"
+                f"plate: the published method has {', '.join(PLATE_MODELS)}, got {self.plate}"
             )
         if self.thickness is not None:
             if self.layers == "auto" or len(self.thickness) != self.layers - 1:
@@ -98,15 +98,15 @@ class Settings:
 
     @property
     def homogeneous(self) -> bool:
-        """Whether the ground is one medium under a plate that the tables of responses know."""
+        """True for one medium under a plate for which there are tables of responses."""
         return self.layers == 1 and self.plate in PLATE_MODELS
 
     def depth_of(self, record: Record) -> float | None:
         """Bedrock depth of the model, m: inf none, None fitted."""
         if self.bedrock_depth == "unknown":
             return None
-        said = self.bedrock_depth
-        depth = record.bedrock_depth if said == "declared" else float(said)
+        setting = self.bedrock_depth
+        depth = record.bedrock_depth if setting == "declared" else float(setting)
         if depth is not None and not depth > 0.0:
             raise ModelError(f"bedrock depth: expected a value > 0 m or inf, got {depth:g}")
         return depth
@@ -158,12 +158,12 @@ def invert_joint(
 def _invert_joint(
     records: Sequence[Record], settings: Settings, library: SurrogateLibrary
 ) -> tuple[InversionResult, ...]:
-    _check_alike(records)
+    _check_same_point(records)
     used = [_selected(record, settings) for record in records]
     first = used[0]
     # A table that has to be built is not counted as time of the analysis.
     surrogate = library.get(*surrogate_request(first, settings)) if settings.homogeneous else None
-    begun = clock.perf_counter()
+    start = clock.perf_counter()
     drops = tuple(_weighted_drop(record, settings) for record in used)
     peaks = [_peak(item.drop, first) for item in drops]
     modulus = float(np.median([peak.modulus for peak in peaks]))
@@ -175,7 +175,7 @@ def _invert_joint(
         _report(item, estimate, peak, settings)
         for item, peak in zip(estimate.fit.drops, peaks, strict=True)
     ]
-    elapsed = clock.perf_counter() - begun
+    elapsed = clock.perf_counter() - start
     return tuple(replace(report, elapsed_s=elapsed) for report in reports)
 
 
@@ -220,19 +220,19 @@ def _layered_estimate(
     return invert_layers(drops, request, np.random.default_rng(settings.seed))
 
 
-def _check_alike(records: Sequence[Record]) -> None:
+def _check_same_point(records: Sequence[Record]) -> None:
     if not records:
         raise RecordError("expected at least one record, got none")
     first = records[0]
-    for other in records[1:]:
-        same = (
-            other.instrument == first.instrument
-            and other.poisson_ratio == first.poisson_ratio
-            and other.density == first.density
-            and other.bedrock_depth == first.bedrock_depth
-            and [s.offset for s in other.sensors] == [s.offset for s in first.sensors]
+    for record in records[1:]:
+        is_same = (
+            record.instrument == first.instrument
+            and record.poisson_ratio == first.poisson_ratio
+            and record.density == first.density
+            and record.bedrock_depth == first.bedrock_depth
+            and [s.offset for s in record.sensors] == [s.offset for s in first.sensors]
         )
-        if not same:
+        if not is_same:
             raise RecordError(
                 "joint inversion: expected drops of one device on one ground, got drops whose "
                 "geometry, sensors or declared values differ; invert them one by one"
@@ -240,7 +240,7 @@ def _check_alike(records: Sequence[Record]) -> None:
 
 
 def _selected(record: Record, settings: Settings) -> Record:
-    """The record with the sensors that take part, nearest first."""
+    """Return the record with the sensors that take part, nearest first."""
     ordered = record.nearest_first().sensors
     if not settings.all_sensors:
         ordered = ordered[:1]
@@ -253,7 +253,7 @@ def _selected(record: Record, settings: Settings) -> Record:
 
 
 def surrogate_request(record: Record, settings: Settings) -> tuple[PlateProblem, float | None]:
-    """The surrogate an inversion will ask its library for: problem and depth in plate radii."""
+    """Return problem and depth, in plate radii, of the surrogate that an inversion requires."""
     chosen = _selected(record, settings)
     radius, depth = record.instrument.plate_radius, settings.depth_of(record)
     ratios = [round(abs(s.offset) / radius, 10) for s in chosen.sensors]
@@ -271,7 +271,7 @@ def _weighted_drop(record: Record, settings: Settings) -> WeightedDrop:
 
 
 def _model_load(drop: PreparedDrop, settings: Settings) -> FloatArray:
-    """The load the model sees, N."""
+    """Return the load of the model, N."""
     if settings.load == "measured":
         return drop.load
     fit = fit_half_sine if settings.load == "half-sine" else fit_half_sine_equal_area
@@ -305,7 +305,7 @@ def _report(
     drop, fit, lowest = item.drop, estimate.fit, estimate.lowest
     history = _histories(item, fit)
     # The bounds of one medium are within a factor of its peak modulus: it is always stated.
-    is_stated = settings.homogeneous or estimate.modulus_known
+    is_stated = settings.homogeneous or estimate.is_modulus_known
     noise = (drop.noise[0], drop.quantisation[0], item.model_floor[0])
     result = InversionResult(
         method=settings.method,
@@ -334,7 +334,7 @@ def _report(
         peak_modulus_pa=peak.modulus,
         peak_factor=peak.factor,
         priors=not settings.homogeneous or (settings.priors and settings.method != "published"),
-        explained=bool(np.sqrt(fit.best.cost) <= _EXPLAINED_FACTOR),
+        explained=bool(np.sqrt(fit.best.cost) <= _MAX_RESIDUAL_OVER_NOISE),
         r_squared=_r_squared(drop, history),
         noise_rms_m=float(max(noise)),
         residual_rms_over_peak=_residual_until(drop, history, math.inf),
@@ -380,27 +380,27 @@ def _time_histories(
 def _residual_until(drop: PreparedDrop, history: TimeHistories, end: float) -> float:
     """Rms over all sensors, each over its own peak, from the trigger to ``end`` (s)."""
     part = (drop.time >= drop.trigger) & (drop.time <= end * (1.0 + 1e-9))
-    left = history.residual[:, part] / drop.peak_displacement[:, None]
-    return float(np.sqrt(np.mean(left**2)))
+    residual = history.residual[:, part] / drop.peak_displacement[:, None]
+    return float(np.sqrt(np.mean(residual**2)))
 
 
 def _tail_over_peak(drop: PreparedDrop, history: TimeHistories) -> float | None:
-    """Rms residual of the plate after the contact over its peak; None: within what is usual."""
+    """Rms residual of the plate after the contact over its peak; None: within the limits."""
     part = (drop.time > drop.contact_end) & (drop.time <= drop.tail_end)
     if not part.any():
         return None
     tail = float(np.sqrt(np.mean(history.residual[0, part] ** 2)))
     noise = float(np.hypot(drop.with_tail().noise[0], drop.quantisation[0]))
     peak = float(drop.peak_displacement[0])
-    usual = tail <= max(_MAX_TAIL_OVER_PEAK * peak, _MAX_TAIL_OVER_NOISE * noise)
-    return None if usual else tail / peak
+    limit = max(_MAX_TAIL_OVER_PEAK * peak, _MAX_TAIL_OVER_NOISE * noise)
+    return None if tail <= limit else tail / peak
 
 
 def _r_squared(drop: PreparedDrop, history: TimeHistories) -> float:
     """One minus the residual's over the observed centre displacement's variance, in the window."""
     observed = history.observed[0, drop.window]
-    left = float(np.sum(history.residual[0, drop.window] ** 2))
-    return 1.0 - left / float(np.sum((observed - observed.mean()) ** 2))
+    residual = float(np.sum(history.residual[0, drop.window] ** 2))
+    return 1.0 - residual / float(np.sum((observed - observed.mean()) ** 2))
 
 
 def _warnings(
@@ -411,7 +411,7 @@ def _warnings(
         return tuple(notices)
     density = result.density_kg_m3
     if result.explained and density and _is_no_soil(density, result.density_sd_kg_m3):
-        values: dict[str, Value] = {"usual_kg_m3": _SOIL_DENSITIES, "density_kg_m3": density}
+        values: dict[str, Value] = {"usual_kg_m3": _SOIL_DENSITIES_KG_M3, "density_kg_m3": density}
         notices.append(Notice("density-suspect", values))
     if not estimate.uncertainty.depth_unique and result.bedrock_depth_interval_m is not None:
         low, high = result.bedrock_depth_interval_m
@@ -420,26 +420,26 @@ def _warnings(
 
 
 def _is_no_soil(density: float, deviation: float | None) -> bool:
-    """Whether a fitted density is beyond those of soils by more than the noise explains."""
+    """Return True if a fitted density differs from those of soils by more than the noise."""
     if deviation is None:
         return False
     reach = NORMAL_95 * deviation
-    return density + reach < _SOIL_DENSITIES[0] or density - reach > _SOIL_DENSITIES[1]
+    return density + reach < _SOIL_DENSITIES_KG_M3[0] or density - reach > _SOIL_DENSITIES_KG_M3[1]
 
 
 def _fit_warnings(result: InversionResult, drop: PreparedDrop, cost: float) -> list[Notice]:
-    found = [Notice("parameter-on-bound", {"parameter": name}) for name in result.at_bound or ()]
+    notices = [Notice("parameter-on-bound", {"parameter": name}) for name in result.at_bound or ()]
     if not result.explained:
         sizes = {
             "residual_over_noise": math.sqrt(cost),
             "residual_over_peak": result.window_residual_rms_over_peak or 0.0,
         }
-        found.append(Notice("residual-not-explained", sizes))
+        notices.append(Notice("residual-not-explained", sizes))
     elif result.load == "measured" and result.method != "published":
         assert result.history is not None
         tail = _tail_over_peak(drop, result.history)
         if tail is not None:
-            found.append(Notice("tail-not-explained", {"tail_over_peak": tail}))
+            notices.append(Notice("tail-not-explained", {"tail_over_peak": tail}))
     if not result.converged:
-        found.append(Notice("not-converged"))
-    return found
+        notices.append(Notice("not-converged"))
+    return notices

@@ -77,8 +77,8 @@ class GroundEstimate:
         return self.layers[-1]
 
     @property
-    def modulus_known(self) -> bool:
-        """Whether the lowest medium's modulus is known within a factor of ten."""
+    def is_modulus_known(self) -> bool:
+        """True if the lowest medium's modulus is known within a factor of ten."""
         low, high = interval_of(self.lowest)
         return high <= OPEN_FACTOR * low
 
@@ -151,9 +151,9 @@ def estimate_ground(
     ground = ground_at(fit.space, fit.best.point)
     layers = tuple(_layer(fit.space, uncertainty, ground, j) for j in range(fit.space.media))
     if not isinstance(fit.misfit.plate, str):
-        effective = _effective_of_one_medium(layers[0], ground, plate, plate_radius)
+        effective = _homogeneous_effective(layers[0], ground, plate, plate_radius)
     else:
-        effective = _effective_of_layers(fit, uncertainty, ground, plate, plate_radius)
+        effective = _layered_effective(fit, uncertainty, ground, plate, plate_radius)
     return GroundEstimate(
         fit,
         uncertainty,
@@ -206,7 +206,7 @@ def _layer(
     )
 
 
-def _effective_of_one_medium(
+def _homogeneous_effective(
     layer: LayerResult, ground: LayeredGround, plate: LayeredPlateModel, plate_radius: float
 ) -> EffectiveModulus:
     (medium,) = ground.media
@@ -223,7 +223,7 @@ def _effective_radii(plate: LayeredPlateModel, poisson_ratio: float, depth: floa
     return effective_depth(plate, 1.0, LayeredGround((medium,), math.isfinite(depth)))
 
 
-def _effective_of_layers(
+def _layered_effective(
     fit: GroundFit,
     uncertainty: Uncertainty,
     ground: LayeredGround,

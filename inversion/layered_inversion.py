@@ -12,7 +12,7 @@ from inversion.arrays import FloatArray
 from inversion.fitting.ground_fit import GroundFit, Window
 from inversion.fitting.ground_parameters import layered_space
 from inversion.fitting.layer_count import (
-    MIN_EVIDENCE_GAIN,
+    MIN_BIC_GAIN,
     MIN_SENSORS_TO_HOLD_OUT,
     Candidate,
     held_out_errors,
@@ -62,7 +62,9 @@ class LayerRequest:
     surface_modulus: float
     genetic: bool
 
-    def space(self, media: int, rock_depth: float | None, own_relaxation: bool) -> ParameterSpace:
+    def space(
+        self, media: int, rock_depth: float | None, separate_relaxation: bool
+    ) -> ParameterSpace:
         """Return the unknowns of one number of media."""
         return layered_space(
             media,
@@ -73,7 +75,7 @@ class LayerRequest:
             thickness=self.thickness,
             rock_depth=rock_depth,
             elastic=self.elastic,
-            own_relaxation=own_relaxation,
+            separate_relaxation=separate_relaxation,
         )
 
 
@@ -85,12 +87,12 @@ def invert_layers(
     if request.layers != "auto":
         return _estimate(variants, variants.best_fit(int(request.layers)), ())
     n_sensors = drops[0].drop.offsets.size
-    most = max_layers(drops[0].n_distances)
+    max_media = max_layers(drops[0].n_distances)
     # The part of the record that is explained has to be the same for all numbers of media.
-    variants.window = variants.first_fit(min(_N_WINDOW_MEDIA, most)).window
+    variants.window = variants.first_fit(min(_N_WINDOW_MEDIA, max_media)).window
     candidates: list[Candidate] = []
     best: Candidate | None = None
-    for media in range(1, most + 1):
+    for media in range(1, max_media + 1):
         fit = variants.best_fit(media)
         error = None
         if n_sensors >= MIN_SENSORS_TO_HOLD_OUT:
@@ -103,7 +105,7 @@ def invert_layers(
             break
     assert best is not None
     estimate = _estimate(variants, best.fit, tuple(candidates))
-    if most == 1:
+    if max_media == 1:
         # One sensor determines no layers, and does not exclude them either.
         two = variants.best_fit(2)
         two_media = _estimate(variants, two, ())
@@ -112,20 +114,20 @@ def invert_layers(
     return estimate
 
 
-def _widened_by_layers(one: GroundEstimate, two: GroundEstimate) -> GroundEstimate:
+def _widened_by_layers(estimate: GroundEstimate, layered: GroundEstimate) -> GroundEstimate:
     """Widen the intervals of one medium by those of layered ground that fits as well."""
 
     def union(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
         return min(a[0], b[0]), max(a[1], b[1])
 
-    interval = union(interval_of(one.lowest), interval_of(two.lowest))
-    effective = union(one.effective.interval, two.effective.interval)
+    interval = union(interval_of(estimate.lowest), interval_of(layered.lowest))
+    effective = union(estimate.effective.interval, layered.effective.interval)
     return replace(
-        one,
-        layers=(replace(one.lowest, modulus_interval_pa=interval),),
-        effective=replace(one.effective, interval=effective),
-        remarks=(*one.remarks, Notice("layers-need-sensors")),
-        solves=two.solves,
+        estimate,
+        layers=(replace(estimate.lowest, modulus_interval_pa=interval),),
+        effective=replace(estimate.effective, interval=effective),
+        remarks=(*estimate.remarks, Notice("layers-need-sensors")),
+        solves=layered.solves,
     )
 
 
@@ -144,14 +146,14 @@ class _Variants:
         self,
         media: int,
         depth: float | None,
-        own_relaxation: bool,
+        separate_relaxation: bool,
         start: FloatArray | None = None,
         genetic: bool = False,
     ) -> GroundFit:
         """Fit one variant of a number of media."""
         fit = fit_layers(
             self.drops,
-            self.request.space(media, depth, own_relaxation),
+            self.request.space(media, depth, separate_relaxation),
             self.request.plate,
             self.rng,
             genetic=genetic,
@@ -162,14 +164,14 @@ class _Variants:
         return fit
 
     def first_fit(self, media: int) -> GroundFit:
-        """Fit the variant that explains most: own relaxation times, rock if it is not excluded."""
-        known = self._first_fits.get(media)
-        if known is not None and self.window in (None, known.window):
-            return known
-        own = media > 1 and not self.request.elastic
+        """Fit the variant that explains most: a relaxation time each, rock if not excluded."""
+        stored = self._first_fits.get(media)
+        if stored is not None and self.window in (None, stored.window):
+            return stored
+        separate = media > 1 and not self.request.elastic
         # One medium has one minimum; a search of several starts is enough.
         genetic = self.request.genetic and media > 1
-        fit = self.fit(media, self.request.rock_depth, own, genetic=genetic)
+        fit = self.fit(media, self.request.rock_depth, separate, genetic=genetic)
         self._first_fits[media] = fit
         return fit
 
@@ -179,25 +181,25 @@ class _Variants:
         Rock at an unknown depth or none; a relaxation time for each medium or, where that is worth
         the loss of fit, one for all.
         """
-        own = media > 1 and not self.request.elastic
+        separate = media > 1 and not self.request.elastic
         best = self.first_fit(media)
         self.window = self.window or best.window
         if self.request.rock_depth is None:
-            without_rock = self.fit(media, math.inf, own)
+            without_rock = self.fit(media, math.inf, separate)
             if information(without_rock) < information(best):
                 best = without_rock
-        if own:
+        if separate:
             depth = None if best.space.rock and self.request.rock_depth is None else math.inf
             if self.request.rock_depth is not None:
                 depth = self.request.rock_depth
-            space = self.request.space(media, depth, own_relaxation=False)
-            shared = self.fit(media, depth, False, start=_with_one_relaxation(best, space))
-            if information(shared) < information(best) - MIN_EVIDENCE_GAIN:
+            space = self.request.space(media, depth, separate_relaxation=False)
+            shared = self.fit(media, depth, False, start=_with_shared_relaxation(best, space))
+            if information(shared) < information(best) - MIN_BIC_GAIN:
                 best = shared
         return best
 
 
-def _with_one_relaxation(fit: GroundFit, space: ParameterSpace) -> FloatArray:
+def _with_shared_relaxation(fit: GroundFit, space: ParameterSpace) -> FloatArray:
     """Return the point of a fit's ground with one relaxation time for all media."""
     values = dict(zip(fit.space.names, fit.space.values(fit.best.point[None])[0], strict=True))
     times = [v for name, v in values.items() if name.startswith("relaxation")]
@@ -219,7 +221,7 @@ def _estimate(
 
 def _remarks(estimate: GroundEstimate, candidates: tuple[Candidate, ...]) -> tuple[Notice, ...]:
     remarks = []
-    if not estimate.modulus_known:
+    if not estimate.is_modulus_known:
         values: dict[str, Value] = {
             "modulus_interval_pa": interval_of(estimate.lowest),
             "effective_modulus_pa": estimate.effective.modulus,

@@ -20,7 +20,7 @@ from inversion.arrays import FloatArray
 from inversion.diagnosis.findings import MAX_UNEXPLAINED_SHARE, PointDiagnosis
 from inversion.diagnosis.model import DropModel, PointRecords
 from inversion.diagnosis.problem import Point
-from inversion.measured.record import SAME_DISTANCE, Record
+from inversion.measured.record import MAX_SIDE_DIFFERENCE_M, Record
 from inversion.notices import Notice, Value
 from inversion.records import known
 
@@ -137,7 +137,7 @@ def _moves_more(model: DropModel, outer: int, inner: int) -> bool:
     inner_offset, outer_offset = (abs(model.context.offsets[place]) for place in (inner, outer))
     largest = np.abs(_during_pulse(model)).max(axis=1)
     return bool(
-        outer_offset - inner_offset > SAME_DISTANCE
+        outer_offset - inner_offset > MAX_SIDE_DIFFERENCE_M
         and largest[outer] > _MAX_OUTER_OVER_INNER * largest[inner]
     )
 

@@ -87,7 +87,7 @@ class Layer(Effect):
         top: tuple[Parameter, ...] = (_RATIO, thickness)
         top += () if drop.elastic else (_RELAXATION,)
         top += () if drop.is_density_declared else (_DENSITY,)
-        if drop.layers is None or not drop.layers.has_middle_layer:
+        if drop.layers is None or not drop.layers.has_second_layer:
             return top
         return (*top, *(replace(p, name=_MIDDLE_PREFIX + p.name) for p in top))
 

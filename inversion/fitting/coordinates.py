@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from inversion.fitting.parameters import Parameter
 
-# Prior deviation of a parameter about which nothing is known, in parts of its range.
-_VAGUE = 0.25
+# Prior deviation of a parameter without a prior, as a part of its range.
+_VAGUE_DEVIATION_SHARE = 0.25
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Coordinate:
     name : str
     mean, deviation : float, of the normal prior
     lower, upper : float, bounds
-    starts : tuple of float, where fits begin
+    starts : tuple of float, starting points of fits
     """
 
     name: str
@@ -31,7 +31,7 @@ class Coordinate:
     starts: tuple[float, ...] = ()
 
     def start(self, variant: int) -> float:
-        """Return where a fit begins; the last start serves all further variants."""
+        """Return the starting point of a variant; the last start serves all further variants."""
         if not self.starts:
             return min(max(self.mean, self.lower), self.upper)
         return self.starts[min(variant, len(self.starts) - 1)]
@@ -40,14 +40,17 @@ class Coordinate:
 def coordinate_of(parameter: Parameter) -> Coordinate:
     """Return the coordinate of a parameter: its logarithm or itself, with the parameter's prior.
 
-    The fit begins where the effect is absent, if a prior holds it near there, else at the starts.
+    A parameter with a prior near the value at which its effect is absent starts there.
     """
 
     def scaled(value: float) -> float:
         return math.log(value) if parameter.logarithmic else value
 
     lower, upper = scaled(parameter.lower), scaled(parameter.upper)
-    mean, deviation = parameter.prior or (0.5 * (lower + upper), _VAGUE * (upper - lower))
+    mean, deviation = parameter.prior or (
+        0.5 * (lower + upper),
+        _VAGUE_DEVIATION_SHARE * (upper - lower),
+    )
     starts = parameter.starts
     if parameter.prior is not None and parameter.absent is not None:
         starts = (parameter.absent,)

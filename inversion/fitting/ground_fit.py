@@ -37,7 +37,7 @@ class Minimum:
 
 @dataclass(frozen=True)
 class AlternativeRule:
-    """Which other minima the data do not exclude, and how far intervals reach around them.
+    """Rule for the other minima that the data do not exclude, and for intervals around them.
 
     Parameters
     ----------
@@ -101,10 +101,10 @@ class GroundFit:
     @property
     def max_cost(self) -> float:
         """Cost up to which the data do not exclude a minimum."""
-        least = self.best.cost
+        reference = self.best.cost
         if self.coarse is not None:
-            least = min((other.cost for other in self.others), default=0.0)
-        return least + self.rule.max_rise / self.misfit.n_independent * self.level
+            reference = min((minimum.cost for minimum in self.others), default=0.0)
+        return reference + self.rule.max_rise / self.misfit.n_independent * self.level
 
     @property
     def alternatives(self) -> tuple[Minimum, ...]:

@@ -95,8 +95,8 @@ def homogeneous_space(
     unknowns = [Unknown(Parameter(MODULUS, "Pa", low, high, logarithmic=True), "modulus", 0)]
     if not elastic:
         centre, deviation = (peak_modulus * time for time in RELAXATION_PRIOR_S)
-        most = max(_MIN_VISCOSITY_BOUND_PA_S, _MAX_RELAXATION_S * peak_modulus)
-        viscosity = Parameter(VISCOSITY, "Pa s", 0.0, most, prior=(centre, deviation))
+        upper = max(_MIN_VISCOSITY_BOUND_PA_S, _MAX_RELAXATION_S * peak_modulus)
+        viscosity = Parameter(VISCOSITY, "Pa s", 0.0, upper, prior=(centre, deviation))
         unknowns.append(Unknown(viscosity, "viscosity", 0))
     if density is None:
         parameter = Parameter(
@@ -132,7 +132,7 @@ def layered_space(
     thickness: Sequence[float] | None = None,
     rock_depth: float | None = None,
     elastic: bool = False,
-    own_relaxation: bool = False,
+    separate_relaxation: bool = False,
     geophone: bool = False,
     lag: bool = False,
     sensor_lags: Sequence[int] = (),
@@ -145,7 +145,7 @@ def layered_space(
     density : kg/m3, of all media, or None: fitted
     thickness : media - 1 values from the top, m, or None: fitted
     rock_depth : m; inf: none; None: fitted
-    own_relaxation : True: a relaxation time for each medium, False: one for all of them
+    separate_relaxation : True: a relaxation time for each medium, False: one for all of them
     geophone, lag : fit the natural frequency and damping of the geophones, a lag of all sensors
     sensor_lags : sensors with a lag of their own
     """
@@ -183,7 +183,7 @@ def layered_space(
         lowest = _logarithmic(f"thickness_{media}", "m", (low, high), None)
         unknowns.append(Unknown(lowest, "thickness", media - 1))
     if not elastic:
-        places = tuple(range(media)) if own_relaxation else (None,)
+        places = tuple(range(media)) if separate_relaxation else (None,)
         unknowns += [
             Unknown(
                 Parameter(

@@ -29,7 +29,7 @@ Method = Literal["mpga", "least-squares", "published"]
 # Samples of the window for the search, for rough fits of the whole record, and for the polish.
 _MAX_SEARCH_SAMPLES, _MAX_ROUGH_SAMPLES, _MAX_FULL_SAMPLES = 64, 128, 400
 # Starts (unit values): modulus around that of the peak method, and little or much viscosity.
-_START_MODULUS, _START_VISCOSITY, _START_OTHER = (0.5, 0.4), (0.06, 0.25), 0.6
+_START_MODULUS, _START_VISCOSITY, _START_DENSITY_AND_DEPTH = (0.5, 0.4), (0.06, 0.25), 0.6
 # Depths, at even steps of the unit box, at which the other parameters are fitted: the misfit has a
 # minimum for every few of them, most of all for shallow ones.
 _N_PROFILE_DEPTHS = 14
@@ -51,7 +51,7 @@ _MAX_POLISHED_TAIL_COST, _MAX_TAIL_COST = 9.0, 2.25
 # A depth is an alternative up to about twice the best cost; twice that for the coarser fit.  The
 # cost that a linear record predicts was up to 10 times too large.
 _MAX_PROFILE_COST_RATIO, _MAX_LINEAR_COST_RATIO = 4.0, 8.0
-_ALTERNATIVES = AlternativeRule(max_rise=CHI_SQUARE_2_95, is_widened=True)
+_HOMOGENEOUS_RULE = AlternativeRule(max_rise=CHI_SQUARE_2_95, is_widened=True)
 # The same beside the most natural ground: the tails of what nature gives are longer than those of
 # a normal distribution.
 _MAX_NATURAL_RISE = 12.0
@@ -78,7 +78,7 @@ def fit_homogeneous(
         return _fit_published(drops, space, plate, rng)
     fit = _fit_without_priors(drops, space, plate, method, rng)
     if priors and space.depth_column is not None:
-        fit = _most_natural(fit)
+        fit = _with_priors(fit)
     return _with_fits_off_bounds(fit)
 
 
@@ -137,7 +137,7 @@ class _PriorFit:
         return int(np.argmin(self.cost[: self.converged.size]))
 
 
-def _most_natural(fit: GroundFit) -> GroundFit:
+def _with_priors(fit: GroundFit) -> GroundFit:
     """Replace the best ground by the most probable one among those that fit alike.
 
     The others that fit alike become the profile.  Ground without rock is one of them where it
@@ -250,7 +250,14 @@ def _fit_without_priors(
         solves = rapid.solves
     return _with_tail(
         GroundFit(
-            guesses[0], guesses[1:], False, solves, coarse, drops, _ALTERNATIVES, profile=profile
+            guesses[0],
+            guesses[1:],
+            False,
+            solves,
+            coarse,
+            drops,
+            _HOMOGENEOUS_RULE,
+            profile=profile,
         )
     )
 
@@ -308,11 +315,11 @@ def _with_tail(fit: GroundFit) -> GroundFit:
     )
     if refined.cost[refined.best] > _MAX_POLISHED_TAIL_COST:
         return _polish(_refine(replace(fit, solves=fit.solves + rough.solves)))
-    whole = Misfit(longer, space, plate, FULL_BAND_HZ, _MAX_FULL_SAMPLES)
+    complete = Misfit(longer, space, plate, FULL_BAND_HZ, _MAX_FULL_SAMPLES)
     starts = _promising(distinct_minima(refined.points, refined.cost))
-    polished = fit_batch(whole.linearise, np.stack([m.point for m in starts]), iterations=15)
+    polished = fit_batch(complete.linearise, np.stack([m.point for m in starts]), iterations=15)
     minima = distinct_minima(polished.points, polished.cost)
-    fit = replace(fit, solves=fit.solves + rough.solves + whole.solves)
+    fit = replace(fit, solves=fit.solves + rough.solves + complete.solves)
     if minima[0].cost > _MAX_TAIL_COST:
         fit = _refine(fit)
         if minima[0].cost > fit.best.cost:
@@ -326,7 +333,7 @@ def _with_tail(fit: GroundFit) -> GroundFit:
         profile=profile,
         converged=bool(polished.converged[polished.best]),
         solves=fit.solves + fit.misfit.solves + rough.solves - first_solves,
-        misfit=whole,
+        misfit=complete,
         drops=longer,
     )
 
@@ -344,7 +351,7 @@ def _longer_profile(fit: GroundFit, misfit: Misfit, best_cost: float) -> tuple[M
     if not points.size:
         return ()
     column = misfit.space.depth_column
-    free = np.array([other for other in range(points.shape[1]) if other != column])
+    free = np.array([place for place in range(points.shape[1]) if place != column])
     values, slope = misfit.linearise(points, free)
     basis = np.linalg.qr(slope)[0]
     remaining = values - np.einsum("knd,kd->kn", basis, np.einsum("knd,kn->kd", basis, values))
@@ -383,7 +390,9 @@ def _fit_published(
         search.next()
     point = np.asarray(search.result().parameters)
     cost = float(misfit.objective(point[None])[0])
-    return GroundFit(Minimum(point, cost), (), True, misfit.solves, misfit, drops, _ALTERNATIVES)
+    return GroundFit(
+        Minimum(point, cost), (), True, misfit.solves, misfit, drops, _HOMOGENEOUS_RULE
+    )
 
 
 def _genetic_optimum(misfit: Misfit, size: int, rng: np.random.Generator) -> FloatArray:
@@ -400,7 +409,7 @@ def _genetic_optimum(misfit: Misfit, size: int, rng: np.random.Generator) -> Flo
 
 def _two_starts(space: ParameterSpace) -> FloatArray:
     """Return starts (2, d) around the peak-method modulus, with little and with much viscosity."""
-    starts = np.full((2, space.size), _START_OTHER)
+    starts = np.full((2, space.size), _START_DENSITY_AND_DEPTH)
     for column, values in (
         (space.index("modulus"), _START_MODULUS),
         (space.index("viscosity"), _START_VISCOSITY),

@@ -25,7 +25,7 @@ MAX_LAYERS = 4
 _MIN_COST = 0.1
 # Gain of evidence that a further medium needs ("strong" in Kass and Raftery 1995, J. Am. Stat.
 # Assoc. 90, 773-795), and the largest ratio by which it may predict held-out sensors worse.
-MIN_EVIDENCE_GAIN = 6.0
+MIN_BIC_GAIN = 6.0
 _MAX_HELD_OUT_RATIO = 1.1
 # With fewer sensors than this those that are not held out do not determine the ground.
 MIN_SENSORS_TO_HOLD_OUT = 3
@@ -115,8 +115,8 @@ def _prediction_error(fit: GroundFit, point: FloatArray, sensor: int) -> float:
 
 
 def is_better(fewer: Candidate, more: Candidate) -> bool:
-    """Whether the ground with more media explains more and predicts no worse."""
-    if more.evidence > fewer.evidence - MIN_EVIDENCE_GAIN:
+    """Return True if the ground with more media explains more and predicts no worse."""
+    if more.evidence > fewer.evidence - MIN_BIC_GAIN:
         return False
     if fewer.held_out_error is None or more.held_out_error is None:
         return True

@@ -14,12 +14,12 @@ import numpy as np
 
 from inversion.fitting.ground_fit import GroundFit, Window
 from inversion.fitting.ground_parameters import layered_space
-from inversion.fitting.layer_count import MIN_EVIDENCE_GAIN, information
+from inversion.fitting.layer_count import MIN_BIC_GAIN, information
 from inversion.fitting.layered_fit import fit_layers
 from inversion.fitting.misfit import WeightedDrop
 
-# Distances of sensors that determine a layer between the top and the ground below.
-_MIN_DISTANCES_FOR_MIDDLE_LAYER = 4
+# Number of distances of sensors that determine two layers on the ground below.
+_MIN_DISTANCES_FOR_TWO_LAYERS = 4
 
 
 class LayerStarts:
@@ -51,7 +51,7 @@ class LayerStarts:
         self.elastic = elastic
         self.peak_modulus = peak_modulus
         self._fits: dict[tuple[int, bool, bool, bool], GroundFit] = {}
-        self._has_middle_layer: bool | None = None
+        self._has_second_layer: bool | None = None
         self._window: Window | None = None
 
     @property
@@ -60,16 +60,16 @@ class LayerStarts:
         return self.drops[0].n_distances
 
     @property
-    def has_middle_layer(self) -> bool:
-        """Whether the record supports a layer between the top and the ground below."""
-        if self._has_middle_layer is None:
-            self._has_middle_layer = False
-            if self.n_distances >= _MIN_DISTANCES_FOR_MIDDLE_LAYER:
+    def has_second_layer(self) -> bool:
+        """True if the record supports a second layer between the top and the ground below."""
+        if self._has_second_layer is None:
+            self._has_second_layer = False
+            if self.n_distances >= _MIN_DISTANCES_FOR_TWO_LAYERS:
                 # The richer ground decides which part of the record is explained.
                 three, two = (self._fit(media, True, True, True) for media in (3, 2))
                 gain = information(two) - information(three)
-                self._has_middle_layer = gain > MIN_EVIDENCE_GAIN
-        return self._has_middle_layer
+                self._has_second_layer = gain > MIN_BIC_GAIN
+        return self._has_second_layer
 
     def values(self, *, rock: bool, geophone: bool, lag: bool) -> dict[str, float]:
         """Return the unknowns of the best ground of a variant, by name, SI.
@@ -105,7 +105,7 @@ class LayerStarts:
 
     def fit(self, *, rock: bool, geophone: bool, lag: bool) -> GroundFit:
         """Return the best layered ground of a variant of ground and instrument."""
-        return self._fit(3 if self.has_middle_layer else 2, rock, geophone, lag)
+        return self._fit(3 if self.has_second_layer else 2, rock, geophone, lag)
 
     def _fit(self, media: int, rock: bool, geophone: bool, lag: bool) -> GroundFit:
         is_declared = self.rock_depth is not None and math.isfinite(self.rock_depth)
@@ -120,7 +120,7 @@ class LayerStarts:
                 density=self.density,
                 rock_depth=self.rock_depth if is_declared else (None if rock else math.inf),
                 elastic=self.elastic,
-                own_relaxation=True,
+                separate_relaxation=True,
                 geophone=geophone and instrument.geophone_natural_frequency is None,
                 lag=lag,
             )

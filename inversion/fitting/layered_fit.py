@@ -49,10 +49,10 @@ _FIRST_LEVEL = 100.0
 # The whole record is fitted where its mean square residual is at most 2.25 (1.5 times the model's
 # error), or its root at most 1.3 times that of the contact.
 _MAX_EXPLAINED_COST, _MAX_RESIDUAL_OVER_CONTACT = 2.25, 1.3
-_ALTERNATIVES = AlternativeRule(max_rise=CHI_SQUARE_1_95, is_widened=False)
+_LAYERED_RULE = AlternativeRule(max_rise=CHI_SQUARE_1_95, is_widened=False)
 # Starts: moduli over those of the deflections (natural logarithms of the ratio, for the top,
 # between and the bottom), thicknesses in plate radii, relaxation times.
-_TOP_LOG_RATIOS, _MIDDLE_LOG_RATIOS, _BOTTOM_LOG_RATIOS = (-1.0, 2.7), (-1.2, 1.8), (-1.0, 0.3)
+_TOP_LOG_RATIOS, _INNER_LOG_RATIOS, _BOTTOM_LOG_RATIOS = (-1.0, 2.7), (-1.2, 1.8), (-1.0, 0.3)
 _THICKNESS_RADII, _LAST_THICKNESS_RADII = (0.5, 4.0), (2.0, 40.0)
 _RELAXATION_S = (0.2e-3, 2.0e-3)
 _NATURAL_FREQUENCY_HZ = (1.0, 8.0)
@@ -92,9 +92,9 @@ def fit_layers(
     minima = contact.search(starts)
     if window is not None:
         return contact.polish(minima)
-    whole = _Stage(longer, space, plate, sensors)
-    whole_starts = np.concatenate([minima.points[:_N_FOLLOWED], starts[:_N_FOLLOWED]])
-    fit = whole.polish(whole.search(whole_starts))
+    long_stage = _Stage(longer, space, plate, sensors)
+    longer_starts = np.concatenate([minima.points[:_N_FOLLOWED], starts[:_N_FOLLOWED]])
+    fit = long_stage.polish(long_stage.search(longer_starts))
     if fit.best.cost <= _MAX_EXPLAINED_COST:
         return replace(fit, solves=fit.solves + contact.coarse.solves)
     short = contact.polish(minima)
@@ -121,14 +121,14 @@ class _Stage:
         self._space, self._plate, self._sensors = space, plate, sensors
         self.coarse = self._misfit(_SEARCH_BAND_CONTACTS, _MAX_SEARCH_SAMPLES)
 
-    def _misfit(self, band_contacts: float, most_samples: int) -> Misfit:
+    def _misfit(self, band_contacts: float, max_samples: int) -> Misfit:
         n_sensors = self.drops[0].drop.offsets.size if self._sensors is None else len(self._sensors)
         return Misfit(
             self.drops,
             self._space,
             self._plate,
             band_contacts / max(item.drop.contact_end for item in self.drops),
-            most_samples,
+            max_samples,
             n_independent=independent_errors(self.drops, n_sensors),
             sensors=self._sensors,
         )
@@ -165,7 +165,7 @@ class _Stage:
             self.coarse.solves + fine.solves,
             fine,
             self.drops,
-            _ALTERNATIVES,
+            _LAYERED_RULE,
             coarse=self.coarse,
         )
 
@@ -222,7 +222,7 @@ def _start_box(space: ParameterSpace, item: WeightedDrop) -> tuple[FloatArray, F
             elif unknown.place == 0:
                 modulus, log_ratios = plate, _TOP_LOG_RATIOS
             else:
-                modulus, log_ratios = math.sqrt(plate * below), _MIDDLE_LOG_RATIOS
+                modulus, log_ratios = math.sqrt(plate * below), _INNER_LOG_RATIOS
             limits = (modulus * math.exp(log_ratios[0]), modulus * math.exp(log_ratios[1]))
         elif unknown.quantity == "thickness":
             radii = _LAST_THICKNESS_RADII if unknown.place == last else _THICKNESS_RADII

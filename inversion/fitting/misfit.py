@@ -21,8 +21,8 @@ from inversion.measured.record import PreparedDrop
 # The model's own error, as a fraction of the peak displacement: what is left of the whole model
 # against finite elements at their true parameters (docs/validation.md).
 MODEL_FLOOR_FRACTION = 0.003
-# A far sensor that hardly moves is held to this fraction of the plate's floor instead.
-_FAR_SENSOR_SHARE = 0.1
+# The floor of an outer sensor that hardly moves is this fraction of the plate's instead.
+_OUTER_SENSOR_SHARE = 0.1
 # Sensors whose distances from the plate's centre differ by less count as one distance.
 _DISTANCE_GAP_M = 0.005
 # Errors of the model are smooth.  The fit of one medium counts this number of independent ones in a
@@ -91,7 +91,7 @@ def model_floor(drop: PreparedDrop, granted: float | None) -> FloatArray:
     At least what the two sides of the plate differ by: no model alike on all sides has both.
     """
     plate = float(drop.peak_displacement[int(np.argmin(drop.offsets))])
-    share = np.hypot(drop.peak_displacement, _FAR_SENSOR_SHARE * plate)
+    share = np.hypot(drop.peak_displacement, _OUTER_SENSOR_SHARE * plate)
     floor = MODEL_FLOOR_FRACTION * share if granted is None else granted * share / plate
     return np.maximum(floor, drop.side_floor)
 
@@ -117,7 +117,7 @@ class Misfit:
     space : ParameterSpace
     plate : Plate, whose table, if it is one, is of offset 0 first and then of every sensor
     band : float, Hz
-    most_samples : int, samples of the window kept per drop (an even stride)
+    max_samples : int, samples of the window kept per drop (an even stride)
     prior_level : float, mean square of the residuals of the data that one standard deviation from
         a prior outweighs as one independent error; 0: priors do not count
     n_independent : float, number of independent errors in the data; None: six for each drop
@@ -132,7 +132,7 @@ class Misfit:
         space: ParameterSpace,
         plate: Plate,
         band: float,
-        most_samples: int,
+        max_samples: int,
         *,
         prior_level: float = 0.0,
         n_independent: float | None = None,
@@ -153,7 +153,7 @@ class Misfit:
         self.transfer = transfer_of(
             plate, self.instrument, offsets, self.sensors, single=single, rule=rule
         )
-        self.rows = [_even_rows(item.drop.window, most_samples) for item in self.drops]
+        self.rows = [_even_rows(item.drop.window, max_samples) for item in self.drops]
         longest = max(
             float(item.drop.time[rows[-1]])
             for item, rows in zip(self.drops, self.rows, strict=True)
@@ -270,9 +270,9 @@ class Misfit:
         return self._observed[0][0], self.predicted(points)[0][:, 0]
 
 
-def _even_rows(window: slice, most_samples: int) -> NDArray[np.intp]:
+def _even_rows(window: slice, max_samples: int) -> NDArray[np.intp]:
     """Return the fewest even strides of the window's samples that end with its last."""
-    stride = max(1, -(-(window.stop - window.start) // most_samples))
+    stride = max(1, -(-(window.stop - window.start) // max_samples))
     return np.arange(window.start, window.stop)[::-stride][::-1]
 
 

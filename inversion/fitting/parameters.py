@@ -31,7 +31,7 @@ Quantity = Literal[
 ]
 INSTRUMENT_QUANTITIES: tuple[Quantity, ...] = ("lag", "natural_frequency", "geophone_damping")
 # Numbers of a medium that make up a ground, relaxation time beside viscosity.
-_FIELDS = ("modulus", "relaxation", "viscosity", "density", "poisson_ratio", "thickness")
+_MEDIUM_QUANTITIES = ("modulus", "relaxation", "viscosity", "density", "poisson_ratio", "thickness")
 
 # A fitted value this close to a bound, as a fraction of the range, is on it.
 _BOUND_MARGIN = 1e-3
@@ -108,7 +108,7 @@ class Parameter:
 def on_bound(
     unit_values: FloatArray, low: FloatArray | float = 0.0, high: FloatArray | float = 1.0
 ) -> NDArray[np.bool_]:
-    """Whether unit values (...,) lie on a bound; the default bounds are the unit interval's."""
+    """Return True for unit values (...,) on a bound, by default of the unit interval."""
     return np.asarray((unit_values < low + _BOUND_MARGIN) | (unit_values > high - _BOUND_MARGIN))
 
 
@@ -145,7 +145,7 @@ def _relaxation(grounds: LayeredGrounds, medium: int) -> FloatArray:
     return np.asarray(grounds.viscosity[:, medium] / grounds.modulus[:, medium])
 
 
-def _minus_one(_: LayeredGrounds, __: int) -> float:
+def _negative_unit(_: LayeredGrounds, __: int) -> float:
     return -1.0
 
 
@@ -219,7 +219,7 @@ class ParameterSpace:
 
     def grounds(self, points: FloatArray) -> LayeredGrounds:
         """Grounds of points (m, d) of the unit box."""
-        fields = np.empty((len(_FIELDS), points.shape[0], self.media))
+        fields = np.empty((len(_MEDIUM_QUANTITIES), points.shape[0], self.media))
         fields[:] = self._fixed_fields[:, None]
         for column, (field, media) in enumerate(self._targets):
             if field is not None:
@@ -242,7 +242,7 @@ class ParameterSpace:
         """Field and media of each unknown; None: the instrument."""
         return tuple(
             (
-                _FIELDS.index(u.quantity) if u.quantity in _FIELDS else None,
+                _MEDIUM_QUANTITIES.index(u.quantity) if u.quantity in _MEDIUM_QUANTITIES else None,
                 slice(None) if u.place is None else slice(u.place, u.place + 1),
             )
             for u in self.unknowns
@@ -293,7 +293,7 @@ class ParameterSpace:
                 if unknown.quantity == "modulus" and self.index("relaxation", j) is not None:
                     of_unknown.append((MediumParameter("viscosity", j), _relaxation))
                 if unknown.quantity == "thickness" and self.rock_depth is not None and j < last:
-                    of_unknown.append((MediumParameter("thickness", last), _minus_one))
+                    of_unknown.append((MediumParameter("thickness", last), _negative_unit))
             changes.append(tuple(of_unknown))
         return tuple(changes)
 

@@ -1,4 +1,4 @@
-r"""How the published method weighs an individual: Eq. 16 and 17, misprints put right.
+r"""Fitness of an individual in the published method: Eq. 16 and 17, without their misprints.
 
 The paper is named in :mod:`inversion.forward.published`, which holds its forward model.
 """

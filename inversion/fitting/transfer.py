@@ -63,24 +63,24 @@ class TableTransfer:
 
     def values(self, s: ComplexArray, grounds: LayeredGrounds) -> ComplexArray:
         """See `Transfer.values`."""
-        one_medium = _grounds_of_one_medium(grounds)
-        transfer = transfer_function(self.table, self.instrument, s, one_medium, self.single)
+        homogeneous = _homogeneous_grounds(grounds)
+        transfer = transfer_function(self.table, self.instrument, s, homogeneous, self.single)
         return transfer[:, self.rows]
 
     def slopes(
         self, s: ComplexArray, grounds: LayeredGrounds, varied: Sequence[MediumParameter]
     ) -> tuple[ComplexArray, ComplexArray]:
         """See `Transfer.slopes`."""
-        one_medium = _grounds_of_one_medium(grounds)
+        homogeneous = _homogeneous_grounds(grounds)
         fields = ["inverse_depth" if v.field == "thickness" else v.field for v in varied]
-        transfer, slopes = transfer_slopes(self.table, self.instrument, s, one_medium, fields)
+        transfer, slopes = transfer_slopes(self.table, self.instrument, s, homogeneous, fields)
         if "inverse_depth" in fields:
-            by_thickness: FloatArray = -(one_medium.inverse_depth**2)
+            by_thickness: FloatArray = -(homogeneous.inverse_depth**2)
             slopes[:, fields.index("inverse_depth")] *= by_thickness[:, None, None]
         return transfer[:, self.rows], slopes[:, :, self.rows]
 
 
-def _grounds_of_one_medium(grounds: LayeredGrounds) -> Grounds:
+def _homogeneous_grounds(grounds: LayeredGrounds) -> Grounds:
     return Grounds(
         grounds.modulus[:, 0],
         grounds.viscosity[:, 0],

@@ -219,8 +219,8 @@ def _profile_ends(
             misfit.linearise, starts, iterations=_N_PROFILE_STEPS, tolerance=1e-3, frozen=column
         ).cost
     # The profile is measured from the best ground at the band of the search.
-    least = min(float(misfit.objective(point[None])[0]), float(cost.min()))
-    rise = (cost - least) * fit.misfit.n_independent / fit.level
+    reference = min(float(misfit.objective(point[None])[0]), float(cost.min()))
+    rise = (cost - reference) * fit.misfit.n_independent / fit.level
     half = len(_PROFILE_DEVIATIONS)
     below = _crossing(point[column], fixed[:half][::-1], rise[:half][::-1])
     above = _crossing(point[column], fixed[half:], rise[half:])

@@ -38,7 +38,11 @@ from inversion.inference.population import InstrumentKnowledge, summarise
 from inversion.inference.posterior import PointFit, Posterior
 from inversion.inference.selection import Selection, select
 from inversion.inference.structures import effects_of
-from inversion.measured.steps import PLAIN_LOAD, PLAIN_MOTION, find_step
+from inversion.measured.bad_sensors import (
+    MIN_LOAD_STEP_DEVIATIONS,
+    MIN_MOTION_STEP_DEVIATIONS,
+    find_step,
+)
 from inversion.notices import Notice, Value
 from inversion.records import known
 from inversion.threads import single_threaded_blas
@@ -465,10 +469,10 @@ def _find_steps(point: Point) -> list[Notice]:
             time, model.drop.start + np.array([0.0, model.context.contact_end])
         )
         traces: list[tuple[str, dict[str, Value], FloatArray, float]] = [
-            ("sensor-steps", {"offset_m": sensor.offset}, sensor.values, PLAIN_MOTION)
+            ("sensor-steps", {"offset_m": sensor.offset}, sensor.values, MIN_MOTION_STEP_DEVIATIONS)
             for sensor in model.record.sensors
         ]
-        traces.append(("load-steps", {}, model.record.load, PLAIN_LOAD))
+        traces.append(("load-steps", {}, model.record.load, MIN_LOAD_STEP_DEVIATIONS))
         for code, place_of, values, plain in traces:
             place = find_step(values, int(first), int(end), plain)
             if place is not None:

@@ -1,1 +1,1 @@
-"""What a recorded drop says before any ground is fitted to it."""
+"""Quantities of a recorded drop that need no model of the ground."""

@@ -1,4 +1,4 @@
-r"""The half-sine that stands for a load pulse.
+r"""Fit of a half-sine to a load pulse.
 
 .. math:: F(t) = F_{max} \sin(\pi t / T_0), \quad 0 \le t \le T_0
 """
@@ -15,7 +15,7 @@ from inversion.errors import RecordError
 
 @dataclass(frozen=True)
 class HalfSineFit:
-    """A half-sine and how well it fits.
+    """A half-sine with its misfit to the load.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class HalfSineFit:
     rms_over_peak: float
 
     def load(self, time: FloatArray) -> FloatArray:
-        """The half-sine at ``time`` (n,) s: (n,) N."""
+        """Load (n,) N at ``time`` (n,) s."""
         phase = (time - self.start) / self.duration
         inside = (phase > 0.0) & (phase < 1.0)
         return np.where(inside, self.peak_load * np.sin(np.pi * phase), 0.0)
@@ -42,7 +42,7 @@ def fit_half_sine_equal_area(time: FloatArray, load: FloatArray) -> HalfSineFit:
 
     .. math:: T_0 = \frac{\pi}{2 F_{max}} \int F \, dt
 
-    over the contact.  Centred on the pulse's centre of area.
+    over the contact.  It is centred on the pulse's centre of area.
     """
     part = _contact(load)
     peak = float(load[part].max())
@@ -86,7 +86,7 @@ def fit_half_sine(time: FloatArray, load: FloatArray) -> HalfSineFit:
 
 
 def _contact(load: FloatArray) -> slice:
-    """The samples around the peak where the load is above 1 % of it."""
+    """Return the samples around the peak where the load is above 1 % of it."""
     peak = int(np.argmax(load))
     low = load <= 0.01 * load[peak]
     before = np.flatnonzero(low[: peak + 1])

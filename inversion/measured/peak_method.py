@@ -8,13 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import pi
 
-# Plate factors: what of the contact pressure is assumed.  pi/2 instead of 2 changes E by -21 %.
+# Plate factors by the assumed distribution of the contact pressure.  pi/2 instead of 2 changes E by
+# -21 %.
 PLATE_FACTORS: dict[str, float] = {"rigid": pi / 2.0, "uniform": 2.0, "parabolic": 8.0 / 3.0}
 
 
 @dataclass(frozen=True)
 class PeakModulus:
-    """A modulus from peak values with all it depends on.
+    """A modulus from peak values with the quantities that it depends on.
 
     Parameters
     ----------
@@ -38,8 +39,8 @@ def peak_modulus(
 ) -> PeakModulus:
     r"""Modulus of a half-space from the largest load and the largest deflection.
 
-    Boussinesq with plate factor ``factor``; it takes two peaks that are not simultaneous for a
-    static pair, so inertia, viscosity and bedrock all bend it.
+    Boussinesq with plate factor ``factor``.  Two peaks that are not simultaneous are taken for a
+    static pair, so that inertia, viscosity and bedrock all bias it.
 
     Parameters
     ----------

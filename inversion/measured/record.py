@@ -1,4 +1,4 @@
-"""From a recorded drop to what the fit needs: baseline, integration, noise, contact, window."""
+"""Preparation of a recorded drop for the fit: baseline, integration, noise, contact, window."""
 
 from __future__ import annotations
 
@@ -18,25 +18,23 @@ Quantity = Literal["velocity", "displacement"]
 CONTACT_END_FRACTION = 0.03
 # A later load above this fraction of the peak is a second contact and ends the usable window.
 _SECOND_CONTACT_FRACTION = 0.08
-# How long after the contact the ground still counts, in contact durations: later, real plates
-# bounce and tip, and nothing the load cell says describes their motion.
-_TAIL_IN_CONTACTS = 0.0
 # The pulse starts where the load last passed this fraction of the peak before it.
 _ONSET_FRACTION = 0.01
 _MARGIN_BEFORE_ONSET_S = 1.0e-3
-# A channel moves, and does not rest, from so many deviations of its baseline on, if that is also
-# this part of its largest value, and for so many samples: fewer are a spike.
-_MOVES, _MOVES_OF_PEAK, _LEAST_MOVING = 8.0, 0.01, 3
-# Channels that all stand still for so many samples at the record's end, all of a sudden: the last
-# step was more than so many of the smallest.  Filters that look ahead have no more to tell there.
-_LEAST_HELD, _SUDDEN = 5, 3.0
-_LEAST_BASELINE_SAMPLES = 8
-_SETTLED_S = 2.0e-3
-# m; two sides whose distances differ by less than this stand at one distance: positions are given
-# to the millimetre, and at 2 radii from a plate of 0.15 m a deflection changes by 0.4 % within one.
-SAME_DISTANCE = 1.0e-3
+# A channel moves that exceeds this number of deviations of its baseline, and this part of its
+# largest value, for this number of samples: fewer are a spike.
+_MIN_MOTION_DEVIATIONS, _MIN_MOTION_OVER_PEAK, _MIN_MOVING_SAMPLES = 8.0, 0.01, 3
+# Trailing samples in which every channel is constant are padding of a recorder whose filter looks
+# ahead: at least this number of them, after a last step of more than this number of the smallest.
+_MIN_PADDING_SAMPLES, _MAX_QUANTA_AT_REST = 5, 3.0
+_MIN_BASELINE_SAMPLES = 8
+# The zero of a displacement channel is its mean over this time before the start.
+_ZERO_S = 2.0e-3
+# Two sides whose distances differ by less than this are at one distance: positions are given to the
+# millimetre, and at 2 radii from a plate of 0.15 m a deflection changes by 0.4 % within one.
+MAX_SIDE_DIFFERENCE_M = 1.0e-3
 # A sensor whose downward motion is less than this part of its largest is one that rises.
-_SINKS = 0.2
+_MIN_DOWNWARD_SHARE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +44,7 @@ class Sensor:
     Parameters
     ----------
     offset : float, m, distance from the plate centre; negative: the other side of the plate. The
-        ground is alike on all sides, so the model takes the distance alone
+        ground is the same on all sides, so that the model depends on the distance only
     quantity : "velocity" (m/s) or "displacement" (m), downward positive
     values : (n,) ndarray of float
     """
@@ -58,7 +56,7 @@ class Sensor:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """One recorded drop and what is known about device and ground.
+    """One recorded drop with the declared values of device and ground.
 
     Parameters
     ----------
@@ -69,7 +67,7 @@ class Record:
     poisson_ratio : float, 0 <= value < 0.5
     density : float, kg/m3, or None: fitted
     bedrock_depth : float, m; inf: none; None: unknown
-    model_floor : float, m, or None: displacement error of the model that the user grants
+    model_floor : float, m, or None: declared displacement error of the model
     """
 
     time: FloatArray
@@ -102,9 +100,9 @@ class Record:
             raise RecordError("time: expected uniform, rising steps (within 1 %)")
 
     def nearest_first(self) -> Record:
-        """The same drop with its sensors from the plate centre outward.
+        """Return the same drop with its sensors from the plate centre outward.
 
-        At one distance the negative side comes last. Models answer in this order.
+        At one distance the negative side comes last. Predictions have this order.
         """
         return replace(
             self, sensors=tuple(sorted(self.sensors, key=lambda s: (abs(s.offset), s.offset < 0)))
@@ -113,7 +111,7 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class PreparedDrop:
-    """A record made ready for the fit.
+    """A record prepared for the fit.
 
     Parameters
     ----------
@@ -129,8 +127,8 @@ class PreparedDrop:
     peak_load, peak_displacement : float N and (n_sensors,) ndarray m, largest downward
     contact_end : float, s, on ``time``: the load has fallen to 3 % of its peak
     window_end : float, s, on ``time``: last sample the fit uses
-    tail_end : float, s, on ``time``: last sample before a second contact, before all channels
-        are held to the record's end, or that end
+    tail_end : float, s, on ``time``: last sample before a second contact, before the padding of
+        all channels, or the record's end
     trigger : float, s, on ``time``
     channels : tuple of the native channels with their noise, for the uncertainty
     load_noise : NoiseModel of the load, N
@@ -159,7 +157,11 @@ class PreparedDrop:
         return float(self.time[1] - self.time[0])
 
     def with_tail(self) -> PreparedDrop:
-        """The same drop with the fit's window to the end of the record, or to a second contact."""
+        """Return the same drop with the fit's window to the end of the record or a second contact.
+
+        The window of the fit ends with the contact otherwise: later, real plates bounce and tip,
+        and the load cell does not measure that.
+        """
         count = int(np.searchsorted(self.time, self.tail_end * (1 + 1e-9)))
         noise = np.array([displacement_rms(c, count, self.step) for c in self.channels])
         return replace(self, window_end=self.tail_end, noise=noise)
@@ -171,18 +173,18 @@ class PreparedDrop:
         .. math:: \sigma = \mathrm{rms}(w_+ - w_-) / \sqrt 2
 
         over the fit's window; 0 where there is no sensor on the other side. Ground and plate are
-        alike on all sides in the model, so what two sides at one distance differ by is no effect
-        that it lacks: it is tilt, uneven contact, the sensors themselves. With independent errors
-        of equal size on each side the difference has twice the variance of one. Of any two sides,
-        the model that fits them best, their mean, leaves at least half of the difference.
+        the same on all sides in the model, so that a difference of two sides at one distance is no
+        effect that it lacks: it is tilt, uneven contact, or an error of the sensors. With
+        independent errors of equal size on each side the difference has twice the variance of one.
+        The model that fits two sides best, their mean, leaves at least half of the difference.
         """
         result = np.zeros(self.positions.size)
         moved = self.displacement[:, self.window]
         for index, place in enumerate(self.positions):
-            other = np.flatnonzero(np.abs(self.positions + place) < SAME_DISTANCE)
-            if abs(place) >= SAME_DISTANCE and other.size:
-                apart = moved[index] - moved[other[0]]
-                result[index] = np.sqrt(np.mean(apart**2) / 2.0)
+            opposite = np.flatnonzero(np.abs(self.positions + place) < MAX_SIDE_DIFFERENCE_M)
+            if abs(place) >= MAX_SIDE_DIFFERENCE_M and opposite.size:
+                difference = moved[index] - moved[opposite[0]]
+                result[index] = np.sqrt(np.mean(difference**2) / 2.0)
         return result
 
     @property
@@ -211,19 +213,19 @@ class NoiseModel:
 
     @classmethod
     def pooled(cls, models: Sequence[NoiseModel]) -> NoiseModel:
-        """First-order autoregressive noise of several quiet parts of one channel.
+        """Return first-order autoregressive noise of several quiet parts of one channel.
 
-        Of one drop's time before the pulse slow noise is told by a few turns of it: its
-        correlation and variance are those of all drops, each by its samples.
+        The time before one pulse holds a few periods of slow noise; correlation and variance are
+        therefore those of all drops, weighted by their samples.
         """
-        known = [model for model in models if model.samples]
-        if len(known) < 2:
-            return known[0] if known else models[0]
-        counts = np.array([model.samples for model in known], dtype=float)
-        variance = float(counts @ [model.autocovariance[0] for model in known]) / counts.sum()
+        estimated = [model for model in models if model.samples]
+        if len(estimated) < 2:
+            return estimated[0] if estimated else models[0]
+        counts = np.array([model.samples for model in estimated], dtype=float)
+        variance = float(counts @ [model.autocovariance[0] for model in estimated]) / counts.sum()
         if variance == 0.0:
-            return known[0]
-        neighbours = [m.autocovariance[1] if m.autocovariance.size > 1 else 0.0 for m in known]
+            return estimated[0]
+        neighbours = [m.autocovariance[1] if m.autocovariance.size > 1 else 0.0 for m in estimated]
         correlation = float(counts @ neighbours) / counts.sum() / variance
         return _autoregressive(variance, correlation, int(counts.sum()))
 
@@ -242,7 +244,7 @@ class NoiseModel:
 
 @dataclass(frozen=True, eq=False)
 class ChannelNoise:
-    """How the noise of one native channel reaches the displacement.
+    """Noise of one native channel, and the way it enters the displacement.
 
     Parameters
     ----------
@@ -257,7 +259,7 @@ class ChannelNoise:
 
 
 def prepare(record: Record) -> PreparedDrop:
-    """The drop with offsets removed, velocities integrated, noise and windows found.
+    """Return the drop with offsets removed, velocities integrated, noise and windows estimated.
 
     Raises
     ------
@@ -276,12 +278,12 @@ def prepare(record: Record) -> PreparedDrop:
             [first, *(_start_of_motion(s.values, baseline, first, step) for s in record.sensors)]
         )
     displacement = np.stack([_displacement(s, baseline, first, step) for s in record.sensors])
-    own_time = step * np.arange(time.size - first)
-    told = _told_samples(record)
-    contact_end, window_end, tail_end = _windows(
-        load[first : max(told, peak + 2)], peak - first, step
+    drop_time = step * np.arange(time.size - first)
+    recorded = max(_recorded_samples(record), peak + 2)
+    contact_end, tail_end = (
+        step * i for i in _contact_and_tail(load[first:recorded], peak - first)
     )
-    window = slice(0, int(np.searchsorted(own_time, window_end)))
+    count = max(2, int(np.searchsorted(drop_time, contact_end)))
     channels = tuple(
         ChannelNoise(
             # Nothing moves before the pulse: the more of it, the better known is slow noise.
@@ -291,14 +293,13 @@ def prepare(record: Record) -> PreparedDrop:
         )
         for s in record.sensors
     )
-    count = max(2, window.stop)
     noise = np.array([displacement_rms(c, count, step) for c in channels])
     quantum = np.array(
         [_quantum(s.values) * (np.sqrt(count) * step / 2 if s.quantity == "velocity" else 1.0)
          for s in record.sensors]
     )  # fmt: skip
     return PreparedDrop(
-        time=own_time,
+        time=drop_time,
         start=float(time[first]),
         load=load[first:],
         displacement=displacement,
@@ -310,7 +311,7 @@ def prepare(record: Record) -> PreparedDrop:
         # Downward and before a second contact; a far sensor peaks after the load has ended.
         peak_displacement=_peaks(displacement[:, : round(tail_end / step) + 1]),
         contact_end=contact_end,
-        window_end=window_end,
+        window_end=contact_end,
         tail_end=tail_end,
         trigger=max(0.0, -float(time[first])),
         channels=channels,
@@ -319,7 +320,7 @@ def prepare(record: Record) -> PreparedDrop:
 
 
 def displacement_rms(channel: ChannelNoise, count: int, step: float) -> float:
-    """Rms displacement noise over ``count`` samples, m, given the native noise.
+    """Rms displacement noise over ``count`` samples, m, of the native noise.
 
     A velocity is integrated by trapezoids after its mean over the baseline was taken off, so
     white noise becomes a random walk and the error of the mean a ramp.
@@ -340,10 +341,10 @@ def native_rows(rows: FloatArray, channel: ChannelNoise, step: float) -> FloatAr
     """
     weights = rows
     if channel.integrates:
-        # w_j = step * (v_0/2 + v_1 + ... + v_j/2): each v_i collects what lies behind it.
-        behind = np.cumsum(rows[:, ::-1], axis=1)[:, ::-1]
-        weights = step * (behind - 0.5 * rows)
-        weights[:, 0] = 0.5 * step * (behind[:, 0] - rows[:, 0])
+        # w_j = step * (v_0/2 + v_1 + ... + v_j/2): each v_i has the weights of all later w_j.
+        later = np.cumsum(rows[:, ::-1], axis=1)[:, ::-1]
+        weights = step * (later - 0.5 * rows)
+        weights[:, 0] = 0.5 * step * (later[:, 0] - rows[:, 0])
     before = channel.baseline_samples
     result = np.zeros((rows.shape[0], before + rows.shape[1]))
     result[:, before:] = weights
@@ -353,13 +354,13 @@ def native_rows(rows: FloatArray, channel: ChannelNoise, step: float) -> FloatAr
 
 
 def _baseline_samples(time: FloatArray, load: FloatArray) -> int:
-    """Samples before the pulse that are surely quiet: the first half of the pre-trigger.
+    """Number of samples before the pulse that are quiet: the first half of the pre-trigger.
 
     The trigger is a threshold, so the pulse itself begins some milliseconds before time 0.
     """
     before = int(np.searchsorted(time, 0.0))
     quiet = before // 2
-    return quiet if quiet >= _LEAST_BASELINE_SAMPLES else 0
+    return quiet if quiet >= _MIN_BASELINE_SAMPLES else 0
 
 
 def _start_index(load: FloatArray, peak: int, step: float) -> int:
@@ -382,61 +383,54 @@ def _displacement(sensor: Sensor, baseline: int, first: int, step: float) -> Flo
 
 
 def _settled_samples(first: int, step: float) -> int:
-    """Samples before the start over which a displacement channel's zero is averaged."""
-    return min(first, max(1, round(_SETTLED_S / step)))
+    """Number of samples before the start over which a displacement's zero is averaged."""
+    return min(first, max(1, round(_ZERO_S / step)))
 
 
 def _peaks(displacement: FloatArray) -> FloatArray:
-    """Largest downward displacement of each sensor.
+    """Largest downward displacement of each sensor, or the largest of any sign where it rises.
 
-    Far from the plate on shallow rock the ground rises and hardly sinks: there the largest of any
-    sign.
+    At a distance from the plate, on shallow rock, the ground rises and hardly sinks.
     """
     downward = displacement.max(axis=1)
     largest: FloatArray = np.abs(displacement).max(axis=1)
-    return np.where(downward > _SINKS * largest, downward, largest)
+    return np.where(downward > _MIN_DOWNWARD_SHARE * largest, downward, largest)
 
 
-def _windows(load: FloatArray, peak: int, step: float) -> tuple[float, float, float]:
-    level = load[peak]
-    after = np.flatnonzero(load[peak:] <= CONTACT_END_FRACTION * level)
+def _contact_and_tail(load: FloatArray, peak: int) -> tuple[int, int]:
+    """Return the last samples of the contact, and before a second contact or the record's end."""
+    after = np.flatnonzero(load[peak:] <= CONTACT_END_FRACTION * load[peak])
     end = peak + int(after[0]) if after.size else load.size - 1
-    begin = np.flatnonzero(load[: peak + 1] < CONTACT_END_FRACTION * level)
-    begun = int(begin[-1]) if begin.size else 0
-    again = np.flatnonzero(load[end:] > _SECOND_CONTACT_FRACTION * level)
-    tail = max(end, end + int(again[0]) - 1) if again.size else load.size - 1
-    last = min(tail, end + round(_TAIL_IN_CONTACTS * (end - begun)))
-    return end * step, last * step, tail * step
+    second = np.flatnonzero(load[end:] > _SECOND_CONTACT_FRACTION * load[peak])
+    return end, max(end, end + int(second[0]) - 1) if second.size else load.size - 1
 
 
-def _told_samples(record: Record) -> int:
-    """Samples before every channel is held to the record's end, as a maker's filter leaves them.
-
-    The first of those that are held is what is held, in one channel or another.
-    """
+def _recorded_samples(record: Record) -> int:
+    """Return the number of samples without the padding of the recorder at the record's end."""
     size = record.time.size
     ends = []
     for values in (record.load, *(sensor.values for sensor in record.sensors)):
         steps = np.abs(np.diff(values))
         moving = np.flatnonzero(steps)
-        if moving.size == 0 or steps[moving[-1]] <= _SUDDEN * _quantum(values):
+        if moving.size == 0 or steps[moving[-1]] <= _MAX_QUANTA_AT_REST * _quantum(values):
             return size
         ends.append(int(moving[-1]) + 1)
-    held = max(ends) - min(ends) <= 1 and size - max(ends) >= _LEAST_HELD
-    return max(ends) if held else size
+    # The first sample of the padding repeats the last recorded one, in one channel or another.
+    is_padded = max(ends) - min(ends) <= 1 and size - max(ends) >= _MIN_PADDING_SAMPLES
+    return max(ends) if is_padded else size
 
 
 def _start_of_motion(values: FloatArray, baseline: int, first: int, step: float) -> int:
-    """Where a channel begins to move, if that is before the load does, as it is recorded."""
+    """Return the sample before a channel moves, if it moves before the load is recorded to rise."""
     moved = np.abs(values - values[:baseline].mean())
     threshold = max(
-        _MOVES * float(values[:baseline].std()),
-        _MOVES_OF_PEAK * float(moved.max()),
+        _MIN_MOTION_DEVIATIONS * float(values[:baseline].std()),
+        _MIN_MOTION_OVER_PEAK * float(moved.max()),
         _quantum(values),
     )
     still = np.flatnonzero(moved[baseline:first] <= threshold)
     onset = baseline + (int(still[-1]) if still.size else 0)
-    if first - 1 - onset < _LEAST_MOVING:
+    if first - 1 - onset < _MIN_MOVING_SAMPLES:
         return first
     return max(baseline, onset - int(np.ceil(_MARGIN_BEFORE_ONSET_S / step)))
 
@@ -444,22 +438,22 @@ def _start_of_motion(values: FloatArray, baseline: int, first: int, step: float)
 def noise_before(quiet: FloatArray) -> NoiseModel:
     r"""First-order autoregressive noise :math:`\gamma_k = \sigma^2 \rho^k` of the quiet part.
 
-    A straight line is taken off first, because drift is an effect, not noise.  That takes slow
-    noise along, so variance and correlation are corrected for it (Kendall's bias of a detrended
-    series, :math:`\rho - (2 + 4 \rho)/n`; variance lost to two parameters that each average
+    A straight line is subtracted first, because drift is an effect, not noise.  That removes slow
+    noise as well, so that variance and correlation are corrected for it (Kendall's bias of a
+    detrended series, :math:`\rho - (2 + 4 \rho)/n`; variance lost to two parameters that average
     :math:`(1 + \rho)/(1 - \rho)` correlated samples).  A sample autocovariance instead would lose
     the slow part that integration raises most.
     """
     count = quiet.size
-    if count < _LEAST_BASELINE_SAMPLES:
+    if count < _MIN_BASELINE_SAMPLES:
         return NoiseModel(np.zeros(1), 0)
     place = np.arange(count) - 0.5 * (count - 1)
-    left = quiet - quiet.mean() - place * (place @ quiet) / (place @ place)
-    power = float(left @ left)
+    detrended = quiet - quiet.mean() - place * (place @ quiet) / (place @ place)
+    power = float(detrended @ detrended)
     if power == 0.0:
         return NoiseModel(np.zeros(1), count)
-    found = float(left[1:] @ left[:-1]) / power
-    correlation = float(np.clip((found + 2.0 / count) / (1.0 - 4.0 / count), 0.0, 0.98))
+    biased = float(detrended[1:] @ detrended[:-1]) / power
+    correlation = float(np.clip((biased + 2.0 / count) / (1.0 - 4.0 / count), 0.0, 0.98))
     memory = (1.0 + correlation) / (1.0 - correlation)
     variance = power / count / max(0.3, 1.0 - 2.0 * memory / count)
     return _autoregressive(variance, correlation, count)
@@ -471,7 +465,7 @@ def _autoregressive(variance: float, correlation: float, samples: int) -> NoiseM
 
 
 def _quantum(values: FloatArray) -> float:
-    """Smallest step between the values that occur: the resolution of the converter or text."""
+    """Smallest step between values of the channel: the resolution of the converter or text."""
     distinct = np.unique(values)
     if distinct.size < 3:
         return 0.0

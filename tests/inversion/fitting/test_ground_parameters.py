@@ -126,7 +126,7 @@ def test_depth_must_be_positive(depth: float) -> None:
             "modulus_1 modulus_2 thickness_1 thickness_2 relaxation density_1 density_2",
         ),
         (
-            {"rock_depth": math.inf, "own_relaxation": True},
+            {"rock_depth": math.inf, "separate_relaxation": True},
             "modulus_1 modulus_2 thickness_1 relaxation_1 relaxation_2 density_1 density_2",
         ),
         (
@@ -167,7 +167,7 @@ def test_declared_rock_leaves_the_lowest_medium_the_rest() -> None:
 
 
 def test_bounds() -> None:
-    of = space(2, own_relaxation=True, geophone=True, lag=True)
+    of = space(2, separate_relaxation=True, geophone=True, lag=True)
     ends = {
         "modulus_1": (1e6, 3e10),
         "modulus_2": (1e6, 3e10),
@@ -201,7 +201,7 @@ def test_bounds() -> None:
 
 def test_priors_are_centred_on_what_soils_and_instruments_are_like() -> None:
     """Value at the centre, and one standard deviation above it."""
-    of = space(2, own_relaxation=True, geophone=True, lag=True, sensor_lags=(1,))
+    of = space(2, separate_relaxation=True, geophone=True, lag=True, sensor_lags=(1,))
     expected = {
         "modulus_1": (SURFACE, SURFACE * math.exp(2.0)),
         "modulus_2": (SURFACE, SURFACE * math.exp(2.0)),

@@ -33,7 +33,7 @@ from tests.inversion.layered_drops import (
 
 def space(media: int = 2) -> ParameterSpace:
     return layered_space(
-        media, 9e7, RADIUS, POISSON_RATIO, rock_depth=DEPTH, own_relaxation=media > 1
+        media, 9e7, RADIUS, POISSON_RATIO, rock_depth=DEPTH, separate_relaxation=media > 1
     )
 
 

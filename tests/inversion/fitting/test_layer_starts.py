@@ -52,15 +52,15 @@ def test_the_instrument_is_fitted_where_it_is_asked_for() -> None:
 
 
 def test_a_middle_layer_needs_four_distances() -> None:
-    assert module._MIN_DISTANCES_FOR_MIDDLE_LAYER == 4
+    assert module._MIN_DISTANCES_FOR_TWO_LAYERS == 4
     few = look(3)
     assert few.n_distances == 3
-    assert not few.has_middle_layer
+    assert not few.has_second_layer
     assert not few._fits, "nothing was fitted for that"
 
 
 def test_two_media_have_no_middle() -> None:
-    assert not look().has_middle_layer
+    assert not look().has_second_layer
 
 
 def test_each_variant_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:

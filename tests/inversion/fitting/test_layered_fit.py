@@ -31,7 +31,7 @@ from tests.inversion.layered_drops import (
 
 
 def space(media: int = 2, **options: Any) -> ParameterSpace:
-    known = {"rock_depth": DEPTH, "own_relaxation": media > 1} | options
+    known = {"rock_depth": DEPTH, "separate_relaxation": media > 1} | options
     return layered_space(media, 9e7, RADIUS, POISSON_RATIO, **known)
 
 

@@ -76,7 +76,7 @@ def truth(of: ParameterSpace) -> Array:
 
 def test_residuals_at_the_truth_are_what_the_mesh_leaves(drop: WeightedDrop) -> None:
     """The model's stated error is 0.35 % of the peak; the mesh is good to a tenth of a percent."""
-    of = space(own_relaxation=True)
+    of = space(separate_relaxation=True)
     misfit = Misfit([drop], of, "rigid-rough", BAND, 200)
     assert misfit.data_cost(truth(of)[None])[0] < 0.15
     wrong = truth(of)
@@ -85,7 +85,7 @@ def test_residuals_at_the_truth_are_what_the_mesh_leaves(drop: WeightedDrop) -> 
 
 
 def test_a_residual_is_predicted_less_observed_over_the_scale(drop: WeightedDrop) -> None:
-    of = space(own_relaxation=True)
+    of = space(separate_relaxation=True)
     misfit = Misfit([drop], of, "rigid-rough", BAND, 50)
     point = truth(of)[None]
     (predicted,) = misfit.predicted(point)
@@ -99,7 +99,7 @@ def test_a_residual_is_predicted_less_observed_over_the_scale(drop: WeightedDrop
 
 
 KINDS: dict[str, dict[str, Any]] = {
-    "own relaxation, rock declared": {"own_relaxation": True},
+    "own relaxation, rock declared": {"separate_relaxation": True},
     "one relaxation, rock anywhere": {"rock_depth": None},
     "no rock": {"rock_depth": math.inf},
     "thickness given": {"thickness": (0.2,)},
@@ -138,7 +138,7 @@ def test_derivatives_of_the_fast_rule(name: str, drop: WeightedDrop) -> None:
 
 
 def test_derivatives_by_some_unknowns_are_those_of_all(drop: WeightedDrop) -> None:
-    of = space(own_relaxation=True, lag=True, geophone=True)
+    of = space(separate_relaxation=True, lag=True, geophone=True)
     misfit = Misfit([drop], of, "rigid-rough", BAND, 40, prior_level=1.0)
     place = truth(of)[None]
     every = misfit.linearise(place, np.arange(of.size))[1]
@@ -148,7 +148,7 @@ def test_derivatives_by_some_unknowns_are_those_of_all(drop: WeightedDrop) -> No
 
 
 def test_a_batch_is_its_members(drop: WeightedDrop) -> None:
-    of = space(own_relaxation=True, lag=True)
+    of = space(separate_relaxation=True, lag=True)
     misfit = Misfit([drop], of, "rigid-rough", 400.0, 40, prior_level=1.0, rule=CONVERGED)
     places = np.clip(truth(of) + 0.05 * np.array([[-1.0], [0.0], [1.0]]), 0.0, 1.0)
     values, slopes = misfit.linearise(places, np.arange(of.size))
@@ -163,7 +163,7 @@ def test_a_batch_is_its_members(drop: WeightedDrop) -> None:
 
 @pytest.mark.parametrize("weight", [0.0, 0.5, 3.0])
 def test_priors_stand_behind_the_data_with_their_weight(weight: float, drop: WeightedDrop) -> None:
-    of = space(own_relaxation=True)
+    of = space(separate_relaxation=True)
     misfit = Misfit(
         [drop], of, "rigid-rough", BAND, 40, prior_level=weight**2, n_independent=INDEPENDENT
     )
@@ -183,7 +183,7 @@ def test_priors_stand_behind_the_data_with_their_weight(weight: float, drop: Wei
 
 
 def test_drops_share_the_ground(drop: WeightedDrop) -> None:
-    of = space(own_relaxation=True)
+    of = space(separate_relaxation=True)
     twice = replace(
         drop,
         drop=replace(drop.drop, displacement=2 * drop.drop.displacement),
@@ -200,7 +200,7 @@ def test_drops_share_the_ground(drop: WeightedDrop) -> None:
 
 
 def test_sensors_that_do_not_count_are_left_out(drop: WeightedDrop) -> None:
-    of = space(own_relaxation=True)
+    of = space(separate_relaxation=True)
     every = Misfit([drop], of, "rigid-rough", BAND, 40)
     some = Misfit([drop], of, "rigid-rough", BAND, 40, sensors=[0, 2])
     point = truth(of)[None]

@@ -31,8 +31,8 @@ def one_medium(**options: Any) -> ParameterSpace:
 # Every kind of unknown in at least one of them.
 SPACES: dict[str, ParameterSpace] = {
     "no rock, one relaxation": space(rock_depth=math.inf),
-    "rock anywhere, own relaxation": space(own_relaxation=True),
-    "rock declared": space(rock_depth=1.4, own_relaxation=True),
+    "rock anywhere, own relaxation": space(separate_relaxation=True),
+    "rock declared": space(rock_depth=1.4, separate_relaxation=True),
     "thickness given": space(thickness=(0.2, 0.4), rock_depth=1.4),
     "elastic, density given": space(elastic=True, density=2000.0, rock_depth=math.inf),
     "instrument": space(rock_depth=math.inf, geophone=True, lag=True),
@@ -134,7 +134,7 @@ def test_values_and_points_are_inverse(name: str) -> None:
 
 
 def test_values_reach_the_ground_they_name() -> None:
-    of = space(own_relaxation=True)
+    of = space(separate_relaxation=True)
     values = dict(
         zip(of.names, of.values(points(of)[:1])[0], strict=True),
     )

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from inversion.forward.model import Instrument
 from inversion.measured.bad_sensors import (
-    CENTRE,
-    DRIFT_OVER_PLATE,
-    END_PART,
-    LESS_THAN_BOTH,
-    MORE_THAN_NEARER,
-    RETURNED,
+    CENTRE_RADIUS_M,
+    END_SHARE,
+    MAX_END_OVER_PLATE_PEAK,
+    MAX_MEDIAN_END_OVER_PEAK,
+    MAX_OVER_INNER_SENSORS,
+    MIN_OVER_NEIGHBOURS,
     BadSensor,
     bad_sensors,
 )
@@ -60,13 +60,13 @@ def test_a_sensor_that_ends_far_from_rest_drifts(sign: float) -> None:
     record = made({-0.3: drifts(sign * 0.62)})
     assert bad_sensors(record) == (BadSensor(-0.3, "displacement", "drift"),)
     assert faults(made({-0.3: drifts(sign * 0.58)})) == {}
-    assert DRIFT_OVER_PLATE == 0.6
+    assert MAX_END_OVER_PLATE_PEAK == 0.6
 
 
 def test_what_is_left_is_a_mean_over_the_end() -> None:
     spike = BOWL[0.9] * PLATE * PULSE
     spike[-5:] = PLATE
-    assert round(END_PART * TIME.size) == 20
+    assert round(END_SHARE * TIME.size) == 20
     assert faults(made({0.9: spike})) == {}
 
 
@@ -74,14 +74,14 @@ def test_in_a_record_that_does_not_return_nobody_drifts() -> None:
     drifting = {0.9: drifts(0.9)}
     assert faults(made(drifting, returns=0.19)) == {0.9: "drift"}
     assert faults(made(drifting, returns=0.21)) == {}
-    assert RETURNED == 0.2
+    assert MAX_MEDIAN_END_OVER_PEAK == 0.2
 
 
 def test_nobody_beside_the_plate_moves_more_than_what_is_nearer() -> None:
     assert faults(made({0.6: 1.24 * PLATE * PULSE})) == {}
     assert faults(made({0.6: 1.26 * PLATE * PULSE})) == {0.6: "against the others"}
     assert faults(made({0.6: -1.26 * PLATE * PULSE})) == {0.6: "against the others"}
-    assert MORE_THAN_NEARER == 1.25
+    assert MAX_OVER_INNER_SENSORS == 1.25
 
 
 def test_a_bad_sensor_is_no_measure_for_the_next() -> None:
@@ -99,7 +99,7 @@ def test_a_sensor_that_stands_still_between_two_that_move_has_no_contact() -> No
     assert faults(made({0.9: 0.0101 * PLATE * PULSE})) == {}
     # The farthest has one neighbour only: the ground may be still there.
     assert faults(made({1.2: 0.0 * PULSE})) == {}
-    assert LESS_THAN_BOTH == 0.1
+    assert MIN_OVER_NEIGHBOURS == 0.1
 
 
 def test_a_neighbour_that_is_bad_says_nothing_of_contact() -> None:
@@ -123,7 +123,7 @@ def test_the_centre_is_not_judged_and_without_it_nobody_is() -> None:
     assert faults(loose) == {0.9: "drift"}
     others = tuple(sensor for sensor in loose.sensors if sensor.offset != 0.0)
     assert bad_sensors(replace(loose, sensors=others)) == ()
-    assert CENTRE == 1e-3
+    assert CENTRE_RADIUS_M == 1e-3
 
 
 def test_the_order_of_the_sensors_does_not_matter() -> None:

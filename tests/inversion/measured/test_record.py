@@ -14,7 +14,7 @@ from scipy import signal
 from inversion.errors import RecordError
 from inversion.forward.model import Instrument
 from inversion.measured.record import (
-    SAME_DISTANCE,
+    MAX_SIDE_DIFFERENCE_M,
     ChannelNoise,
     NoiseModel,
     PreparedDrop,
@@ -493,7 +493,7 @@ def test_two_sides_stand_at_one_distance(place: float, counts: bool) -> None:
     right = swing(time_axis())[1]
     drop = two_sides(1.1 * right, right, place=place)
     assert (drop.side_floor[1:] > 0).tolist() == [counts, counts]
-    assert SAME_DISTANCE == 1e-3
+    assert MAX_SIDE_DIFFERENCE_M == 1e-3
 
 
 def test_what_sides_differ_by_is_taken_over_the_fits_window() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inversion.measured.steps import find_step
+from inversion.measured.bad_sensors import find_step
 from tests.inversion.synthetic import Array
 
 STEP_S = 1e-4
