@@ -218,7 +218,7 @@ def _homogeneous_effective(
 
 @lru_cache(maxsize=1024)
 def _effective_radii(plate: LayeredPlateModel, poisson_ratio: float, depth: float) -> float:
-    """Return the effective depth of one medium on rock at ``depth``, both in plate radii."""
+    """Return the effective depth of a homogeneous layer on rock; depths in plate radii."""
     medium = Medium(1.0, 0.0, 1.0, poisson_ratio, depth)
     return effective_depth(plate, 1.0, LayeredGround((medium,), math.isfinite(depth)))
 

@@ -179,7 +179,7 @@ def codes(notices: Iterable[Notice]) -> list[dict[str, Any]]:
 
 
 def to_json(notices: Sequence[Notice]) -> dict[str, Any]:
-    """Return sentences and codes of warnings under their keys."""
+    """Return the JSON keys ``warnings`` and ``warning_codes`` with their values."""
     return {WARNINGS: list(map(str, notices)), WARNING_CODES: codes(notices)}
 
 

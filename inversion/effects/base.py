@@ -139,8 +139,8 @@ class Ground:
             growing and self.inverse_depth > 0.0
         ):
             raise ModelError(
-                "ground: expected growth without layers and rock, constant-Q damping without "
-                f"layers, got {self}"
+                "ground: expected no layers or rock where the modulus grows with depth, and no "
+                f"layers with constant-Q damping, got {self}"
             )
 
 

@@ -31,7 +31,7 @@ class Coordinate:
     starts: tuple[float, ...] = ()
 
     def start(self, variant: int) -> float:
-        """Return the starting point of a variant; the last start serves all further variants."""
+        """Return the starting point of a number; numbers beyond the last return the last."""
         if not self.starts:
             return min(max(self.mean, self.lower), self.upper)
         return self.starts[min(variant, len(self.starts) - 1)]

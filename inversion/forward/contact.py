@@ -137,7 +137,7 @@ class PlateProblem:
 
     @property
     def driving_point(self) -> bool:
-        """True where the displacement is that of the force itself, so Phi is a Stieltjes sum."""
+        """True where the displacement is taken at the load, so Phi is a Stieltjes sum."""
         return self.plate != "published"
 
 

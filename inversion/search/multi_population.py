@@ -75,7 +75,7 @@ _SCOUT_RADIUS = 0.02
 _SCOUT_ITERATIONS = 2
 _CANDIDATE_ITERATIONS = 3
 _SEPARATION = 0.05
-_FINEST_RADIUS = 1e-6
+_MIN_SCOUT_RADIUS = 1e-6
 
 # Without a polish, the misfit has settled if it fell by less than this fraction over the last fifth
 # of the history.
@@ -467,7 +467,7 @@ class MultiPopulationSearch:
         return np.asarray((self._genes.max(axis=1) - self._genes.min(axis=1)).max(axis=1))
 
     def _population_minima(self) -> Minima:
-        radii = np.clip(0.5 * self._widths(), _FINEST_RADIUS, _SCOUT_RADIUS)
+        radii = np.clip(0.5 * self._widths(), _MIN_SCOUT_RADIUS, _SCOUT_RADIUS)
         return Minima.finite(
             self._genes.reshape(-1, self._lower.size),
             self._misfit.ravel(),

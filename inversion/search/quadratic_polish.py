@@ -44,7 +44,7 @@ _THINNEST = 1e-8
 
 # Widest design, and the width at which the minimum counts as converged, in box widths.
 _WIDEST_RADIUS = 0.1
-_FINEST_RADIUS = 1e-10
+_MIN_POLISH_RADIUS = 1e-10
 
 # Curvatures below these fractions of the steepest one and of the slope are rounding errors.
 _SMALLEST_CURVATURE = 1e-10
@@ -197,7 +197,7 @@ class QuadraticPolish:
         usable = np.isfinite(values).all(axis=1)
         failed = self._active[~usable]
         self._directions[failed] *= _DESIGN_AFTER_FAILURE
-        self.converged[failed] = self.minima.radii[failed] < _FINEST_RADIUS
+        self.converged[failed] = self.minima.radii[failed] < _MIN_POLISH_RADIUS
         with np.errstate(invalid="ignore"):
             flat = np.ptp(values, axis=1) <= _FLAT * np.abs(self.misfits[self._active])
         self.converged[self._active[usable & flat]] = True
@@ -235,7 +235,7 @@ class QuadraticPolish:
         radii = np.abs(directions).max(axis=(1, 2))
         directions *= np.minimum(1.0, _WIDEST_RADIUS / radii)[:, None, None]
         self._directions[index] = directions
-        self.converged[index] = radii < _FINEST_RADIUS
+        self.converged[index] = radii < _MIN_POLISH_RADIUS
 
 
 class _Iteration:

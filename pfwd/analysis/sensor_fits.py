@@ -14,7 +14,7 @@ _ROUNDING = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class SensorFit:
-    """One sensor of a drop, or of several with the same sensors."""
+    """Fit of one sensor, in a drop or in several drops with the same sensors."""
 
     offset: float
     """m; negative: on the other side of the plate."""

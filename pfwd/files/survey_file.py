@@ -500,7 +500,9 @@ def _survey(file: Place, path: str) -> dict[str, Any]:
     except RecordingError as err:
         raise _placed(err, path) from err
     except Exception as err:  # as above
-        raise RecordingError(f"{path}: expected a survey, got damage: {err}") from err
+        raise RecordingError(
+            f"{path}: expected a survey, got a damaged file ({err}); copy or export it again"
+        ) from err
     if expected != digest(survey):
         raise RecordingError(
             f"{path}: expected the attributes and the survey that were written, got others"

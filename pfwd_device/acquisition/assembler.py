@@ -199,7 +199,7 @@ class Assembler:
         return messages
 
     def mark_unavailable(self, message: SamplesGone) -> list[Item]:
-        """Return the gap of samples that the instrument cannot send again."""
+        """Mark samples that the instrument cannot send again as missing, and return their gap."""
         items: list[Item] = []
         end = message.first_sample + message.count
         concerns_waiting = self._ring and message.stream == self._stream and self._waiting

@@ -494,7 +494,7 @@ def refuse_chunks(identity: Any, where: str) -> None:
         raise RecordingError(f"{where}: expected chunks of at most 1 MiB, got others")
     count = identity.get_num_chunks()
     if count > limit:
-        raise RecordingError(f"{where}: expected {limit} chunks, got {count}")
+        raise RecordingError(f"{where}: expected at most {limit} chunks, got {count}")
     if h5z.FILTER_DEFLATE not in filters:
         return
     packed = filters.index(h5z.FILTER_DEFLATE)

@@ -250,7 +250,7 @@ class JournalWriter:
         return {**self._earlier, self._number: self._current}
 
     def _ready(self, length: int) -> _Segment:
-        """Return the segment for a record of this length."""
+        """Return a segment with room for a record of this length; begin a new one if needed."""
         segment = self._current
         if segment is not None and (
             segment.end + length > MAX_SEGMENT_BYTES

@@ -30,7 +30,7 @@ class Configure:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Host: send samples. The response is the first `SampleBlock`."""
+    """Command of the host to begin sending samples; the response is the first `SampleBlock`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,7 @@
 """Faults of plate, cell, sensor and converter that the vocabulary of effects does not name.
 
-Each is an operator on the channels and a builder, which draws what belongs to the device or point.
+Each fault has an operator, which alters the channels, and a builder, which draws the random
+parameters of a device or point.
 """
 
 from __future__ import annotations

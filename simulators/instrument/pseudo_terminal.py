@@ -41,7 +41,9 @@ class PtyEndpoint:
         try:
             self._master, slave = os.openpty()
         except OSError as err:
-            raise EndpointError(err.errno, f"no virtual serial port: {err.strerror}") from err
+            raise EndpointError(
+                err.errno, f"cannot open a virtual serial port: {err.strerror}"
+            ) from err
         port = os.ttyname(slave)
         tty.setraw(slave)
         os.set_blocking(self._master, False)

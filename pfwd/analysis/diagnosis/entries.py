@@ -17,7 +17,7 @@ from pfwd.files.reading import read_points
 from pfwd.files.traces import TracePoint
 from pfwd_device.recording import SurveyDrop
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,13 +47,13 @@ class DiagnosisPoint:
     """The last measured drop, where a survey keeps it: its diagnosis is kept with that."""
 
 
-def with_unique_names(entries: Iterable[DiagnosisPoint | T]) -> list[DiagnosisPoint | T]:
+def with_unique_names(entries: Iterable[DiagnosisPoint | _T]) -> list[DiagnosisPoint | _T]:
     """Return the points with a name by which their diagnoses are found; others as they are.
 
     Drops that were declared differently are two points of the same file with the same name.
     """
     names: set[str] = set()
-    named: list[DiagnosisPoint | T] = []
+    named: list[DiagnosisPoint | _T] = []
     for entry in entries:
         if isinstance(entry, DiagnosisPoint):
             at_point = "" if entry.point is None else f", point {entry.point}"

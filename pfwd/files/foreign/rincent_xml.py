@@ -170,7 +170,9 @@ class _TableReader:
         if not self._path and name != ROOT:
             raise TraceError(refusal(self._where, f"a data set {ROOT}", quote(name)))
         if len(self._path) >= MAX_XML_DEPTH:
-            raise TraceError(refusal(self._where, "tables of rows", f"over {MAX_XML_DEPTH} levels"))
+            raise TraceError(
+                refusal(self._where, f"at most {MAX_XML_DEPTH} levels of tables", "more")
+            )
         if len(self._path) == 1:
             self.tables.setdefault(name, []).append({})
         self._path.append(name)

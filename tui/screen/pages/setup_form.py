@@ -167,7 +167,7 @@ def value_of(
 
 
 def typed_target_fault(target: float, procedure: Procedure, units: Units) -> str:
-    """Return the error of a target in SI, in the units of the screen; empty: none."""
+    """Return the message on a target, SI, in the units of the screen; empty: it is valid."""
     unit = units.of(judged_quantity(procedure.quantity))
     return target_fault(target, procedure, (unit.name, unit.scale))
 

@@ -98,7 +98,7 @@ class DropState:
 
     @property
     def result(self) -> DropResult | None:
-        """Last result."""
+        """Last result of the inversion of this drop."""
         return self.results[-1] if self.results else None
 
     @property
