@@ -98,7 +98,7 @@ def invert(
     Examples
     --------
     >>> pfwd.invert(pfwd.example("half-space"))
-    Results(1 drop, 1 measured; E 60... MPa, 95 % 59... to 60... MPa; half-space, ...; no warnings)
+    Results(1 drop, 1 measured; E 60... MPa (59... to 60...); half-space, ...; no warnings)
     """
     settings = analysis_options(INVERT_OPTIONS, options)
     if arrays or is_array(data):

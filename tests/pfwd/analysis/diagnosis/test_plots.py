@@ -55,11 +55,11 @@ def known(modulus: float | None, interval: tuple[float, float] | None) -> Fitted
     [
         (
             replace(STATE, modulus_pa=50.2e6, modulus_interval_pa=(24e6, 106e6)),
-            "E 50 (24 to 106) MPa",
+            "E 50 MPa (24 to 106)",
         ),
         (
             replace(STATE, modulus_pa=None, modulus_interval_pa=(0.4e6, 5e6)),
-            "E left open (0.4 to 5) MPa",
+            "E left open (0.4 to 5 MPa)",
         ),
         (known(None, None), "no modulus"),
     ],
@@ -72,5 +72,5 @@ def test_a_ladder_tells_moduli_with_their_intervals_and_what_is_left(
     _draw_ladder(axis, diagnosed(left, "A", effect("rebound", 50.0), effect("lag", math.nan)))
     first, second = axis.get_title().split("\n")
     assert first == f"before {modulus}, 104 % left"
-    assert second == "after E 45 (41 to 50) MPa, 1.7 % left"
+    assert second == "after E 45 MPa (41 to 50), 1.7 % left"
     assert [label.get_text() for label in axis.get_yticklabels()] == ["rebound", "lag (shared)"]
