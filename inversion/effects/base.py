@@ -135,13 +135,12 @@ class Ground:
 
     def __post_init__(self) -> None:
         growing = self.growth_exponent > 0.0
-        if (self.above and (growing or self.loss_exponent > 0.0)) or (
-            growing and self.inverse_depth > 0.0
-        ):
+        if growing and (self.above or self.inverse_depth > 0.0):
             raise ModelError(
-                "ground: expected no layers or rock where the modulus grows with depth, and no "
-                f"layers with constant-Q damping, got {self}"
+                f"ground: expected no layers or rock where the modulus grows with depth, got {self}"
             )
+        if self.above and self.loss_exponent > 0.0:
+            raise ModelError(f"ground: expected no layers with constant-Q damping, got {self}")
 
 
 class Effect:

@@ -109,9 +109,9 @@ def test_lossy_ground_at_rest_is_as_stiff_as_its_modulus(
 
 def test_grounds_that_no_solver_has_are_refused() -> None:
     for ground in (LAYERED, replace(BELOW, inverse_depth=1.0)):
-        with pytest.raises(ModelError, match="growth without layers and rock"):
+        with pytest.raises(ModelError, match="no layers or rock where the modulus grows"):
             replace(ground, growth_exponent=0.5)
-    with pytest.raises(ModelError, match="constant-Q damping without layers"):
+    with pytest.raises(ModelError, match="no layers with constant-Q damping"):
         replace(LAYERED, loss_exponent=0.1)
 
 
