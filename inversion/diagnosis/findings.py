@@ -123,6 +123,9 @@ class FittedState(JsonRecord):
         {
             "stress_pa",
             "modulus_100kpa_pa",
+            "viscosity_pa_s",
+            "density_kg_m3",
+            "bedrock_depth_m",
             "discrepancy_over_peak",
             "discrepancy_interval_over_peak",
         }
@@ -143,6 +146,14 @@ class FittedState(JsonRecord):
         "Pa",
     )
     modulus_100kpa_pa: float | None = quantity("Secant modulus at 100 kPa", "Pa")
+    viscosity_pa_s: float | None = quantity(
+        "Viscosity of the ground under the last drop; none: no ground, or an earlier version's",
+        "Pa s",
+    )
+    density_kg_m3: float | None = quantity("Density of the ground, likewise", "kg/m3")
+    bedrock_depth_m: float | None = quantity(
+        "Depth of the rock; none: there is none in the model, or an earlier version's", "m"
+    )
     residual_rms_m: float | None = quantity("Rms residual", "m")
     residual_over_noise: float | None = quantity("Rms residual over the noise")
     residual_rms_over_peak: float | None = quantity(

@@ -312,6 +312,9 @@ def _fitted_state(
         modulus_sd_pa=modulus * best_component.deviation,
         modulus_interval_pa=(min(low, modulus), max(high, modulus)),
         modulus_100kpa_pa=secant_modulus(posterior, _REFERENCE_PA),
+        viscosity_pa_s=float(ground.viscosity),
+        density_kg_m3=float(ground.density),
+        bedrock_depth_m=1.0 / float(ground.inverse_depth) if ground.inverse_depth > 0.0 else None,
     )
     return _without_modulus(state) if state.is_undetermined else state
 

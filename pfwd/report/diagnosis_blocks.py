@@ -13,17 +13,14 @@ from pfwd.report import formatting
 from pfwd.report.blocks import Block, Heading, Listing, Paragraph, Picture, Table
 from pfwd.report.drawing import COLOURS, finish, margins, number_log_axis
 from pfwd.report.formatting import percent
-from pfwd.report.point_facts import diagnosis_of
+from pfwd.report.point_facts import all_warnings, diagnosis_counts, diagnosis_of
 from pfwd.report.texts import Texts
-
-_MIN_STRESS_DIFFERENCE = 0.02
-"""Relative difference of the moduli at two stresses from which both are reported."""
 
 _VERDICTS = ("clean", "explained", "unexplained")
 
 
 def diagnosis_blocks(point: PointView, texts: Texts) -> list[Block]:
-    """Return the verdict, the fit before and after, the residual without each effect, the effects.
+    """Return the verdict, the fits without and with effects, the residuals, and the effects.
 
     Parameters
     ----------
@@ -39,7 +36,7 @@ def diagnosis_blocks(point: PointView, texts: Texts) -> list[Block]:
         Heading(texts["diagnosis"], 3),
         Paragraph(texts[f"verdict_{verdict}"] if verdict in _VERDICTS else verdict),
     ]
-    blocks += _states(diagnosis, texts)
+    blocks += _states(diagnosis, texts, counts=diagnosis_counts(point))
     steps = ladder_of(diagnosis, texts)
     if len(steps) > 2:
         picture = Picture(
@@ -52,17 +49,19 @@ def diagnosis_blocks(point: PointView, texts: Texts) -> list[Block]:
     effects = [_effect(effect, texts) for effect in diagnosis.effects or ()]
     if effects:
         blocks += [Heading(texts["effects"], 3), Listing(tuple(effects))]
-    warnings = diagnosis.warnings or ()
+    reported = set(all_warnings(point))
+    warnings = [warning for warning in diagnosis.warnings or () if warning not in reported]
     if warnings:
         groups = group_messages(("", warning) for warning in warnings)
         blocks.append(Listing(tuple(map(texts.grouped, groups)), "warning"))
     return blocks
 
 
-def _states(diagnosis: DiagnosisResult, texts: Texts) -> list[Block]:
+def _states(diagnosis: DiagnosisResult, texts: Texts, *, counts: bool) -> list[Block]:
+    """Return the table of the fits without and with effects, and the plate if they do not count."""
     rows = [
         (
-            texts[when],
+            f"{texts[when]} ({texts['counts']})" if counts and when == "after" else texts[when],
             _modulus(state, texts),
             texts.word(str(state.model)),
             formatting.percent(state.contact_residual_rms_over_peak),
@@ -81,34 +80,11 @@ def _states(diagnosis: DiagnosisResult, texts: Texts) -> list[Block]:
         texts["residual"],
     )
     blocks: list[Block] = [Table(columns, tuple(rows), (1, 3, 4))]
-    plate = texts.word("rigid-rough")
-    basis = f"{plate} {diagnosis.plate_radius_m or 0.0:g} m, ν {diagnosis.poisson_ratio or 0.0:g}"
-    blocks.append(Paragraph(f"{texts['basis']}: {basis}", "note"))
-    if verdict_of_use := _use(diagnosis, texts):
-        blocks.append(Paragraph(verdict_of_use))
+    if not counts:  # else the facts of the point have it
+        plate = texts.word(diagnosis.plate or "rigid-rough")
+        radius, ratio = diagnosis.plate_radius_m or 0.0, diagnosis.poisson_ratio or 0.0
+        blocks.append(Paragraph(f"{texts['basis']}: {plate} {radius:g} m, ν {ratio:g}", "note"))
     return blocks
-
-
-_USE_KEYS = {"design": "use_design", "with-care": "use_with_care", "do-not-use": "do_not_use"}
-
-
-def _use(diagnosis: DiagnosisResult, texts: Texts) -> str:
-    """Return the use of the modulus after, and the stress that it belongs to."""
-    after = diagnosis.after
-    if after is None or after.modulus_pa is None:
-        return ""
-    text = f"{texts[_USE_KEYS[diagnosis.use]]}: {texts.message(diagnosis.use_reason)}."
-    if after.stress_pa is None or not math.isfinite(after.stress_pa):
-        return text
-    modulus_100kpa = after.modulus_100kpa_pa
-    if (
-        modulus_100kpa is None
-        or abs(modulus_100kpa / after.modulus_pa - 1.0) < _MIN_STRESS_DIFFERENCE
-    ):
-        return text
-    stress = f"{after.stress_pa / 1e3:.0f} kPa"
-    at_100 = f"{formatting.digits(modulus_100kpa / 1e6, 2)} MPa"
-    return f"{text} {texts.say('secant', stress=stress, modulus=at_100)}"
 
 
 def _modulus(state: FittedState, texts: Texts) -> str:

@@ -132,12 +132,17 @@ def basis_of(result: DropResult | None, texts: Texts, *, with_depth: bool = True
     if with_depth and result.bedrock_depth_m is not None:
         depth, ends = result.bedrock_depth_m, result.bedrock_depth_interval_m
         if result.bedrock_depth_sd_m is None or ends is None:
-            model += f" {digits(depth)} m"
+            model = on_rock(model, f"{digits(depth)} m", texts)
         else:
             _, low, high = with_ends(depth, ends)
-            model += f" {low} – {high} m"
+            model = on_rock(model, f"{low} – {high} m", texts)
     plate = f"{texts.word(str(result.plate))} {_plain(result.plate_radius_m)} m"
     return f"{model}, {plate}, ν {_plain(result.poisson_ratio)}"
+
+
+def on_rock(model: str, depth: str, texts: Texts) -> str:
+    """Return a model with the depth of its rock; without a depth the model alone."""
+    return texts.say("rock_at", model=model, depth=depth) if depth else model
 
 
 def value_of(value: PointValue | None, texts: Texts) -> str:

@@ -22,19 +22,19 @@ from pfwd.report.blocks import (
 from pfwd.report.content import Report
 from pfwd.report.diagnosis_blocks import diagnosis_blocks
 from pfwd.report.drawing import MAX_PHOTOS, draw_photos, draw_point
-from pfwd.report.ground_blocks import effective_of, ground_blocks
+from pfwd.report.ground_blocks import ground_blocks
 from pfwd.report.peaks_blocks import has_only_peaks, peaks_blocks, peaks_point_blocks
 from pfwd.report.point_facts import (
+    diagnosis_counts,
     diagnosis_of,
     drops_text,
-    effective_result,
-    first_result,
-    modulus_text,
+    fit_warnings,
     remarks_of,
     time_with_zone,
     used_drops,
     verdict_of,
 )
+from pfwd.report.point_result import result_rows
 from pfwd.report.texts import Texts
 
 _NO_RESULT = DropResult()
@@ -129,7 +129,6 @@ def _rows(point: PointView, report: Report, texts: Texts) -> list[tuple[str, str
                 f"{formatting.value_basis(progress.value, texts)}",
             )
         ]
-    layered = len(effective_result(point).layers or ()) > 1
     spread = formatting.percent(progress.deflection_spread)
     s_over_v = formatting.scaled(progress.s_over_v, 1e3, "ms")
     scatter = [
@@ -148,14 +147,7 @@ def _rows(point: PointView, report: Report, texts: Texts) -> list[tuple[str, str
         if value and value != formatting.NO_VALUE
     ]
     rows += [
-        (
-            texts["modulus"],
-            f"{modulus_text(point, texts)}; {formatting.basis_of(first_result(point), texts)}",
-        ),
-        (
-            texts["effective"],
-            effective_of(effective_result(point), texts) if layered else formatting.NO_VALUE,
-        ),
+        *result_rows(point, texts),
         (texts["target"], _target(point, report, texts)),
         (texts["used"], _used(point, texts)),
         (texts["checks"], "; ".join(scatter)),
@@ -298,4 +290,15 @@ def _results(point: PointView, texts: Texts) -> list[Block]:
     return [
         table,
         *(Paragraph(line, "note") for line in lines),
+        *_replaced_fits(point, texts),
     ]
+
+
+def _replaced_fits(point: PointView, texts: Texts) -> list[Block]:
+    """Return the note that the diagnosis counts in place of the fits, with their warnings."""
+    if not diagnosis_counts(point):
+        return []
+    groups = group_messages((point.shown_name, text) for text in fit_warnings(point))
+    warnings = "; ".join(map(texts.grouped, groups))
+    note = texts["fits_replaced"]
+    return [Paragraph(f"{note} {texts['fit_warnings']}: {warnings}" if warnings else note, "note")]

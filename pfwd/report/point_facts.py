@@ -6,7 +6,7 @@ from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from inversion.notices import OTHER, Notice
-from pfwd.analysis.results import DiagnosisResult, DropResult
+from pfwd.analysis.results import DiagnosisResult
 from pfwd.files.header import IMPORTED
 from pfwd.judging import DropView, PointView
 from pfwd.message_groups import MessageGroup, as_ranges, group_messages
@@ -101,22 +101,6 @@ def time_cells(report: Report, texts: Texts) -> tuple[str, list[str]]:
     return texts["time"], [f"{time[:MINUTE_LENGTH]} {zone}".strip() for time, zone in times]
 
 
-def first_result(point: PointView) -> DropResult | None:
-    """Return the first result with a modulus, if possible of an averaged drop."""
-    for drop in (*used_drops(point), *point.drops):
-        if drop.result is not None and drop.result.modulus_pa is not None:
-            return drop.result
-    return None
-
-
-def effective_result(point: PointView) -> DropResult:
-    """Return the first result with an effective modulus, if possible of an averaged drop."""
-    for drop in (*used_drops(point), *point.drops):
-        if drop.result is not None and drop.result.effective_modulus_pa is not None:
-            return drop.result
-    return DropResult()
-
-
 def modulus_text(point: PointView, texts: Texts) -> str:
     """Return the modulus in force of the point, marked if the data do not support it."""
     modulus = point.progress.modulus
@@ -128,12 +112,33 @@ def modulus_text(point: PointView, texts: Texts) -> str:
     )
 
 
+def diagnosis_counts(point: PointView) -> bool:
+    """Return whether the modulus of the point is that of its diagnosis."""
+    modulus = point.progress.modulus
+    return modulus is not None and modulus.source == "diagnosed"
+
+
 def all_warnings(point: PointView) -> list[str]:
-    """Return the messages on the point and on its drops, each once."""
+    """Return the messages on the point and on its drops, each once.
+
+    Warnings of fits are not among them where the diagnosis counts in their place: they would
+    contradict it.
+    """
     messages = [*point.warnings, *point.progress.faults, *point.progress.notes]
     for drop in point.drops:
-        messages += [*drop.marks, *drop.warnings]
+        screened = () if drop.screening is None else drop.screening.warnings
+        messages += [*drop.marks, *(screened if diagnosis_counts(point) else drop.warnings)]
     return list(dict.fromkeys(messages))
+
+
+def fit_warnings(point: PointView) -> list[str]:
+    """Return the warnings of the fits of the drops that `all_warnings` leaves out, each once."""
+    if not diagnosis_counts(point):
+        return []
+    results = [drop.result for drop in point.drops if drop.result is not None]
+    warnings = dict.fromkeys(warning for result in results for warning in result.warnings or ())
+    reported = set(all_warnings(point))
+    return [warning for warning in warnings if warning not in reported]
 
 
 @dataclass(frozen=True, slots=True)

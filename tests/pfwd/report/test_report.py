@@ -551,7 +551,7 @@ def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.M
     assert "clean: the base model explains the record" in text
     assert "stress dependence: 0.43 ± 0.13" in page.texts
     assert "sensor lag: 2.10 ± 0.10 ms" in page.texts
-    assert text.count("The modulus after is a design value: the record is explained") == 1
+    assert text.count("design value: the record is explained and the interval is narrow") == 1
 
 
 def test_a_browser_shows_it(survey: Path) -> None:

@@ -1,0 +1,159 @@
+"""The result of a point: modulus, model, depth and permitted use, all from one stored result."""
+
+import math
+
+from pfwd.analysis.results import DiagnosisResult, DropResult, relative_spread
+from pfwd.judging import PointView
+from pfwd.report import formatting
+from pfwd.report.ground_blocks import effective_of
+from pfwd.report.point_facts import (
+    diagnosis_counts,
+    diagnosis_of,
+    drops_text,
+    modulus_text,
+    used_drops,
+)
+from pfwd.report.texts import Texts
+
+_MIN_STRESS_DIFFERENCE = 0.02
+"""Relative difference of the moduli at two stresses from which both are reported."""
+
+_USE_KEYS = {"design": "use_design", "with-care": "use_with_care", "do-not-use": "do_not_use"}
+
+
+def result_rows(point: PointView, texts: Texts) -> list[tuple[str, str]]:
+    """Return the rows on the modulus of a point: value, basis, effective modulus and use.
+
+    All numbers are those of the diagnosis if its modulus counts, else those of the fits.
+    """
+    if point.progress.modulus is None:
+        return [(texts["use"], _use(point, texts))]
+    if diagnosis_counts(point):
+        diagnosis = diagnosis_of(point)
+        basis = "" if diagnosis is None else _basis_of_diagnosis(diagnosis, point, texts)
+        effective = ""
+    else:
+        fits = _averaged_fits(point)
+        basis = _basis_of_fits(fits, point, texts)
+        effective = _effective(fits, texts)
+    return [
+        (texts["modulus"], modulus_text(point, texts)),
+        (texts["basis"], basis),
+        (texts["effective"], effective),
+        (texts["use"], _use(point, texts)),
+    ]
+
+
+def _basis_of_diagnosis(diagnosis: DiagnosisResult, point: PointView, texts: Texts) -> str:
+    """Return the drops, the ground and the plate of a diagnosis."""
+    after = diagnosis.after
+    assert after is not None  # its modulus counts
+    model = formatting.on_rock(texts.word(str(after.model)), _bedrock_depth(diagnosis), texts)
+    plate = f"{texts.word(diagnosis.plate or 'rigid-rough')} {diagnosis.plate_radius_m or 0.0:g} m"
+    parts = [
+        model,
+        plate,
+        f"ν {diagnosis.poisson_ratio or 0.0:g}",
+        _with_symbol("η", _rounded(after.viscosity_pa_s, 1e-3, "kPa s")),
+        _with_symbol("ρ", _rounded(after.density_kg_m3, 1.0, "kg/m³")),
+    ]
+    order = [str(drop.number) for drop in point.drops]
+    drops = drops_text([str(number) for number in diagnosis.drops or ()], order, texts)
+    text = ", ".join(filter(None, parts))
+    return f"{texts.say('from_diagnosis', drops=drops)}: {text}"
+
+
+def _bedrock_depth(diagnosis: DiagnosisResult) -> str:
+    """Return the depth of the rock in the model of a diagnosis; empty: no rock, or not stored."""
+    for effect in diagnosis.effects or ():
+        if effect.name == "bedrock":
+            return formatting.with_deviation(effect.value, effect.sd, 1.0, "m")
+    depth = None if diagnosis.after is None else diagnosis.after.bedrock_depth_m
+    return "" if depth is None else formatting.scaled(depth, 1.0, "m")
+
+
+def _averaged_fits(point: PointView) -> list[tuple[int, DropResult]]:
+    """Return numbers and results of the averaged drops with a modulus, if none of all drops."""
+    for drops in (used_drops(point), point.drops):
+        fits = [
+            (drop.number, drop.result)
+            for drop in drops
+            if drop.result is not None and drop.result.modulus_pa is not None
+        ]
+        if fits:
+            return fits
+    return []
+
+
+def _basis_of_fits(fits: list[tuple[int, DropResult]], point: PointView, texts: Texts) -> str:
+    """Return the drops, the model and the plate of fits; of one fit all that was fitted."""
+    if not fits:
+        return ""
+    order = [str(drop.number) for drop in point.drops]
+    drops = drops_text([str(number) for number, _ in fits], order, texts)
+    result = fits[0][1]
+    if len(fits) > 1:
+        declared = result.bedrock_depth_sd_m is None  # a fitted depth differs from drop to drop
+        text = formatting.basis_of(result, texts, with_depth=declared)
+        return f"{texts.say('from_fits', drops=drops)}: {text}"
+    spread = relative_spread(result)
+    viscosity, density = (
+        formatting.with_deviation(value, deviation, scale, unit, spread)
+        for value, deviation, scale, unit in (
+            (result.viscosity_pa_s, result.viscosity_sd_pa_s, 1e-3, "kPa s"),
+            (result.density_kg_m3, result.density_sd_kg_m3, 1.0, "kg/m³"),
+        )
+    )
+    parts = [
+        formatting.basis_of(result, texts),
+        _with_symbol("η", viscosity),
+        _with_symbol("ρ", density),
+    ]
+    return f"{texts.say('from_fit', drops=drops)}: {', '.join(filter(None, parts))}"
+
+
+def _rounded(value: float | None, scale: float, unit: str) -> str:
+    """Return a number of unknown deviation with two significant digits; a dash for none."""
+    if value is None or not math.isfinite(value):
+        return formatting.NO_VALUE
+    return f"{float(f'{value * scale:.2g}'):g} {unit}"
+
+
+def _with_symbol(symbol: str, value: str) -> str:
+    return "" if value == formatting.NO_VALUE else f"{symbol} {value}"
+
+
+def _effective(fits: list[tuple[int, DropResult]], texts: Texts) -> str:
+    """Return the effective modulus of the first layered fit; empty: the ground has no layers."""
+    layered = [fit for _, fit in fits if len(fit.layers or ()) > 1]
+    text = effective_of(layered[0], texts) if layered else formatting.NO_VALUE
+    return "" if text == formatting.NO_VALUE else text
+
+
+def _use(point: PointView, texts: Texts) -> str:
+    """Return what the modulus of a point may be used for, and why; empty: nothing limits it."""
+    modulus, diagnosis = point.progress.modulus, diagnosis_of(point)
+    if modulus is not None and modulus.not_supported is not None:
+        return f"{texts['do_not_use']}: {texts.message(modulus.not_supported)}"
+    if diagnosis is None:
+        return ""
+    reason = texts.message(diagnosis.use_reason)
+    if not diagnosis_counts(point):
+        key = "use_none" if modulus is None else "use_fits"
+        return texts.say(key, reason=reason)
+    secant = _secant(diagnosis, texts)
+    return f"{texts[_USE_KEYS[diagnosis.use]]}: {reason}" + (f"; {secant}" if secant else "")
+
+
+def _secant(diagnosis: DiagnosisResult, texts: Texts) -> str:
+    """Return the stress that a diagnosed modulus belongs to, and that at 100 kPa; empty: linear."""
+    after = diagnosis.after
+    if after is None or after.modulus_pa is None or after.modulus_100kpa_pa is None:
+        return ""
+    if after.stress_pa is None or not math.isfinite(after.stress_pa):
+        return ""
+    if abs(after.modulus_100kpa_pa / after.modulus_pa - 1.0) < _MIN_STRESS_DIFFERENCE:
+        return ""
+    stress = f"{after.stress_pa / 1e3:.0f} kPa"
+    at_100 = f"{formatting.digits(after.modulus_100kpa_pa / 1e6, 2)} MPa"
+    return texts.say("secant", stress=stress, modulus=at_100)

@@ -1,0 +1,175 @@
+"""The result of a point in a report: every number from the stored result whose modulus counts."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pfwd.analysis.result_store import basis_of
+from pfwd.analysis.results import DiagnosisResult
+from pfwd.judging import PointView
+from pfwd.report.blocks import Listing, Pairs, Paragraph
+from pfwd.report.content import Report
+from pfwd.report.gathering import gather
+from pfwd.report.point_blocks import point_blocks
+from pfwd.report.point_facts import all_warnings, fit_warnings
+from pfwd.report.point_result import result_rows
+from pfwd.report.summary_blocks import common_warnings, warning_blocks
+from pfwd.report.texts import load_texts
+from pfwd_device.recording import SurveyWriter, read_survey
+from tests.pfwd.report.surveys import result_of
+
+FIT: dict[str, Any] = {
+    "model": "layer",
+    "bedrock_depth_m": 7.77,
+    "bedrock_depth_sd_m": 0.1,
+    "bedrock_depth_interval_m": [6.66, 8.88],
+    "viscosity_pa_s": 33e3,
+    "warnings": ["the fit leaves a residual: do not use it"],
+}
+
+AFTER: dict[str, Any] = {
+    "model": "layer",
+    "modulus_pa": 51.2e6,
+    "modulus_interval_pa": [48.6e6, 53.9e6],
+    "viscosity_pa_s": 12.3e3,
+    "density_kg_m3": 1911.0,
+    "bedrock_depth_m": 0.887,
+    "stress_pa": 219e3,
+    "modulus_100kpa_pa": 40e6,
+    "residual_rms_over_peak": 0.003,
+    "discrepancy_over_peak": 0.003,
+}
+
+
+def survey_with_fits(survey: Path) -> Path:
+    with SurveyWriter.open(survey, publish=False) as writer:
+        for drop in read_survey(survey).drops:
+            writer.save_result(drop.number, result_of(drop.drop, 45e6) | FIT)
+    return survey
+
+
+def diagnosed_report(survey: Path, verdict: str, **after: Any) -> Report:
+    """A report with a diagnosis of the first point."""
+    report = gather(survey_with_fits(survey))
+    first = report.points[0]
+    record = {
+        "point": first.shown_name,
+        "drops": [2, 3, 4],
+        "left_out": [1],
+        "basis": basis_of(first.setup),
+        "verdict": verdict,
+        "poisson_ratio": 0.35,
+        "plate_radius_m": 0.15,
+        "before": {"model": "half-space", "modulus_pa": 43e6, "modulus_interval_pa": [27e6, 68e6]},
+        "after": {**AFTER, **after},
+        "effects": [],
+        "warnings": ["modulus open after the diagnosis"],
+    }
+    diagnosed = replace(first, whole=None, diagnosis=DiagnosisResult.from_json(record))
+    return replace(report, points=(diagnosed, *report.points[1:]))
+
+
+def rows_of(point: PointView, language: str = "en") -> dict[str, str]:
+    return {label: value for label, value in result_rows(point, load_texts(language)) if value}
+
+
+def text_of(report: Report) -> str:
+    """Everything that the part on the first point says outside its table of drops."""
+    texts = []
+    for block in point_blocks(report.points[0], report, load_texts("en"), common_warnings(report)):
+        match block:
+            case Pairs(rows):
+                texts += [": ".join(row) for row in rows]
+            case Paragraph(text):
+                texts.append(text)
+            case Listing(items):
+                texts += items
+    return "\n".join(texts)
+
+
+def test_numbers_of_a_diagnosed_point_are_those_of_its_diagnosis(survey: Path) -> None:
+    report = diagnosed_report(survey, "explained")
+    rows = rows_of(report.points[0])
+    assert rows["Modulus E"].replace("\xa0", " ") == "51.2 MPa (48.6 – 53.9)"
+    assert rows["Basis"] == (
+        "Drops 2 – 4, diagnosis: layer on rock at 0.887 m, rigid-rough 0.15 m, ν 0.35, "
+        "η 12 kPa s, ρ 1900 kg/m³"
+    )
+    assert rows["Use"] == (
+        "design value: the record is explained and the interval is narrow; secant modulus at "
+        "219 kPa under the plate, 40 MPa at 100 kPa"
+    )
+    text = text_of(report)
+    assert not any(number in text for number in ("7.77", "6.66", "8.88", "33"))
+
+
+def test_a_diagnosed_depth_has_the_deviation_of_its_effect(survey: Path) -> None:
+    report = diagnosed_report(survey, "explained")
+    point = report.points[0]
+    assert point.diagnosis is not None
+    record = point.diagnosis.to_json()
+    record["effects"] = [{"name": "bedrock", "value": 0.887, "sd": 0.031, "unit": "m"}]
+    again = replace(point, diagnosis=DiagnosisResult.from_json(record))
+    assert "layer on rock at 0.887 ± 0.031 m," in rows_of(again)["Basis"]
+
+
+def test_a_diagnosis_of_an_earlier_version_has_fewer_numbers(survey: Path) -> None:
+    missing = dict.fromkeys(("viscosity_pa_s", "density_kg_m3", "bedrock_depth_m"))
+    report = diagnosed_report(survey, "explained", **missing)
+    assert rows_of(report.points[0])["Basis"] == (
+        "Drops 2 – 4, diagnosis: layer, rigid-rough 0.15 m, ν 0.35"
+    )
+
+
+def test_nothing_contradicts_a_modulus_to_use_with_care(survey: Path) -> None:
+    report = diagnosed_report(survey, "unexplained", discrepancy_over_peak=0.014)
+    point = report.points[0]
+    rows = rows_of(point)
+    assert rows["Use"].startswith("use with care: 1.4 % of the peak is not explained")
+    assert "do not use it" not in " ".join(all_warnings(point))
+    assert fit_warnings(point) == ["the fit leaves a residual: do not use it"]
+    text = text_of(report)
+    assert text.count("do not use") == 1
+    assert (
+        "for comparison only: the diagnosis counts. Warnings of these fits: the fit leaves a "
+        "residual: do not use it"
+    ) in text
+    # The other point has no diagnosis: there the warning of the fits is one of the report.
+    (_, warnings) = warning_blocks(report, load_texts("en"))
+    assert isinstance(warnings, Listing)
+    (line,) = [item for item in warnings.items if "do not use it" in item]
+    assert line.endswith("(point B)")
+
+
+def test_numbers_are_those_of_the_fits_where_the_diagnosis_must_not_be_used(survey: Path) -> None:
+    report = diagnosed_report(survey, "unexplained", discrepancy_over_peak=0.2)
+    rows = rows_of(report.points[0])
+    assert rows["Modulus E"].startswith("45")
+    assert rows["Basis"] == "Drops 2 – 4, mean of the fits: layer, rigid-rough 0.15 m, ν 0.35"
+    assert rows["Use"] == (
+        "the fits count, because the diagnosed modulus must not be used: "
+        "20 % of the peak is not explained, at most 3 % is allowed"
+    )
+    text = text_of(report)
+    assert "design value" not in text
+    assert "use with care" not in text
+    assert "for comparison only" not in text
+
+
+def test_a_single_fit_has_its_depth_and_viscosity(survey: Path) -> None:
+    point = gather(survey_with_fits(survey)).points[0]
+    progress = replace(point.progress, used=(3,))
+    single = replace(point, whole=None)
+    single.__dict__["progress"] = progress
+    basis = rows_of(single)["Basis"]
+    assert basis.startswith("Drop 3, fit: layer on rock at 6.7 – 8.9 m, rigid-rough 0.15 m, ν 0.35")
+    assert "η 33" in basis
+    assert "Use" not in rows_of(single)
+
+
+@pytest.mark.parametrize(("language", "word"), [("de", "Bemessungswert"), ("zh", "可作设计值")])
+def test_the_use_is_translated(survey: Path, language: str, word: str) -> None:
+    report = diagnosed_report(survey, "explained")
+    assert word in rows_of(report.points[0], language)[load_texts(language)["use"]]
