@@ -26,7 +26,7 @@ LARGEST_ZERO_FLOOR = 150.0
 """Weight on its springs, N, which counts as zero, too."""
 
 SHUNT_ANSWER = 2.0
-"""Time within which the shunt has to be on after the request, s."""
+"""Time within which the shunt has to be on, or off again, after the request, s."""
 
 HIT = 400.0
 """Largest change of the load while the shunt is on, N; a larger one is no noise."""
@@ -63,7 +63,11 @@ class SensorChecker:
         self._identity = identity
         self._shunt = shunt
         self._rate = identity.sampling_rate
-        self._has_shunt = identity.channels[load_channel(identity)].shunt is not None
+        self._load_index = load_channel(identity)
+        self._has_shunt = identity.channels[self._load_index].shunt is not None
+        self._is_on = self._is_hit = False
+        self._n_on = 0  # samples since the shunt went on
+        self._load_range = (np.inf, -np.inf)  # N, while the shunt is on and settled
         self._begin()
 
     @property
@@ -76,7 +80,7 @@ class SensorChecker:
         self._rest: list[NDArray[np.int32]] = []
         self._shunted: list[NDArray[np.int32]] = []
         self._idle = 0
-        self._shunt_requested = self._is_on = False
+        self._shunt_requested = self._is_measured = False
         self._unanswered = self._unrepeated = 0
 
     def _want(self, on: bool) -> None:
@@ -113,18 +117,38 @@ class SensorChecker:
         faults : tuple of str
         """
         self._insist(samples)
+        self._detect_hit(samples)
         if not at_rest:
             self._idle = 0
             self._interrupt()
             return None
         self._idle += len(samples.counts)
         if not self._due:
-            if self._idle > CHECK_INTERVAL * self._rate:
+            if self._is_hit or self._idle > CHECK_INTERVAL * self._rate:
                 self._begin()
             return None
+        if self._is_measured:
+            return self._wait_for_off(samples)
         if not self._shunt_requested:
             return self._feed_rest(samples)
         return self._feed_shunted(samples)
+
+    def _detect_hit(self, samples: Samples) -> None:
+        """Note a change of the load while the shunt is on: the detector leaves these samples out."""
+        if not samples.shunt:
+            self._n_on = 0
+            self._load_range = (np.inf, -np.inf)
+            return
+        settling = max(0, round(SETTLING * self._rate) - self._n_on)
+        self._n_on += len(samples.counts)
+        counts = samples.counts[settling:, self._load_index]
+        if counts.size == 0:
+            return
+        channel = self._identity.channels[self._load_index]
+        load = to_si(counts, channel, self._identity.volts_per_count)
+        lowest, highest = self._load_range
+        self._load_range = (min(lowest, float(load.min())), max(highest, float(load.max())))
+        self._is_hit |= self._load_range[1] - self._load_range[0] > HIT
 
     def _feed_rest(self, samples: Samples) -> Finding | None:
         if samples.shunt:
@@ -144,6 +168,13 @@ class SensorChecker:
         if not complete and self._unanswered < SHUNT_ANSWER * self._rate:
             return None
         self._want(False)
+        self._is_measured = True
+        return self._wait_for_off(samples) if not self._is_on else None
+
+    def _wait_for_off(self, samples: Samples) -> Finding | None:
+        """Conclude when the shunt is off: until then it hides drops."""
+        if samples.shunt and self._unanswered < SHUNT_ANSWER * self._rate:
+            return None
         return self._conclude()
 
     def _interrupt(self) -> None:
@@ -155,13 +186,15 @@ class SensorChecker:
 
     def _conclude(self) -> Finding:
         self._due = False
-        return self._result()
+        finding = self._result()
+        self._is_hit = False
+        return finding
 
     def _result(self) -> Finding:
         identity = self._identity
         counts = np.concatenate(self._rest)
         scale = identity.volts_per_count
-        index = load_channel(identity)
+        index = self._load_index
         load = identity.channels[index]
         # The median: a knock while it is looked at is neither zero nor span.
         zero = float(np.median(to_si(counts[:, index], load, scale)))
@@ -176,17 +209,22 @@ class SensorChecker:
             shunted = np.concatenate(self._shunted)[round(SETTLING * self._rate) :]
             values = to_si(shunted[:, index], load, scale)
             reading = float(np.median(values)) - zero
-            if float(np.abs(values - np.median(values)).max()) > HIT:
-                faults.append(
-                    "something hit the plate while the shunt was on, which hides a drop: expected "
-                    "rest until ready is said; repeat the drop"
-                )
             ratio = reading / load.shunt
             if not abs(ratio - 1) <= SPAN_TOLERANCE:
                 faults.append(
                     f"span of the load cell: expected {load.shunt:.0f} N from the shunt, got "
                     f"{reading:.0f} N; the calibration does not hold any more"
                 )
+        if self._is_hit:
+            faults.append(
+                "something hit the plate while the shunt was on, which hides a drop: expected "
+                "rest until the instrument is ready; repeat the drop"
+            )
+        if self._is_on:
+            faults.append(
+                "the shunt of the load cell stays on, which hides every drop: expected it off "
+                f"within {SHUNT_ANSWER:.0f} s; switch the instrument off and on again"
+            )
         channels = []
         for channel, column in zip(identity.channels, counts.T, strict=True):
             noise = float(to_si(column, channel, scale).std())
