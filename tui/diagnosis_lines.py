@@ -9,7 +9,7 @@ import math
 import os
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal, TypeGuard
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeGuard
 
 from pfwd.analysis.results import (
     DiagnosisResult,
@@ -50,7 +50,7 @@ _PARTLY_EXPLAINED = (
     "covers"
 )
 _NO_DROP = "NOTHING TO DIAGNOSE: no drop of the point can be used, see the warnings"
-_USES = {"design": "design value", "with-care": "use with care", "do-not-use": "do not use"}
+USES = {"design": "design value", "with-care": "use with care", "do-not-use": "do not use"}
 _ACTIONS = {
     "design": "use it",
     "with-care": "design with the lower end",
@@ -200,7 +200,7 @@ def survey_lines(
     ]
     lines = [_summary(results, moduli), ""]
     if diagnosed:
-        rows = [_row(*point) for point in diagnosed]
+        rows = [point_cells(*point) for point in diagnosed]
         modes = {result.held_out.mode for result in results if result.held_out is not None}
         mode = modes.pop() if len(modes) == 1 else None
         columns = [*_COLUMNS, _PREDICTED.get(mode or "", "held out"), "found", "what to do"]
@@ -255,14 +255,42 @@ def _unusable_lines(
 _COLUMNS = ("point", "E, MPa (95 %)", "at stress, kPa", "use", "misfit")
 
 
-def _row(name: str, result: DiagnosisResult, modulus: "PointModulus | None") -> list[str]:
-    """Return the cells of a point: those of `_COLUMNS`, prediction error, effects, what to do."""
+class PointCells(NamedTuple):
+    """Cells of a point in a table of diagnoses: `_COLUMNS`, then the three named at its end."""
+
+    point: str
+    modulus: str
+    """Modulus in force with its interval, MPa."""
+    stress: str
+    """Stress at which a diagnosed modulus holds, kPa; else empty."""
+    use: str
+    """Use that the modulus may be put to."""
+    misfit: str
+    prediction_error: str
+    """Error of the prediction of held-out parts; empty: nothing was held out."""
+    effects: str
+    """Strongest effects of the point itself; those of the device are left out."""
+    action: str
+    """What to do with the modulus, or at the point."""
+
+
+def point_cells(name: str, result: DiagnosisResult, modulus: "PointModulus | None") -> PointCells:
+    """Return the cells of a point for a table of diagnoses.
+
+    Parameters
+    ----------
+    name : str
+        Name of the point in the table.
+    result : DiagnosisResult
+    modulus : PointModulus or None
+        Modulus in force at the point; None: there is none.
+    """
     after = result.after or FittedState()
     if _record_fault(modulus) is not None:
         modulus, key = None, "do-not-use"
     else:
         key = result.use
-    use, action = _USES[key], _ACTIONS[key]
+    use, action = USES[key], _ACTIONS[key]
     stress = ""
     if modulus is not None and modulus.source == "fitted":
         use, action = "fit without effects", ""
@@ -274,16 +302,16 @@ def _row(name: str, result: DiagnosisResult, modulus: "PointModulus | None") -> 
     more = ["..."] if len(effects) > MAX_EFFECTS_IN_TABLE else []
     listed = ", ".join([*effects[:MAX_EFFECTS_IN_TABLE], *more]) or "no effect"
     held = result.held_out
-    return [
+    return PointCells(
         name,
         "none" if modulus is None else _in_force(modulus),
         stress,
         use,
-        _percent(result.explained_to),
+        misfit_text(result),
         "" if held is None else f"{_percent(held.after)} off",
         listed,
         action,
-    ]
+    )
 
 
 def table_lines(table: Sequence[Sequence[str]], width: int) -> list[str]:
@@ -347,9 +375,9 @@ def _in_force(modulus: "PointModulus") -> str:
 def _summary(results: Sequence[DiagnosisResult], moduli: "Sequence[PointModulus | None]") -> str:
     """Return the number of points for each use."""
     uses = [
-        _USES["do-not-use"]
+        USES["do-not-use"]
         if _record_fault(modulus) is not None
-        else _USES[result.use]
+        else USES[result.use]
         if modulus is None or modulus.source == "diagnosed"
         else "fit"
         for result, modulus in zip(results, moduli, strict=True)
@@ -446,12 +474,17 @@ def diagnosis_warnings(results: Sequence[DiagnosisResult]) -> list[str]:
 def diagnosis_line(point: str, result: DiagnosisResult) -> str:
     """Return the diagnosis of a point that is being measured, in one line."""
     after = result.after or FittedState()
-    misfit = _percent(result.explained_to)
+    misfit = misfit_text(result)
     effects = ", ".join(_words(effect.name) for effect in result.effects or ())
-    text = f"{_modulus(after)}, {_USES[result.use]}" if _modulus(after) else "no modulus"
-    return f"point {clean(point)} diagnosed: {text}, {misfit} of the peak unexplained" + (
+    text = f"{_modulus(after)}, {USES[result.use]}" if _modulus(after) else "no modulus"
+    return f"point {clean(point)} diagnosed: {text}, misfit {misfit} of the peak" + (
         f": {effects}" if effects else ""
     )
+
+
+def misfit_text(result: DiagnosisResult) -> str:
+    """Return the misfit of a diagnosis: the residual beyond the noise, in percent of the peak."""
+    return _percent(result.explained_to)
 
 
 _PREDICTED = {"next": "next drop", "drop": "each drop", "sensor": "each sensor"}

@@ -1,7 +1,6 @@
 """A point with its verdict as one line of text."""
 
-import math
-
+from pfwd.digits import with_ends
 from pfwd.judging import PointView
 from pfwd.judging.job import target_text
 from pfwd.procedures import PointProgress, PointValue, Quantity, Verdict
@@ -48,17 +47,8 @@ def value_text(value: PointValue) -> str:
     bounds = value.interval or value.drop_range
     if bounds is None:
         return f"{name} {number:.3g}{mark} {unit}"
-    low, high = (end / scale for end in bounds)
-    decimals = decimals_for((high - low) / 2, number)
-    ends = f"{low:.{decimals}f} to {high:.{decimals}f}"
+    text, low, high = with_ends(number, (bounds[0] / scale, bounds[1] / scale))
+    ends = f"{low} to {high}"
     if value.interval is None:
         ends = f"{value.drops} drops: {ends}, no interval"
-    return f"{name} {number:.{decimals}f}{mark} {unit} ({ends})"
-
-
-def decimals_for(half: float, value: float) -> int:
-    """Return the decimals that show two digits of the half width of an interval."""
-    size = half if half > 0 else abs(value) / 1e3
-    if size <= 0 or not math.isfinite(size):
-        return 0
-    return min(4, max(0, 1 - math.floor(math.log10(size))))
+    return f"{name} {text}{mark} {unit} ({ends})"

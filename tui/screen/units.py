@@ -1,10 +1,11 @@
 """Units on the screen: SI or US customary, always shown with the number; values inside are SI."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from pfwd.digits import rounded, with_ends
 from pfwd.procedures import Quantity
 
 UnitsName = Literal["si", "us"]
@@ -99,21 +100,71 @@ class Units:
         text = self.text(quantity, si, digits)
         return text if text == NO_VALUE else f"{text} {self.unit(quantity)}"
 
-    def with_uncertainty(
-        self, quantity: QuantityName, si: float | None, sd: float | None, digits: int = 4
+    def value_and_ends(
+        self, quantity: QuantityName, si: float | None, interval: Sequence[float] | None
     ) -> tuple[str, str]:
-        """Format a value and its uncertainty with the same decimals; "" without an uncertainty."""
-        value, deviation = self.value(quantity, si), self.value(quantity, sd)
-        if value is None:
-            return NO_VALUE, ""
-        if deviation is None:
-            return format_number(value, 3), ""
-        # No more digits than the value supports, however small the noise of its fit.
-        decimals = min(_decimals(deviation or value, 2), _decimals(value, digits))
-        last_digit = 10.0**-decimals
-        is_small = 0 < deviation < 0.5 * last_digit
-        error = f"<{last_digit:.{decimals}f}" if is_small else f"{deviation:.{decimals}f}"
-        return f"{value:.{decimals}f}", error
+        """Format a value and its interval, without the unit, as the commands print them.
+
+        Parameters
+        ----------
+        quantity : QuantityName
+        si : float or None
+            Value in SI units.
+        interval : pair of float or None
+            Lower and upper end in SI units.
+
+        Returns
+        -------
+        tuple of str
+            Value with the digits that the interval supports, and "low to high"; "" without an
+            interval.
+
+        Examples
+        --------
+        >>> SI.value_and_ends("modulus", 81.2e6, (71.6e6, 112.3e6))
+        ('81', '72 to 112')
+        """
+        value = self.value(quantity, si)
+        ends = [] if interval is None else [self.value(quantity, end) for end in interval]
+        low, high = ends if len(ends) == 2 else (None, None)
+        if value is None or low is None or high is None:
+            return format_number(value), ""
+        text, *end_texts = with_ends(value, (low, high))
+        return text, " to ".join(end_texts)
+
+    def with_interval(
+        self,
+        quantity: QuantityName,
+        si: float | None,
+        interval: Sequence[float] | None,
+        mark: str = "",
+    ) -> str:
+        """Format a value with unit and interval, as `pfwd.digits.modulus_text` does for a modulus.
+
+        The mark stands behind the value; the other parameters are those of `value_and_ends`.
+
+        Examples
+        --------
+        >>> SI.with_interval("modulus", 81.2e6, (71.6e6, 112.3e6))
+        '81 MPa (72 to 112)'
+        """
+        text, ends = self.value_and_ends(quantity, si, interval)
+        if text == NO_VALUE:
+            return text
+        return f"{text}{mark} {self.unit(quantity)}" + (f" ({ends})" if ends else "")
+
+    def with_deviation(
+        self, quantity: QuantityName, si: float, deviation: float, spread: float
+    ) -> str:
+        """Format a value with its standard deviation and unit.
+
+        Neither has digits beyond `spread`, the uncertainty from all sources, which is at least the
+        deviation. A deviation that rounds to zero is not shown.
+        """
+        scale = self.of(quantity).scale
+        value, around = (rounded(part / scale, spread / scale) for part in (si, deviation))
+        text = value if float(around) == 0.0 else f"{value} ± {around}"
+        return f"{text} {self.unit(quantity)}"
 
 
 def judged_quantity(quantity: Quantity) -> QuantityName:

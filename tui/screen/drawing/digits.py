@@ -14,8 +14,6 @@ _LETTER_BLOCKS = {
     "8": ("████", "█  █", "████", "█  █", "████"),
     "9": ("████", "█  █", "████", "   █", "████"),
     ".": (" ", " ", " ", " ", "█"),
-    "±": ("  █  ", "█████", "  █  ", "     ", "█████"),
-    "<": ("  █", " █ ", "█  ", " █ ", "  █"),
     "-": ("   ", "   ", "███", "   ", "   "),
     "A": ("████", "█  █", "████", "█  █", "█  █"),
     "C": ("████", "█   ", "█   ", "█   ", "████"),
@@ -29,6 +27,8 @@ _LETTER_BLOCKS = {
     "P": ("████", "█  █", "████", "█   ", "█   "),
     "S": ("████", "█   ", "████", "   █", "████"),
     "U": ("█  █", "█  █", "█  █", "█  █", "████"),
+    "t": (" █ ", "███", " █ ", " █ ", " ██"),
+    "o": ("   ", "   ", "███", "█ █", "███"),
     " ": ("  ", "  ", "  ", "  ", "  "),
 }
 LETTER_ROWS = 5
@@ -44,8 +44,8 @@ def digit_lines(text: str, role: TextRole = "strong", wide: int = 2, high: int =
     Parameters
     ----------
     text : str
-        Digits, point and minus, and the letters of PASS, FAIL, UNDECIDED and DONE; others are
-        skipped.
+        Digits, point, minus, the word "to", and the letters of PASS, FAIL, UNDECIDED and DONE;
+        others are skipped.
     role : TextRole
     wide, high : int
         Columns and rows of a block.

@@ -28,7 +28,9 @@ from tui.screen.opened.rows import (
     PointRow,
     display_value,
     in_order,
+    judged_texts,
     matching,
+    modulus_in_force_text,
     pages,
     shares,
 )
@@ -585,29 +587,17 @@ def _target(target: float | None) -> str:
     return target_text(target)
 
 
-def mark(is_marked: bool) -> str:
-    """Return the mark of a number that the data do not support, or nothing."""
-    # Loaded when rows are shown: the frame is painted before.
-    from pfwd.procedures.point import UNSUPPORTED_MARK
-
-    return UNSUPPORTED_MARK if is_marked else ""
-
-
 def _cells(row: PointRow) -> tuple[str, ...]:
-    value = display_value(row)
+    value, ends = judged_texts(row)
     unit = "mm" if row.unit == "m" else "MPa"
-    scale = 1e-3 if row.unit == "m" else 1e6
-    ends = ""
-    if row.low is not None and row.high is not None:
-        ends = f"{format_number(row.low / scale)} to {format_number(row.high / scale)}"
     return (
         clean(row.title),
         str(row.drops),
-        f"{format_number(value)}{mark(row.value_marked)} {unit}" if row.value is not None else "-",
+        f"{value} {unit}" if row.value is not None else value,
         ends,
         _target(row.target),
         row.state,
-        f"{format_number(row.modulus and row.modulus / 1e6)}{mark(row.modulus_marked)}",
+        modulus_in_force_text(row),
         "-" if row.chainage_m is None else f"{row.chainage_m:.0f}",
         clean(row.diagnosed) or "-",
         clean(row.notes),

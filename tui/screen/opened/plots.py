@@ -13,7 +13,7 @@ from pfwd.errors import DeviceError
 from tui.screen.drawing.glyphs import Glyphs
 from tui.screen.drawing.lines import Cell, Line, TextRole, cell, fit, line, piece
 from tui.screen.drawing.plot import Curve, Figure, plot_lines
-from tui.screen.opened.rows import PointRow, display_value
+from tui.screen.opened.rows import PointRow, judged_texts
 
 STATE_ROLES: dict[str, TextRole] = {"PASS": "good", "FAIL": "bad", "UNDECIDED": "warn"}
 STATE_MARKS = {"PASS": "o", "FAIL": "x", "UNDECIDED": "?"}
@@ -105,13 +105,10 @@ def profile_lines(
     figure = profile_figure(rows, *window, chosen, unit, by_chainage=by_chainage)
     lines = plot_lines(figure, width, max(3, height - 2), glyphs)
     row = rows[min(chosen, len(rows) - 1)]
-    value = display_value(row)
     text = "no value"
-    if not math.isnan(value):
-        scale = 1e-3 if row.unit == "m" else 1e6
-        ends = [end / scale for end in (row.low, row.high) if end is not None]
-        interval = f" ({ends[0]:.3g} to {ends[1]:.3g})" if len(ends) == 2 else ""
-        text = f"{value:.3g}{interval} {unit}"
+    if row.value is not None:
+        value, ends = judged_texts(row)
+        text = f"{value} {unit}" + (f" ({ends})" if ends else "")
     text = f" {row.title}: {text}  {row.state}"
     return [*lines, line(cell(text, "strong")), line(cell(" left/right moves, +/- zooms", "dim"))]
 

@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Any
 from pfwd.errors import DeviceError, SurveyError
 from pfwd.files.folders import refuse_no_survey
 from pfwd.files.output_path import replaced_at_once
+from tui.screen.units import SI, QuantityName
 
 if TYPE_CHECKING:
     # Loaded when the survey is read: the frame is painted before.
     from pfwd.judging import Job, PointView
 
-CACHE_VERSION = 4
+CACHE_VERSION = 5
 """Version of the cache, to be raised when rows have other fields or are judged otherwise."""
 
 MAX_CACHE_BYTES = 50_000_000
@@ -52,6 +53,9 @@ class PointRow:
     reason: str = ""
     modulus: float | None = None
     """Modulus of the point in force, Pa."""
+    modulus_low: float | None = None
+    modulus_high: float | None = None
+    """Ends of its 95 % interval, Pa; None: it has none."""
     modulus_marked: bool = False
     """True if the data do not support the modulus."""
     value_marked: bool = False
@@ -59,7 +63,7 @@ class PointRow:
     measured: int = 0
     """Number of averaged drops."""
     diagnosed: str = ""
-    """Verdict of the diagnosis in force, and the use of the modulus; empty: there is none."""
+    """Use of the diagnosed modulus and the misfit; empty: the point is not diagnosed."""
 
     @property
     def state(self) -> str:
@@ -215,6 +219,7 @@ def judged_row(row: PointRow, point: "PointView") -> PointRow:
     value = progress.value
     modulus = progress.modulus
     low, high = (None, None) if value is None or value.interval is None else value.interval
+    ends = None if modulus is None else modulus.interval
     return dataclasses.replace(
         row,
         judged=True,
@@ -227,6 +232,8 @@ def judged_row(row: PointRow, point: "PointView") -> PointRow:
         verdict=progress.verdict.value,
         reason=progress.verdict_reason,
         modulus=None if modulus is None else modulus.value,
+        modulus_low=None if ends is None else ends[0],
+        modulus_high=None if ends is None else ends[1],
         modulus_marked=modulus is not None and modulus.not_supported is not None,
         value_marked=value is not None and value.not_supported is not None,
         measured=len(progress.used),
@@ -234,22 +241,18 @@ def judged_row(row: PointRow, point: "PointView") -> PointRow:
     )
 
 
-_USE_WORDS = {"design": "design value", "with-care": "use with care", "do-not-use": "do not use"}
-
-
 def _diagnosed(point: "PointView") -> str:
-    """Return the verdict of the diagnosis, its use, and the residual that it leaves.
+    """Return the use of the diagnosed modulus and the misfit, as ``pfwd diagnose`` prints them.
 
     The modulus is not repeated: the column of the modulus has the one in force.
     """
-    from tui.screen.units import percent
+    from tui.diagnosis_lines import point_cells
 
     diagnosis = point.diagnosis_in_force
     if diagnosis is None or diagnosis.after is None:
         return ""
-    residual = diagnosis.after.residual_rms_over_peak
-    text = "" if residual is None else f", {percent(residual)} left"
-    return f"{diagnosis.verdict}: {_USE_WORDS[diagnosis.use]}{text}"
+    cells = point_cells(point.shown_name, diagnosis, point.progress.modulus)
+    return f"{cells.use}, misfit {cells.misfit}"
 
 
 ORDERS: tuple[str, ...] = ("measured", "title", "value", "verdict", "modulus", "chainage_m")
@@ -286,6 +289,33 @@ def _matches(row: PointRow, word: str) -> bool:
 def display_value(row: PointRow) -> float:
     """Return the judged value in MPa or mm."""
     return math.nan if row.value is None else row.value / (1e-3 if row.unit == "m" else 1e6)
+
+
+def judged_texts(row: PointRow) -> tuple[str, str]:
+    """Return the judged value of a point and its interval as text, in MPa or mm without the unit.
+
+    A value that allows no verdict has a mark. Without a value the texts are a dash and nothing.
+    """
+    interval = None if row.low is None or row.high is None else (row.low, row.high)
+    quantity: QuantityName = "settlement" if row.unit == "m" else "modulus"
+    value, ends = SI.value_and_ends(quantity, row.value, interval)
+    return f"{value}{_mark(row.value_marked)}", ends
+
+
+def modulus_in_force_text(row: PointRow) -> str:
+    """Return the modulus in force at a point with its interval, in MPa without the unit."""
+    low, high = row.modulus_low, row.modulus_high
+    interval = None if low is None or high is None else (low, high)
+    value, ends = SI.value_and_ends("modulus", row.modulus, interval)
+    return f"{value}{_mark(row.modulus_marked)}" + (f" ({ends})" if ends else "")
+
+
+def _mark(is_marked: bool) -> str:
+    """Return the mark of a number that the data do not support, or nothing."""
+    # Loaded when rows are shown: the frame is painted before.
+    from pfwd.procedures.point import UNSUPPORTED_MARK
+
+    return UNSUPPORTED_MARK if is_marked else ""
 
 
 def in_order(rows: Sequence[PointRow], by: str, *, falling: bool = False) -> list[PointRow]:

@@ -1,5 +1,6 @@
 """Diagnosis page: a table of the points before and after, and effects of the device."""
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import ClassVar
@@ -8,7 +9,9 @@ from textual.binding import Binding, BindingType
 
 from pfwd.analysis.results import DiagnosisResult, FittedState
 from pfwd.digits import read_in, rounded
-from tui.diagnosis_lines import diagnosis_lines
+from pfwd.judging.verdicts import modulus_in_force
+from pfwd.procedures import PointModulus
+from tui.diagnosis_lines import diagnosis_lines, point_cells
 from tui.screen.drawing.lines import (
     Line,
     TableColumn,
@@ -25,16 +28,19 @@ from tui.screen.drawing.lines import (
 )
 from tui.screen.pages.measure_view import key_line
 from tui.screen.pages.page import Page
-from tui.screen.units import NO_VALUE, Units, percent
+from tui.screen.units import Units
 
-_LADDER_COLUMNS = (
+_MODULUS_TITLES = ("before", "E")
+"""Titles of the columns with a modulus, to which the unit is added."""
+
+_DIAGNOSIS_COLUMNS = (
     TableColumn("point", 0, is_text=True, is_flexible=True),
-    TableColumn("verdict", 0, is_text=True),
-    TableColumn("E before", 2),
-    TableColumn("E after", 1),
-    TableColumn("residual", 4),
-    TableColumn("after", 3),
-    TableColumn("effects", 5, is_flexible=True),
+    TableColumn("verdict", 3, is_text=True),
+    TableColumn("before", 4),
+    TableColumn("E", 0),
+    TableColumn("use", 1, is_text=True),
+    TableColumn("misfit", 2),
+    TableColumn("found", 5, is_text=True, is_flexible=True),
 )
 
 
@@ -45,7 +51,8 @@ class DiagnosisPage(Page):
     HELP = (
         "Looks for the causes of the residual at each point: effects of the ground, the contact or "
         "the sensors that were not declared. Each is added to the model, then the point is fitted; "
-        "the table shows the modulus and the residual before and after. Effects of the device "
+        "the table shows the modulus before, and the modulus in force with its 95 % interval, its "
+        "use and its misfit: the residual beyond the noise, over the peak. Effects of the device "
         "are the same at all its points and are listed below with their values. The diagnosis runs "
         "in the background; measuring goes on."
     )
@@ -110,24 +117,31 @@ class DiagnosisPage(Page):
         device = device_lines(results, self.pfwd.units, width)
         table_room = max(3, (room - len(device)) // 2)
         visible = window(len(results), self.place, table_room - 1)
+        moduli = {at: self._modulus_in_force(results[at]) for at in {*visible, self.place}}
         rows = [
-            result_row(results[at], names[at], self.pfwd.units, chosen=at == self.place)
+            result_row(results[at], names[at], moduli[at], self.pfwd.units, chosen=at == self.place)
             for at in visible
         ]
         unit = self.pfwd.units.unit("modulus")
         columns = [
-            TableColumn(f"{column.title} {unit}", column.rank)
-            if column.title.startswith("E ")
+            dataclasses.replace(column, title=f"{column.title} {unit}")
+            if column.title in _MODULUS_TITLES
             else column
-            for column in _LADDER_COLUMNS
+            for column in _DIAGNOSIS_COLUMNS
         ]
-        ladder = table_lines(columns, rows, width)
+        table = table_lines(columns, rows, width)
         text: list[Line] = [(), line(cell(f" point {names[self.place]}", "strong"))]
-        for row in diagnosis_lines(results[self.place])[1:]:
+        for row in diagnosis_lines(results[self.place], modulus=moduli[self.place])[1:]:
             text += [line(" ", part) for part in wrap(row.strip(), width - 2)]
-        text_rows = room - len(ladder) - len(device)
+        text_rows = room - len(table) - len(device)
         self.first = max(0, min(self.first, len(text) - text_rows))
-        return [*ladder, *device, *text[self.first : self.first + text_rows]]
+        return [*table, *device, *text[self.first : self.first + text_rows]]
+
+    def _modulus_in_force(self, result: DiagnosisResult) -> PointModulus | None:
+        """Return the modulus in force at the point of a diagnosis, as ``pfwd diagnose`` does."""
+        points = self.pfwd.state.points.values()
+        point = next((point for point in points if point.shown_name == str(result.point)), None)
+        return modulus_in_force(result, point)
 
     def action_run(self) -> None:
         """Diagnose the survey."""
@@ -165,20 +179,43 @@ def progress_bar(count: int, total: int, width: int) -> Line:
 _ROLE: dict[str, TextRole] = {"clean": "good", "explained": "good", "unexplained": "warn"}
 
 
-def result_row(result: DiagnosisResult, name: str, units: Units, *, chosen: bool) -> TableRow:
-    """Return the row of a point."""
-    before, after = result.before or FittedState(), result.after or FittedState()
+def result_row(
+    result: DiagnosisResult,
+    name: str,
+    modulus: PointModulus | None,
+    units: Units,
+    *,
+    chosen: bool,
+) -> TableRow:
+    """Return the row of a point in the table of diagnoses.
+
+    Parameters
+    ----------
+    result : DiagnosisResult
+    name : str
+        Name of the point in the table.
+    modulus : PointModulus or None
+        Modulus in force at the point.
+    units : Units
+    chosen : bool
+        The row is marked, and the text below the table is about its point.
+    """
+    before = result.before or FittedState()
     verdict = str(result.verdict)
-    effects = ", ".join(str(effect.name) for effect in result.effects or ())
+    cells = point_cells(name, result, modulus)
+    in_force = cells.modulus
+    if modulus is not None:
+        value, ends = units.value_and_ends("modulus", modulus.value, modulus.interval)
+        in_force = f"{value} ({ends})" if ends else value
     return TableRow(
         (
             shorten(cell(name).text, 24),
             verdict.upper(),
-            units.text("modulus", before.modulus_pa),
-            units.text("modulus", after.modulus_pa),
-            percent(before.residual_rms_over_peak),
-            percent(after.residual_rms_over_peak),
-            cell(effects).text or NO_VALUE,
+            units.value_and_ends("modulus", before.modulus_pa, before.modulus_interval_pa)[0],
+            in_force,
+            cells.use,
+            cells.misfit,
+            cell(cells.effects).text,
         ),
         _ROLE.get(verdict, "text"),
         chosen,
@@ -200,7 +237,8 @@ def device_lines(results: Sequence[DiagnosisResult], units: Units, width: int) -
             text = f"{scale * value:.4g}"
             if spread > 0.0:
                 text = f"{rounded(scale * value, spread)} ± {rounded(spread, spread)}"
-            values.setdefault(str(effect.name), []).append(f"{text} {unit}".rstrip())
+            name = str(effect.name).replace("_", " ")
+            values.setdefault(name, []).append(f"{text} {unit}".rstrip())
     if not values:
         return []
     lines: list[Line] = [(), line(cell(" effects of the device over the points", "strong"))]

@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from pfwd.analysis.results import DropResult
+from pfwd.analysis.results import DropResult, relative_spread
 from pfwd.judging import PointView
 from pfwd.procedures import PointProgress, Quantity, Verdict
 from pfwd.procedures.point import UNSUPPORTED_MARK
@@ -16,13 +16,17 @@ from tui.screen.session.state import SessionState
 from tui.screen.units import NO_VALUE, QuantityName, Units, judged_quantity, percent
 
 
-def modulus_text(drop: DropState | None, units: Units) -> tuple[str, str]:
-    """Return the modulus of a drop and its uncertainty, without the unit."""
+def modulus_of_drop(drop: DropState | None, units: Units) -> tuple[str, str]:
+    """Return the modulus of a drop and its 95 % interval as text, without the unit.
+
+    The interval contains the error of the model. A modulus that the record does not support has a
+    mark. Without a modulus the texts are a dash and nothing.
+    """
     result = drop.result if drop is not None else None
     if drop is None or result is None or drop.modulus is None:
-        return "-", ""
-    value, error = units.with_uncertainty("modulus", drop.modulus, uncertainty_of(result), 3)
-    return (f"{value}{UNSUPPORTED_MARK}" if result.not_supported is not None else value), error
+        return NO_VALUE, ""
+    value, ends = units.value_and_ends("modulus", drop.modulus, result.modulus_interval_pa)
+    return (f"{value}{UNSUPPORTED_MARK}" if result.not_supported is not None else value), ends
 
 
 class JudgedValue(NamedTuple):
@@ -30,11 +34,16 @@ class JudgedValue(NamedTuple):
 
     name: str
     value: str
-    error: str
-    """Half of the 95 % interval; empty: not known for a single drop."""
+    ends: str
+    """Ends of the 95 % interval, as "46.7 to 47.9"; empty: not known for a single drop."""
     unit: str
     is_fit: bool
     """True for the modulus of the inversion."""
+
+    @property
+    def text(self) -> str:
+        """Value with unit and interval."""
+        return f"{self.value} {self.unit}" + (f" ({self.ends})" if self.ends else "")
 
 
 def judged_value(state: SessionState, drop: DropState | None, units: Units) -> JudgedValue:
@@ -42,8 +51,8 @@ def judged_value(state: SessionState, drop: DropState | None, units: Units) -> J
     quantity = state.job.quantity
     name, unit = JUDGED_NAMES[quantity], units.unit(judged_quantity(quantity))
     if quantity is Quantity.MODULUS:
-        value, error = modulus_text(drop, units)
-        return JudgedValue(name, value, error, unit, is_fit=True)
+        value, ends = modulus_of_drop(drop, units)
+        return JudgedValue(name, value, ends, unit, is_fit=True)
     judged = state.value_of(drop)
     text = units.text(judged_quantity(quantity), None if judged is None else judged.value)
     return JudgedValue(name, text, "", unit, is_fit=False)
@@ -58,18 +67,17 @@ JUDGED_NAMES: Mapping[Quantity, str] = {
 """Names of the judged quantities."""
 
 
-def point_value_text(progress: PointProgress, units: Units) -> tuple[str, str, str]:
-    """Return the judged value of a point, half of its 95 % interval, and its unit."""
+def judged_value_of_point(progress: PointProgress, units: Units) -> JudgedValue | None:
+    """Return the judged quantity of a point, the mean of its drops; None: nothing is measured."""
     value = progress.value
     if value is None:
-        return NO_VALUE, "", ""
+        return None
     quantity = judged_quantity(value.quantity)
     mark = UNSUPPORTED_MARK if value.not_supported is not None else ""
-    if value.interval is None:
-        return f"{units.text(quantity, value.value)}{mark}", "", units.unit(quantity)
-    half = (value.interval[1] - value.interval[0]) / 2
-    text, error = units.with_uncertainty(quantity, value.value, half, 3)
-    return f"{text}{mark}", error, units.unit(quantity)
+    text, ends = units.value_and_ends(quantity, value.value, value.interval)
+    is_fit = value.quantity is Quantity.MODULUS
+    name = JUDGED_NAMES[value.quantity]
+    return JudgedValue(name, f"{text}{mark}", ends, units.unit(quantity), is_fit)
 
 
 def point_modulus_text(progress: PointProgress, units: Units) -> str:
@@ -77,31 +85,16 @@ def point_modulus_text(progress: PointProgress, units: Units) -> str:
     modulus = progress.modulus
     if modulus is None:
         return NO_VALUE
-    half = None if modulus.interval is None else (modulus.interval[1] - modulus.interval[0]) / 2
-    value, error = units.with_uncertainty("modulus", modulus.value, half, 3)
     mark = UNSUPPORTED_MARK if modulus.not_supported is not None else ""
-    return f"{value}{mark}{f' ±{error}' if error else ''} {units.unit('modulus')}"
+    return units.with_interval("modulus", modulus.value, modulus.interval, mark)
 
 
-def uncertainty_of(result: DropResult) -> float | None:
-    """Return half of the 95 % interval with the error of the model, Pa; None without one."""
-    ends = result.modulus_interval_pa
-    if ends is None or not all(map(math.isfinite, ends)):
-        return None
-    return float(ends[1] - ends[0]) / 2
+def ground_parameters(result: DropResult, units: Units) -> dict[str, str]:
+    """Return the parameters of the ground besides the modulus, by name, as text with unit.
 
-
-class GroundParameter(NamedTuple):
-    """Parameter of the ground besides the modulus, as text."""
-
-    amount: str
-    deviation: str
-    """Standard deviation; empty: the parameter was given, not fitted."""
-    unit: str
-
-
-def ground_parameters(result: DropResult, units: Units) -> dict[str, GroundParameter]:
-    """Return the parameters of the ground that the model has, by name."""
+    A fitted parameter has its standard deviation, the depth of bedrock its 95 % interval; a
+    parameter that was declared has the word "given". Parameters that the model lacks are left out.
+    """
     parameters: tuple[tuple[str, QuantityName, float | None, float | None], ...] = (
         ("viscosity", "viscosity", result.viscosity_pa_s, result.viscosity_sd_pa_s),
         ("bedrock", "depth", result.bedrock_depth_m, result.bedrock_depth_sd_m),
@@ -109,9 +102,15 @@ def ground_parameters(result: DropResult, units: Units) -> dict[str, GroundParam
     )
     texts = {}
     for name, quantity, value, deviation in parameters:
-        amount, error = units.with_uncertainty(quantity, value, deviation)
-        if amount != NO_VALUE:
-            texts[name] = GroundParameter(amount, error, units.unit(quantity))
+        if value is None or not math.isfinite(value):
+            continue
+        if deviation is None or not math.isfinite(deviation):
+            texts[name] = f"{units.with_unit(quantity, value)} (given)"
+        elif name == "bedrock" and result.bedrock_depth_interval_m is not None:
+            texts[name] = units.with_interval(quantity, value, result.bedrock_depth_interval_m)
+        else:
+            spread = max(deviation, abs(value) * relative_spread(result))
+            texts[name] = units.with_deviation(quantity, value, deviation, spread)
     return texts
 
 
@@ -185,7 +184,7 @@ _DROP_TABLE_COLUMNS = (
     TableColumn("defl", 4),
     TableColumn("judged", 0),
     TableColumn("E", 1),
-    TableColumn("± 95 %", 1),
+    TableColumn("95 %", 1),
     TableColumn("residual", 5),
     TableColumn("remark", 6, is_flexible=True),
 )
@@ -212,12 +211,12 @@ def _hidden_columns(quantity: Quantity) -> tuple[str, ...]:
     """Return the titles of columns that would repeat another one or have no value."""
     if quantity is Quantity.MODULUS:
         return ("judged",)
-    return ("± 95 %", "judged") if quantity is Quantity.DEFLECTION else ("± 95 %",)
+    return ("95 %", "judged") if quantity is Quantity.DEFLECTION else ("95 %",)
 
 
 def drop_row(state: SessionState, drop: DropState, units: Units, *, chosen: bool) -> TableRow:
     """Return the row of a drop for `drop_columns`."""
-    value, error = modulus_text(drop, units)
+    value, ends = modulus_of_drop(drop, units)
     exclusion = state.exclusion_reason(drop)
     residual = None if drop.result is None else drop.result.residual_rms_over_peak
     kind = drop.edited_word or (drop.status if drop.safe else "NOT SAFE")
@@ -234,7 +233,7 @@ def drop_row(state: SessionState, drop: DropState, units: Units, *, chosen: bool
         units.text("deflection", drop.peak_deflection),
         judged_value(state, drop, units).value,
         "..." if drop.awaits_modulus else value,
-        error or ("" if drop.awaits_modulus else NO_VALUE),
+        ends or ("" if drop.awaits_modulus else NO_VALUE),
         percent(residual),
         cell(f"{exclusion}; {remark(drop, units)}" if exclusion else remark(drop, units)).text,
     )
@@ -288,13 +287,10 @@ def point_summary(state: SessionState, point: PointView, units: Units, width: in
     """Return the judged value of a point and its verdict; other values follow as not judged."""
     progress = point.progress
     pieces = []
-    judged = progress.value
-    if judged is None:
+    judged, texts = progress.value, judged_value_of_point(progress, units)
+    if judged is None or texts is None:
         return fit([piece(0, cell("point: nothing measured yet", "dim"))], width)
-    value, error, unit = point_value_text(progress, units)
-    interval = f" ±{error}" if error else ""
-    name = JUDGED_NAMES[judged.quantity]
-    text = f"point: {name} {value}{interval} {unit}, mean of {judged.drops}"
+    text = f"point: {texts.name} {texts.text}, mean of {judged.drops}"
     pieces.append(piece(0, cell(text, "strong")))
     if progress.verdict in VERDICT_WORDS:
         word, role = VERDICT_WORDS[progress.verdict]

@@ -38,7 +38,6 @@ from tui.screen.pages.drop_texts import (
     assumption_texts,
     ground_parameters,
     remark,
-    uncertainty_of,
     verdict_of,
 )
 from tui.screen.pages.layer_texts import effective_text, has_layers, layer_lines, sensor_lines
@@ -46,7 +45,7 @@ from tui.screen.pages.measure_view import key_line
 from tui.screen.session.drop_state import DropState
 from tui.screen.session.screen_events import Refit
 from tui.screen.session.state import SessionState
-from tui.screen.units import NO_VALUE, Units, format_number, percent
+from tui.screen.units import Units, format_number, percent
 
 FIGURE_NAMES = ("load", "deflection", "residual", "spectrum", "bowl")
 MIN_TWO_COLUMNS = 100
@@ -232,21 +231,18 @@ def _paragraph(text: str, width: int, role: TextRole = "text") -> list[Line]:
 
 def _parameters(view: DropPageState, result: DropResult, width: int) -> list[Line]:
     units = view.units
-    unit = units.unit("modulus")
-    value, error = units.with_uncertainty("modulus", result.modulus_pa, uncertainty_of(result))
-    noise = units.with_unit("modulus", result.modulus_sd_pa, 2)
+    modulus = units.with_interval("modulus", result.modulus_pa, result.modulus_interval_pa)
     lines = _heading("ground")
     name = "subgrade" if has_layers(result) else "modulus"
-    lines += _paragraph(f"{name:10} {value} ± {error or NO_VALUE} {unit} (95 %)", width, "strong")
-    ends = result.modulus_interval_pa or ()
-    if len(ends) == 2:
-        low, high = (units.text("modulus", end, 4) for end in ends)
-        lines += _paragraph(f"{low} to {high} {unit}, noise of the record ± {noise}", width)
+    lines += _paragraph(f"{name:10} {modulus}", width, "strong")
+    if result.modulus_interval_pa is not None:
+        noise = units.with_unit("modulus", result.modulus_sd_pa, 2)
+        text = f"95 %, with the error of the model; noise of the record alone ± {noise}"
+        lines += _paragraph(text, width)
     bounds = result.at_bound or ()
-    for name, (amount, deviation, of) in ground_parameters(result, units).items():
-        interval = f"± {deviation}" if deviation else "(given)"
+    for name, text in ground_parameters(result, units).items():
         mark = "  AT THE LIMIT" if any(name in bound for bound in bounds) else ""
-        lines.append(line(f"{name:10} {amount} {interval} {of}", cell(mark, "bad")))
+        lines.append(line(f"{name:10} {text}", cell(mark, "bad")))
     correlation = result.modulus_depth_correlation
     if correlation is not None and math.isfinite(correlation):
         text = f"correlation of the errors of modulus and depth {correlation:+.2f}"
@@ -314,9 +310,8 @@ def _short_result(result: DropResult, units: Units) -> str:
     if modulus is None:
         open_below = effective_text(result, units) if has_layers(result) else ""
         return open_below or result.reason or "no result"
-    value, error = units.with_uncertainty("modulus", modulus, uncertainty_of(result))
-    part = percent(result.residual_rms_over_peak)
-    return f"{value} ± {error or NO_VALUE} {units.unit('modulus')}, residual {part}"
+    text = units.with_interval("modulus", modulus, result.modulus_interval_pa)
+    return f"{text}, residual {percent(result.residual_rms_over_peak)}"
 
 
 def _effects(view: DropPageState, drop: DropState, width: int) -> list[Line]:

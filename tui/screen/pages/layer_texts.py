@@ -42,7 +42,9 @@ def layer_lines(result: DropResult, units: Units, width: int) -> list[Line]:
         low, high = (units.text("modulus", end, 2) for end in scale)
         head += f"; bars {low} to {high} {unit}, log"
     lines: list[Line] = [line(cell(row, "strong")) for row in wrap(head, width)]
-    texts = [_layer_text(number, layers, units) for number in range(len(layers))]
+    texts = _layer_texts(layers, units, with_depth_interval=True)
+    if max(map(len, texts)) > width:
+        texts = _layer_texts(layers, units, with_depth_interval=False)
     widest = max(map(len, texts))
     for text, layer in zip(texts, layers, strict=True):
         room = width - widest - 2
@@ -63,9 +65,8 @@ def effective_text(result: DropResult, units: Units) -> str:
     modulus, depth = result.effective_modulus_pa, result.effective_depth_m
     if modulus is None or depth is None:
         return ""
-    ends = _ends(result.effective_modulus_interval_pa, units)
-    value = f"{units.text('modulus', modulus)} {units.unit('modulus')}"
-    return f"effective {value}{ends}, down to {units.with_unit('depth', depth, 2)}"
+    value = units.with_interval("modulus", modulus, result.effective_modulus_interval_pa)
+    return f"effective {value}, down to {units.with_unit('depth', depth, 2)}"
 
 
 def top_and_subgrade(result: DropResult, units: Units) -> list[str]:
@@ -112,36 +113,30 @@ def _place(offset: float, units: Units) -> str:
     return "centre" if offset == 0 else units.with_unit("length", offset)
 
 
-def _layer_text(number: int, layers: tuple[LayerResult, ...], units: Units) -> str:
-    layer = layers[number]
-    thickness = "no end"
-    if layer.thickness_m is not None:
-        value, error = units.with_uncertainty(
-            "depth", layer.thickness_m, _half(layer.thickness_interval_m)
+def _layer_texts(
+    layers: tuple[LayerResult, ...], units: Units, *, with_depth_interval: bool
+) -> list[str]:
+    """Return number, thickness and modulus of each layer; the lowest layer has no end."""
+    depths = []
+    for layer in layers:
+        interval = layer.thickness_interval_m if with_depth_interval else None
+        has_end = layer.thickness_m is not None
+        depths.append(
+            units.with_interval("depth", layer.thickness_m, interval) if has_end else "no end"
         )
-        thickness = f"{value}{f' ±{error}' if error else ''} {units.unit('depth')}"
-    return f"{number + 1} {thickness:14} {_modulus(layer, units)}"
+    widest = max(map(len, depths))
+    return [
+        f"{number} {depth:{widest}} {_modulus(layer, units)}"
+        for number, (depth, layer) in enumerate(zip(depths, layers, strict=True), 1)
+    ]
 
 
 def _modulus(layer: LayerResult, units: Units) -> str:
     """Return the modulus with its interval; without a value if the record does not determine it."""
     if layer.modulus_pa is None:
         return NO_VALUE
-    ends = _ends(layer.modulus_interval_pa, units)
-    if not layer.modulus_known:
-        return f"not known{ends}"
-    return f"{units.text('modulus', layer.modulus_pa)}{ends}"
-
-
-def _ends(interval: tuple[float, float] | None, units: Units) -> str:
-    if interval is None:
-        return ""
-    low, high = (units.text("modulus", end) for end in interval)
-    return f" ({low} to {high})"
-
-
-def _half(interval: tuple[float, float] | None) -> float | None:
-    return None if interval is None else (interval[1] - interval[0]) / 2
+    value, ends = units.value_and_ends("modulus", layer.modulus_pa, layer.modulus_interval_pa)
+    return (value if layer.modulus_known else "not known") + (f" ({ends})" if ends else "")
 
 
 def _scale(layers: tuple[LayerResult, ...]) -> tuple[float, float] | None:

@@ -7,10 +7,8 @@ from pfwd.procedures import NO_PROCEDURE, PLAIN, Quantity
 from pfwd.session.live_trace import WINDOW, Envelope
 from tui.output import counted
 from tui.screen.drawing.digits import (
-    BLOCK_SIZES,
     LETTER_ROWS,
     digit_lines,
-    digit_width,
     largest_size,
 )
 from tui.screen.drawing.drop_figures import drop_figures, live_figures
@@ -46,9 +44,9 @@ from tui.screen.pages.drop_texts import (
     drop_row,
     ground_parameters,
     judged_value,
-    modulus_text,
+    judged_value_of_point,
+    modulus_of_drop,
     point_summary,
-    point_value_text,
     two_decimals,
     verdict_of,
 )
@@ -146,16 +144,16 @@ def complete_point_lines(view: MeasureView, width: int, room: int) -> list[Line]
     state, units = view.state, view.units
     progress = state.progress
     word, role = VERDICT_WORDS.get(progress.verdict, ("DONE", "strong"))
-    value, error, unit = point_value_text(progress, units)
     quantity = judged_quantity(state.job.quantity)
+    judged = judged_value_of_point(progress, units)
     name = JUDGED_NAMES[state.job.quantity]
+    text = f"no {name}" if judged is None else f"{name} {judged.text}"
     drops = 0 if progress.value is None else progress.value.drops
     target = "no target"
     if progress.target is not None:
         side = "at most" if quantity == "settlement" else "at least"
         target = f"target {side} {units.with_unit(quantity, progress.target)}"
-    interval = f" ± {error}" if error else ""
-    texts = [f"{name} {value}{interval} {unit}", target, f"mean of {counted(drops, 'drop')}"]
+    texts = [text, target, f"mean of {counted(drops, 'drop')}"]
     pieces = [piece(rank, cell(text, "strong")) for rank, text in enumerate(texts)]
     facts = [line(" ", *row) for row in flow(pieces, width - 1, 2, "   ")]
     if progress.verdict in VERDICT_WORDS:
@@ -178,7 +176,8 @@ def complete_point_lines(view: MeasureView, width: int, room: int) -> list[Line]
     rows = room - len(facts) - table
     plots = _figures(view) if width >= TRACES_WIDTH and rows >= TRACES_HEIGHT else []
     digits_width = width * 3 // 5 if plots else width
-    large = _verdict_digits((word, role), (value, error), digits_width - 2, space - table)
+    value = NO_VALUE if judged is None else judged.value
+    large = _verdict_digits((word, role), value, digits_width - 2, space - table)
     lines = pad_rows([(), *[(Cell(" "), *row) for row in large]], rows)
     if plots:
         traces = _stacked(plots, width - digits_width - 3, rows, view.glyphs)
@@ -193,31 +192,23 @@ MIN_ROWS_FOR_BOTH = 2 * LETTER_ROWS + 1
 """Rows of the verdict with the value below it in the smallest letters."""
 
 
-def _verdict_digits(
-    verdict: tuple[str, TextRole], judged: tuple[str, str], width: int, rows: int
-) -> list[Line]:
+def _verdict_digits(verdict: tuple[str, TextRole], value: str, width: int, rows: int) -> list[Line]:
     """Return verdict and judged value in large letters; with few rows side by side."""
     word, role = verdict
-    value, error = judged
     if value == NO_VALUE:
         return digit_lines(word, role, *(largest_size(word, width, rows) or (1, 1)))
-    number = f"{value} ±{error}" if error else value
     if rows < MIN_ROWS_FOR_BOTH:
         size = largest_size(f"{word} {value}", width, rows)
         if size is None:
             return digit_lines(word, role, *(largest_size(word, width, rows) or (1, 1)))
-        fits = digit_width(f"{word} {number}", size[0]) <= width
         words = digit_lines(f"{word} ", role, *size)
-        numbers = digit_lines(number if fits else value, "strong", *size)
+        numbers = digit_lines(value, "strong", *size)
         gap = Cell(" " * size[0])
         return [(*start, gap, *end) for start, end in zip(words, numbers, strict=True)]
     below = max(LETTER_ROWS, rows // 2 - 1)
     lines = digit_lines(word, role, *(largest_size(word, width, rows - below - 1) or (1, 1)))
-    size = largest_size(number, width, below) or largest_size(value, width, below)
-    if size is None:
-        return lines
-    fits = digit_width(number, size[0]) <= width
-    return [*lines, (), *digit_lines(number if fits else value, "strong", *size)]
+    size = largest_size(value, width, below)
+    return lines if size is None else [*lines, (), *digit_lines(value, "strong", *size)]
 
 
 def head_lines(view: MeasureView, width: int) -> list[Line]:
@@ -408,8 +399,7 @@ def _small(view: MeasureView, width: int, room: int) -> list[Line]:
 def _tiny(view: MeasureView, width: int, room: int) -> list[Line]:
     """Return the page for a terminal that has room for the numbers only."""
     judged = judged_value(view.state, view.drop, view.units)
-    interval = f" ± {judged.error} {judged.unit} (95 %)" if judged.error else f" {judged.unit}"
-    lines = [line(cell(f" {judged.name} {judged.value}{interval}", "strong"))]
+    lines = [line(cell(f" {judged.name} {judged.text}", "strong"))]
     lines += [line(" ", *row) for row in _verdict_lines(view, width - 1)]
     lines.append(model_line(view.drop, view, width))
     return [*lines, *drop_table(view, width, max(2, room - len(lines)))]
@@ -423,7 +413,7 @@ def _large(view: MeasureView, width: int, room: int) -> list[Line] | None:
     table_rows = min(4, room - LETTER_ROWS - 4)
     space = room - table_rows - 4
     judged = judged_value(view.state, drop, view.units)
-    digits = _large_number(judged.value, judged.error, width - 2, space)
+    digits = _large_number(judged.value, judged.ends, width - 2, space)
     lines: list[Line] = [(Cell(" "), *row) for row in digits]
     name = "" if judged.is_fit else f"  {judged.name}"
     lines.append(line(cell(f" {_unit_text(judged)}{name}", "strong")))
@@ -468,11 +458,10 @@ def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False
     """Return the judged value of a drop in large digits, with its details and verdict."""
     drop = view.drop
     judged = judged_value(view.state, drop, view.units)
-    value, error = judged.value, judged.error
+    value = judged.value
     details = _details(view, drop)
     if wide:
-        number = f"{value} ±{error}" if error else value
-        digits = [()] * LETTER_ROWS if value == NO_VALUE else digit_lines(number, "strong", 1, 1)
+        digits = [()] * LETTER_ROWS if value == NO_VALUE else digit_lines(value, "strong", 2, 1)
         digits_width = max(width_of(row) for row in digits) + 2
         side = width - digits_width - 3
         unit = fit(
@@ -487,11 +476,12 @@ def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False
     name = "modulus of the subgrade" if layered else judged.name
     title = name if drop is None else f"{name}, drop {drop.number}"
     verdict = _verdict_lines(view, width)
-    used = len(details) + len(verdict) + 2
+    unit_rows = wrap(_unit_text(judged), width)
+    used = len(details) + len(verdict) + len(unit_rows) + 1
     space = max(LETTER_ROWS, rows - used)
     lines: list[Line] = [line(cell(title, "dim"), *_refining(drop))]
-    lines += _large_number(value, error, width, space)
-    lines.append(line(cell(_unit_text(judged), "strong")))
+    lines += _large_number(value, judged.ends, width, space)
+    lines += [line(cell(row, "strong")) for row in unit_rows]
     for detail in details:
         rows_of_detail = [detail] if len(detail) <= width else wrap(detail, width)
         lines += [line(cell(row, "dim")) for row in rows_of_detail]
@@ -500,32 +490,27 @@ def result_lines(view: MeasureView, width: int, rows: int, *, wide: bool = False
 
 
 def _unit_text(judged: JudgedValue, *, short: bool = False) -> str:
-    """Return the unit of the large digits and the meaning of the ±."""
+    """Return the unit of the large digits and the interval."""
     if judged.value == NO_VALUE:
         return "no result yet" if judged.is_fit else f"no {judged.name} yet"
     if not judged.is_fit:
         return f"{judged.unit}  {judged.name}" if short else judged.unit
-    return f"{judged.unit}, ± for 95 %" + ("" if short else " with the error of the model")
+    if not judged.ends:
+        return judged.unit
+    if short:
+        return f"{judged.unit} ({judged.ends}, 95 %)"
+    return f"{judged.unit} ({judged.ends}; 95 %, model error included)"
 
 
-def _large_number(value: str, error: str, width: int, rows: int) -> list[Line]:
-    """Return value and uncertainty as large as possible, below each other or side by side."""
+def _large_number(value: str, ends: str, width: int, rows: int) -> list[Line]:
+    """Return a value as large as possible, and the interval below it where that fits as well."""
     if value == NO_VALUE:  # a dash of blocks would look like a result
         return [()] * LETTER_ROWS
-    if not error:
-        return digit_lines(value, "strong", *(largest_size(value, width, rows) or (1, 1)))
-    best: list[Line] = digit_lines(f"{value} ±{error}", "strong", 1, 1)
-    for wide, high in BLOCK_SIZES:
-        below = (wide // 2, max(1, high // 2)) if wide > 1 else (1, 1)
-        needed = LETTER_ROWS * high + 1 + LETTER_ROWS * below[1]
-        fits = max(digit_width(value, wide), digit_width(f"±{error}", below[0])) <= width
-        if fits and needed <= rows:
-            lines = digit_lines(value, "strong", wide, high)
-            return [*lines, (), *digit_lines(f"±{error}", "strong", *below)]
-        fits = digit_width(f"{value} ±{error}", wide) <= width
-        if fits and LETTER_ROWS * high <= rows:
-            return digit_lines(f"{value} ±{error}", "strong", wide, high)
-    return best
+    size = largest_size(value, width, rows) or (1, 1)
+    lines = digit_lines(value, "strong", *size)
+    space = rows - len(lines) - 1
+    below = largest_size(ends, width, min(space, len(lines) // 2)) if ends else None
+    return lines if below is None else [*lines, (), *digit_lines(ends, "strong", *below)]
 
 
 def _refining(drop: DropState | None) -> Line:
@@ -548,12 +533,11 @@ def _details(view: MeasureView, drop: DropState | None) -> list[str]:
         lines.append(effective_text(result, units))
     if drop.modulus is not None:
         if view.state.job.quantity is not Quantity.MODULUS:
-            modulus, error = modulus_text(drop, units)
-            interval = f" ±{error}" if error else ""
-            lines.insert(0, f"not judged: modulus {modulus}{interval} {units.unit('modulus')}")
-        for name, (amount, deviation, unit) in ground_parameters(result, units).items():
-            interval = f"± {deviation}" if deviation else "(given)"
-            lines.append(f"{name:9} {amount} {interval} {unit}")
+            modulus, ends = modulus_of_drop(drop, units)
+            interval = f" ({ends})" if ends else ""
+            lines.insert(0, f"not judged: modulus {modulus} {units.unit('modulus')}{interval}")
+        for name, text in ground_parameters(result, units).items():
+            lines.append(f"{name:9} {text}")
     return [text for text in lines if text]
 
 

@@ -31,9 +31,9 @@ from tui.screen.pages.drop_texts import (
     JUDGED_NAMES,
     drop_columns,
     drop_row,
+    judged_value_of_point,
     point_modulus_text,
     point_summary,
-    point_value_text,
 )
 from tui.screen.pages.measure_view import key_lines
 from tui.screen.pages.page import Page
@@ -49,7 +49,7 @@ _POINT_TABLE_COLUMNS = (
     TableColumn("point", 0, is_text=True, is_flexible=True),
     TableColumn("drops", 2),
     TableColumn("judged", 0),
-    TableColumn("± 95 %", 3),
+    TableColumn("95 %", 3),
     TableColumn("target", 4),
     TableColumn("status", 1, is_text=True),
     TableColumn(_MODULUS_TITLE, 3),
@@ -199,12 +199,12 @@ class PointsPage(Page):
         state = self.pfwd.state
         place = point.position
         progress = point.progress
-        value, error, _ = point_value_text(progress, units)
+        judged = judged_value_of_point(progress, units)
         texts = {
             "point": cell(point.shown_name).text,
             "drops": str(len(state.drops_of(point))),
-            "judged": value,
-            "± 95 %": f"±{error}" if error else NO_VALUE,
+            "judged": NO_VALUE if judged is None else judged.value,
+            "95 %": NO_VALUE if judged is None or not judged.ends else judged.ends,
             "target": units.text(judged_quantity(state.job.quantity), progress.target),
             "status": status_of(point, progress),
             _MODULUS_TITLE: point_modulus_text(progress, units),

@@ -16,11 +16,12 @@ from pfwd.analysis.options import AnalysisOptions
 from pfwd.analysis.results import DiagnosisResult, FittedState
 from pfwd.analysis.worker.tasks import Building, DiagnosisProgress, DiagnosisTask, TaskOutcome
 from pfwd.analysis.worker.worker import end_process, request, start_process
+from tui.diagnosis_lines import USES, misfit_text
 from tui.screen.session.runner import SessionRunner
 from tui.screen.session.screen_events import DiagnosisFinished
 from tui.screen.session.sources import SessionSource
 from tui.screen.session.state import SessionState
-from tui.screen.units import Units, percent
+from tui.screen.units import Units
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,26 +179,28 @@ class Diagnoses:
 
 
 def verdict_text(result: DiagnosisResult, units: Units) -> str:
-    """Return the diagnosis of a point in one sentence, or why there is none."""
+    """Return the diagnosis of a point in one sentence, or why there is none.
+
+    The sentence has the verdict, the effects, the modulus before and after with its use, and the
+    misfit as ``pfwd diagnose`` prints it.
+    """
     if result.after is None and not result.effects:
         reason = next(iter(result.warnings or ()), "no reason was given")
         return f"not made: {reason}"
     before, after = result.before or FittedState(), result.after or FittedState()
-    old, new = (units.text("modulus", state.modulus_pa) for state in (before, after))
-    part = percent(after.residual_rms_over_peak)
+    old = units.value_and_ends("modulus", before.modulus_pa, before.modulus_interval_pa)[0]
+    new = units.with_interval("modulus", after.modulus_pa, after.modulus_interval_pa)
+    change = f"{old} → {new}, {USES[result.use]}"
+    misfit = f"misfit {misfit_text(result)} of the peak"
     effects = ", ".join(str(effect.name).replace("_", " ") for effect in result.effects or ())
-    if result.verdict == "unexplained" and result.corrected:
-        unit = units.unit("modulus")
-        return f"EXPLAINED to {part} of the peak by {effects}: {old} → {new} {unit}"
-    match result.verdict:
-        case "clean":
-            return f"CLEAN: residual {part} of the peak, noise only"
-        case "explained":
-            unit = units.unit("modulus")
-            return f"EXPLAINED by {effects}: {old} → {new} {unit}, residual {part}"
-        case _:
-            hint = f"; best guess {effects}" if effects else ""
-            return f"UNEXPLAINED: residual {part} of the peak{hint}; repeat the drop"
+    if result.verdict == "clean":
+        return f"CLEAN: {misfit}, no more than noise and model error"
+    if result.verdict == "explained":
+        return f"EXPLAINED by {effects}: {change}; {misfit}"
+    if result.use == "with-care":
+        return f"PARTLY EXPLAINED by {effects}: {change}; {misfit}"
+    hint = f"; best guess {effects}" if effects else ""
+    return f"UNEXPLAINED: {misfit}{hint}; {result.remedy or 'repeat the drop'}"
 
 
 def diagnosis_text(file: str, running: RunningDiagnosis | None, now: float) -> str:

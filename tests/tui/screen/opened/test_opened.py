@@ -26,14 +26,27 @@ from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
 from tests.tui.screen.scripted import until
 from tui.cli import main
+from tui.diagnosis_lines import diagnosis_line, diagnosis_lines, survey_lines
 from tui.page.server import SurveyServer, is_local, parse_place
 from tui.screen.drawing.glyphs import BRAILLE
 from tui.screen.drawing.lines import text_of
 from tui.screen.drawing.plot import plot_lines
 from tui.screen.opened.app import TABLE_PAGE_ROWS, OpenApp, Plot
 from tui.screen.opened.plots import map_lines, profile_figure, profile_lines
-from tui.screen.opened.rows import OpenedSurvey, PointRow, in_order, matching, pages, shares
+from tui.screen.opened.rows import (
+    OpenedSurvey,
+    PointRow,
+    in_order,
+    matching,
+    modulus_in_force_text,
+    pages,
+    shares,
+)
 from tui.screen.opened.widgets import KeysLine, PlainTable
+from tui.screen.pages.diagnosis import result_row
+from tui.screen.pages.drop_texts import point_modulus_text
+from tui.screen.session.diagnosis import verdict_text
+from tui.screen.units import SI
 
 MODULI = {"0+000": 60e6, "0+020": 40e6, "0+100": 50.2e6, "10": 55e6, "9": 41e6}
 
@@ -216,7 +229,7 @@ def test_the_screen(survey: Path, size: tuple[int, int]) -> None:
         app.query_one("#points-table", DataTable).move_cursor(row=0)
         await pilot.press("down", "p")
         await until(
-            pilot, lambda: re.search(r"0\+020: 40(\.0)? .*MPa  FAIL", page_text(app)) is not None
+            pilot, lambda: re.search(r"0\+020: 40.* MPa .*  FAIL", page_text(app)) is not None
         )
         await pilot.press("plus", "right", "m")
         await until(pilot, lambda: "@ 0+100" in page_text(app))
@@ -431,9 +444,44 @@ def test_the_row_has_the_diagnosis_in_force(survey: Path) -> None:
         stale = {**diagnosis, "basis": "0" * 16}
         writer.save_result(second.drops[-1].number, stale, "diagnosis")
     rows = {row.name: row for row in opened(survey).rows}
-    assert rows[first.name].diagnosed == "unexplained: use with care, 1.8 % left"
+    assert rows[first.name].diagnosed == "use with care, misfit 1.8 %"
     assert rows[first.name].modulus == 45e6, "the one that is in force"
     assert rows[second.name].diagnosed == ""
+
+
+def test_screen_and_diagnose_print_the_same_modulus_and_misfit(survey: Path) -> None:
+    after = {"modulus_pa": 81.2e6, "modulus_interval_pa": [71.6e6, 112.3e6]}
+    diagnosis = {
+        "point": "0+000",
+        "drops": [1, 2],
+        "basis": basis_of(SETUP),
+        "verdict": "unexplained",
+        "before": {"modulus_pa": 70e6, "modulus_interval_pa": [66e6, 75e6]},
+        # The residual contains the noise, the misfit does not.
+        "after": {**after, "residual_rms_over_peak": 0.0185, "discrepancy_over_peak": 0.0139},
+    }
+    first = read_survey(survey).points[0]
+    with SurveyWriter.open(survey, publish=False) as writer:
+        writer.save_result(first.drops[-1].number, diagnosis, "diagnosis")
+    point = next(iter(point_views(read_survey(survey))))
+    result, modulus = point.diagnosis_in_force, point.progress.modulus
+    assert result is not None
+    printed = next(row for row in survey_lines([result], [modulus]) if row.startswith("0+000"))
+    assert "81 (72 to 112)" in printed
+    assert "1.4 %" in printed
+
+    opened_row = opened(survey).rows[0]
+    assert modulus_in_force_text(opened_row) == "81 (72 to 112)"
+    assert opened_row.diagnosed == "use with care, misfit 1.4 %"
+    assert point_modulus_text(point.progress, SI) == "81 MPa (72 to 112)"
+    page_row = result_row(result, "0+000", modulus, SI, chosen=False).texts
+    assert {"81 (72 to 112)", "1.4 %"} <= set(page_row)
+    sentence = verdict_text(result, SI)
+    assert "81 MPa (72 to 112), use with care; misfit 1.4 %" in sentence
+    assert "misfit 1.4 %" in diagnosis_line("0+000", result)
+    (text_on_page,) = (text for text in diagnosis_lines(result) if "Use with care" in text)
+    assert "81 MPa (72 to 112)" in text_on_page
+    assert "1.4 % of the peak is not explained" in text_on_page
 
 
 def test_cells_are_no_markup(tmp_path: Path, survey: Path) -> None:
