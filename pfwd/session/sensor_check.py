@@ -134,7 +134,7 @@ class SensorChecker:
         return self._feed_shunted(samples)
 
     def _detect_hit(self, samples: Samples) -> None:
-        """Note a change of the load while the shunt is on: the detector leaves these samples out."""
+        """Note a hit while the shunt is on: the detector leaves these samples out."""
         if not samples.shunt:
             self._n_on = 0
             self._load_range = (np.inf, -np.inf)
