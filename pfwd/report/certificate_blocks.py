@@ -302,9 +302,10 @@ def points_table(report: Report, texts: Texts) -> Table:
     judged = quantity is not Quantity.MODULUS
     mean = quantity is not Quantity.DEFLECTION
     title, times = time_cells(report, texts)
-    columns = [texts["point"], title, "s, mm"]
-    columns += ["s\N{COMBINING MACRON}, mm"] if mean else []
-    columns += ["v, mm/s", "s/v, ms"] if speeds else ["F, kN"]
+    columns = [texts["point"], title, formatting.symbol_title("s", "mm")]
+    columns += [formatting.symbol_title("s\N{COMBINING MACRON}", "mm")] if mean else []
+    measured = (("v", "mm/s"), ("s/v", "ms")) if speeds else (("F", "kN"),)
+    columns += [formatting.symbol_title(symbol, unit) for symbol, unit in measured]
     right = tuple(range(3, len(columns)))
     columns += [formatting.name_of(quantity, texts)] if judged else []
     columns += [texts["modulus"], texts["target"], texts["verdict"]]

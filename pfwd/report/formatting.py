@@ -15,6 +15,11 @@ from pfwd.report.texts import Texts
 NO_VALUE = "–"
 
 
+def symbol_title(symbol: str, unit: str) -> str:
+    """Return the title of a column that a symbol names, on one line."""
+    return f"{symbol},\N{NO-BREAK SPACE}{unit}"
+
+
 def digits(value: float, count: int = 3) -> str:
     """Return a number with this count of significant digits, or all before the point.
 

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from inversion import SurrogateLibrary
+from inversion import InversionError, SurrogateLibrary
 from inversion.notices import Notice
 from pfwd.analysis.analyse import ASSUMED_POISSON_RATIO, analyse_drop
 from pfwd.analysis.drop_facts import judged_deflection
@@ -173,7 +173,7 @@ def gather(
     survey_procedure = None if options.procedure is None else _procedure_of(survey)
     if survey_procedure == job.procedure_in_force.name:
         survey_procedure = None
-    diagnoses = _diagnose(survey, options, tell) if options.diagnose else {}
+    diagnoses = _diagnose(survey, options, job, tell) if options.diagnose else {}
     gatherer = _Gatherer(survey, options, job, diagnoses, tell)
     points = [part for parts in _gather_points(gatherer, options.jobs) for part in parts]
     if options.store:
@@ -543,19 +543,32 @@ def _checksums(survey: Survey) -> Iterator[tuple[int, str]]:
 
 
 def _diagnose(
-    survey: Survey, options: ReportOptions, tell: Progress
+    survey: Survey, options: ReportOptions, job: Job, tell: Progress
 ) -> dict[tuple[str, int], DiagnosisResult]:
     """Diagnose the points, store the diagnoses, and return them by point and drop.
 
-    Discarded points have none.
+    Discarded points have none. If the report is of one point, the others are not diagnosed, and
+    its diagnosis in force is used: that with the other points knows more of the device.
     """
-    from pfwd.analysis.diagnosis.diagnose import diagnose_files
+    from pfwd.analysis.diagnosis.diagnose import diagnose_entries
+    from pfwd.analysis.diagnosis.entries import entries_of
     from pfwd.analysis.result_store import store_diagnoses
 
     folder = str(survey.folder)
+    only = None if options.point is None else choose_point(survey, options.point)
+    stored = None if only is None else point_view(only, job).diagnosis_in_force
+    if stored is not None and not options.refit:
+        return {}
     tell("residuals are diagnosed")
+    try:
+        entries = entries_of(folder, AnalysisOptions())
+    except (SurveyError, InversionError) as err:
+        tell(f"diagnosis: {err}")
+        return {}
+    if only is not None:
+        entries = [entry for entry in entries if entry.point == only.title]
     diagnosed_points = list(
-        diagnose_files([folder], jobs=options.jobs, use_stored=not options.refit)
+        diagnose_entries(entries, jobs=options.jobs, use_stored=not options.refit)
     )
     for diagnosed in diagnosed_points:
         if diagnosed.error is not None:

@@ -42,7 +42,8 @@ def peaks_table(report: Report, texts: Texts) -> Table:
     title, times = time_cells(report, texts)
     judged = any(point.progress.value is not None for point in report.points)
     has_verdict = any(verdict_of(point) != Verdict.NONE for point in report.points)
-    columns = [texts["point"], title, texts["drops"], "F, kN", "s, mm"]
+    columns = [texts["point"], title, texts["drops"]]
+    columns += [formatting.symbol_title("F", "kN"), formatting.symbol_title("s", "mm")]
     columns += [f"{texts['peak_method']}, MPa", *_INDICES]
     right = tuple(range(2, len(columns)))
     columns += [formatting.name_of(report.procedure.quantity, texts)] if judged else []
@@ -139,7 +140,7 @@ def _peaks_of_sensors(point: PointView, texts: Texts) -> Table:
     columns = (
         texts["drop"],
         texts["kind"],
-        "F, kN",
+        formatting.symbol_title("F", "kN"),
         *(f"d({offset:g} m), µm" for offset in offsets),
     )
     return Table(columns, tuple(rows), (0, *range(2, len(columns))))

@@ -119,9 +119,9 @@ def _drops(parts: Sequence[PointView], texts: Texts) -> Table:
         texts["drop"],
         texts["kind"],
         texts["used"],
-        "F, kN",
-        "s, mm",
-        "v, mm/s",
+        formatting.symbol_title("F", "kN"),
+        formatting.symbol_title("s", "mm"),
+        formatting.symbol_title("v", "mm/s"),
         f"{texts['pulse']}, ms",
     )
     return Table(columns, tuple(rows), (0, 3, 4, 5, 6))

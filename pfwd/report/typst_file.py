@@ -183,7 +183,7 @@ def _column_widths(
     """Return the width of each column, points: its longest cell, the widest columns narrowed."""
     widths_needed = []
     for title, *cells in zip(columns, *rows, strict=True):
-        widths = [letters.width(word, size * _BOLD_OVER_PLAIN_WIDTH) for word in title.split()]
+        widths = [letters.width(word, size * _BOLD_OVER_PLAIN_WIDTH) for word in title.split(" ")]
         for cell in cells:
             bold = isinstance(cell, dict)
             text = f"{cell['sign']} {cell['text']}" if isinstance(cell, dict) else cell

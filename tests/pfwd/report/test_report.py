@@ -543,7 +543,7 @@ def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.M
         )
         for point, verdict in (("B", "clean"), ("A", "explained"))
     ]
-    monkeypatch.setattr(diagnosis, "diagnose_files", lambda *_args, **_more: iter(found))
+    monkeypatch.setattr(diagnosis, "diagnose_entries", lambda *_args, **_more: iter(found))
     text, page, report = page_of(survey, diagnose=True)
     assert report.points[0].diagnosis is not None
     assert report.points[0].diagnosis.verdict == "explained"
@@ -552,6 +552,44 @@ def test_a_diagnosis_is_shown_with_its_point(survey: Path, monkeypatch: pytest.M
     assert "stress dependence: 0.43 ± 0.13" in page.texts
     assert "sensor lag: 2.10 ± 0.10 ms" in page.texts
     assert text.count("design value: the record is explained and the interval is narrow") == 1
+
+
+def test_only_the_reported_point_is_diagnosed(
+    survey: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from pfwd.analysis.diagnosis import diagnose as diagnosis
+
+    edit_survey(survey, [Edit("name", "north")], point="B")
+    requests: list[list[str | None]] = []
+
+    def diagnose(entries: Any, **_more: Any) -> Any:
+        requests.append([entry.point for entry in entries])
+        records = (
+            {
+                "verdict": "clean",
+                "point": entry.point,
+                "drops": [2, 3, 4],
+                "left_out": [1],
+                "basis": entry.basis,
+            }
+            for entry in entries
+        )
+        return (
+            diagnosis.Diagnosed("x", DiagnosisResult.from_json(record), number=8)
+            for record in records
+        )
+
+    monkeypatch.setattr(diagnosis, "diagnose_entries", diagnose)
+    report = gather(survey, ReportOptions(diagnose=True, point="B"))
+    assert requests == [["north"]]
+    assert report.points[0].diagnosis_in_force is not None
+    # Its stored diagnosis is used from then on, until the drops are to be fitted again.
+    gather(survey, ReportOptions(diagnose=True, point="B"))
+    assert requests == [["north"]]
+    gather(survey, ReportOptions(diagnose=True, point="north", refit=True, store=False))
+    assert requests == [["north"], ["north"]]
+    gather(survey, ReportOptions(diagnose=True))
+    assert requests[2:] == [["A", "north"]]
 
 
 def test_a_browser_shows_it(survey: Path) -> None:

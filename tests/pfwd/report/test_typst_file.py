@@ -13,6 +13,7 @@ import pytest
 from pfwd.errors import OptionError
 from pfwd.report.blocks import Block, Heading, Mark, Pairs, Paragraph, Picture, Table, Together
 from pfwd.report.fonts import Letters
+from pfwd.report.formatting import symbol_title
 from pfwd.report.report import ReportOptions, write_report
 from pfwd.report.texts import load_texts
 from pfwd.report.typst_file import render_pdf
@@ -127,3 +128,11 @@ def test_a_template_that_cannot_be_rendered_is_refused(survey: Path, tmp_path: P
     assert not target.exists()
     with pytest.raises(OptionError, match="no such file"):
         write_report(survey, target, ReportOptions(template=str(tmp_path / "none.typ")))
+
+
+def test_the_title_of_a_symbol_stays_on_one_line() -> None:
+    titles = (symbol_title("v", "mm/s"), symbol_title("s/v", "ms"))
+    long = "a cell that needs more than its share of the width of the page" * 3
+    (page,) = text_of_pages(render(Table((*titles, "Text"), (("1", "2", long),) * 3)))
+    lines = page.replace("\N{NO-BREAK SPACE}", " ").splitlines()
+    assert any("v, mm/s s/v, ms Text" in line for line in lines)
