@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from pfwd.files.photos import photos_of
 from pfwd.judging.job import target_text
 from tui.output import counted
-from tui.screen.opened.rows import PointRow, display_value, shares
-from tui.screen.units import format_number
+from tui.screen.opened.rows import PointRow, judged_texts, shares
 
 if TYPE_CHECKING:
     import jinja2
@@ -100,20 +99,15 @@ def overview_page(folder: str, title: str, rows: Sequence[PointRow]) -> str:
 
 def _overview_row(folder: str, row: PointRow) -> dict[str, str]:
     photos = len(photos_of(folder, row.name))
-    remarks = (row.notes, row.diagnosed, counted(photos, "photo") if photos else "")
-    unit, scale = ("mm", 1e-3) if row.unit == "m" else ("MPa", 1e6)
-    mark = "*" if row.value_marked else ""
-    has_interval = row.low is not None and row.high is not None
+    remarks = (row.notes, row.diagnosis_text, counted(photos, "photo") if photos else "")
+    value, ends = judged_texts(row)
+    unit = "mm" if row.unit == "m" else "MPa"
     return {
         "address": point_address(row.name),
         "title": row.title,
         "remark": "; ".join(filter(None, remarks)),
-        "value": "-" if row.value is None else f"{format_number(display_value(row))}{mark} {unit}",
-        "interval": (
-            f"{format_number((row.low or 0) / scale)} to {format_number((row.high or 0) / scale)}"
-            if has_interval
-            else "-"
-        ),
+        "value": value if row.value is None else f"{value} {unit}",
+        "interval": ends or "-",
         "target": "-" if row.target is None else target_text(row.target),
         "kind": row.state.lower() if row.state in ("PASS", "FAIL", "UNDECIDED") else "none",
         "state": row.state,

@@ -10,7 +10,9 @@ from typing import Any, ClassVar
 from textual import events, on
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
+from textual.containers import Container
 from textual.content import Content
+from textual.timer import Timer
 from textual.widgets import DataTable, Input, Label, TabbedContent, TabPane
 from textual.widgets._tabs import Underline
 
@@ -18,10 +20,10 @@ from pfwd.errors import DeviceError, SurveyError
 from pfwd.processes import start_text_child
 from tui.output import clean, counted, say
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
-from tui.screen.drawing.lines import Line, cell, line
+from tui.screen.drawing.lines import Line, cell, line, wrap
 from tui.screen.drawing.plot import stacked_plots
 from tui.screen.lines_view import LinesView
-from tui.screen.opened.plots import map_lines, overlay_figures, profile_lines
+from tui.screen.opened.plots import STATE_ROLES, map_lines, overlay_figures, profile_lines
 from tui.screen.opened.rows import (
     ORDERS,
     OpenedSurvey,
@@ -46,19 +48,33 @@ TABLE_PAGE_ROWS = 48
 MAX_PROFILE_POINTS, MIN_PROFILE_POINTS = 100_000, 8
 """Largest and smallest number of points in the profile."""
 
-_TABLE_COLUMNS = (
-    ("point", "title"),
-    ("drops", ""),
-    ("judged", "value"),
-    ("95 %", ""),
-    ("target", ""),
-    ("verdict", "verdict"),
-    ("E MPa", "modulus"),
-    ("chainage", "chainage_m"),
-    ("diagnosed", ""),
-    ("notes", ""),
-)
-"""Titles of the table, and the key by which a click on the title sorts; empty: none."""
+_TABLE_COLUMNS = {
+    "title": "point",
+    "drops": "drops",
+    "value": "judged",
+    "interval": "95 %",
+    "target": "target",
+    "verdict": "verdict",
+    "modulus": "E MPa",
+    "chainage_m": "chainage",
+    "use": "diagnosed",
+    "misfit": "misfit",
+    "notes": "notes",
+}
+"""Titles of the table of points by their keys; a click on a title sorts by its key where rows have
+such an order."""
+
+MIN_WIDTH_BESIDE, MIN_HEIGHT_BELOW = 150, 36
+"""Smallest terminal with the chosen point beside the table, columns, and below it, rows."""
+
+MAX_TABLE_SHARE = 0.66
+"""Largest share of the width that the table takes beside the chosen point."""
+
+MIN_POINT_ROWS = 16
+"""Rows that the chosen point has below the table at least."""
+
+POINT_DELAY_S = 0.12
+"""Time that the cursor rests on a row before the traces of its point are read, s."""
 
 
 class Plot(LinesView):
@@ -94,6 +110,11 @@ class OpenApp(App[int]):
     TabbedContent { height: 1fr; }
     TabPane { padding: 0; }
     #drops-table { height: 40%; }
+    #points-split.beside { layout: horizontal; }
+    #points-split.beside #points-plot { border-left: solid $foreground 40%; }
+    #points-split.below #points-plot { border-top: solid $foreground 40%; }
+    #points-plot { display: none; }
+    .beside #points-plot, .below #points-plot { display: block; }
     #compare-table { height: 8; }
     TextDialog { align: center middle; background: $background 60%; }
     .dialog { width: 64; max-width: 96%; height: auto; padding: 1 2; border: heavy $foreground;
@@ -147,6 +168,9 @@ class OpenApp(App[int]):
         self._places: dict[str, int] = {}
         self._overlays: dict[str, tuple[Sequence[Any], Sequence[str]]] = {}
         """Curves and faults of the plots of drops, by plot, to be drawn again for another size."""
+        self._point_drawn = ""
+        """Name of the point whose traces are drawn beside the table; empty: none."""
+        self._point_timer: Timer | None = None
         self._counts = ""
         """Number of points in each state, in words; empty: to be counted."""
         self.animation_level = "none"  # a tab is shown at once
@@ -158,8 +182,9 @@ class OpenApp(App[int]):
         yield Label("", id="head", markup=False)
         yield Input(placeholder="name, note, pass, fail, undecided, <40, >60", id="filter")
         with TabbedContent(id="tabs"):
-            with TabPane("Points", id="points"):
+            with TabPane("Points", id="points"), Container(id="points-split"):
                 yield PlainTable(id="points-table", cursor_type="row", zebra_stripes=True)
+                yield Plot("points-plot")
             with TabPane("Profile", id="profile"):
                 yield Plot("profile-plot")
             with TabPane("Map", id="map"):
@@ -179,8 +204,8 @@ class OpenApp(App[int]):
         """Show the empty table first, then read the survey."""
         self.theme = THEMES[self.settings.theme].theme.name
         table = self.query_one("#points-table", PlainTable)
-        for title, key in _TABLE_COLUMNS:
-            table.add_column(title, key=key or title)
+        for key, title in _TABLE_COLUMNS.items():
+            table.add_column(title, key=key)
         drops = self.query_one("#drops-table", PlainTable)
         for title in ("drop", "counts as", "load kN", "deflection mm", "E MPa", "residual", "why"):
             drops.add_column(title)
@@ -235,14 +260,30 @@ class OpenApp(App[int]):
         self.page = min(self.page, pages(len(self.visible_rows), TABLE_PAGE_ROWS) - 1)
         table = self.query_one("#points-table", PlainTable)
         part = self.visible_rows[self.page * TABLE_PAGE_ROWS : (self.page + 1) * TABLE_PAGE_ROWS]
-        table.fill([(row.name, _cells(row)) for row in part])
+        self._name_columns(table)
+        table.fill([(row.name, self._shown_cells(row, table)) for row in part])
         self._places = {row.name: place for place, row in enumerate(part)}
         if self.chosen in self._places:
             table.move_cursor(row=self._places[self.chosen], animate=False)
         elif part:
             self.chosen = part[0].name
+        self._size_table()
         self._head()
         self.draw_plots()
+        self._request_point()
+
+    def _name_columns(self, table: PlainTable) -> None:
+        """Give the table the columns that its rows need, with their titles."""
+        titles = table_titles(self.opened.rows)
+        shown = {str(column.key.value): column.label.plain for column in table.ordered_columns}
+        if shown != titles:
+            table.clear(columns=True)
+            for key, title in titles.items():
+                table.add_column(title, key=key)
+
+    def _shown_cells(self, row: PointRow, table: PlainTable) -> list[str]:
+        cells = _cells(row)
+        return [cells[str(column.key.value)] for column in table.ordered_columns]
 
     def _update(self, rows: Sequence[PointRow]) -> None:
         """Update rows that have been judged."""
@@ -255,8 +296,55 @@ class OpenApp(App[int]):
         self.visible_rows = [judged.get(row.name, row) for row in self.visible_rows]
         for row in rows:
             if row.name in self._places:
-                table.change(row.name, _cells(row))
+                table.change(row.name, self._shown_cells(row, table))
         self._head()
+        self.draw_plots()
+
+    def on_resize(self, event: events.Resize) -> None:
+        """Show the chosen point beside the table, below it, or not at all, as there is room."""
+        split = self.query_one("#points-split", Container)
+        is_wide = event.size.width >= MIN_WIDTH_BESIDE
+        split.set_class(is_wide, "beside")
+        split.set_class(not is_wide and event.size.height >= MIN_HEIGHT_BELOW, "below")
+        self._size_table()
+        self.call_after_refresh(self._request_point)
+
+    def _size_table(self) -> None:
+        """Set the size of the table of points: no more than its rows and columns need."""
+        split = self.query_one("#points-split", Container)
+        table = self.query_one("#points-table", PlainTable)
+        table.styles.width, table.styles.height = "1fr", "1fr"
+        if split.has_class("beside"):
+            needed = table.needed_width
+            table.styles.width = min(needed, int(MAX_TABLE_SHARE * self.size.width))
+        elif split.has_class("below"):
+            room = self.size.height - MIN_POINT_ROWS - 6
+            table.styles.height = min(table.row_count + 2, room)
+
+    def _request_point(self) -> None:
+        """Read the traces of the chosen point once the cursor rests on it."""
+        if self._point_timer is not None:
+            self._point_timer.stop()
+            self._point_timer = None
+        # The call may come late, when the application ends and has no plots any more.
+        is_shown = any(plot.display for plot in self.query("#points-plot"))
+        if is_shown and self.chosen != self._point_drawn and self.opened.survey is not None:
+            self._point_timer = self.set_timer(POINT_DELAY_S, self._read_point)
+
+    def _read_point(self) -> None:
+        name = self.chosen
+
+        def draw() -> None:
+            point = self.opened.view(name)
+            drops = [] if point is None else point.drops
+            traces = overlay_figures([(str(drop.number), drop.source) for drop in drops])
+            self._call(self._show_point, name, *traces)
+
+        self.run_worker(draw, thread=True, group="point", exclusive=True, exit_on_error=False)
+
+    def _show_point(self, name: str, figures: Sequence[Any], faults: Sequence[str]) -> None:
+        self._point_drawn = name
+        self._overlays["#points-plot"] = figures, faults
         self.draw_plots()
 
     def _head(self, message: str = "") -> None:
@@ -284,6 +372,7 @@ class OpenApp(App[int]):
         if event.row_key is not None and event.row_key.value is not None:
             self.chosen = event.row_key.value
             self.draw_plots()
+            self._request_point()
 
     @on(DataTable.RowSelected, "#points-table")
     def _on_selected(self, event: DataTable.RowSelected) -> None:
@@ -391,6 +480,8 @@ class OpenApp(App[int]):
                 view = self.query_one("#map-plot", Plot)
                 lines = map_lines(self.visible_rows, self.chosen, view.size.width, view.size.height)
                 self._show(view, lines)
+            case "points":
+                self._draw_point()
             case "drops" | "compare":
                 self._draw_overlay(f"#{self.tab}-plot")
 
@@ -477,15 +568,30 @@ class OpenApp(App[int]):
         self._overlays[where] = figures, faults
         self._draw_overlay(where)
 
-    def _draw_overlay(self, where: str) -> None:
+    def _draw_point(self) -> None:
+        """Draw verdict and traces of the chosen point beside or below the table."""
+        view = self.query_one("#points-plot", Plot)
+        row = next((row for row in self.visible_rows if row.name == self.chosen), None)
+        if not view.display or not view.size.width:
+            return
+        if row is None:
+            self._show(view, [])
+            return
+        if self._point_drawn == self.chosen:
+            self._draw_overlay("#points-plot", point_lines(row, view.size.width))
+        else:
+            self._show(view, point_lines(row, view.size.width))
+
+    def _draw_overlay(self, where: str, heading: Sequence[Line] = ()) -> None:
+        """Draw the drops of a plot over each other, below some lines of text."""
         figures, faults = self._overlays.get(where, ((), ()))
         view = self.query_one(where, Plot)
-        width, height = view.size.width, view.size.height
+        width, height = view.size.width, view.size.height - len(heading)
         lines: list[Line] = [line(cell(f" {text}", "warn")) for text in faults[:2]]
         if figures and height > 8 and width > 30:
             room = height - len(lines)
             lines += stacked_plots(figures, width, room, self.glyphs, shares=(2, 3))
-        self._show(view, lines)
+        self._show(view, [*heading, *lines])
 
     def action_compare(self) -> None:
         """Mark a point; with a second marked point show the comparison."""
@@ -512,8 +618,14 @@ class OpenApp(App[int]):
         pair = [by_name[name] for name in self.marked if name in by_name]
         if len(pair) < 2:
             return
-        compared = (("point", 0), ("judged", 2), ("95 %", 3), ("verdict", 5), ("E MPa", 6))
-        rows = [(title, (title, *(_cells(row)[at] for row in pair))) for title, at in compared]
+        titles = table_titles(self.opened.rows)
+        cells = [_cells(row) for row in pair]
+        compared = [
+            key for key in ("title", "value", "interval", "verdict", "modulus") if key in titles
+        ]
+        rows: list[tuple[str, Sequence[str]]] = [
+            (key, (titles[key], *(of[key] for of in cells))) for key in compared
+        ]
         values = [display_value(row) for row in pair]
         if values[0] > 0 and values[1] > 0:
             ratio = f"{values[1] / values[0]:.3f}"
@@ -587,21 +699,77 @@ def _target(target: float | None) -> str:
     return target_text(target)
 
 
-def _cells(row: PointRow) -> tuple[str, ...]:
+def table_titles(rows: Sequence[PointRow]) -> dict[str, str]:
+    """Return the titles of the columns that rows fill, by the keys of the columns.
+
+    A judged modulus has no second column. Where another quantity is judged, the title of the
+    modulus says that it is not.
+    """
+    titles = dict(_TABLE_COLUMNS)
+    judged = [row for row in rows if row.judged]
+    if judged:
+        quantities = {row.quantity for row in judged}
+        if len(quantities) == 1:
+            titles["value"] = judged[0].quantity
+        if quantities == {"modulus"} or all(row.modulus is None for row in judged):
+            titles.pop("modulus")
+        else:
+            titles["modulus"] = "E MPa, not judged"
+        for key in ("target", "use", "misfit", "notes"):
+            if not any(getattr(row, key) for row in rows):
+                titles.pop(key)
+        if all(row.state == "-" for row in rows):
+            titles.pop("verdict")
+    if all(row.chainage_m is None for row in rows):
+        titles.pop("chainage_m")
+    return titles
+
+
+def _cells(row: PointRow) -> dict[str, str]:
+    """Return the cells of a point by the keys of the columns."""
     value, ends = judged_texts(row)
     unit = "mm" if row.unit == "m" else "MPa"
-    return (
-        clean(row.title),
-        str(row.drops),
-        f"{value} {unit}" if row.value is not None else value,
-        ends,
-        _target(row.target),
-        row.state,
-        modulus_in_force_text(row),
-        "-" if row.chainage_m is None else f"{row.chainage_m:.0f}",
-        clean(row.diagnosed) or "-",
-        clean(row.notes),
-    )
+    return {
+        "title": clean(row.title),
+        "drops": str(row.drops),
+        "value": f"{value} {unit}" if row.value is not None else value,
+        "interval": ends,
+        "target": _target(row.target),
+        "verdict": row.state,
+        "modulus": modulus_in_force_text(row),
+        "chainage_m": "-" if row.chainage_m is None else f"{row.chainage_m:.0f}",
+        "use": clean(row.use) or "-",
+        "misfit": clean(row.misfit) or "-",
+        "notes": clean(row.notes),
+    }
+
+
+def point_lines(row: PointRow, width: int) -> list[Line]:
+    """Return a point in words: its verdict with the reason, its modulus, its diagnosis.
+
+    Parameters
+    ----------
+    row : PointRow
+    width : int
+        Columns.
+    """
+    word = "no verdict" if row.state == "-" else row.state
+    state = cell(word, STATE_ROLES.get(row.state, "text"))
+    lines: list[Line] = [line(cell(f" {row.title}", "strong"), "  ", state)]
+    value, ends = judged_texts(row)
+    unit = "mm" if row.unit == "m" else "MPa"
+    texts = []
+    if row.value is not None:
+        interval = f" ({ends})" if ends else ""
+        texts.append(f"{row.quantity} {value} {unit}{interval}, {row.origin}")
+    if row.target is not None:
+        texts.append(f"target {_target(row.target)}")
+    if row.modulus is not None and row.quantity != "modulus":
+        texts.append(f"not judged: modulus {modulus_in_force_text(row)} MPa")
+    texts += [text for text in (row.reason, row.diagnosis_text, row.notes) if text]
+    for text in texts:
+        lines += [line(" ", part) for part in wrap(clean(text), width - 2)]
+    return [*lines, ()]
 
 
 def show_survey(folder: str | Path, settings: ScreenSettings) -> int:

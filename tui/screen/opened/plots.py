@@ -23,6 +23,12 @@ OVERLAY_ROLES: tuple[TextRole, ...] = ("measured", "fitted", "load", "residual",
 MAX_OVERLAID_DROPS = 12
 """Number of drops in an overlay; more curves cannot be distinguished."""
 
+END_OF_PULSE = 0.05
+"""Load over its peak below which the pulse of a drop has ended."""
+
+PULSE_MARGIN, MAX_OVERLAY_MS = 4 / 3, 40.0
+"""End of an overlay over the end of the load pulse, and its largest value, ms."""
+
 HALF_MARK_OVER_WIDTH = 0.006
 """Half the length of the mark of a value, as a fraction of the width of the profile."""
 
@@ -200,6 +206,16 @@ def _length(metres: float) -> str:
     return f"{metres / 1e3:.3g} km" if metres >= 1000 else f"{metres:.3g} m"
 
 
+def _end_of_pulse(load: Curve) -> float:
+    """Return the end of an overlay, ms: the end of the load pulse and a third of it more.
+
+    Later the integrated signal of a geophone drifts, and the drift would set the scale.
+    """
+    loaded = load.time[load.values > END_OF_PULSE * np.nanmax(load.values)]
+    after_pulse = float(loaded[-1]) * PULSE_MARGIN if loaded.size else math.inf
+    return min(MAX_OVERLAY_MS, after_pulse, float(load.time[-1]))
+
+
 def overlay_figures(drops: Sequence[tuple[str, Any]]) -> tuple[list[Figure], list[str]]:
     """Return load and deflection of drops over each other as recorded, and what was not readable.
 
@@ -227,7 +243,7 @@ def overlay_figures(drops: Sequence[tuple[str, Any]]) -> tuple[list[Figure], lis
             depths.append(Curve(time, moved, role, name, dashed))
     if not loads:
         return [], faults
-    end = min(40.0, max(float(curve.time[-1]) for curve in loads))
+    end = max(_end_of_pulse(curve) for curve in loads)
     return [
         Figure("load", "kN", tuple(loads), -2.0, end),
         Figure("deflection as recorded", "µm", tuple(depths), -2.0, end),

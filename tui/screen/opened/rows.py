@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING, Any
 from pfwd.errors import DeviceError, SurveyError
 from pfwd.files.folders import refuse_no_survey
 from pfwd.files.output_path import replaced_at_once
+from tui.output import counted
 from tui.screen.units import SI, QuantityName
 
 if TYPE_CHECKING:
     # Loaded when the survey is read: the frame is painted before.
     from pfwd.judging import Job, PointView
+    from pfwd.procedures import PointProgress
 
 CACHE_VERSION = 5
 """Version of the cache, to be raised when rows have other fields or are judged otherwise."""
@@ -60,10 +62,17 @@ class PointRow:
     """True if the data do not support the modulus."""
     value_marked: bool = False
     """True if the value allows no verdict."""
-    measured: int = 0
-    """Number of averaged drops."""
-    diagnosed: str = ""
-    """Use of the diagnosed modulus and the misfit; empty: the point is not diagnosed."""
+    origin: str = ""
+    """Origin of the value in words: mean of drops, or diagnosis."""
+    use: str = ""
+    """Use of the diagnosed modulus in words; empty: the point is not diagnosed."""
+    misfit: str = ""
+    """Misfit of the diagnosis in percent of the peak; empty: the point is not diagnosed."""
+
+    @property
+    def diagnosis_text(self) -> str:
+        """Use of the diagnosed modulus and misfit; empty: the point is not diagnosed."""
+        return f"{self.use}, misfit {self.misfit} of the peak" if self.use else ""
 
     @property
     def state(self) -> str:
@@ -211,6 +220,18 @@ def _bare(point: Any, job: "Job") -> PointRow:
     )
 
 
+def origin_of_value(progress: "PointProgress") -> str:
+    """Return the origin of the judged value in words: the mean of drops, or the diagnosis."""
+    value, modulus = progress.value, progress.modulus
+    if value is None:
+        return ""
+    drops = counted(value.drops, "drop")
+    is_diagnosed = modulus is not None and modulus.source == "diagnosed"
+    if value.quantity == "modulus" and is_diagnosed:
+        return f"diagnosed, {drops} measured"
+    return f"mean of {drops}"
+
+
 def judged_row(row: PointRow, point: "PointView") -> PointRow:
     """Return the row with value and verdict of its point."""
     progress = point.progress
@@ -220,6 +241,7 @@ def judged_row(row: PointRow, point: "PointView") -> PointRow:
     modulus = progress.modulus
     low, high = (None, None) if value is None or value.interval is None else value.interval
     ends = None if modulus is None else modulus.interval
+    use, misfit = _use_and_misfit(point)
     return dataclasses.replace(
         row,
         judged=True,
@@ -236,23 +258,21 @@ def judged_row(row: PointRow, point: "PointView") -> PointRow:
         modulus_high=None if ends is None else ends[1],
         modulus_marked=modulus is not None and modulus.not_supported is not None,
         value_marked=value is not None and value.not_supported is not None,
-        measured=len(progress.used),
-        diagnosed=_diagnosed(point),
+        origin=origin_of_value(progress),
+        use=use,
+        misfit=misfit,
     )
 
 
-def _diagnosed(point: "PointView") -> str:
-    """Return the use of the diagnosed modulus and the misfit, as ``pfwd diagnose`` prints them.
-
-    The modulus is not repeated: the column of the modulus has the one in force.
-    """
+def _use_and_misfit(point: "PointView") -> tuple[str, str]:
+    """Return the use of the diagnosed modulus and the misfit, as ``pfwd diagnose`` prints them."""
     from tui.diagnosis_lines import point_cells
 
     diagnosis = point.diagnosis_in_force
     if diagnosis is None or diagnosis.after is None:
-        return ""
+        return "", ""
     cells = point_cells(point.shown_name, diagnosis, point.progress.modulus)
-    return f"{cells.use}, misfit {cells.misfit}"
+    return cells.use, cells.misfit
 
 
 ORDERS: tuple[str, ...] = ("measured", "title", "value", "verdict", "modulus", "chainage_m")

@@ -31,6 +31,12 @@ class PlainTable(DataTable[Text], inherit_bindings=False):
         for key, cells in rows:
             self.add_row(*map(Text, cells), key=key or None)
 
+    @property
+    def needed_width(self) -> int:
+        """Columns that all columns and the scroll bar take."""
+        columns = sum(column.width + 2 * self.cell_padding for column in self.ordered_columns)
+        return columns + self.scrollbar_size_vertical
+
     def change(self, key: str, cells: Sequence[str]) -> None:
         """Replace the cells of the row with this key."""
         for column, text in zip(self.ordered_columns, cells, strict=True):

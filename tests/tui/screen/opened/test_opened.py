@@ -31,7 +31,7 @@ from tui.page.server import SurveyServer, is_local, parse_place
 from tui.screen.drawing.glyphs import BRAILLE
 from tui.screen.drawing.lines import text_of
 from tui.screen.drawing.plot import plot_lines
-from tui.screen.opened.app import TABLE_PAGE_ROWS, OpenApp, Plot
+from tui.screen.opened.app import TABLE_PAGE_ROWS, OpenApp, Plot, table_titles
 from tui.screen.opened.plots import map_lines, profile_figure, profile_lines
 from tui.screen.opened.rows import (
     OpenedSurvey,
@@ -243,6 +243,52 @@ def test_the_screen(survey: Path, size: tuple[int, int]) -> None:
     run_script(survey, script, size)
 
 
+@pytest.mark.parametrize(
+    ("size", "place"), [((200, 60), "beside"), ((120, 40), "below"), ((80, 24), "none")]
+)
+def test_the_chosen_point_is_drawn_where_there_is_room(
+    survey: Path, size: tuple[int, int], place: str
+) -> None:
+    async def script(app: OpenApp, pilot: Any) -> None:
+        table, plot = app.query_one("#points-table"), app.query_one("#points-plot", Plot)
+        assert plot.display == (place != "none")
+        if place == "none":
+            return
+        await until(pilot, lambda: "deflection as recorded" in plot.text)
+        assert "0+000  PASS" in plot.text
+        assert "modulus 60.0 MPa" in plot.text
+        assert "target 50" in plot.text
+        if place == "beside":
+            assert plot.region.x > table.region.right - 2
+            assert plot.size.width > size[0] / 3
+        else:
+            assert plot.region.y >= table.region.bottom
+            assert table.region.height < size[1] / 3
+        await pilot.press("down")
+        await until(pilot, lambda: "0+020  FAIL" in plot.text)
+        await until(pilot, lambda: "deflection as recorded" in plot.text)
+
+    run_script(survey, script, size)
+
+
+def test_a_modulus_that_is_not_judged_has_a_title_that_says_so(survey: Path) -> None:
+    rows = opened(survey).rows
+    titles = table_titles(rows)
+    assert titles["value"] == "modulus"
+    assert "modulus" not in titles  # the judged value is the modulus
+    others = [dataclasses.replace(row, quantity="E_LWD", modulus=40e6) for row in rows]
+    titles = table_titles(others)
+    assert (titles["value"], titles["modulus"]) == ("E_LWD", "E MPa, not judged")
+    assert "modulus" not in table_titles([dataclasses.replace(others[0], modulus=None)])
+
+
+def test_a_column_that_no_point_fills_is_left_out(survey: Path) -> None:
+    row = dataclasses.replace(opened(survey).rows[0], target=None, verdict="none", notes="")
+    assert not {"target", "verdict", "use", "misfit", "notes"} & set(table_titles([row]))
+    diagnosed = dataclasses.replace(row, use="design value", misfit="0.3 %", verdict="pass")
+    assert {"use", "misfit", "verdict"} <= set(table_titles([row, diagnosed]))
+
+
 def test_a_change_of_the_tab_builds_no_line_of_keys(survey: Path) -> None:
     async def script(app: OpenApp, pilot: Any) -> None:
         keys = list(app.query_one(KeysLine).children)
@@ -444,9 +490,9 @@ def test_the_row_has_the_diagnosis_in_force(survey: Path) -> None:
         stale = {**diagnosis, "basis": "0" * 16}
         writer.save_result(second.drops[-1].number, stale, "diagnosis")
     rows = {row.name: row for row in opened(survey).rows}
-    assert rows[first.name].diagnosed == "use with care, misfit 1.8 %"
+    assert rows[first.name].diagnosis_text == "use with care, misfit 1.8 % of the peak"
     assert rows[first.name].modulus == 45e6, "the one that is in force"
-    assert rows[second.name].diagnosed == ""
+    assert rows[second.name].diagnosis_text == ""
 
 
 def test_screen_and_diagnose_print_the_same_modulus_and_misfit(survey: Path) -> None:
@@ -472,7 +518,7 @@ def test_screen_and_diagnose_print_the_same_modulus_and_misfit(survey: Path) -> 
 
     opened_row = opened(survey).rows[0]
     assert modulus_in_force_text(opened_row) == "81 (72 to 112)"
-    assert opened_row.diagnosed == "use with care, misfit 1.4 %"
+    assert (opened_row.use, opened_row.misfit) == ("use with care", "1.4 %")
     assert point_modulus_text(point.progress, SI) == "81 MPa (72 to 112)"
     page_row = result_row(result, "0+000", modulus, SI, chosen=False).texts
     assert {"81 (72 to 112)", "1.4 %"} <= set(page_row)
