@@ -10,7 +10,7 @@ TEMPLATES: dict[str, str] = {
     "residual-not-explained": (
         "residual not explained: over the fit it is {residual_over_noise:.1f} times the noise and "
         "the model's error together ({residual_over_peak:.1f*100} % of the peak); the model lacks "
-        "an effect, so do not take the modulus for corrected"
+        "an effect that may change the modulus: diagnose the point"
     ),
     "tail-not-explained": (
         "record after the contact not explained: {tail_over_peak:.1f*100} % of the peak is left "
@@ -31,7 +31,7 @@ TEMPLATES: dict[str, str] = {
     "subgrade-modulus-unknown": (
         "modulus of the subgrade not known: {modulus_interval_pa:.2p/1e6} MPa fit as well; the "
         "effective modulus, {effective_modulus_pa:.3g/1e6} MPa, stands for the upper "
-        "{effective_depth_m:.2g} m; sensors further out tell the layers apart"
+        "{effective_depth_m:.2g} m; sensors further out can resolve the layers"
     ),
     "layer-modulus-unknown": (
         "modulus of layer {layer:d} not known: {modulus_interval_pa:.2p/1e6} MPa fit as well"
@@ -46,19 +46,19 @@ TEMPLATES: dict[str, str] = {
         "missed by, of its peak, {errors:list}"
     ),
     "layers-need-sensors": (
-        "one sensor does not tell layers: the modulus is that of one medium for all, and its "
-        "interval holds the ground below a layer that fits as well; sensors further out tell"
+        "one sensor cannot resolve layers: the modulus is that of homogeneous ground, and its "
+        "interval includes ground below a layer that fits as well; add sensors further out"
     ),
     # of a diagnosis
     "effect-on-bound": "{effect}: {parameter} sits on a bound",
-    "effect-ambiguous": "{effect} cannot be told from {others:list}",
+    "effect-ambiguous": "{effect} cannot be distinguished from {others:list}",
     "modulus-uncertain": (
-        "the modulus is known no better than {modulus_interval_pa:.3g/1e6} MPa, with the effects "
-        "that cannot be told apart"
+        "the modulus is only known to be {modulus_interval_pa:.3g/1e6} MPa: several sets of "
+        "effects fit nearly as well"
     ),
     "discrepancy-remains": (
         "residual not explained: {discrepancy_over_peak:.2g*100} % of the peak is left that no "
-        "effect tells, at most {limit:.2g*100} % is allowed"
+        "effect explains, at most {limit:.2g*100} % is allowed"
     ),
     "noise-exceeded": (
         "residual not explained: expected noise alone, got {residual_over_noise:.1f} times the "
@@ -134,6 +134,34 @@ TEMPLATES: dict[str, str] = {
 }
 
 EARLIER: tuple[tuple[str, str], ...] = (
+    (
+        "residual-not-explained",
+        "residual not explained: over the fit it is {residual_over_noise:.1f} times the noise and "
+        "the model's error together ({residual_over_peak:.1f*100} % of the peak); the model lacks "
+        "an effect, so do not take the modulus for corrected",
+    ),
+    (
+        "subgrade-modulus-unknown",
+        "modulus of the subgrade not known: {modulus_interval_pa:.2p/1e6} MPa fit as well; the "
+        "effective modulus, {effective_modulus_pa:.3g/1e6} MPa, stands for the upper "
+        "{effective_depth_m:.2g} m; sensors further out tell the layers apart",
+    ),
+    (
+        "layers-need-sensors",
+        "one sensor does not tell layers: the modulus is that of one medium for all, and its "
+        "interval holds the ground below a layer that fits as well; sensors further out tell",
+    ),
+    ("effect-ambiguous", "{effect} cannot be told from {others:list}"),
+    (
+        "modulus-uncertain",
+        "the modulus is known no better than {modulus_interval_pa:.3g/1e6} MPa, with the effects "
+        "that cannot be told apart",
+    ),
+    (
+        "discrepancy-remains",
+        "residual not explained: {discrepancy_over_peak:.2g*100} % of the peak is left that no "
+        "effect tells, at most {limit:.2g*100} % is allowed",
+    ),
     (
         "parameter-unusual",
         "{effect}: {value:.3g}{unit} is the {parameter:words} of no instrument in use ({usual:g}"

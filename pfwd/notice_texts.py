@@ -70,8 +70,9 @@ TEMPLATES: dict[str, str] = {
     "drop-rejected": "drop {drop:d}: {reason}",
     "no-measured-drop": "no measured drop to diagnose",
     "modulus-left-open": (
-        "the records leave the modulus open, between {low_pa:.2p/1e6} and {high_pa:.2p/1e6} MPa: "
-        "none is told; another declared depth, more sensors or a longer record may fix it"
+        "the records do not determine the modulus: every value from {low_pa:.2p/1e6} to "
+        "{high_pa:.2p/1e6} MPa fits; declare the depth of rock if it is known, add sensors or "
+        "record longer"
     ),
     "rig-not-explained": (
         "a mass on a spring leaves {residual_over_peak:.1f*100} % of the peak displacement: "
@@ -219,6 +220,11 @@ EARLIER: tuple[tuple[str, str], ...] = (
         "device-contradicted",
         "{effect}: {parameter:words} {own:.3g}{unit} by this point alone, {shared:.3g}{unit} by "
         "all points of the device: it contradicts them",
+    ),
+    (
+        "modulus-left-open",
+        "the records leave the modulus open, between {low_pa:.2p/1e6} and {high_pa:.2p/1e6} MPa: "
+        "none is told; another declared depth, more sensors or a longer record may fix it",
     ),
     ("modulus-left-open", TEMPLATES["modulus-left-open"]),  # numbers as 1.0
 )

@@ -244,7 +244,7 @@ def test_the_centre_alone_tells_one_layer_and_two_sensors_two(library: Surrogate
     assert centre.modulus_interval_pa == (low, high)
     low, high = centre.effective_modulus_interval_pa
     assert low <= 95e6 <= high
-    assert any("one sensor does not tell layers" in said for said in centre.warnings)
+    assert any("one sensor cannot resolve layers" in said for said in centre.warnings)
     both = invert(recorded(sensors=2), AUTO, library)
     assert len(both.layers) == 2
 

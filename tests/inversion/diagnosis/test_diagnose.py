@@ -227,5 +227,5 @@ def test_numbers_on_bounds_and_alternatives_are_named() -> None:
     after = state_of("layer", 1.05e7, 1e5, (1.04e7, 1.06e7), 1e-6, 1.0, 0.0, 0.0)
     assert _warnings((effect,), "explained", after) == [
         "bedrock: depth sits on a bound",
-        "bedrock cannot be told from sensor_lag, rebound",
+        "bedrock cannot be distinguished from sensor_lag, rebound",
     ]

@@ -190,7 +190,7 @@ def test_the_reason_of_each_verdict_is_on_the_first_page(survey: Path) -> None:
     (reasons,) = verdict_reasons(replace(report, points=report.points[:1]), EN)
     assert reasons == Pairs((("✗ fail", reason),))
     (reasons,) = verdict_reasons(report, DE)
-    reason = "das ganze 95-%-Intervall verfehlt den Sollwert (alle 2 Punkte)"
+    reason = "der ganze 95-%-Bereich verfehlt den Anforderungswert (alle 2 Punkte)"
     assert reasons == Pairs((("✗ nicht erfüllt", reason),))
 
 

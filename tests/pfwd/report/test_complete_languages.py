@@ -352,7 +352,7 @@ DIAGNOSIS = {
     ],
     "warnings": [
         "layer: thickness sits on a bound",
-        "sensor_lag cannot be told from layer, bedrock",
+        "sensor_lag cannot be distinguished from layer, bedrock",
     ],
     "drops": [2, 3, 4],
     "left_out": [1],

@@ -96,7 +96,7 @@ def lines_of(axes: Any) -> list[tuple[list[float], list[float]]]:
 def test_the_layers_of_every_drop_stand_in_a_table(layered: Path) -> None:
     text = text_of(layered)
     assert "1 1 120 (110 – 131) 0.250 (0.240 – 0.262) 20.0 1900 0.35" in text.replace("\xa0", " ")
-    assert "2 2, subgrade 45.0 (44.0 – 46.0) without end" in text.replace("\xa0", " ")
+    assert "2 2, subgrade 45.0 (44.0 – 46.0) unlimited" in text.replace("\xa0", " ")
     assert "Effective modulus 71.0 MPa (70.0 – 72.0), down to 0.93 m" in text.replace("\xa0", " ")
 
 

@@ -157,8 +157,8 @@ def test_several_processes_find_the_same(survey: Path) -> None:
         "with E 45 MPa; check the declared depth",
         "layer: 0.88 m of it leave 0.018 m of ground above the rock: something else is behind it, "
         "as another depth of the rock",
-        "the records leave the modulus open, between 0.71 and 13 MPa: none is told; another "
-        "declared depth, more sensors or a longer record may fix it",
+        "the records do not determine the modulus: every value from 0.71 to 13 MPa fits; declare "
+        "the depth of rock if it is known, add sensors or record longer",
         "drop 1, load: the record steps 2.5 ms into the pulse, where no weight could: samples are "
         "missing, or its range was switched; measure again",
     ],

@@ -307,7 +307,7 @@ def test_what_points_could_not_tell_apart_is_told_of_the_survey() -> None:
     shown = with_device(diagnosis(0.01), findings, others)
     (effect,) = shown.effects
     assert effect.alternatives == ("acquisition_filter", "geophone_response")
-    said = "sensor_lag cannot be told from acquisition_filter, geophone_response"
+    said = "sensor_lag cannot be distinguished from acquisition_filter, geophone_response"
     assert shown.warnings == (said,)
     plain = with_device(diagnosis(0.01), findings)
     assert plain.effects[0].alternatives == ()
