@@ -78,8 +78,8 @@ def test_loads_pressures_and_conditions_are_said(survey: Path) -> None:
     assert rows_of(report)["Peak load"] == "measured: 8.00 – 8.03 kN, σ = 113 – 114 kPa"
     by_nominal = rows_of(gather(survey, ReportOptions(procedure="tp-bf-stb-b8.3")))["Peak load"]
     assert by_nominal == (
-        "measured: 8.00 – 8.03 kN, σ = 113 – 114 kPa; presumed: 7.07 kN, σ = 100 kPa (± 10 %, our "
-        "tolerance)"
+        "measured: 8.00 – 8.03 kN, σ = 113 – 114 kPa; presumed: 7.07 kN, σ = 100 kPa (± 10 %, "
+        "tolerance of this program)"
     )
     assert "Conditions" not in rows_of(report)
     first, second = report.points
