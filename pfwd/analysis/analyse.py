@@ -1,4 +1,6 @@
-"""Analysis of trace files: the one function that command line, screens and scripts call."""
+"""Analysis of trace files and drops: screening, then inversion. Command line, screens and scripts
+use these functions.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,8 @@ from pfwd_device import Drop
 from pfwd_device.recording import SurveyDrop
 
 ASSUMED_POISSON_RATIO = 0.35
-"""Usual value of subgrades, taken where none is declared; every such result says so."""
+"""Poisson's ratio, common for subgrades, where none is declared; a warning of the result reports
+it."""
 
 
 def record_of(
@@ -47,15 +50,17 @@ def record_of(
     options: AnalysisOptions | None = None,
     without: Collection[float] = (),
 ) -> Record:
-    """The inversion's record of a drop: its arrays and what the setup declares.
+    """Return the input of the inversion for a drop: its traces, and what the setup declares.
 
     Parameters
     ----------
     drop : Drop
     setup : PointSetup
     options : AnalysisOptions, optional
-        ``published`` reads the load as the contact force, as the paper does: without plate mass.
-    without : collection of float, offsets of channels that take no part
+        With ``published`` the measured load is the contact force, as in the paper: the plate mass
+        is ignored.
+    without : collection of float, m
+        Offsets of the channels that are excluded.
     """
     mass = setup.plate_mass or 0.0
     if options is not None and options.published:
@@ -84,7 +89,7 @@ def record_of(
 
 
 def settings_of(options: AnalysisOptions, setup: PointSetup) -> Settings:
-    """Settings of the inversion from the options; an option wins over what the file declares."""
+    """Return the settings of the inversion; an option overrides what the file declares."""
     choices = options.choices
     depth: Any = "declared"
     if options.bedrock_depth == "none" or options.model == "half-space":
@@ -94,7 +99,7 @@ def settings_of(options: AnalysisOptions, setup: PointSetup) -> Settings:
     elif options.model == "layer" and setup.bedrock_depth == math.inf:
         depth = "unknown"
     elif options.published and setup.bedrock_depth is None:
-        # The paper takes the depth as known, and for a half-space where it is not.
+        # The published method needs a known depth, and assumes a half-space without one.
         depth = math.inf
     return Settings(
         plate=choices.plate,
@@ -121,8 +126,13 @@ def analyse_point(
 
     Parameters
     ----------
+    point : TracePoint
+    options : AnalysisOptions
+    library : SurrogateLibrary
+        Response tables, which are computed when they are first needed.
     use_stored : bool
-        Whether what its survey keeps of the same question is the answer.
+        True: a result that the survey stores for the same request is returned in place of a new
+        one.
     """
     settings = settings_of(options, point.setup)
     screenings = leave_out_bad_sensors(point, screen_point(point))
@@ -179,7 +189,9 @@ def _request_of(
     screening: Screening,
     point_warnings: Sequence[Notice] = (),
 ) -> AnalysisRequest:
-    """Return the request for the drop of the first record; the others share its ground."""
+    """Return the request that the result of the first record answers; the others share its
+    ground.
+    """
     remarks = [screening.status, *point_warnings, *screening.warnings]
     return AnalysisRequest(question_of(records, settings, remarks), options.label, software_name())
 
@@ -191,7 +203,7 @@ def analyse_drop(
     options: AnalysisOptions,
     library: SurrogateLibrary,
 ) -> DropAnalysis:
-    """Invert one drop whose screening is known, as it comes from the instrument."""
+    """Invert one drop that was screened already, as the session does with a new drop."""
     if screening.status == "rejected":
         return DropAnalysis(drop, screening, None, setup=setup)
     settings = settings_of(options, setup)
@@ -208,11 +220,13 @@ def analyse_drop(
 def load_surrogate(
     drop: Drop, setup: PointSetup, options: AnalysisOptions, library: SurrogateLibrary
 ) -> None:
-    """Have the response table ready that drops like this one need.
+    """Load or build the response table that drops of this setup need, so that the first one need
+    not wait.
 
     Raises
     ------
     InversionError
+        If the setup is outside of the range of the tables.
     """
     settings = settings_of(options, setup)
     if settings.homogeneous:
@@ -222,7 +236,17 @@ def load_surrogate(
 def analyse_file(
     path: str, options: AnalysisOptions, library: SurrogateLibrary, *, use_stored: bool = False
 ) -> FileOutcome:
-    """Results of one file or survey; a refused one comes back with the reason."""
+    """Return the results of one file or survey; for an invalid file the outcome holds the reason.
+
+    Parameters
+    ----------
+    path : str
+    options : AnalysisOptions
+    library : SurrogateLibrary
+        Response tables, which are computed when they are first needed.
+    use_stored : bool
+        True: results that the survey stores for the same request are returned in place of new ones.
+    """
     results: list[DropResult] = []
     numbers: list[int | None] = []
     try:
@@ -241,12 +265,21 @@ def analyse_file(
 def rehearse(
     drop: Drop, setup: PointSetup, options: AnalysisOptions, library: SurrogateLibrary
 ) -> None:
-    """Analyse a made-up pulse over the channels of a drop, so that the first real one finds
-    everything loaded; what comes out is of no interest.
+    """Analyse an artificial pulse, so that modules and tables are loaded before the first real
+    drop.
+
+    Parameters
+    ----------
+    drop : Drop
+        Its channels are used, and not its samples.
+    setup : PointSetup
+    options : AnalysisOptions
+    library : SurrogateLibrary
 
     Raises
     ------
     InversionError
+        If the setup is outside of the range of the tables.
     """
     load_surrogate(drop, setup, options, library)
     time = np.asarray(np.arange(-200, 1000) * 1e-4, np.float64)
@@ -266,23 +299,27 @@ def analyse_files(
     *,
     use_stored: bool = False,
 ) -> Generator[FileOutcome, None, None]:
-    """Outcomes of files in their order, on ``jobs`` processes.
+    """Yield the outcomes of files in their order, computed by ``jobs`` processes.
 
     Parameters
     ----------
+    paths : sequence of str
+    options : AnalysisOptions
+    jobs : int
+        Number of processes.
     progress : callable, optional
-        Called while a surrogate is built, which happens once for a plate, Poisson's ratio and
+        Called while a response table is built, which happens once for a plate, Poisson's ratio and
         sensor layout.
     use_stored : bool
-        Whether what a survey keeps of the same question is the answer; then there is no
-        inversion with its histories.
+        True: results that a survey stores for the same request are returned in place of new ones;
+        they have no fitted traces.
     """
     library = SurrogateLibrary(progress=progress)
     if jobs <= 1 or len(paths) < 2:
         for path in paths:
             yield analyse_file(path, options, library, use_stored=use_stored)
         return
-    # Built here once, so that the workers find them in the cache instead of each building them.
+    # Build the tables once, so that the workers find them in the cache.
     for path in paths:
         _build_surrogate_of(path, options, library)
     with worker_pool(min(jobs, len(paths))) as pool:

@@ -1,4 +1,4 @@
-"""Calibrates an instrument with drops on a rig of springs whose stiffness is declared."""
+"""Calibration of an instrument with drops on spring test rigs whose stiffness is declared."""
 
 from __future__ import annotations
 
@@ -23,40 +23,42 @@ from pfwd.peaks.stiffness import stiffness_of
 GainOf = Literal["sensor", "load"]
 
 SEVERAL_RIGS = 0.1
-"""Relative difference of the stiffness at the peaks between groups of points that are said to have
-one stiffness, above which they are several rigs. Drops of one rig are within a few percent."""
+"""Relative difference of the measured stiffness between sites for which the same stiffness is
+declared, above which they must be different rigs. Drops on one rig repeat within a few percent."""
 
 
 @dataclass(frozen=True, eq=False)
 class InstrumentCalibration:
-    """The constants of an instrument, and what they rest on."""
+    """Calibration of an instrument: gain, response of the geophone and delay, with the files it is
+    from.
+    """
 
     files: tuple[str, ...]
     device: str | None
     gain_of: GainOf
-    found: Calibration
+    fit: Calibration
     stiffness: tuple[float, ...]
     """Stiffness of each rig, N/m."""
     reasons: tuple[str, ...]
-    """Why it does not repeat; empty: it does."""
+    """Reasons why the drops do not agree on one calibration; empty: they agree."""
     warnings: tuple[Notice, ...]
 
     @property
     def gain(self) -> tuple[float, float, tuple[float, float]]:
-        """Value, standard deviation and 95 % interval of the gain of its channel."""
-        gain = self.found.of("gain")
+        """Gain of the channel `gain_of`: value, standard deviation and 95 % interval."""
+        gain = self.fit.of("gain")
         if self.gain_of == "sensor":
             return gain.value, gain.deviation, gain.interval
         low, high = gain.interval
         return 1 / gain.value, gain.deviation / gain.value**2, (1 / high, 1 / low)
 
     def to_json(self) -> Mapping[str, Any]:
-        """Return the keys of ``pfwd calibrate --json``."""
+        """Return the calibration as the JSON values that ``pfwd calibrate --json`` prints."""
         value, deviation, interval = self.gain
         entry: dict[str, Any] = {
             "files": list(self.files),
             "device": self.device,
-            "drops": self.found.drops,
+            "drops": self.fit.drops,
             "repeats": not self.reasons,
             "reasons": list(self.reasons),
             "gain_of": self.gain_of,
@@ -67,18 +69,18 @@ class InstrumentCalibration:
             ("damping", "damping"),
             ("delay", "delay_s"),
         ):
-            effect = self.found.of(name)
+            effect = self.fit.of(name)
             entry[key] = {
                 "value": effect.value,
                 "sd": effect.deviation,
                 "interval": list(effect.interval),
             }
-        rigs = zip(self.stiffness, self.found.masses, self.found.damping_ratios, strict=True)
+        rigs = zip(self.stiffness, self.fit.masses, self.fit.damping_ratios, strict=True)
         entry["rigs"] = [
             {"stiffness_n_per_m": k, "mass_kg": mass, "damping_ratio": ratio}
             for k, mass, ratio in rigs
         ]
-        entry["misfit_over_peak"] = self.found.misfit
+        entry["misfit_over_peak"] = self.fit.misfit
         return entry | notices.to_json(self.warnings)
 
 
@@ -90,23 +92,24 @@ def calibrate_files(
     gain_of: GainOf = "sensor",
     header: str | None = None,
 ) -> InstrumentCalibration:
-    """The constants of the instrument that measured on rigs.
+    """Estimate the calibration of an instrument from drops on spring test rigs.
 
     Parameters
     ----------
     files : sequence of str
     stiffness : float, N/m, optional
-        Of the rig of all of them; None: as they declare it.
+        Stiffness of the rig, the same for all files; None: as the files declare it.
     point : str, optional
-        Only points whose names begin so.
+        Only points whose names begin with this text are used.
     gain_of : "sensor" or "load"
-        Which channel has the gain.
+        Channel whose gain is estimated; the gain of the other one is taken as 1.
     header : path of a TOML file, optional
+        Declarations for all files.
 
     Raises
     ------
     SurveyError
-        If a file is refused, a stiffness is not known, or there are too few drops.
+        If a file is not valid, a stiffness is not declared, or there are too few drops.
     """
     points = [
         (file, traces)
@@ -152,26 +155,26 @@ def calibrate_files(
     )
 
 
-def write_calibration(path: str | os.PathLike[str], found: InstrumentCalibration) -> None:
-    """Keep the constants, for ``--device``.
+def write_calibration(path: str | os.PathLike[str], calibration: InstrumentCalibration) -> None:
+    """Write the calibration to a file for the option ``--device``.
 
     Raises
     ------
     SurveyError
-        If they do not repeat.
+        If the drops do not agree on one calibration.
     OSError
         If the file cannot be written.
     """
-    if found.reasons:
-        got = f"drops that do not repeat: {'; '.join(found.reasons)}"
-        raise SurveyError(refusal(os.fspath(path), "a calibration to keep", got))
-    value, deviation, _ = found.gain
+    if calibration.reasons:
+        got = f"drops that do not repeat: {'; '.join(calibration.reasons)}"
+        raise SurveyError(refusal(os.fspath(path), "drops that agree on a calibration", got))
+    value, deviation, _ = calibration.gain
     frequency, damping, delay = (
-        found.found.of(name) for name in ("natural_frequency", "damping", "delay")
+        calibration.fit.of(name) for name in ("natural_frequency", "damping", "delay")
     )
-    count = found.found.drops
+    count = calibration.fit.drops
     effects = [
-        DeviceEffect(f"{found.gain_of}_gain", count, [("factor", "-", value, deviation)]),
+        DeviceEffect(f"{calibration.gain_of}_gain", count, [("factor", "-", value, deviation)]),
         DeviceEffect(
             "geophone_response",
             count,
@@ -182,7 +185,7 @@ def write_calibration(path: str | os.PathLike[str], found: InstrumentCalibration
         ),
         DeviceEffect("sensor_lag", count, [("delay", "s", delay.value, delay.deviation)]),
     ]
-    write_effects(path, found.device, effects)
+    write_effects(path, calibration.device, effects)
 
 
 def _stiffness(file: str, point: TracePoint, declared: float | None) -> float:
@@ -195,7 +198,7 @@ def _stiffness(file: str, point: TracePoint, declared: float | None) -> float:
 
 
 def _several_rigs(groups: Sequence[tuple[float, TracePoint]]) -> list[str]:
-    """Return the sites where points of one stiffness show several at their peaks."""
+    """Return one sentence for each declared stiffness whose sites have different measured ones."""
     messages = []
     ordered = sorted(groups, key=lambda one: (one[0], str(one[1].setup.site)))
     for stiffness_of_rig, of_rig in groupby(ordered, key=lambda one: one[0]):

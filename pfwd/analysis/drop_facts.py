@@ -1,4 +1,4 @@
-"""Facts of a drop that a measuring procedure judges, from its record and its result."""
+"""Facts of a drop that a measuring procedure judges, from its traces and its result."""
 
 import dataclasses
 import math
@@ -23,23 +23,25 @@ from pfwd_device.signals import (
 )
 
 FACTS_VERSION = 1
-"""Version of the facts: raise it when :func:`point_drop` changes; stored facts are then ignored."""
+"""Version of the stored facts: to be increased when :func:`point_drop` changes, so that facts of
+other versions are ignored."""
 
 FACTS_KEY = "facts"
-"""Key of the facts in a drop's metadata; surveys of earlier versions have none."""
+"""Key of the facts in the metadata of a drop; surveys of earlier versions have none."""
 
 DURATION_EDGE = 0.03
-"""Part of the peak load between which the pulse lies."""
+"""The pulse lasts while the load is above this fraction of its peak."""
 
 PEAK_WITHIN = 2.0
-"""Pulse durations after the start of the pulse within which the deflection has its peak: it lags
-the load by a fraction of one. Later maxima are rebounds, or drift of an integrated velocity."""
+"""The peak of the deflection is searched within this number of pulse durations after the start of
+the pulse. It lags the load by a fraction of one; later maxima are rebounds, or drift of an
+integrated velocity."""
 
 _LEAD_IN = 0.25
-"""Part of the pulse duration that a picture shows before the pulse."""
+"""Time before the pulse that a picture shows, in pulse durations."""
 
 END_PART = 0.05
-"""Part of the record at its end, over which what is left of a deflection is averaged."""
+"""Fraction of the record, at its end, over which the remaining deflection is averaged."""
 
 
 def point_drop(
@@ -49,18 +51,19 @@ def point_drop(
     result: DropResult | None = None,
     discarded: str | None = None,
 ) -> PointDrop:
-    """A drop as a procedure sees it.
+    """Return the facts of a drop that a procedure judges.
 
     Parameters
     ----------
     drop : Drop
     setup : PointSetup
-        Its declared geophone response is taken out of the peak: uncorrected, a geophone of 4.5 Hz
+        Its declared geophone response is removed from the peak: uncorrected, a geophone of 4.5 Hz
         lowers the peak of a 17 ms pulse by 18 %.
     screening : Screening
     result : DropResult, optional
+        Supplies the fitted modulus.
     discarded : str, optional
-        Reason of the person who discarded it, which may be empty; None: it is not discarded.
+        Reason of the operator who discarded it, possibly empty; None: it is not discarded.
 
     Returns
     -------
@@ -83,26 +86,30 @@ def point_drop(
 
 @dataclasses.dataclass(frozen=True, eq=False, slots=True)
 class JudgedDeflection:
-    """Deflection of the centre over time, whose largest value is the fact `peak_deflection`."""
+    """Deflection in the centre over time; its largest value is `PointDrop.peak_deflection`."""
 
     time: NDArray[np.float64]
     """(n,), s after the trigger."""
     deflection: NDArray[np.float64]
-    """(n,), m from the start of the pulse, without the declared response of the geophone."""
+    """(n,), m, from the start of the pulse, with the declared response of the geophone removed."""
 
 
 def judged_deflection(drop: Drop, setup: PointSetup) -> JudgedDeflection | None:
     """Return the deflection that a procedure judges, for a picture.
 
-    It begins a quarter of a pulse before the pulse. It ends a pulse after the search for its peak,
-    or before it drifts beyond that peak. None: the drop has no traces, no pulse, no sensor at the
-    centre, or the plate does not go down.
+    It begins a quarter of a pulse duration before the pulse. It ends one pulse duration after the
+    end of the search for its peak, or earlier, where drift exceeds that peak.
 
     Parameters
     ----------
     drop : Drop
     setup : PointSetup
-        As `point_drop` has it.
+        Supplies the geophone response.
+
+    Returns
+    -------
+    JudgedDeflection or None
+        None: there are no traces, no pulse, no centre sensor, or no downward motion.
     """
     if drop.only_peaks is not None:
         return None
@@ -127,7 +134,9 @@ def judged_deflection(drop: Drop, setup: PointSetup) -> JudgedDeflection | None:
 
 
 def _of_peaks(number: int, peaks: Peaks, setup: PointSetup, discarded: str | None) -> PointDrop:
-    """A drop without traces, which are rejected for the inversion alone."""
+    """Return the facts of a drop without traces: procedures judge it, although it cannot be
+    inverted.
+    """
     kind = Kind.SEATING if number <= setup.seating_drops else Kind.MEASURED
     if discarded is not None:
         kind = Kind.DISCARDED
@@ -144,32 +153,39 @@ def _of_peaks(number: int, peaks: Peaks, setup: PointSetup, discarded: str | Non
 def uncompared_facts(
     drop: Drop, setup: PointSetup, screening: Screening
 ) -> tuple[PointDrop, float]:
-    """Return the facts of a drop's own record, and its `pulse_peak`, N; 0: it is not compared.
+    """Return the facts from the record of a drop alone, and the peak by which rebounds are
+    recognised.
 
     Parameters
     ----------
     drop : Drop
     setup : PointSetup
     screening : Screening
-        By the record alone.
+        Screening by the record alone.
+
+    Returns
+    -------
+    facts : PointDrop
+    peak : float, N
+        Result of `pulse_peak`; 0: the drop is not compared with others.
     """
     facts = point_drop(drop, setup, screening)
     if facts.kind is Kind.REJECTED:
         return facts, 0.0
-    # The number of seating drops is counted with all drops of the point.
+    # Seating drops are recognised later, with all drops of the point.
     facts = dataclasses.replace(facts, kind=Kind.MEASURED)
     only_peaks = drop.only_peaks is not None and not setup.is_stiffness_test
     return facts, 0.0 if only_peaks else pulse_peak(drop)
 
 
 def facts_to_store(facts: PointDrop, peak: float, setup: PointSetup) -> MeasuredFacts | None:
-    """Return the facts that a survey stores; None: of a drop without traces, or on a rig.
+    """Return the facts that a survey stores; None for a drop without traces, or on a test rig.
 
     Parameters
     ----------
     facts : PointDrop
-    peak : float
-        As `uncompared_facts` returns both, N.
+    peak : float, N
+        Second result of `uncompared_facts`.
     setup : PointSetup
     """
     if setup.is_stiffness_test:
@@ -203,10 +219,10 @@ def facts_from_stored(
     Parameters
     ----------
     number : int
-        Of the drop within the point.
+        Number of the drop at its point.
     facts : MeasuredFacts or None
     setup : PointSetup
-        As declared now: another response of the geophone makes another deflection.
+        Setup as declared now: facts with another response of the geophone are not valid.
     """
     if facts is None or facts.version != FACTS_VERSION or facts.more or setup.is_stiffness_test:
         return None
@@ -232,7 +248,8 @@ def facts_from_stored(
 def stored_facts(
     number: int, setup: PointSetup, metadata: Mapping[str, Any], result: DropResult | None
 ) -> tuple[PointDrop, float] | None:
-    """Return the facts stored with a drop, or else with its result; and its `pulse_peak`, N.
+    """Return the facts stored with a drop, or else with its result, and the result of `pulse_peak`,
+    N.
 
     None: they have to be computed from the traces.
     """
@@ -257,16 +274,19 @@ def unbroken_peaks(drop: Drop) -> Peaks | None:
 
 
 def recorded_deflection(drop: Drop) -> float | None:
-    """Return the peak of the centre as recorded, m; None: `unbroken_peaks` has none."""
+    """Return the peak deflection of the centre sensor as recorded, m; None as for
+    `unbroken_peaks`.
+    """
     peaks = unbroken_peaks(drop)
     peak = None if peaks is None else peaks.centre
     return peak if peak is not None and math.isfinite(peak) else None
 
 
 def corrected_deflection(drop: Drop, setup: PointSetup) -> float | None:
-    """Return the peak of the centre without the declared response of the geophone, m.
+    """Return the peak deflection of the centre sensor, m, with the declared geophone response
+    removed.
 
-    None: samples around the trigger are missing.
+    None: samples around the trigger are missing, there is no pulse, or the drop was on a test rig.
     """
     if drop.only_peaks is not None:
         return recorded_deflection(drop)
@@ -279,8 +299,9 @@ def corrected_deflection(drop: Drop, setup: PointSetup) -> float | None:
 
 
 MAX_PEAK_DEVIATION = 0.1
-"""Relative difference of a trace's peak from the stored one up to which they are one record: the
-modulus would be off as much. Filters of the makers' software change peaks by up to 2 %."""
+"""Largest relative difference between the peak of a trace and the peak stored in the same file, at
+which both are of the same drop: the modulus would be wrong by as much. Filters of the makers'
+software change peaks by up to 2 %."""
 
 
 def _contradicts_its_file(number: int, setup: PointSetup | None) -> bool:
@@ -293,14 +314,15 @@ def _contradicts_its_file(number: int, setup: PointSetup | None) -> bool:
 def with_modulus(
     facts: PointDrop, result: DropResult | None, setup: PointSetup | None = None
 ) -> PointDrop:
-    """Return the same drop with the modulus of a result, or without one where there is none.
+    """Return the facts of a drop with the fitted modulus of a result, or without one if there is
+    none.
 
     Parameters
     ----------
     facts : PointDrop
     result : DropResult or None
     setup : PointSetup, optional
-        Of the drop; has how far its peaks are from those that its file stores.
+        Setup of the drop; it holds the difference of its peaks from those stored in its file.
     """
     fault = None
     if _contradicts_its_file(facts.number, setup):
@@ -325,7 +347,10 @@ def with_modulus(
 
 
 def _pulse_of(drop: Drop) -> tuple[float, int, float | None]:
-    """Return peak load, N, first sample and duration of the pulse, s; None: there is no pulse."""
+    """Return the peak load, N, the first sample and the duration, s, of the pulse.
+
+    The duration is that of a half-sine with the same peak and impulse; None: there is no pulse.
+    """
     load = remove_offset(drop.time, drop.load)
     start, end = _pulse(load)
     peak = float(load.max())
@@ -334,7 +359,7 @@ def _pulse_of(drop: Drop) -> tuple[float, int, float | None]:
 
 
 def _pulse(load: NDArray[np.float64]) -> tuple[int, int]:
-    """First sample of the pulse and the one past its last."""
+    """Return the index of the first sample of the pulse, and the index after its last sample."""
     top = int(load.argmax())
     low = load < DURATION_EDGE * load[top]
     before, after = np.flatnonzero(low[:top]), np.flatnonzero(low[top:])
@@ -345,7 +370,9 @@ def _pulse(load: NDArray[np.float64]) -> tuple[int, int]:
 def _centre_motion(
     drop: Drop, channel: Channel, setup: PointSetup
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return deflection, m, and velocity, m/s, without the declared response of the geophone."""
+    """Return deflection, m, and velocity, m/s, with the declared response of the geophone
+    removed.
+    """
     frequency, damping = setup.geophone_natural_frequency, setup.geophone_damping
     if channel.quantity != "velocity":
         moved = displacement_of(channel, drop.time)
@@ -359,7 +386,7 @@ def _centre_motion(
 
 
 def _judged_window(time: NDArray[np.float64], start: int, duration: float) -> slice:
-    """Samples among which the deflection has its peak."""
+    """Return the samples among which the peak of the deflection is searched."""
     until = time[start] + PEAK_WITHIN * duration
     return slice(start, max(start + 2, int(np.searchsorted(time, until))))
 
@@ -374,7 +401,7 @@ def _deflection(
         return {}
     facts = {"peak_deflection": peak, "peak_velocity": float(velocity[part].max())}
     if channel.quantity == "displacement":
-        # Of an integrated velocity both would be the drift of the integration.
+        # For an integrated velocity both values would be drift of the integration.
         quiet = quiet_samples(drop.time)
         if quiet:
             facts["offset_over_peak"] = abs(float(channel.values[:quiet].mean())) / peak

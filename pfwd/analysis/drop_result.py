@@ -1,4 +1,4 @@
-"""The result of one drop, made of its screening and its inversion."""
+"""Result of one drop, composed of its screening and its inversion."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def drop_result(
     Parameters
     ----------
     path : str or path-like
-        Of the file with the drop.
+        File with the drop.
     analysis : DropAnalysis
     point_warnings : sequence of Notice
         Warnings about the point.
@@ -71,7 +71,7 @@ def drop_result(
 
 
 def _peak_load(drop: Drop) -> float | None:
-    """Return the peak load without its offset, N; None if samples at the trigger are missing."""
+    """Return the peak load minus its offset, N; None: samples around the trigger are missing."""
     if drop.only_peaks is not None:
         return drop.only_peaks.load
     unbroken, missing, _ = unbroken_part(drop)
@@ -82,7 +82,7 @@ def _peak_load(drop: Drop) -> float | None:
 
 
 def _deflections(analysis: DropAnalysis) -> dict[str, Any]:
-    """Return the peaks of the centre sensor, and the facts for the procedure of a used drop."""
+    """Return the peak deflections of the centre sensor, and the facts for the procedure."""
     drop, setup = analysis.drop, analysis.setup
     recorded = recorded_deflection(drop)
     facts = None

@@ -1,4 +1,4 @@
-"""Options of an analysis, checked against their ranges and each other."""
+"""Options of an analysis, checked for their ranges and for contradictions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Layers = int | Literal["auto"]
 Thickness = tuple[float, ...] | Literal["unknown"]
 
 MOST_LAYERS = 4
-"""Largest number of media."""
+"""Largest number of layers with a modulus of their own, the half-space below included."""
 
 AS_DECLARED = "as declared"
 """Label of an analysis with the default settings."""
@@ -33,72 +33,74 @@ OPTION_OF_KEY = {
     "poisson_ratio": "poisson_ratio",
     "density_kg_m3": "density",
 }
-"""The header keys that an option overrides, and the field of AnalysisOptions with its value."""
+"""Field of AnalysisOptions that overrides a key of a header, by the key."""
 
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """Complete choices: the use of the record and the search."""
+    """Choices that determine the load, the contact, the sensors and the search, all of them set."""
 
     load: Load
-    """The measured load, or the half-sine fitted to it."""
+    """"measured": the measured load; "half-sine": a half-sine fitted to it."""
     plate: Plate
-    """Contact of plate and ground."""
+    """Contact of plate and ground: stiffness of the plate, friction."""
     sensors: Sensors
-    """All sensors, or the one in the centre."""
+    """"all": all sensors are fitted; "centre": the centre sensor only."""
     method: Method
     """Method of the search for the parameters."""
 
 
 DEFAULT = Choices("measured", "rigid-rough", "all", "mpga")
-"""Choices that give the truest modulus."""
+"""Choices with the smallest error of the modulus."""
 
 PUBLISHED = Choices("half-sine", "published", "centre", "mpga")
-"""The method of doi 10.11835/j.issn.2096-6717.2022.021."""
+"""Choices of the method of doi 10.11835/j.issn.2096-6717.2022.021."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnalysisOptions:
-    """Options of an analysis as the user declared them; None: not declared.
+    """Options of an analysis as the user stated them; None: not stated.
 
     Raises
     ------
     OptionError
-        If a value is outside its range or two contradict each other.
+        If a value is outside of its range, or two options contradict each other.
     """
 
     model: Model | None = None
-    """Layer on a rigid base or half-space; not declared: by the declared depth."""
+    """"layer": layer on a rigid base; "half-space"; None: decided by the declared depth of the
+    base."""
     bedrock_depth: Depth | None = None
-    """Depth of the rigid base, m, or that it is unknown or that there is none."""
+    """Depth of the rigid base, m; "unknown": fitted; "none": there is no rigid base."""
     layers: Layers | None = None
-    """Number of media with a modulus, or as many as the record supports; not declared: 1."""
+    """Number of layers with a modulus; "auto": as many as the record supports; None: 1."""
     thickness: Thickness | None = None
-    """Thickness of all media but the lowest, from the top, m; fitted if not declared."""
+    """Thickness of each layer but the lowest, from the top, m; "unknown" or None: fitted."""
     elastic: bool = False
-    """Leave the viscosity out of the model."""
+    """True: the model of the ground has no viscosity."""
     load: Load | None = None
-    """The measured load, or the half-sine fitted to it."""
+    """"measured": the measured load; "half-sine": a half-sine fitted to it."""
     plate: Plate | None = None
-    """Contact of plate and ground."""
+    """Contact of plate and ground: stiffness of the plate, friction."""
     sensors: Sensors | None = None
-    """All sensors, or the one in the centre."""
+    """"all": all sensors are fitted; "centre": the centre sensor only."""
     joint: bool = False
-    """All drops of a point have one soil."""
+    """True: one ground is fitted to all drops of a point."""
     method: Method | None = None
     """Method of the search for the parameters."""
     published: bool = False
-    """The published method as a whole."""
+    """True: the published method, see `PUBLISHED`."""
     diagnose: bool = False
-    """Points are diagnosed: while measuring besides, over an archive in place of inverting."""
+    """True: points are diagnosed; while measuring in addition to the inversion, for an archive in
+    its place."""
     priors: bool = True
-    """Prior knowledge of soils decides between grounds that fit equally well."""
+    """True: prior knowledge of soils decides between parameters that fit equally well."""
     seed: int = 0
-    """Seed of everything random, >= 0."""
+    """Seed of all random numbers, >= 0."""
     header: str | None = None
-    """TOML file whose keys win over those of the trace files."""
+    """TOML file whose keys override those of the trace files."""
     plate_radius: float | None = None
-    """Radius of the load plate, m; wins over every header, as do the following."""
+    """Radius of the load plate, m; this field and the following override every header."""
     poisson_ratio: float | None = None
     """Poisson's ratio of the ground."""
     density: float | None = None
@@ -172,7 +174,7 @@ class AnalysisOptions:
 
     @property
     def label(self) -> str:
-        """The settings that differ from the default, in words.
+        """Settings that differ from the default, as text.
 
         Examples
         --------
@@ -207,7 +209,7 @@ class AnalysisOptions:
 
     @property
     def choices(self) -> Choices:
-        """Return the declared choices, completed by the published ones or by the default."""
+        """Stated choices, completed by those of the published method or by the default."""
         base = PUBLISHED if self.published else DEFAULT
         declared = {name: getattr(self, name) for name in dataclasses.asdict(base)}
         return dataclasses.replace(
@@ -215,13 +217,14 @@ class AnalysisOptions:
         )
 
     def overrides(self) -> dict[str, float]:
-        """The header keys that are given as options, with their values."""
+        """Return the keys of a header that are given as options, with their values in SI units."""
         declared = {key: getattr(self, name) for key, name in OPTION_OF_KEY.items()}
         return {key: value for key, value in declared.items() if value is not None}
 
 
 def with_layers_of(options: AnalysisOptions, result: DropResult | None) -> AnalysisOptions:
-    """The options with the media that a result has, so that its modulus keeps its meaning.
+    """Return the options with the number of layers of a result, so that the modulus keeps its
+    meaning.
 
     Parameters
     ----------
@@ -231,7 +234,8 @@ def with_layers_of(options: AnalysisOptions, result: DropResult | None) -> Analy
     Returns
     -------
     AnalysisOptions
-        As many media, and their thickness where it was given; unchanged for homogeneous ground.
+        With the number of layers of the result, and with their thickness if it was declared;
+        unchanged for homogeneous ground.
     """
     layers = () if result is None else result.layers or ()
     if not 1 < len(layers) <= MOST_LAYERS or options.published:

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MAX_COLUMNS = 6
-"""Drops side by side in a picture; more are rows below each other."""
+"""Largest number of drops side by side in a picture; further drops are in rows below."""
 
 MAX_DROPS_IN_PICTURE = 24
-"""Drops of a picture; more are further pictures, NAME-2.png and so on. One of 24 has 4000 by
-4200 points, which viewers still open."""
+"""Largest number of drops in a picture; further drops are in pictures NAME-2.png and so on. A
+picture of 24 drops has 4000 by 4200 pixels, which viewers still open."""
 
 _COLUMN_INCHES, _HEIGHT_INCHES = 5.2, 8.0
 # Distinguishable without colour vision and, by their dashes, in print.
@@ -33,17 +33,23 @@ _DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)), (0, (1, 1)))
 
 
 def plot_outcomes(outcomes: Sequence[FileOutcome], path: str | os.PathLike[str]) -> list[Path]:
-    """Draw every inverted drop: a PDF with a page a drop, or pictures of at most 24 drops.
+    """Draw all inverted drops: a PDF file with a page for each drop, or pictures of at most 24
+    drops.
+
+    Parameters
+    ----------
+    outcomes : sequence of FileOutcome
+    path : path ending in .pdf, .png or .svg
 
     Returns
     -------
     list of Path
-        What was written.
+        The written files.
 
     Raises
     ------
     OptionError
-        If nothing was inverted, or a file cannot be written.
+        If there is no inverted drop, or a file cannot be written.
     """
     results = [
         result for outcome in outcomes for result in outcome.results if result.history is not None

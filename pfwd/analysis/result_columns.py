@@ -1,4 +1,4 @@
-"""Columns of tables, generated from the fields of a result, and the cells that fill them."""
+"""Columns of tables of results, generated from the fields of a result, and the values for them."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import Field
@@ -13,16 +13,17 @@ from pfwd.analysis.options import MOST_LAYERS
 Kind = Literal["text", "whole", "number", "flag", "texts", "time"]
 
 N_LAYERS = "layers"
-"""Column with the number of media; each medium has columns of its own."""
+"""Name of the column with the number of layers; each layer has columns of its own."""
 
 
 class ResultColumn(NamedTuple):
-    """One column."""
+    """Column of a table of results."""
 
     name: str
     """Name of the column, with the SI unit at its end."""
     kind: Kind
-    """texts: several, joined by ``"; "`` where a cell holds one text; time: ISO 8601."""
+    """Type of the values. texts: several texts, joined by ``"; "`` where a cell holds only one;
+    time: ISO 8601."""
     meaning: str
 
 
@@ -38,7 +39,13 @@ _KINDS: Mapping[Any, Kind] = {
 
 @cache
 def result_columns(place: TableColumn) -> tuple[ResultColumn, ...]:
-    """Return the columns of results that stand in one part of a table, in their order."""
+    """Return the columns of one part of a table of results, in their order.
+
+    Parameters
+    ----------
+    place : TableColumn
+        Name of the part, as in the metadata of the fields of `InversionResult`.
+    """
     return tuple(_columns_of(InversionResult, place))
 
 
@@ -67,7 +74,7 @@ def _columns_of(
 
 
 def _in_table_order(record: type[JsonRecord]) -> list[Field[Any]]:
-    """Return the fields with each interval behind the standard deviation of its quantity."""
+    """Return the fields of a record, each interval after the standard deviation of its quantity."""
     fields = {field.name: field for field in stored_fields(record)}
     ordered: dict[str, Field[Any]] = {}
     for name, field in fields.items():
@@ -79,14 +86,18 @@ def _in_table_order(record: type[JsonRecord]) -> list[Field[Any]]:
 
 
 def _end_of(name: str, end: str) -> str:
-    """Return the name of a column with one end of an interval: its unit stays last."""
+    """Return the name of the column for one end of an interval; the unit stays at the end of the
+    name.
+    """
     quantity, _, unit = name.rpartition("_interval_")
     return f"{quantity}_interval_{end}_{unit}"
 
 
 @cache
 def _interval_columns(record: Any, prefix: str = "") -> tuple[tuple[str, ...], ...]:
-    """Return field, column of the lower end and column of the upper end of each interval."""
+    """Return, for each interval of a record, its field and the columns of its lower and upper
+    end.
+    """
     hints = get_type_hints(record)
     names = [f.name for f in stored_fields(record) if hints[f.name] == Interval | None]
     return tuple(
@@ -108,7 +119,7 @@ def _empty_layers() -> Mapping[str, None]:
 
 
 def nested_cells(result: InversionResult) -> dict[str, Any]:
-    """Return the cells of what a result nests: intervals, half-sine and media."""
+    """Return the cells for the nested values of a result: intervals, half-sine and layers."""
     cells: dict[str, Any] = dict(_empty_layers())
     _add_intervals(cells, result, "")
     for name in _scalar_columns(HalfSinePulse):

@@ -1,9 +1,10 @@
-"""Results and diagnoses stored with a survey, and whether they answer a request or still hold.
+"""Results and diagnoses stored with a survey, and the test whether they are still valid.
 
-A request consists of the drops as they enter the analysis, the declarations and the settings. Its
-identifier is the key ``question`` of a stored result. Every result is stored with the software and
-the settings that made it; none is written over. The result that counts for a drop is the last one
-with the default settings; trials with other settings are stored too, and do not count.
+A request for a result consists of the drops as they are analysed, the declarations and the
+settings. Its identifier is the key ``question`` of a stored result. Every result is stored with the
+software and the settings that made it, and none is overwritten. The result in force for a drop is
+the last one with the default settings. Results with other settings are stored as trials and are not
+in force.
 """
 
 from __future__ import annotations
@@ -44,15 +45,16 @@ def software_name() -> str:
 
 
 def question_of(records: Iterable[Record], settings: object, remarks: object = ()) -> str:
-    """Return the identifier of a request: 32 hexadecimal digits.
+    """Return the identifier of a request for a result: 32 hexadecimal digits.
 
     Parameters
     ----------
     records : iterable of Record
-        With the samples and everything that was declared.
-    settings : dataclass or other value with one text for one meaning
-    remarks : value of JSON
-        Remarks about the drops that the result holds, as warnings of the screening.
+        Input of the inversion, with samples and declarations.
+    settings : dataclass or other value
+        Equal settings must have the same text.
+    remarks : JSON value
+        Remarks about the drops that the result repeats, such as warnings of the screening.
     """
     digest = hashlib.sha256()
     for record in records:
@@ -72,13 +74,13 @@ def _declared(record: Record) -> dict[str, Any]:
 
 
 def stored_answer(drop: SurveyDrop, question: str) -> DropResult | None:
-    """Return the stored result of a drop that answers a request; None: there is none.
+    """Return the stored result of a drop for a request; None: there is none.
 
     Parameters
     ----------
     drop : SurveyDrop
     question : str
-        Identifier by `question_of`.
+        Identifier of the request, from `question_of`.
     """
     try:
         stored = drop.read_results()
@@ -113,12 +115,13 @@ def store_results(
     folder : path of the survey
     results : sequence of ResultToStore
     survey : Survey, optional
-        As it was read before; saves reading it again.
+        The survey, if the caller has read it already.
 
     Returns
     -------
     str or None
-        Why they could not be stored, on one line: another program writes it, or rights lack.
+        Reason why they could not be stored, in one line, such as another program that writes to the
+        survey; None: they are stored.
     """
     if not results:
         return None
@@ -127,7 +130,7 @@ def store_results(
             for item in results:
                 writer.save_result(item.number, item.result, item.kind)
     except (RecordingError, SurveyError, OSError) as err:
-        return f"results are not kept: {err}"
+        return f"results are not stored: {err}"
     return None
 
 
@@ -136,21 +139,22 @@ def store_drop_results(
 ) -> str | None:
     """Store new results of `pfwd invert` or of a report with the survey of their drops.
 
-    A result with the usual settings counts for its drop from now on, and one with the settings of
-    the one that counts; others are kept as trials. One that was chosen with other settings while
-    measuring stays: its modulus has another meaning.
+    A result with the default settings, or with those of the result in force, is in force from now
+    on. Others are stored as trials. A result in force that was made with other settings while
+    measuring stays in force, because its modulus has another meaning.
 
     Parameters
     ----------
     folder : path of the survey
-    results : sequence of (number of the drop within the survey, DropResult)
+    results : sequence of (int, DropResult)
+        Number of the drop within the survey, and its result.
     counting : bool
-        Whether they take the place of results that rest on other declarations than now.
+        True: the results replace those in force, whose declarations have changed.
 
     Returns
     -------
     str or None
-        Why they could not be stored.
+        Reason why they could not be stored; None: they are stored.
     """
     new = [(number, result) for number, result in results if not result.stored]
     if not new:
@@ -169,20 +173,20 @@ def store_drop_results(
 
 
 def stored_results_text(folder: str, results: Sequence[DropResult]) -> str | None:
-    """Return a sentence with the number of stored results among those of a survey; None: none.
+    """Return a sentence with the number of stored results among those of a survey; None: none is.
 
     Examples
     --------
     >>> stored_results_text("S", [DropResult(stored=True, software="pfwd 1.2"), DropResult()])
-    'S: 1 of 2 results were kept from before (pfwd 1.2); --refit computes them anew'
+    'S: 1 of 2 results were stored before (pfwd 1.2); --refit computes them again'
     """
     stored = [result for result in results if result.stored]
     if not stored:
         return None
     software = sorted({result.software for result in stored if result.software})
     return (
-        f"{folder}: {len(stored)} of {len(results)} results were kept from before "
-        f"({', '.join(software)}); --refit computes them anew"
+        f"{folder}: {len(stored)} of {len(results)} results were stored before "
+        f"({', '.join(software)}); --refit computes them again"
     )
 
 
@@ -213,7 +217,7 @@ def readable_results(drop: SurveyDrop) -> Iterator[DropResult]:
 
 
 def result_that_counts(drop: SurveyDrop) -> DropResult | None:
-    """The last result of a drop that is no trial; None: there is none.
+    """Return the result in force: the last result of a drop that is no trial; None: there is none.
 
     Raises
     ------
@@ -226,7 +230,7 @@ def result_that_counts(drop: SurveyDrop) -> DropResult | None:
     result = DropResult.from_json(last)
     if not result.is_trial:
         return result
-    for values in reversed(drop.read_results()):  # of earlier versions, that named trials alike
+    for values in reversed(drop.read_results()):  # earlier versions stored trials as results
         result = DropResult.from_json(values)
         if not result.is_trial:
             return result
@@ -234,10 +238,11 @@ def result_that_counts(drop: SurveyDrop) -> DropResult | None:
 
 
 PLATES = frozenset({"rigid-rough", "rigid-smooth", "averaged", "published", "uniform"})
-"""Contacts of plate and ground of the inversion, listed here to avoid loading it."""
+"""Names of the contacts of plate and ground; repeated here because importing the inversion is
+slow."""
 
 MAX_ROUNDING = 1e-9
-"""Relative; a result rests on the declared values when it agrees with them to rounding."""
+"""Relative difference of two values, due to rounding, at which they are equal."""
 
 
 _REQUIRED = (
@@ -266,7 +271,7 @@ _REPORTED = (
 
 
 def is_sound(result: DropResult) -> bool:
-    """Return whether a stored result, of whatever program, has everything that a report needs."""
+    """Return whether a stored result has valid values of everything that a report needs."""
     depth = result.bedrock_depth_m
     return (
         all(
@@ -283,7 +288,7 @@ def is_sound(result: DropResult) -> bool:
 
 
 def layers_are_complete(result: DropResult) -> bool:
-    """Return whether all layers of a result can be computed with."""
+    """Return whether all layers of a result have the values that a computation needs."""
     layers = result.layers or ()
     return all(
         not layer.unreadable
@@ -297,7 +302,9 @@ def layers_are_complete(result: DropResult) -> bool:
 
 
 def rests_on(result: DropResult, setup: PointSetup) -> bool:
-    """Return whether a stored result rests on what is declared of the point now.
+    """Return whether a stored result was computed with the values that the setup declares now.
+
+    Compared are plate radius, Poisson's ratio and density.
 
     Parameters
     ----------
@@ -319,30 +326,33 @@ NO_BASIS = frozenset(
     {"operator", "procedure", "seating_drops", "site", "time_utc", "latitude", "longitude"}
     | {"source", "photos", "material", "moisture_percent", "temperature_c", "device", "point"}
 )
-"""Keys of a header on which no result rests."""
+"""Keys of a header that do not influence a result."""
 
 
 def basis_values(setup: PointSetup) -> dict[str, Any]:
-    """Return the declared values on which a result rests; drops of a point may differ in the
-    others."""
+    """Return the declared values that influence a result, by the keys of a header."""
     declared = declared_values(setup)
     return {key: value for key, value in declared.items() if key not in NO_BASIS}
 
 
 def basis_of(setup: PointSetup) -> str:
-    """Return the identifier of the declarations on which a result rests: 16 hexadecimal digits."""
+    """Return an identifier of the declared values that influence a result: 16 hexadecimal
+    digits.
+    """
     text = repr(sorted(basis_values(setup).items(), key=lambda item: item[0]))
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def holds(diagnosis: DiagnosisResult, setup: PointSetup, drops: Collection[int]) -> bool:
-    """Return whether a diagnosis is of the drops and the declarations as they are now.
+    """Return whether a diagnosis is of the present drops and declarations of its point.
 
     Parameters
     ----------
     diagnosis : DiagnosisResult
-    setup : PointSetup, of the point's last drop
-    drops : collection of int, numbers of those that are neither discarded nor rejected
+    setup : PointSetup
+        Setup of the last drop of the point.
+    drops : collection of int
+        Numbers of the drops that are neither discarded nor rejected.
     """
     used, considered = (
         set(diagnosis.drops or ()),
@@ -353,13 +363,15 @@ def holds(diagnosis: DiagnosisResult, setup: PointSetup, drops: Collection[int])
 
 
 def last_diagnosis(point: SurveyPoint) -> DiagnosisResult | None:
-    """Return the last stored diagnosis of a point, whatever was declared or discarded since."""
+    """Return the last stored diagnosis of a point, even if declarations or drops have changed
+    since.
+    """
     diagnoses = (read_diagnosis(drop) for drop in reversed(point.drops))
     return next((diagnosis for diagnosis in diagnoses if diagnosis is not None), None)
 
 
 def read_diagnosis(drop: SurveyDrop) -> DiagnosisResult | None:
-    """Return the last stored diagnosis of a drop; None: there is none that can be read."""
+    """Return the last stored diagnosis of a drop; None: there is none, or it is damaged."""
     try:
         stored = drop.read_diagnosis()
         return None if stored is None else DiagnosisResult.from_json(stored)
@@ -373,12 +385,13 @@ def store_diagnoses(folder: str, diagnoses: Sequence[tuple[int, DiagnosisResult]
     Parameters
     ----------
     folder : path of the survey
-    diagnoses : sequence of (number within the survey of the point's last drop, DiagnosisResult)
+    diagnoses : sequence of (int, DiagnosisResult)
+        Number, within the survey, of the point's last drop, and the diagnosis.
 
     Returns
     -------
     str or None
-        Why they could not be stored.
+        Reason why they could not be stored; None: they are stored.
     """
     new: list[ResultToStore] = []
     for number, result in diagnoses:

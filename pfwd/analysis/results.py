@@ -1,4 +1,6 @@
-"""The result of one drop, without loading what found it."""
+"""Records of results: of a drop, of a diagnosis, of a file. Importing them does not load the
+inversion.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredRecord(JsonRecord):
-    """Record of a survey."""
+    """Record that a survey stores as JSON."""
 
     @classmethod
     def from_json(cls, written: object, where: str = "a stored record") -> Self:
@@ -38,7 +40,7 @@ class StoredRecord(JsonRecord):
         Raises
         ------
         SurveyError
-            If it is no mapping.
+            If the value is not a mapping.
         """
         try:
             return super(StoredRecord, cls).from_json(written, where)
@@ -47,17 +49,19 @@ class StoredRecord(JsonRecord):
 
 
 NARROW_FOR_DESIGN = 0.3
-"""Half-width of the interval over the modulus of a design value, either side."""
+"""Largest distance of either end of the 95 % interval from the modulus, relative to it, at which
+the modulus may be used for design."""
 
 EXPLAINED_WITH_CARE = 0.03
-"""Largest discrepancy over the peak of an unexplained point whose modulus may be used with care."""
+"""Largest discrepancy over the peak at which the modulus of an unexplained point may be used with
+care."""
 
 WIDEST_WITH_CARE = 2.0
-"""Upper over lower end of the interval of such a modulus."""
+"""Largest ratio of the upper to the lower end of the 95 % interval of such a modulus."""
 
 
 def _percent(share: float) -> str:
-    """Return a share in percent with two digits, without powers of ten."""
+    """Return a fraction as text in percent with two digits, without powers of ten."""
     percent = 100.0 * share
     return f"{percent:.0f} %" if percent >= 10.0 else f"{percent:.2g} %"
 
@@ -89,56 +93,59 @@ class DiagnosisResult(StoredRecord):
     drops: tuple[int, ...] | None = None
     """Numbers of the drops that were fitted."""
     rejected: tuple[str, ...] | None = None
-    """Drops that were not, and why."""
+    """Drops that were not fitted, with the reason."""
     plate: str | None = None
     plate_radius_m: float | None = None
     poisson_ratio: float | None = None
     verdict: str | None = None
     """clean, explained or unexplained."""
     corrected: bool | None = None
-    """Modulus after the diagnosis may be taken for corrected."""
+    """True if the modulus after the diagnosis may replace the one before it."""
     noise_rms_m: float | None = None
-    """m."""
+    """Root mean square of the noise before the pulse, m."""
     before: FittedState | None = None
     """Fit without effects; None: no drop was measured."""
     effects: tuple[EffectResult, ...] | None = None
-    """Strongest first."""
+    """Detected effects, the strongest first."""
     after: FittedState | None = None
     held_out: HeldOut | None = None
     """Prediction errors; None: nothing was held out."""
     elapsed_s: float | None = None
-    """s, without start-up."""
+    """Computing time, s, without the start of the program."""
     warnings: tuple[Notice, ...] | None = None
     software: str | None = None
     """Name and version of the software that made it."""
     question: str | None = None
-    """Identifier of the request: points, declarations, device values and held-out parts."""
+    """Identifier of the request: points, declarations, device values and held-out data."""
     basis: str | None = None
     """Identifier of the declarations of the point."""
     left_out: tuple[int, ...] | None = None
-    """Numbers of drops that were there and took no part."""
+    """Numbers of drops that were present but not fitted."""
     stored: bool | None = None
-    """Result comes from the survey; None: it was computed now."""
+    """True: the result comes from the survey; None: it was computed now."""
 
     DERIVED: ClassVar[tuple[str, ...]] = ("use", "use_reason", "explained_to")
-    """Keys of the JSON that follow from the others; those that a file has are not read."""
+    """Keys of the JSON that follow from the others; they are written, and ignored when a file is
+    read."""
 
     def to_json(self) -> dict[str, Any]:
-        """Return the record with the keys of its JSON, in their order."""
+        """Return the diagnosis as values that JSON can hold, in the order of the keys."""
         return StoredRecord.to_json(self) | {key: getattr(self, key) for key in self.DERIVED}
 
     @classmethod
     def from_json(cls, written: object, where: str = "a stored record") -> Self:
-        """Read the record from JSON, see `StoredRecord.from_json`."""
+        """Read the diagnosis from JSON, see `StoredRecord.from_json`."""
         if isinstance(written, dict):
             written = {key: value for key, value in written.items() if key not in cls.DERIVED}
         return super(DiagnosisResult, cls).from_json(written, where)
 
     @property
     def explained_to(self) -> float | None:
-        """Discrepancy over the peak of the point; None: nothing was fitted.
+        """Discrepancy of the point over its peak: model error beyond the noise; None: nothing was
+        fitted.
 
-        Diagnoses of earlier versions have none: then the residual beyond the noise.
+        For diagnoses of earlier versions, which do not store it, the residual beyond the noise is
+        returned.
         """
         after = self.after
         if after is not None and after.discrepancy_over_peak is not None:
@@ -153,7 +160,9 @@ class DiagnosisResult(StoredRecord):
 
     @property
     def use(self) -> Use:
-        """Use that the modulus after the diagnosis may be put to."""
+        """Permitted use of the modulus after the diagnosis: "design", "with-care" or
+        "do-not-use".
+        """
         return self._assess_use().use
 
     @property
@@ -163,7 +172,7 @@ class DiagnosisResult(StoredRecord):
 
     @property
     def remedy(self) -> str:
-        """Measurement that would help where the modulus is not to be used; else empty."""
+        """Advice for a new measurement if the modulus is not to be used; else empty."""
         return self._assess_use().remedy
 
     def _assess_use(self) -> _UseAssessment:
@@ -197,7 +206,9 @@ class DiagnosisResult(StoredRecord):
         return _UseAssessment("with-care", reason)
 
     def _remedy(self, default: str) -> str:
-        """Return the remedy of a warning, else of the strongest effect, else the usual one."""
+        """Return the remedy for a warning, or else for the strongest effect, or else the
+        default.
+        """
         codes = {warning.code for warning in self.warnings or () if isinstance(warning, Notice)}
         for warned, remedy in _REMEDIES_OF_WARNINGS.items():
             if warned in codes:
@@ -209,7 +220,7 @@ class DiagnosisResult(StoredRecord):
 
 
 class _UseAssessment(NamedTuple):
-    """Use of the modulus of a diagnosis, with reason and remedy."""
+    """Permitted use of the modulus of a diagnosis, with reason and remedy."""
 
     use: Use
     reason: str
@@ -222,8 +233,8 @@ _REMEDY_OPEN = (
 )
 _REMEDY_WIDE = "measure again with one more sensor beside the plate"
 _REMEDY_UNEXPLAINED = (
-    "measure again with the plate and the sensors seated anew; if as much is left, with one more "
-    "sensor beside the plate"
+    "seat the plate and the sensors again and repeat the measurement; if as much stays "
+    "unexplained, add a sensor beside the plate"
 )
 _REMEDY_DECLARATION = "correct the declaration that the warning names and diagnose again"
 _REMEDY_GAPS = "measure again: samples of the record are missing, or its range was switched"
@@ -235,7 +246,7 @@ _REMEDIES_OF_WARNINGS = {
     "load-steps": _REMEDY_GAPS,
     "sensor-steps": _REMEDY_GAPS,
 }
-"""Remedies by the code of the warning that calls for them."""
+"""Remedies by the code of the warning that requires them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -246,13 +257,13 @@ class DropDiagnosis(StoredRecord):
     """clean, explained or unexplained."""
     corrected: bool | None = None
     effects: tuple[EffectResult, ...] | None = None
-    """Strongest first."""
+    """Detected effects, the strongest first."""
     after: FittedState | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class AnalysisRequest:
-    """Request that a stored result answers."""
+    """Identifiers of the request for which a result was computed: question, settings, software."""
 
     question: str
     settings: str
@@ -261,9 +272,10 @@ class AnalysisRequest:
 
 @dataclass(frozen=True, eq=False)
 class DropAnalysis:
-    """A drop with what the screening and the inversion found.
+    """A drop with its screening and the result of its inversion.
 
-    ``result`` is None for a rejected drop; ``fault`` says why an accepted one has none.
+    ``result`` is None for a rejected drop, and for one whose inversion failed; ``fault`` then has
+    the reason.
     """
 
     drop: Drop
@@ -271,15 +283,18 @@ class DropAnalysis:
     result: InversionResult | None
     fault: str | None = None
     setup: PointSetup | None = None
-    """Declarations for the drop; None: then its deflection is not corrected."""
+    """Declarations for the drop; None: its deflection is not corrected for the geophone
+    response."""
     request: AnalysisRequest | None = None
     stored: DropResult | None = None
-    """Stored result of the same request; then there is no ``result``."""
+    """Stored result of the same request; ``result`` is then None."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredFacts(StoredRecord):
-    """Facts of a drop that its procedure judges, computed from its traces."""
+    """Facts of a drop that its procedure judges, computed from its traces and stored with the
+    drop.
+    """
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset({"rejected"})
 
@@ -287,20 +302,20 @@ class MeasuredFacts(StoredRecord):
     """Version of the computation, see `pfwd.analysis.drop_facts.FACTS_VERSION`."""
     peak_load_n: float | None = None
     pulse_peak_n: float | None = None
-    """Peak by which the drops of a point are compared, single spikes left out, N."""
+    """Peak load without single-sample spikes, N, by which the drops of a point are compared."""
     deflection_m: float | None = None
-    """Peak of the centre, the response below taken out, m."""
+    """Peak deflection in the centre, m, with the geophone response below removed."""
     velocity_m_per_s: float | None = None
     duration_s: float | None = None
     offset_over_peak: float | None = None
     return_over_peak: float | None = None
     geophone_natural_frequency_hz: float | None = None
-    """Natural frequency of the response that was taken out; None: none was."""
+    """Natural frequency of the geophone response that was removed, Hz; None: none was."""
     geophone_damping: float | None = None
     rejected: str | None = None
-    """Reason why the record is no drop, which then has no other facts; None: it is one.
+    """Reason why the drop is rejected, in which case the other facts are None; None: it is not.
 
-    Earlier programs ignore facts with this key, and read the traces.
+    Earlier versions of the program ignore facts with this key, and read the traces.
     """
 
 
@@ -326,41 +341,44 @@ class DropResult(InversionResult, StoredRecord):
     file: str | None = None
     """File with the drop."""
     point: str | int | float | None = None
-    """Name of its test point."""
+    """Name of the test point."""
     drop: int | None = None
-    """Number within the point."""
+    """Number of the drop at its point."""
     status: DropStatus | None = None
     reason: str | None = None
-    """Why it was rejected."""
+    """Reason why the drop was rejected."""
     peak_load_n: float | None = None
-    """Peak of the measured load, less its offset, N; None in results of earlier versions."""
+    """Peak of the measured load minus its offset, N; None in results of earlier versions."""
     deflection_recorded_m: float | None = None
-    """Peak of the centre as recorded, m."""
+    """Peak deflection in the centre as recorded, m."""
     deflection_corrected_m: float | None = None
-    """The same with the declared response of the geophone taken out, m; procedures judge it."""
+    """Peak deflection in the centre, m, with the declared geophone response removed; procedures
+    judge it."""
     facts: MeasuredFacts | None = None
-    """Facts for the judgement of its point, so that its traces need not be read again."""
+    """Facts for the judgement of the point, so that the traces need not be read again."""
     refit: str | None = None
-    """Settings of a trial, beside which the earlier result counts. None: no trial."""
+    """Settings of a trial, which is not in force; None: the result is no trial."""
     software: str | None = None
     """Name and version of the software that made it."""
     settings: str | None = None
-    """Settings that differ from the usual ones, in words."""
+    """Settings that differ from the default, as text."""
     question: str | None = None
     """Identifier of the request: samples, declarations and settings."""
     stored: bool | None = None
-    """Result comes from the survey; None: it was computed now."""
+    """True: the result comes from the survey; None: it was computed now."""
     diagnosis: DropDiagnosis | None = None
-    """Diagnosis of its point; None: none was requested."""
+    """Diagnosis of the point; None: none was requested."""
 
     @property
     def is_trial(self) -> bool:
-        """Result was made with other settings on trial, so that it does not count."""
+        """True if the result was made with other settings as a trial, so that it is not in
+        force.
+        """
         return self.refit is not None or "refit" in self.more
 
     @property
     def not_supported(self) -> str | None:
-        """Reason why the data do not support the modulus, by the usual limit; None: they do."""
+        """Reason why the data do not support the modulus, by the default limit; None: they do."""
         from pfwd.procedures.profile import OUR_TOLERANCES
         from pfwd.procedures.values import residual_fault
 
@@ -371,7 +389,7 @@ class DropResult(InversionResult, StoredRecord):
 
     @property
     def half_sine_load_n(self) -> float | None:
-        """Peak of the half-sine, N."""
+        """Peak of the half-sine fitted to the load, N."""
         pressure = None if self.half_sine is None else self.half_sine.peak_pressure_pa
         if pressure is None or self.plate_radius_m is None:
             return None
@@ -379,17 +397,19 @@ class DropResult(InversionResult, StoredRecord):
 
     @property
     def peak_load_or_half_sine_n(self) -> float | None:
-        """Peak of the measured load, N; that of its half-sine where it was not stored."""
+        """Peak of the measured load, N, or of the half-sine if it was not stored."""
         return self.half_sine_load_n if self.peak_load_n is None else self.peak_load_n
 
 
 DECISIVE_PARAMETERS = ("modulus", "density", "depth", "thickness")
-"""Parts of the names of parameters without which there is no modulus when they are on a bound.
-Viscosity on a bound widens the interval only."""
+"""Parts of the names of parameters that make the modulus invalid when they are on a bound of the
+search. A viscosity on its bound only widens the interval."""
 
 
 def fit_fault(result: DropResult) -> str | None:
-    """Return why the data do not support a fitted modulus, its residual apart; None: they do."""
+    """Return the reason, other than the residual, why the data do not support a modulus; None: they
+    do.
+    """
     if result.converged is False:
         return "the fit did not converge"
     for name in result.at_bound or ():
@@ -400,29 +420,31 @@ def fit_fault(result: DropResult) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class FileOutcome:
-    """The results of one file, or why there are none."""
+    """Results of one file, or the reason why there are none."""
 
     file: str
-    """The file, as the caller named it."""
+    """Path of the file, as the caller gave it."""
     error: str | None = None
-    """Why the file was refused, on one line; None when it was not."""
+    """Reason why the file is not valid, in one line; None: it is valid."""
     results: list[DropResult] = field(default_factory=list)
-    """One for each drop; with histories unless it was rejected or stored before."""
+    """One for each drop; fitted traces are included unless it was rejected or stored before."""
     numbers: list[int | None] = field(default_factory=list, repr=False)
-    """Number of each drop within its survey; None: it is from none."""
+    """Number of each drop within its survey; None: the drop is in no survey."""
 
     @property
     def of_survey(self) -> list[tuple[int, DropResult]]:
-        """Results of drops that a survey keeps, with the drops' numbers within it."""
+        """Results of drops in a survey, with the numbers of the drops within it."""
         pairs = zip(self.numbers, self.results, strict=True) if self.numbers else ()
         return [(number, result) for number, result in pairs if number is not None]
 
 
 def relative_spread(result: DropResult) -> float:
-    """Least relative spread of what a fit found, as its modulus and its residual have it.
+    """Return a lower bound of the relative uncertainty of fitted parameters, from modulus and
+    residual.
 
-    Standard deviations of viscosity, density and depth come from the noise alone; the interval of
-    the modulus holds the model's own error too, and a residual that is left moves everything.
+    The standard deviations of viscosity, density and depth include the noise only. The interval of
+    the modulus also includes the error of the model, and an unexplained residual may shift every
+    parameter by as much.
 
     Parameters
     ----------
@@ -431,7 +453,7 @@ def relative_spread(result: DropResult) -> float:
     Returns
     -------
     float
-        0 where nothing is known of it.
+        0 if neither is known.
     """
     spread = 0.0
     if result.modulus_pa and result.modulus_interval_pa is not None:

@@ -9,37 +9,40 @@ from numpy.typing import NDArray
 from inversion.result import TimeHistories
 
 _ROUNDING = 1e-3
-"""Rounding in samples: the end of a window is a time and stands for the sample there."""
+"""Rounding error of a time, in samples: the end of a window is given as the time of its last
+sample."""
 
 
 @dataclass(frozen=True, slots=True)
 class SensorFit:
-    """Fit of one sensor, in a drop or in several drops with the same sensors."""
+    """Fit of one sensor, in a drop or averaged over several drops with the same sensors."""
 
     offset: float
-    """m; negative: on the other side of the plate."""
+    """Distance from the plate centre, m; negative: on the other side of the plate."""
     measured_peak: float
-    """Largest displacement in the window of the fit, downward, m."""
+    """Largest measured displacement in the window of the fit, downward, m."""
     modelled_peak: float
-    """m"""
+    """Largest modelled displacement in the window of the fit, downward, m."""
     contact: float
-    """Rms of predicted less observed from the trigger to the end of the contact, over the
-    sensor's own peak."""
+    """Root mean square residual from the trigger to the end of the contact, over the sensor's own
+    peak."""
     whole: float
-    """The same to the end of the record."""
+    """Root mean square residual from the trigger to the end of the record, over the sensor's own
+    peak."""
 
 
 def sensor_fits(curves: TimeHistories) -> tuple[SensorFit, ...]:
-    r"""The sensors of a drop, in the order of its curves.
+    r"""Return the fits of the sensors of a drop, in the order of its curves.
 
     .. math:: e_k = \sqrt{\frac1n \sum_t (w_k^{pred} - w_k^{obs})^2} \, / \, \hat w_k
 
-    with the sensor's own measured peak :math:`\hat w_k`. The rms of these over the sensors is the
-    residual of the drop's result.
+    with the sensor's own measured peak :math:`\hat w_k`. The root mean square of these over the
+    sensors is the residual of the drop's result.
 
     Parameters
     ----------
     curves : TimeHistories
+        Measured and fitted traces of the drop.
 
     Returns
     -------
@@ -63,9 +66,11 @@ def sensor_fits(curves: TimeHistories) -> tuple[SensorFit, ...]:
 
 
 def over_drops(drops: Sequence[Sequence[SensorFit]]) -> tuple[SensorFit, ...]:
-    """Sensors over several drops: means of the peaks, rms of the residuals; as the first has them.
+    """Return the fits of the sensors averaged over several drops: mean peaks, root mean square
+    residuals.
 
-    A drop without one of these sensors takes no part in it.
+    The sensors are those of the first drop. A drop that lacks one of them is left out of its
+    average.
     """
     if not drops:
         return ()

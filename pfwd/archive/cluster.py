@@ -1,8 +1,8 @@
-"""Workers of an existing dask cluster; needs the package ``distributed`` (extra ``cluster``).
+"""Inversion of an archive by the workers of an existing dask cluster (extra ``cluster``).
 
-A scheduler and its workers have to be trusted: unpickling their messages can run any code here,
-and they run the code that is sent to them. The certificates of a ``tls://`` address decide which
-computers take part; see docs/security.md.
+A scheduler and its workers have to be trusted: unpickling their messages can run any code on this
+computer, and they run the code that is sent to them. With a ``tls://`` address certificates decide
+which computers take part; see docs/security.md.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from pfwd.archive.work import Batch, SourceOutcome, invert_batch
-from pfwd.errors import OptionError, SurveyError, refusal
+from pfwd.errors import OptionError, SurveyError, quote, refusal
 from pfwd_device.recording.drop_file import software_version
 
 if TYPE_CHECKING:
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 _CONNECT_TIMEOUT_S = 20.0
 _FIRST_WORKER_TIMEOUT_S = 60.0
-"""Time for the first worker to connect; a cluster may start workers on request."""
+"""Time for the first worker to connect: a cluster may start its workers on request only."""
 
 _N_BATCHES_PER_THREAD = 2
-"""Batches submitted for each thread of the cluster: one in work, one ready."""
+"""Batches submitted for each thread of the cluster: one in work and one waiting."""
 
 
 _ADDRESS = re.compile(
@@ -37,24 +37,24 @@ _ADDRESS = re.compile(
 )
 
 _PROTOCOLS = ("tcp", "tls", "ws", "wss", "ucx")
-"""Protocols of dask between computers."""
+"""Protocols that dask offers between computers."""
 
 _PROTECTED_PROTOCOLS = ("tls", "wss", "inproc")
-"""Protocols of dask that require certificates, or do not leave the program."""
+"""Protocols of dask that require certificates (tls, wss) or stay within this process (inproc)."""
 
 _CERTIFICATE_KEYS = "distributed.comm.tls: ca-file, client.cert and client.key (docs/security.md)"
-"""Settings of dask for its own certificate and for those that it accepts."""
+"""Settings of dask for this computer's certificate and for the authority that signs all of them."""
 
 
 def protection_warning(scheduler: str) -> str | None:
-    """Return a warning if the connection to this address is not protected by certificates.
+    """Return a warning if no certificates protect the connection to a scheduler; None: protected.
 
-    Connections within this computer need none.
+    Connections within this computer need no certificates.
 
     Parameters
     ----------
     scheduler : str
-        Address, as ``tcp://host:8786``.
+        Address, such as ``tcp://host:8786``.
 
     Examples
     --------
@@ -79,16 +79,16 @@ def protection_warning(scheduler: str) -> str | None:
 
 
 def check_address(scheduler: str) -> None:
-    """Refuse a text that is no address of a scheduler, and a host that cannot be resolved.
+    """Raise an error for an invalid address of a scheduler, or a host that cannot be resolved.
 
-    dask itself tries for most of a minute and prints a traceback at the end.
+    Without this check dask would try for most of a minute and then print a traceback.
 
     Raises
     ------
     OptionError
     """
     where = f"--scheduler {scheduler}"
-    if scheduler.startswith("inproc://"):  # of this program, by a script
+    if scheduler.startswith("inproc://"):  # a scheduler in this process, started by a script
         return
     parts = _ADDRESS.fullmatch(scheduler)
     if (
@@ -98,7 +98,7 @@ def check_address(scheduler: str) -> None:
     ):
         expected = "an address like tcp://host:8786"
         hint = "the scheduler prints its own when it starts"
-        raise OptionError(refusal(where, expected, "something else", hint))
+        raise OptionError(refusal(where, expected, quote(scheduler), hint))
     host = parts["six"] or parts["name"]
     try:
         socket.getaddrinfo(host, int(parts["port"]), type=socket.SOCK_STREAM)
@@ -110,17 +110,17 @@ def check_address(scheduler: str) -> None:
 
 
 class ClusterWorkers:
-    """Cluster that inverts batches; the batch of a lost worker is repeated by another one.
+    """Workers of a dask cluster; when one is lost, another one repeats its batch.
 
-    Its workers have to run the same version of this program and see the sources under the same
-    paths. One thread a worker is best: inverting holds Python's lock half of the time.
+    The workers need the same version of this program and must see the sources under the same paths.
+    One thread for each worker is best: the inversion holds Python's global lock half of the time.
 
     Parameters
     ----------
     options : AnalysisOptions
     scheduler : str
-        Address, as ``tcp://host:8786``, or ``tls://host:8786`` with the certificates that dask is
-        configured with.
+        Address, such as ``tcp://host:8786``, or ``tls://host:8786`` with the certificates that dask
+        is configured with.
 
     Raises
     ------
@@ -128,7 +128,7 @@ class ClusterWorkers:
         If ``distributed`` is not installed, the address is invalid, or it needs certificates and
         none are configured.
     SurveyError
-        If there is no scheduler or no worker, or workers have another version of this program.
+        If no scheduler or no worker responds, or workers have another version of this program.
     """
 
     def __init__(self, options: AnalysisOptions, scheduler: str) -> None:
@@ -156,7 +156,9 @@ class ClusterWorkers:
             if refused is not None:
                 expected, hint = "a scheduler whose certificate fits", f"see {_CERTIFICATE_KEYS}"
                 raise SurveyError(refusal(self._where, expected, refused, hint)) from err
-            hint = "is it running, does it speak this protocol, and can it be reached from here?"
+            hint = (
+                "check that it is running, uses this protocol and can be reached from this computer"
+            )
             raise SurveyError(refusal(self._where, "a scheduler", "no answer", hint)) from err
         try:
             self._check_workers()
@@ -165,12 +167,16 @@ class ClusterWorkers:
             raise
 
     def run(self, batches: Iterator[Batch]) -> Iterator[list[SourceOutcome]]:
-        """Yield the outcomes of batches, see :class:`~pfwd.archive.work.Workers`.
+        """Yield the outcomes of each batch when it is complete, in any order.
+
+        Parameters
+        ----------
+        batches : iterator of Batch
 
         Raises
         ------
         SurveyError
-            If the cluster is lost.
+            If the connection to the cluster is lost.
         """
         distributed: Any = import_module("distributed")
         waiting: list[Batch] = []
@@ -212,13 +218,15 @@ class ClusterWorkers:
             raise self._lost(str(err) or type(err).__name__) from err
 
     def close(self) -> None:
-        """Leave the cluster; batches in work there are abandoned."""
-        # A cluster that has gone cannot be left in good order.
+        """Disconnect from the cluster; batches that it is working on are abandoned."""
+        # The cluster may be gone; there is nothing left to do then.
         with contextlib.suppress(Exception):
             self._client.close(timeout=5.0)
 
     def _check_certificates(self, security: Any, scheduler: str) -> None:
-        """Refuse a protected address without certificates, and a plain one if dask forbids it."""
+        """Raise an error for a tls address without certificates, or one without tls if dask forbids
+        it.
+        """
         if not scheduler.startswith(("tls://", "wss://")):
             if security.require_encryption and not scheduler.startswith("inproc://"):
                 expected = "an address like tls://host:8786"
@@ -235,7 +243,9 @@ class ClusterWorkers:
         raise OptionError(refusal(self._where, expected, problem))
 
     def _max_batches(self) -> int:
-        """Return the number of batches to have submitted; clusters grow, hence each time."""
+        """Return the number of batches to keep submitted; recomputed each time because clusters
+        grow.
+        """
         threads: int = sum(self._client.nthreads().values())
         return _N_BATCHES_PER_THREAD * max(1, threads)
 
@@ -258,12 +268,12 @@ class ClusterWorkers:
                 raise SurveyError(refusal(self._where, f"pfwd {ours} on all", actual, hint))
 
     def _lost(self, problem: str) -> SurveyError:
-        hint = "the same command goes on where this one ended"
+        hint = "repeat the command: it continues where this one ended"
         return SurveyError(refusal(self._where, "a cluster that responds", problem, hint))
 
 
 def _refused_certificate(err: BaseException | None) -> str | None:
-    """Return why a certificate was refused, if that caused the error."""
+    """Return the reason for which a certificate was refused; None: the error has another cause."""
     while err is not None:
         if isinstance(err, ssl.SSLError):
             return err.verify_message if isinstance(err, ssl.SSLCertVerificationError) else str(err)

@@ -2,16 +2,18 @@
 
 ::
 
-    OUT/archive.json                           kind of this folder
+    OUT/archive.json                           marks this folder as an archive
     OUT/runs/KEY.json                          options and software of a run
     OUT/results/run=KEY/part-000001.parquet    a row for each drop
     OUT/diagnoses/run=KEY/part-000001.parquet  a row for each point, of runs of `pfwd diagnose`
     OUT/failures/run=KEY/part-000001.parquet   a row for each failure, with the reason
-    OUT/sources/run=KEY/part-000001.parquet    a row for each source: makes the others valid
+    OUT/sources/run=KEY/part-000001.parquet    a row for each source file or survey
     OUT/ledger.sqlite                          index of the sources; rebuilt when it is lost
 
-Every file is written under another name, brought to the disk and renamed; of a part the sources
-come last. Tables that a crash leaves without them are removed when the archive is continued.
+A run is the set of results that were made with the same options and software; KEY identifies it. A
+part consists of the tables with the same number. Every file is written under another name, flushed
+to the disk and renamed, and the table of sources is written last. A part without it is incomplete,
+and is removed when the archive is continued.
 """
 
 from __future__ import annotations
@@ -36,17 +38,18 @@ _ARCHIVE_MARK = {"format": "pfwd-archive", "version": 1}
 _PART_NAME = re.compile(r"part-(\d{6,})\.parquet", re.ASCII)
 
 MAX_PARQUET_ROWS = 100_000
-"""Rows of a table in a part; a part is written at 10,000."""
+"""Largest number of rows that is read from one table; parts are written at 10,000 rows."""
 
 MAX_TABLE_BYTES = 64 * 2**20
-"""Bytes of a table in a part, packed or not; 10,000 results with their warnings take 10 MB. A few
-packed bytes can expand to any number."""
+"""Largest size of one table, both of the file and unpacked; 10,000 results with their warnings take
+10 MB. The limit is needed because a few compressed bytes can expand to any number."""
 
 _BATCH_ROWS = 100
-"""Rows unpacked before their bytes are counted: one text in the file may stand for all of them."""
+"""Rows that are unpacked before their size is counted: one text in the file may be repeated in all
+of them."""
 
 _MAX_HEADER_SIZE = 2**20
-"""Entries, and bytes of a text, in the description of a Parquet file."""
+"""Largest number of entries, and of bytes in one text, in the metadata of a Parquet file."""
 
 RESULT_COLUMNS: tuple[tuple[str, str], ...] = (
     ("file", "string"),
@@ -97,7 +100,7 @@ RESULT_COLUMNS: tuple[tuple[str, str], ...] = (
     ("latitude", "float64"),
     ("longitude", "float64"),
     ("warnings", "strings"),
-    # At the end: tables of earlier versions stop here.
+    # Later columns are appended: tables of earlier versions end here.
     *(
         (column.name, "int64" if column.kind == "whole" else "float64")
         for column in result_columns("layers")
@@ -105,7 +108,7 @@ RESULT_COLUMNS: tuple[tuple[str, str], ...] = (
     ("deflection_recorded_m", "float64"),
     ("deflection_corrected_m", "float64"),
 )
-"""Columns of `results`: names that end with the SI unit, and types."""
+"""Name and type of each column of the table ``results``; names end with the SI unit."""
 
 FAILURE_COLUMNS: tuple[tuple[str, str], ...] = (
     ("file", "string"),
@@ -126,11 +129,12 @@ SOURCE_COLUMNS: tuple[tuple[str, str], ...] = (
     ("failures", "int64"),
     ("same_as", "string"),
 )
-"""Columns of `sources`; ``same_as``: the file with the same content that has the rows."""
+"""Name and type of each column of the table ``sources``; ``same_as`` is the file with the same
+content whose rows hold the results."""
 
 EARLIER_COLUMN_COUNTS = (48, 48 + len(result_columns("layers")))
-"""Numbers of columns of `results` in versions without layers, and without deflections; the other
-columns are null."""
+"""Numbers of columns of ``results`` in earlier versions: without layers, and without deflections.
+Missing columns are read as null."""
 
 DIAGNOSIS_COLUMNS: tuple[tuple[str, str], ...] = (
     ("file", "string"),
@@ -164,7 +168,8 @@ DIAGNOSIS_COLUMNS: tuple[tuple[str, str], ...] = (
     ("rejected", "strings"),
     ("warnings", "strings"),
 )
-"""Columns of `diagnoses`: a point with its effects; `before_`: with the base model."""
+"""Name and type of each column of the table ``diagnoses``, a row for each point. Names with
+``before_`` hold values of the base model, without effects."""
 
 _TABLE_COLUMNS = dict(
     zip(
@@ -177,14 +182,28 @@ Row = Mapping[str, Any]
 
 
 def result_row(result: DropResult, digest: str) -> dict[str, Any]:
-    """Return a result as a row."""
+    """Return the result of a drop as a row of the table ``results``.
+
+    Parameters
+    ----------
+    result : DropResult
+    digest : str
+        SHA-256 of the source's content.
+    """
     flat = result.to_json() | {"source_sha256": digest}
     flat |= nested_cells(result)
     return {name: _cell(flat.get(name), kind) for name, kind in RESULT_COLUMNS}
 
 
 def diagnosis_row(result: DiagnosisResult, digest: str) -> dict[str, Any]:
-    """Return a diagnosis as a row."""
+    """Return the diagnosis of a point as a row of the table ``diagnoses``.
+
+    Parameters
+    ----------
+    result : DiagnosisResult
+    digest : str
+        SHA-256 of the source's content.
+    """
     flat = result.to_json() | {"source_sha256": digest, "drops": len(result.drops or ())}
     flat |= {f"before_{key}": value for key, value in (flat.get("before") or {}).items()}
     flat |= {f"held_out_{key}": value for key, value in (flat.get("held_out") or {}).items()}
@@ -201,20 +220,20 @@ def _cell(value: Any, kind: str) -> Any:
     if kind == "string":
         return str(value)
     if kind == "float64":
-        # Free text where a number could stand, as the coordinates of a header.
+        # Headers may hold free text in place of a number, for example as a coordinate.
         return float(value) if is_number(value) else None
     return value
 
 
 class Dataset:
-    """Folder with the tables of one run, beside those of other runs.
+    """Folder of an archive's results, for reading and writing the tables of one run.
 
     Parameters
     ----------
     folder : path
-        Made if it does not exist; otherwise empty or an archive.
+        Created if it does not exist; otherwise it has to be empty or an archive.
     key : str
-        Key of the run.
+        Key of the run, see `run_key`.
     identity : mapping
         Options and software of the run, see `run_identity`.
 
@@ -254,11 +273,11 @@ class Dataset:
             draft.write_bytes(json.dumps(_ARCHIVE_MARK).encode())
 
     def parts(self) -> list[int]:
-        """Return the numbers of the complete parts, in order."""
+        """Return the numbers of the complete parts of the run, in order."""
         return sorted(self._numbers("sources"))
 
     def clear_leftovers(self) -> None:
-        """Remove drafts and incomplete parts that a crash left behind."""
+        """Remove the temporary files and incomplete parts that a crash left."""
         with disk_errors(self.folder):
             complete = self._numbers("sources")
             for folder in (self.folder / "runs", *map(self._table_folder, TABLE_NAMES)):
@@ -276,7 +295,15 @@ class Dataset:
         failures: Sequence[Row],
         sources: Sequence[Row],
     ) -> None:
-        """Write one part; it exists when this returns, and is incomplete and ignored before.
+        """Write the tables of one part; after a crash in between the part is incomplete and is
+        ignored.
+
+        Parameters
+        ----------
+        number : int
+            Number of the part.
+        results, diagnoses, failures, sources : sequence of mapping
+            Rows of the four tables.
 
         Raises
         ------
@@ -294,17 +321,24 @@ class Dataset:
                     self._write_table(name, number, pyarrow.table(columns, schema=_schema(name)))
 
     def sources(self, number: int) -> list[dict[str, Any]]:
-        """Return the rows of the sources of a part.
+        """Return the rows of the table ``sources`` of a part.
 
         Raises
         ------
         SurveyError
-            If the part is damaged.
+            If the file is damaged.
         """
         return self._read("sources", number).to_pylist()  # type: ignore[no-any-return]
 
     def remove_content(self, number: int, digests: Iterable[str]) -> None:
-        """Remove the rows of some contents from a part.
+        """Remove the rows of some sources from all tables of a part.
+
+        Parameters
+        ----------
+        number : int
+            Number of the part.
+        digests : iterable of str
+            SHA-256 of the contents whose rows are removed.
 
         Raises
         ------
@@ -322,15 +356,15 @@ class Dataset:
                     self._write_table(name, number, table.filter(keep))
 
     def failures(self) -> Iterator[dict[str, Any]]:
-        """Yield all failures of the run, part by part."""
+        """Yield the rows of the table ``failures`` of the run, part by part."""
         for number in sorted(self._numbers("failures") & self._numbers("sources")):
             yield from self._read("failures", number).to_pylist()
 
     def _read(self, name: str, number: int) -> Any:
         path = self._file(name, number)
         try:
-            # Not as a data set: the folder's name would become a column of its own.
-            # And closed again: Windows does not replace an open file.
+            # Read as a single file: as a data set the folder's name would become a column.
+            # The file is closed after reading because Windows cannot replace an open file.
             if path.stat().st_size > MAX_TABLE_BYTES:
                 raise ValueError(f"a file of more than {MAX_TABLE_BYTES} bytes")
             limits = dict.fromkeys(
@@ -346,7 +380,7 @@ class Dataset:
     def _write_table(self, name: str, number: int, table: Any) -> None:
         path = self._file(name, number)
         path.parent.mkdir(parents=True, exist_ok=True)
-        # The draft's name begins with a dot: readers of data sets pass over it.
+        # The temporary name begins with a dot, so that readers of data sets ignore the file.
         with replaced_durably(path) as draft:
             _parquet().write_table(table, draft, compression="zstd")
 
@@ -365,7 +399,9 @@ class Dataset:
 
 
 def _unpacked(file: Any, schema: Any) -> Any:
-    """Return the table of an open file; ValueError if it has other columns or is too large."""
+    """Return the table of an open Parquet file; ValueError if it is too large or has other
+    columns.
+    """
     import pyarrow
 
     metadata = file.metadata

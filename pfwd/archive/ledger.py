@@ -1,7 +1,8 @@
-"""Index of the completed sources of an archive; on the disk, since a million would fill memory.
+"""Index of the sources with stored results of an archive, as an SQLite file.
 
-The Parquet tables count. The ledger is brought in line with them when it is opened, and rebuilt
-from them when it is lost or damaged.
+It is on the disk because the index of a million sources would fill the memory. The Parquet tables
+are decisive: when the index is opened, it is updated from them, and it is rebuilt from them if it
+is lost or damaged.
 """
 
 from __future__ import annotations
@@ -31,35 +32,41 @@ create table if not exists stale (
 """
 
 MAX_LEDGER_BYTES = 2 * 2**30
-"""Largest ledger; a larger one is rebuilt. An archive of a million sources takes a sixth of it."""
+"""Largest accepted index file; a larger one is rebuilt. That of a million sources has a sixth of
+it."""
 
 MAX_LEDGER_BYTES_PER_PART = 16 * 2**20
-"""Largest ledger for each part, and for none; 10,000 sources take 4 MB."""
+"""Largest accepted size of the index for each part of the archive plus one; 10,000 sources take 4
+MB."""
 
 MAX_VALUE_BYTES = 100_000
-"""Longest value in the ledger; paths are the longest."""
+"""Longest text in the index; paths are the longest."""
 
 MAX_CHECK_S = 8.0
-"""Longest check of the file before it is used; rebuilding it takes less time."""
+"""Longest duration of the check of an index file, s; after that, rebuilding it takes less time."""
 
 MAX_MISSING_PARTS = 1000
-"""Parts that the ledger may list without a file; with more, rebuilding it takes less time."""
+"""Largest number of parts that the index may list although their files are missing; with more,
+rebuilding it takes less time."""
 
 _N_STEPS_PER_CLOCK_CHECK = 100_000
-"""Steps of SQLite's virtual machine between two looks at the clock."""
+"""Steps of SQLite's virtual machine between two readings of the clock."""
 
 
 class Ledger:
-    """Index of one run.
+    """Index of the sources with stored results of one run.
+
+    A piece is the whole source, or some of the points of a large survey.
 
     Parameters
     ----------
     dataset : Dataset
+        Tables of the run.
 
     Raises
     ------
     SurveyError
-        If it cannot be written, or a part that it needs is damaged.
+        If the index cannot be written, or a part that it needs is damaged.
     """
 
     def __init__(self, dataset: Dataset) -> None:
@@ -77,16 +84,18 @@ class Ledger:
         self._bring_in_line()
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the SQLite file."""
         self._base.close()
 
     def next_number(self) -> int:
-        """Return the number of the next part."""
+        """Return the number for the next part of the archive."""
         (largest,) = self._query_row("select max(number) from parts where run = ?")
         return 1 + (largest or 0)
 
     def is_complete(self, source: Source) -> bool:
-        """Return whether all pieces of a source of this path, size and time are stored."""
+        """Return whether results of all pieces of a source with this path, size and time are
+        stored.
+        """
         stored, pieces = self._base.execute(
             "select count(*), max(pieces) from sources"
             " where run = ? and file = ? and size = ? and mtime_ns = ?",
@@ -95,7 +104,7 @@ class Ledger:
         return bool(stored > 0 and stored == pieces)
 
     def has_piece(self, source: Source) -> bool:
-        """Return whether this piece of this file is stored, with this content."""
+        """Return whether results of this piece of the source are stored for its present content."""
         row = self._base.execute(
             "select 1 from sources"
             " where run = ? and file = ? and piece = ? and pieces = ? and digest = ?",
@@ -104,7 +113,16 @@ class Ledger:
         return row is not None
 
     def file_with(self, digest: str, piece: int, pieces: int) -> str | None:
-        """Return a file with this content whose piece is stored; None if there is none."""
+        """Return a file whose results for a piece with the same content are stored; None: there is
+        none.
+
+        Parameters
+        ----------
+        digest : str
+            SHA-256 of the content of the source.
+        piece, pieces : int
+            Number of the piece, and number of pieces of the source.
+        """
         row = self._base.execute(
             "select file from sources where run = ? and digest = ? and piece = ? and pieces = ?",
             (self._run, digest, piece, pieces),
@@ -112,7 +130,7 @@ class Ledger:
         return None if row is None else str(row[0])
 
     def touch(self, source: Source) -> None:
-        """Record the present size and time of a source whose content is the same."""
+        """Store the present size and time of a source whose content has not changed."""
         with self._base:
             self._base.execute(
                 "update sources set size = ?, mtime_ns = ?"
@@ -121,12 +139,22 @@ class Ledger:
             )
 
     def add(self, number: int, rows: Iterable[Mapping[str, Any]]) -> None:
-        """Add the sources of a written part; earlier contents of their files become stale."""
+        """Add the sources of a part; earlier results of changed files become stale.
+
+        Parameters
+        ----------
+        number : int
+            Number of the part.
+        rows : iterable of mapping
+            Rows of its table ``sources``.
+        """
         with self._base:
             self._add(number, rows)
 
     def stale(self) -> dict[int, set[str]]:
-        """Return the digests whose rows are out of date, by number of the part."""
+        """Return the contents whose rows have to be removed: SHA-256 digests, by the number of the
+        part.
+        """
         digests: dict[int, set[str]] = {}
         for number, digest in self._base.execute(
             "select number, digest from stale where run = ?", (self._run,)
@@ -135,14 +163,14 @@ class Ledger:
         return digests
 
     def clean(self, number: int) -> None:
-        """Record that the stale rows of a part are removed."""
+        """Record that the stale rows of a part were removed."""
         with self._base:
             self._base.execute(
                 "delete from stale where run = ? and number = ?", (self._run, number)
             )
 
     def refused(self) -> int:
-        """Return the number of sources with failures."""
+        """Return the number of sources with at least one failure."""
         (count,) = self._query_row(
             "select count(distinct file) from sources where run = ? and failures > 0"
         )
@@ -174,7 +202,7 @@ class Ledger:
         self._base.execute("insert or replace into parts values (?, ?)", (run, number))
         for row in rows:
             file, digest = row["file"], row["source_sha256"]
-            # No `distinct` in the query: SQLite would use the other index, row by row.
+            # `distinct` in the query would be slow: SQLite would then use the other index.
             old = set(
                 self._base.execute(
                     "select digest, number from sources where run = ? and file = ? and digest <> ?",
@@ -213,20 +241,20 @@ class Ledger:
 
 
 def _open(path: Path, parts: int = 0, run: str = "") -> sqlite3.Connection:
-    """Open the index; DatabaseError if it is damaged or holds anything but our tables."""
+    """Open or create the index; sqlite3.DatabaseError if it is damaged or has other tables."""
     max_bytes = min(MAX_LEDGER_BYTES, MAX_LEDGER_BYTES_PER_PART * (1 + parts))
     if path.exists() and path.stat().st_size > max_bytes:
-        raise sqlite3.DatabaseError("larger than any of ours")
+        raise sqlite3.DatabaseError(f"more than {max_bytes} bytes")
     base = sqlite3.connect(path)
     try:
         base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)
-        # A foreign view or trigger would be computed with every query, maybe for ever.
+        # A view or trigger in a manipulated file would run with every query, possibly endlessly.
         with contextlib.closing(sqlite3.connect(":memory:")) as expected:
             expected.executescript(_LEDGER_SCHEMA)
             ours = _schema_of(expected)
         present = _schema_of(base)
         if not present <= ours:
-            raise sqlite3.DatabaseError("other tables than ours")
+            raise sqlite3.DatabaseError("tables of another program")
         deadline = time.monotonic() + MAX_CHECK_S
         base.set_progress_handler(
             lambda: int(time.monotonic() > deadline), _N_STEPS_PER_CLOCK_CHECK
@@ -237,9 +265,9 @@ def _open(path: Path, parts: int = 0, run: str = "") -> sqlite3.Connection:
         if present:
             (listed,) = base.execute("select count(*) from parts where run = ?", (run,)).fetchone()
             if listed > parts + MAX_MISSING_PARTS:
-                raise sqlite3.DatabaseError("names parts that are not there")
+                raise sqlite3.DatabaseError("an index of parts that do not exist")
         base.set_progress_handler(None, 0)
-        # Whatever a power failure costs here is read from the tables again.
+        # Entries that a power failure destroys are read from the tables again.
         base.execute("pragma synchronous = off")
         base.executescript(_LEDGER_SCHEMA)
     except BaseException:
@@ -250,7 +278,9 @@ def _open(path: Path, parts: int = 0, run: str = "") -> sqlite3.Connection:
 
 
 def _schema_of(base: sqlite3.Connection) -> set[tuple[str, ...]]:
-    """Return tables, indexes and all other objects, with the statements that made them."""
-    limit = 100  # ours are a few
+    """Return all tables, indexes and other objects of a database, with the statements that made
+    them.
+    """
+    limit = 100  # an index of this program has fewer than ten
     objects = base.execute("select type, name, tbl_name, sql from sqlite_master limit ?", (limit,))
     return {tuple(map(str, row)) for row in objects}

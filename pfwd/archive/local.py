@@ -1,6 +1,6 @@
-"""Worker processes on this machine.
+"""Worker processes on this computer.
 
-The pool of `concurrent.futures` does not serve: one killed process breaks all of it, and it does
+The pool of `concurrent.futures` is not used: one killed process ends the whole pool, and it does
 not report which task that process had.
 """
 
@@ -32,10 +32,11 @@ if TYPE_CHECKING:
     from pfwd.analysis.options import AnalysisOptions
 
 _MAX_CONSECUTIVE_DEATHS = 20
-"""Deaths without a completed batch between them: more are caused by the machine, not a source."""
+"""Processes that may die without a completed batch in between; more have a cause in the computer
+and not in a source."""
 
 _END_TIMEOUT_S = 5.0
-"""Time for a process to end when it is terminated."""
+"""Time for a terminated process to end before it is killed."""
 
 
 @dataclass(slots=True)
@@ -46,13 +47,14 @@ class _Worker:
 
 
 class LocalWorkers:
-    """Processes that invert batches; a killed one is replaced and its batch repeated.
+    """Worker processes on this computer; one that dies is replaced and its batch repeated.
 
     Parameters
     ----------
     options : AnalysisOptions
     count : int, >= 1
-        Processes. Spawned on every platform alike: a forked copy of a threaded process may hang.
+        Number of processes. They are spawned on every platform: a forked copy of a process with
+        several threads may hang.
     """
 
     def __init__(self, options: AnalysisOptions, count: int = 1) -> None:
@@ -63,21 +65,25 @@ class LocalWorkers:
 
     @property
     def processes(self) -> list[int]:
-        """Process ids of the workers."""
+        """Process ids of the running workers."""
         return [worker.process.pid for worker in self._workers if worker.process.pid is not None]
 
     def run(self, batches: Iterator[Batch]) -> Iterator[list[SourceOutcome]]:
-        """Yield the outcomes of batches, see :class:`~pfwd.archive.work.Workers`.
+        """Yield the outcomes of each batch when it is complete, in any order.
+
+        Parameters
+        ----------
+        batches : iterator of Batch
 
         Raises
         ------
         SurveyError
-            If the processes die whatever their batch is.
+            If 20 processes die without a completed batch in between.
         """
         waiting: deque[Batch] = deque()
         exhausted = False
         while True:
-            # One batch for each worker lies ready, prepared while the workers were busy.
+            # Prepare one batch for each worker while the workers are busy.
             while not exhausted and len(waiting) < self._count:
                 batch = next(batches, None)
                 if batch is None:
@@ -134,7 +140,7 @@ class LocalWorkers:
             return
         worker.batch = None
         self._consecutive_deaths = 0
-        # Before the outcomes are returned: the worker goes on while they are written.
+        # The next batch is sent first, so that the worker continues while the outcomes are written.
         self._hand_out(waiting)
         yield outcomes
 
@@ -145,7 +151,7 @@ class LocalWorkers:
             process = context.Process(
                 target=_serve, args=(theirs, self._options), daemon=True, name="pfwd-invert"
             )
-            # Set during the start: the process may load numpy before it runs our first line.
+            # Set before the start: the process may load numpy before it runs code of this program.
             before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
             limit_threads()
             try:
@@ -173,7 +179,7 @@ class LocalWorkers:
 
 
 def _serve(pipe: Connection, options: AnalysisOptions) -> None:
-    """Invert batches until the pipe is closed."""
+    """Invert the batches received through the pipe until it is closed."""
     ignore_interrupts()
     with contextlib.suppress(EOFError, OSError):  # the parent process has ended
         while True:
@@ -182,11 +188,11 @@ def _serve(pipe: Connection, options: AnalysisOptions) -> None:
 
 @contextlib.contextmanager
 def interrupts_deferred() -> Iterator[None]:
-    """Hold SIGINT and SIGTERM back within the block; they are raised at its end.
+    """Hold back SIGINT and SIGTERM within the block, and raise them at its end.
 
-    A process that is being started reads its task from this one; an interrupt in between would end
-    it with a traceback. Where threads have signal masks, the process inherits that SIGINT is
-    blocked: Ctrl-C reaches it as well, and its parent decides when it ends.
+    A process that is being started reads its task from this process, so that an interrupt in
+    between would end it with a traceback. On platforms with signal masks the new process inherits a
+    blocked SIGINT: Ctrl-C reaches the worker too, but its parent decides when it ends.
     """
     if threading.current_thread() is not threading.main_thread():
         yield  # no interrupt is raised here
@@ -201,7 +207,7 @@ def interrupts_deferred() -> Iterator[None]:
             yield
     finally:
         for number, handler in before.items():
-            # None: set by something other than Python, which cannot be restored from here.
+            # None: the handler was not installed by Python, which cannot restore it.
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
         if received:
             signal.raise_signal(received[0])
@@ -218,7 +224,7 @@ else:
 
     @contextlib.contextmanager
     def _interrupts_blocked() -> Iterator[None]:
-        ensure_tracker()  # started later, it would lift the mask
+        ensure_tracker()  # the resource tracker of multiprocessing would lift the mask at its start
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             yield

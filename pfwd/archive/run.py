@@ -1,9 +1,8 @@
-"""Run over an archive: inverts the sources without stored results and stores theirs in parts.
+"""Inversion of an archive: sources without stored results are inverted, and theirs are stored.
 
->>> options = AnalysisOptions(method="least-squares")         # doctest: +SKIP
->>> with contextlib.closing(LocalWorkers(options, 2)) as workers:
-...     summary = invert_archive(["drops"], "results", options, workers)
->>> summary.drops, summary.failed
+>>> options = AnalysisOptions(method="least-squares")         # doctest: +SKIP >>> with
+contextlib.closing(LocalWorkers(options, 2)) as workers: ...     summary = invert_archive(["drops"],
+"results", options, workers) >>> summary.drops, summary.failed
 """
 
 from __future__ import annotations
@@ -34,46 +33,51 @@ from pfwd.errors import OptionError, SurveyError, refusal
 from pfwd_device.recording.drop_file import software_version
 
 TABLE_VERSION = 1
-"""Version of the tables: raised when a column changes, so that new and old rows do not mix."""
+"""Version of the tables, part of the run's key: raised when a column changes its meaning, so that
+old and new rows do not mix."""
 
 BATCH_SOURCES = 16
 BATCH_BYTES = 2_000_000
-"""Sources and bytes of a batch: a second of work, so that handing it over costs 0.1 %."""
+"""Largest number of sources and of bytes in a batch: about a second of work, so that sending it to
+a worker costs 0.1 %."""
 
 PART_ROWS = 10_000
 PART_SOURCES = 10_000
 PART_SECONDS = 60.0
-"""Rows, sources and time after which a part is written; rows in memory are lost if this process is
-killed."""
+"""Number of rows and of sources, and time, after which a part is written; rows in memory are lost
+if this process is killed."""
 
 
 @dataclass(slots=True)
 class Summary:
-    """Counts of a run, of sources where nothing else is stated. Field names are JSON keys."""
+    """Counts of an inversion of an archive; the field names are the JSON keys.
+
+    A source is a file, or a survey.
+    """
 
     archive: str
     run: str
-    """Key of options and software, in the names of the folders with the tables of this run."""
+    """Key of options and software; names the folders with the tables of this run."""
     sources: int = 0
-    """Sources so far."""
+    """Sources listed so far."""
     done_before: int = 0
-    """Sources among them with results of a former run."""
+    """Sources whose results were stored by an earlier call."""
     duplicates: int = 0
-    """Sources among them with the content of another one."""
+    """Sources with the same content as another one."""
     inverted: int = 0
-    """Sources inverted by this run; a survey counts once for each of its pieces."""
+    """Sources inverted by this call; a large survey counts once for each of its pieces."""
     drops: int = 0
-    """Drops inverted by this run, rejected ones included."""
+    """Drops inverted by this call, rejected ones included."""
     points: int = 0
-    """Points diagnosed by this run."""
+    """Points diagnosed by this call."""
     failed: int = 0
-    """Failures of this run."""
+    """Failures of this call."""
     failed_in_all: int = 0
-    """Sources with a failure, in this run or former ones with the same key."""
+    """Sources with a failure, in this or an earlier call with the same key."""
     parts: int = 0
-    """Parts written by this run."""
+    """Parts of the tables written by this call."""
     processor_seconds: float = 0.0
-    """Processor time of the workers."""
+    """Processor time of the workers, s."""
     elapsed_s: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
@@ -82,11 +86,14 @@ class Summary:
 
 
 ReportProgress = Callable[[Summary, Sequence[Failure]], None]
-"""Called after every batch with the counts so far and the failures of the batch."""
+"""Function that is called after every batch with the counts so far and the failures of the batch.
+"""
 
 
 def run_identity(options: AnalysisOptions) -> dict[str, Any]:
-    """Return everything that a result depends on besides its source.
+    """Return the options, the software versions and the table version that results depend on.
+
+    The file of ``--header`` enters by the SHA-256 of its content.
 
     Raises
     ------
@@ -112,7 +119,7 @@ def run_identity(options: AnalysisOptions) -> dict[str, Any]:
 
 
 def run_key(identity: dict[str, Any]) -> str:
-    """Return twelve hexadecimal digits that stand for an identity."""
+    """Return the key of a run: the first twelve hexadecimal digits of its identity's SHA-256."""
     text = json.dumps(identity, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
@@ -127,25 +134,31 @@ def invert_archive(
     part_rows: int = PART_ROWS,
     part_seconds: float = PART_SECONDS,
 ) -> Summary:
-    """Invert the sources without stored results and store theirs.
+    """Invert the sources that have no stored results, and store theirs.
 
-    An interruption costs the work since the last part; the same call continues from there.
+    After an interruption the work since the last part is lost; the same call continues from there.
 
     Parameters
     ----------
-    paths : files, surveys and folders
-    archive : folder of the results, see :mod:`pfwd.archive.dataset`
+    paths : sequence of str
+        Files, surveys and folders.
+    archive : path
+        Folder of the results, see :mod:`pfwd.archive.dataset`.
     options : AnalysisOptions
     workers : Workers
     report : callable, optional
-    part_rows, part_seconds : drops and s after which a part is written
+        Receives the counts after every batch.
+    part_rows : int
+        Number of drops after which a part is written.
+    part_seconds : float, s
+        Time after which a part is written.
 
     Raises
     ------
     OptionError
         If a path does not exist, or the folder of the results holds other files.
     SurveyError
-        If another program works on the archive, it cannot be written, or the workers are lost.
+        If another program uses the archive, it cannot be written, or the workers are lost.
     """
     refuse_missing(paths)
     identity = run_identity(options)
@@ -169,7 +182,7 @@ def invert_archive(
 def invert_stream(
     paths: Sequence[str], options: AnalysisOptions, workers: Workers
 ) -> Iterator[SourceOutcome]:
-    """Yield the outcomes of sources as they are completed; nothing is stored.
+    """Yield the outcome of each source when it is complete; nothing is stored.
 
     Raises
     ------
@@ -185,7 +198,7 @@ def invert_stream(
 
 
 def batches_of(sources: Iterator[Source]) -> Iterator[Batch]:
-    """Yield sources in batches of about equal work."""
+    """Yield the sources in batches of at most 16, or of about 2 MB."""
     batch: list[Source] = []
     size = 0
     for source in sources:
@@ -200,7 +213,7 @@ def batches_of(sources: Iterator[Source]) -> Iterator[Batch]:
 
 @dataclass(frozen=True, slots=True)
 class _SourceRows:
-    """All rows of a source, as one object, so that an interrupt cannot separate them."""
+    """All rows of one source, kept in one object so that an interrupt cannot separate them."""
 
     source: Row
     results: list[dict[str, Any]] = field(default_factory=list)
@@ -210,14 +223,14 @@ class _SourceRows:
 
 @dataclass(slots=True)
 class _Buffer:
-    """Rows in memory for the next part."""
+    """Rows in memory for the next part of the tables."""
 
     sources: list[_SourceRows] = field(default_factory=list)
     start_s: float = field(default_factory=time.monotonic)
     number: int | None = None
-    """Number of the part, from the first attempt to write it on; it stays after an interrupt."""
+    """Number of the part; set at the first attempt to write it, and kept if that is interrupted."""
     result_rows: int = 0
-    """Number of results and diagnoses."""
+    """Number of result rows and diagnosis rows."""
 
 
 class _Run:
@@ -233,7 +246,7 @@ class _Run:
         self._part_rows, self._part_seconds = part_rows, part_seconds
         self._summary = Summary(str(dataset.folder), dataset.key)
         self._buffer = _Buffer()
-        # In work, or in memory: not in the ledger yet.
+        # Sources whose results are not in the index yet: sent to a worker, or in memory.
         self._pending: dict[str, list[Source]] = {}
         self._settled: dict[str, tuple[str, int]] = {}
         self._unfinished = _Unfinished(dataset.folder / "unfinished" / f"{dataset.key}.jsonl")
@@ -249,7 +262,7 @@ class _Run:
                 self._write_if_due()
                 summary.elapsed_s = time.perf_counter() - start_s
         finally:
-            # Also after an interrupt: completed sources are stored.
+            # Store the completed sources after an interrupt, too.
             self._write()
             self._unfinished.close()
         self._remove_stale()
@@ -259,7 +272,7 @@ class _Run:
         return summary
 
     def _missing_pieces(self, paths: Sequence[str]) -> Iterator[Source]:
-        """Yield the pieces without stored results."""
+        """Yield the pieces of sources without stored results."""
         for source in find_sources(paths, str(self._dataset.folder)):
             self._summary.sources += 1
             if self._ledger.is_complete(source):
@@ -332,7 +345,7 @@ class _Run:
         self._buffer.sources.append(_SourceRows(_source_row(piece, 0, failures, file)))
 
     def _fail(self, source: Source, failures: Sequence[Failure]) -> None:
-        """Record failures without a cause in the content; the next run tries again."""
+        """Record failures that have no cause in the content, so that the next run tries again."""
         self._summary.failed += len(failures)
         for failure in failures:
             self._unfinished.add(_failure_row(source, failure))
@@ -365,7 +378,7 @@ class _Run:
         self._buffer = _Buffer()
 
     def _remove_stale(self) -> None:
-        """Remove the rows of files that have changed since."""
+        """Remove the stored rows of files that have changed since."""
         for number, digests in self._ledger.stale().items():
             self._dataset.remove_content(number, digests)
             self._ledger.clean(number)
@@ -376,7 +389,7 @@ class _Run:
 
 
 class _Unfinished:
-    """File of the sources that the next run tries again; it does not exist if there are none."""
+    """File that lists the sources to be tried again; removed when there are none."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._draft = path, path.with_name(path.name + ".tmp")

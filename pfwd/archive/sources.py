@@ -1,4 +1,4 @@
-"""Sources of an archive: the surveys and files below folders, listed one after the other."""
+"""Sources of an archive: the files and surveys in folders, listed one at a time."""
 
 from __future__ import annotations
 
@@ -19,53 +19,54 @@ PFWD_SUFFIXES = (".csv", ".h5", ".hdf5")
 """Suffixes, in small letters, of this program's own files with drops."""
 
 PIECE_DROPS = 500
-"""Drops in a piece of a survey: half a minute of work, lost when it is interrupted."""
+"""Drops in a piece of a survey: half a minute of work, which an interruption loses."""
 
 _CHUNK_BYTES = 1 << 20
 _RECORD_FOLDERS = ("journal", "drops")
-"""Folders of a survey with its records; results and captures do not change its content."""
+"""Folders of a survey with its recorded drops; other files in it do not change its content."""
 _SURVEY_LEDGER = "acknowledged.txt"
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A file or survey to be inverted, or the points of a large survey that are one piece."""
+    """File or survey to be inverted, or a piece of a large survey: a range of its points."""
 
     path: str
-    """Absolute."""
+    """Absolute path."""
     size: int
-    """Bytes; of a survey those of all its files."""
+    """Size in bytes; for a survey the sum over its files."""
     mtime_ns: int
-    """Time of the last change; of a survey that of its latest file."""
+    """Time of the last change, ns since 1970; for a survey that of the file changed last."""
     survey: bool = False
-    """True for the folder of a survey."""
+    """True if the source is the folder of a survey."""
     digest: str = ""
-    """SHA-256 of the content; empty: not computed."""
+    """SHA-256 of the content; empty: not computed yet."""
     piece: int = 0
     """Number of this piece of a survey, from 0."""
     pieces: int = 1
     """Number of pieces of the survey."""
     first_point: int = 0
-    """First point of the piece, counted from 0."""
+    """Index of the first point in the piece."""
     end_point: int | None = None
-    """End of the range of points, exclusive; None: up to the last point."""
+    """Index after the last point in the piece; None: up to the last point of the survey."""
 
     @property
     def key(self) -> str:
-        """Identity of the content and its piece; sources with the same key are inverted once."""
+        """Identity of content and piece; sources with the same key are inverted once."""
         return self.digest if self.pieces == 1 else f"{self.digest}:{self.piece}/{self.pieces}"
 
 
 def find_sources(paths: Sequence[str], leave_out: str | None = None) -> Iterator[Source]:
-    """Yield the named sources and those below named folders, in the order of their names.
+    """Yield the files and surveys that are named, or are in named folders, in the order of their
+    names.
 
-    A file in a folder counts if its suffix is one of this program or of a format that it imports;
-    a file that is named itself always counts. Links to folders are not followed.
+    A file in a folder is a source if its suffix is one of this program or of a format that it
+    imports; a file that is named itself always is. Links to folders are not followed.
 
     Parameters
     ----------
     paths : sequence of str
-        Files, surveys, folders.
+        Files, surveys and folders.
     leave_out : str, optional
         Folder that is skipped: the one for the results.
 
@@ -86,7 +87,7 @@ def find_sources(paths: Sequence[str], leave_out: str | None = None) -> Iterator
 
 
 def refuse_missing(paths: Sequence[str]) -> None:
-    """Refuse paths that do not exist, before any work is done.
+    """Raise an error for the first path that does not exist.
 
     Raises
     ------
@@ -151,18 +152,18 @@ def _survey_files(folder: str) -> list[str]:
 
 
 def is_unchanged(source: Source) -> bool:
-    """Return whether size and time are still those of the source."""
+    """Return whether the file or survey still has the size and time that the source records."""
     now = _survey(source.path) if source.survey else _file(source.path)
     return (now.size, now.mtime_ns) == (source.size, source.mtime_ns)
 
 
 def content_digest(source: Source) -> str:
-    """Return the SHA-256 of the content, in hexadecimal digits.
+    """Return the SHA-256 of the content of a source, in hexadecimal digits.
 
     Raises
     ------
     OSError
-        If it cannot be read.
+        If a file cannot be read.
     """
     if not source.survey:
         with open(source.path, "rb") as stream:
@@ -180,11 +181,12 @@ def content_digest(source: Source) -> str:
 
 
 def pieces_of(source: Source, piece_drops: int = PIECE_DROPS) -> list[Source]:
-    """Return a survey in pieces of complete points, about `piece_drops` drops each.
+    """Divide a survey into pieces of complete points, with about `piece_drops` drops each.
 
-    Other sources, and a survey that cannot be read, are one piece: inverting it gives the reason.
+    Other sources, and a survey that cannot be read, are one piece: its inversion then reports the
+    reason.
     """
-    # The survey's own errors, and those of a file that is no HDF5 although its name says so.
+    # Any error is reported later, by the inversion of the source.
     try:
         if not (source.survey or is_survey_file(source.path)):
             return [source]

@@ -1,7 +1,7 @@
-"""Work on a batch of sources: inverts or diagnoses them and returns the outcomes.
+"""Inversion or diagnosis of a batch of sources by one worker.
 
 Nothing is written, so that a batch may be repeated at any time, on any computer. Local processes, a
-cluster and a stand-in of the tests share the protocol :class:`Workers`.
+cluster and the substitute in the tests share the protocol :class:`Workers`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 FailureKind = Literal["refused", "damage", "unforeseen", "worker", "changed"]
 
 TRANSIENT_FAILURES: frozenset[FailureKind] = frozenset({"worker", "changed"})
-"""Failures without a cause in the source: it is tried again when the archive is continued."""
+"""Kinds of failures that have no cause in the source; it is tried again when the archive is
+continued."""
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -34,41 +35,44 @@ THREAD_VARIABLES = (
     "MKL_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
 )
-"""Variables that limit linear algebra to one thread if they are set before it is loaded."""
+"""Environment variables that limit linear algebra to one thread if they are set before it is
+loaded."""
 
 _MAX_RESPONSE_TABLES = 100
-"""Response tables in memory, 0.1 to 2 MB each; an archive may declare any number of depths."""
+"""Largest number of response tables in memory, 0.1 to 2 MB each; the sources of an archive may
+declare any number of bedrock depths."""
 
 MAX_DEATHS_PER_SOURCE = 3
-"""Workers that may die over one source before it is given up; the first ones may have been killed
-for another reason."""
+"""Workers that may die while they work on a source, before it counts as failed; the first ones may
+have been killed for another reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Reason why a source or a point of it has no result."""
+    """Reason why a source, or a point of it, has no result."""
 
     kind: FailureKind
-    """refused: the source, or a point of a survey; damage: lost before; unforeseen: an error of the
-    program; worker: its process died; changed: the source changed during the work."""
+    """refused: source or point is not valid; damage: its data were lost before; unforeseen: an
+    error of this program; worker: the worker process died; changed: the source changed during the
+    work."""
     reason: str
-    """One line."""
+    """Reason in one line."""
     point: str | None = None
-    """Test point, if it is one of a survey."""
+    """Name of the test point; None: the failure concerns the source as a whole."""
 
 
 @dataclass(frozen=True, slots=True)
 class SourceOutcome:
-    """Results and failures of one source."""
+    """Results and failures of one source, or of one piece of a survey."""
 
     source: Source
     results: list[DropResult] = field(default_factory=list)
-    """One for each drop; declarations of its point are in `more`."""
+    """One for each drop; what was declared for its point is in the field ``more``."""
     diagnoses: list[DiagnosisResult] = field(default_factory=list)
-    """One for each point, if points are diagnosed instead of inverting drops."""
+    """One for each point, if the options request diagnoses in place of inversions."""
     failures: list[Failure] = field(default_factory=list)
     processor_seconds: float = 0.0
-    """Processor time of the work."""
+    """Processor time of the work, s."""
 
     @property
     def final(self) -> bool:
@@ -78,16 +82,16 @@ class SourceOutcome:
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Sources for one worker, handed over together."""
+    """Sources that are sent to one worker together."""
 
     sources: tuple[Source, ...]
     deaths: int = 0
-    """Workers that died while they worked on it."""
+    """Number of workers that died while they worked on this batch."""
 
     def retries_after_death(self) -> list[Batch]:
-        """Return the batches to try next; empty after too many deaths.
+        """Return the batches to try after a worker died; empty after three deaths over one source.
 
-        Each source is then alone in its batch, so that the cause shows.
+        Each source is then alone in its batch, which shows the source that is the cause.
         """
         if len(self.sources) > 1:
             return [Batch((source,), self.deaths + 1) for source in self.sources]
@@ -96,7 +100,7 @@ class Batch:
         return [Batch(self.sources, self.deaths + 1)]
 
     def worker_failures(self) -> list[SourceOutcome]:
-        """Return the outcomes of sources whose workers died too often."""
+        """Return an outcome for each source that reports the death of its workers as a failure."""
         return [
             SourceOutcome(
                 source,
@@ -113,12 +117,12 @@ class Batch:
 
 
 class Workers(Protocol):
-    """Processes or computers that invert batches."""
+    """Protocol of the processes or computers that invert batches."""
 
     def run(self, batches: Iterator[Batch]) -> Iterator[list[SourceOutcome]]:
-        """Yield the outcomes of each batch as soon as it is complete.
+        """Yield the outcomes of each batch when it is complete, in any order.
 
-        At most as many batches are taken as are worked on or wait for the next free worker.
+        Batches are taken from the iterator only when a worker is free or will be next.
         """
 
     def close(self) -> None:
@@ -130,13 +134,15 @@ _last_survey: tuple[Source, SurveyContent] | None = None
 
 
 def limit_threads() -> None:
-    """Limit linear algebra, loaded later, to one thread: the processes are the parallel part."""
+    """Limit linear algebra that is loaded later to one thread: the parallel work is done by
+    processes.
+    """
     for name in THREAD_VARIABLES:
         os.environ[name] = "1"
 
 
 def invert_batch(sources: list[Source], options: AnalysisOptions) -> list[SourceOutcome]:
-    """Return the outcomes of sources in their order; an error of one is part of its outcome."""
+    """Return the outcomes of sources, in their order; an error of a source is in its outcome."""
     return [_invert(source, options) for source in sources]
 
 
@@ -172,7 +178,7 @@ def _invert(source: Source, options: AnalysisOptions) -> SourceOutcome:
         results, diagnoses = [], []
         failures = [*failures, Failure("refused", str(error))]
     except Exception as error:
-        # One source in a million must not end the others; its reason is stored with theirs.
+        # One bad source must not stop the archive; the reason is stored with the failures.
         reason = f"{source.path}: an unexpected error: {type(error).__name__}: {error}"
         results, diagnoses = [], []
         failures = [*failures, Failure("unforeseen", reason)]
@@ -183,7 +189,9 @@ def _invert(source: Source, options: AnalysisOptions) -> SourceOutcome:
 def _diagnoses(
     source: Source, points: Sequence[TracePoint], options: AnalysisOptions
 ) -> Iterator[DiagnosisResult | Failure]:
-    """Yield the diagnoses of points that are one survey, together where they name one device."""
+    """Yield the diagnoses of a survey's points; those with the same device are diagnosed
+    together.
+    """
     if not points:
         return
     from inversion import InversionError
@@ -218,7 +226,7 @@ def _points(source: Source, options: AnalysisOptions) -> Iterator[TracePoint | F
 
 
 def _survey_points(source: Source, options: AnalysisOptions) -> Iterator[TracePoint | Failure]:
-    """Yield the points of a survey; a damaged one does not cost the others."""
+    """Yield the points of a survey; damage to one point does not affect the others."""
     from pfwd.files.header import Declaration, read_header_file
     from pfwd.files.reading import points_of
     from pfwd_device.errors import RecordingError
@@ -239,7 +247,7 @@ def _survey_points(source: Source, options: AnalysisOptions) -> Iterator[TracePo
 
 
 def _content(source: Source) -> SurveyContent:
-    """Return the content of a survey; cached, because its pieces follow one another."""
+    """Return the content of a survey; cached because its pieces follow one another."""
     from pfwd.files.reading import survey_content
 
     global _last_survey
@@ -273,7 +281,7 @@ def _results(source: Source, point: TracePoint, options: AnalysisOptions) -> lis
 
 
 def _tables() -> SurrogateLibrary:
-    """Return the response tables of this process."""
+    """Return the response tables of this process, created at the first call."""
     global _library
     if _library is None:
         from inversion import SurrogateLibrary

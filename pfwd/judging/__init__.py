@@ -1,4 +1,4 @@
-"""The job of a survey, its points and their verdicts: the one place that judges.
+"""The job of a survey, its points and their verdicts. Verdicts are made in this package only.
 
 Screen, log, replay, reports, exports and scripts read the same views and cannot differ::
 
@@ -7,9 +7,9 @@ Screen, log, replay, reports, exports and scripts read the same views and cannot
     for point in point_views(survey):       # judged by the job of the survey
         point.progress.verdict              # Verdict.PASS, FAIL, UNDECIDED or NONE
         point.progress.value                # PointValue: quantity, value, interval, unit
-        point.as_json()                     # the line of a complete point
+        point.as_json()                     # the judgement as JSON values
 
-- `job`: the job of a survey, stored in it as dated events, and the events of its changes.
+- `job`: the job of a survey (procedure, target, stations), stored in it as dated events.
 - `drops`: `DropView`, a drop of a point.
 - `verdicts`: `PointView`, a point with its drops, its value and its verdict.
 - `view`: `SurveyView`, a survey while it is measured, and the points of a stored one.

@@ -1,7 +1,7 @@
-"""Advice about a drop or a point, in words that a technician acts on.
+"""Advice about a drop or a point, in words that a technician can act on.
 
-From what is known within a second of the drop: its own record, the drops before it, and the first
-fit. The advice for an effect of the diagnosis is that of `of_effect`.
+It uses what is known within a second of the drop: its record, the earlier drops of the point, and
+the first fit. `of_effect` gives the advice for effects that a diagnosis reports later.
 """
 
 import statistics
@@ -15,68 +15,74 @@ from pfwd.procedures import Kind, PointDrop, PointProgress
 from pfwd.procedures.preconditions import presumed_load
 
 MAX_LOAD_DIFFERENCE = 0.15
-"""Part of the median load of the point's drops. Drops from one height repeat within a few percent;
-the next catch of a guide rod is a fifth and more away."""
+"""Largest difference of a drop's load from the median load of its point, as a fraction of the
+median. Drops from one height repeat within a few percent; the next catch of a guide rod is at least
+a fifth away."""
 
 MIN_SETTLING = 0.10
-"""Part by which the last averaged drop may move less than the first one before the plate counts as
-not seated: with three drops that repeat to 3 % it is chance in one of a hundred points."""
+"""Relative decrease of the deflection, from the first to the last averaged drop, from which the
+plate counts as not seated. With three drops that repeat to 3 % chance causes it at one of a hundred
+points."""
 
 MIN_SINKING = 0.10
-"""The same for a last drop that moves more: the ground gives way under the plate."""
+"""Relative increase of the deflection, from the first to the last averaged drop, from which the
+ground counts as giving way under the plate."""
 
 MIN_UNEVEN_RESIDUAL = 0.03
-"""Residual over the peak during the contact, of a fit that is not explained by noise. Even plates
-on simulated ground stay below 2 % (docs/validation.md)."""
+"""Residual of a fit during the contact, over the peak, below which the contact is not suspected.
+Even plates on simulated ground stay below 2 % (docs/validation.md)."""
 
 UNEVEN_RATIO = 2.5
-"""Times the median of the other drops of the survey. Real instruments on real ground leave 3 to
-19 % drop after drop, by their own response and by layers: what stands out is the contact's."""
+"""A contact is suspect if its residual exceeds this number of times the median of the other drops
+of the survey. Real instruments on real ground leave 3 to 19 % at every drop, because of their own
+response and of layers; a larger residual of a single drop is due to its contact."""
 
 MIN_COMPARED_DROPS = 3
-"""Drops that have a usual residual."""
+"""Smallest number of other drops whose median residual is used for comparison."""
 
 MIN_UNEVEN_RESIDUAL_UNCOMPARED = 0.25
-"""Residual without others to compare: more than any even drop of a real instrument left (0.19)."""
+"""Residual above which a contact is suspect when there are too few other drops for comparison: more
+than any even drop of a real instrument left (0.19)."""
 
 MIN_LOOSE_RESIDUAL = 0.015
-"""Residual of one sensor over its own peak during the contact; sensors that sit leave 0.3 % of the
-simulated instrument's drops, one that rings on its seat 2 to 5 %."""
+"""Residual of one sensor during the contact, over its own peak, from which it may be loose.
+Well-placed sensors leave 0.3 % in drops of the simulated instrument, a loose one 2 to 5 %."""
 
 LOOSE_RATIO = 2.0
-"""Times the residual of the worst of the other sensors."""
+"""A sensor is loose only if its residual exceeds this number of times that of the next worst
+one."""
 
 MAX_RESIDUAL_OF_GOOD_SENSORS = 0.03
-"""Residual of the other sensors up to which the model can show that one of them is wrong: where all
-are fitted badly, the ground is another one."""
+"""Largest residual of the other sensors at which the fit can show that one sensor is loose: where
+all sensors are fitted badly, the model of the ground is wrong."""
 
 
 class Advised(StrEnum):
-    """Subject of an advice."""
+    """Subject of an advice, for programs."""
 
     LOAD = "load"
-    """Drop from another height, or another stress than the procedure presumes."""
+    """The drop came from another height, or its load is not the one that the procedure presumes."""
     SEATING = "seating"
-    """Too few seating drops."""
+    """There were too few seating drops."""
     SINKING = "sinking"
-    """The ground gives way."""
+    """The ground gives way under the plate."""
     CONTACT = "contact"
     """The plate rocks, or lies on a stone."""
     SENSOR = "sensor"
-    """A sensor has lost its hold."""
+    """A sensor does not follow the ground."""
     RANGE = "range"
-    """A channel is at the end of its range."""
+    """A channel reached the end of its range."""
 
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """Advice with one step to take."""
+    """One thing that the operator should do, with the reason."""
 
     about: Advised
     text: str
     """One sentence."""
     drop: int | None = None
-    """Number within the point; None: about the point."""
+    """Number of the drop at its point; None: the advice is about the point."""
 
 
 def advice_on_drop(
@@ -99,15 +105,16 @@ def advice_on_drop(
     neighbours : sequence of DropView
         The other drops of its point.
     contact_residual : float, optional
-        Of a fit that noise does not explain, over the peak; None: it is explained, or not there.
+        Root mean square residual of the fit during the contact, over the peak; None: noise explains
+        the residual, or there is no fit.
     survey_residuals : sequence of float
-        The same of the other drops of the survey.
+        The same residual for the other drops of the survey.
     sensor_residuals : mapping, optional
-        The same of every sensor, over its own peak, by its number from 1.
+        Residual of every sensor during the contact, over its own peak, by its number from 1.
     excluded_sensors : sequence of int
         Numbers of the faulty sensors, from 1.
     saturated : bool
-        Whether the converter was at the end of its range.
+        True if a channel reached the end of its converter's range.
     """
     number, facts = drop.facts.number, drop.facts
     if facts.kind is Kind.REJECTED:
@@ -122,7 +129,7 @@ def advice_on_drop(
     ]
     loose = _loose_sensor(sensor_residuals or {})
     if loose is not None:
-        text = f"re-seat sensor {loose}: it moves otherwise than the others and the ground"
+        text = f"re-seat sensor {loose}: it does not move as the other sensors and the ground"
         advice.append(Advice(Advised.SENSOR, text, number))
     if saturated:
         advice.append(Advice(Advised.RANGE, _OF_EFFECT["saturation"], number))
@@ -137,14 +144,16 @@ def advice_on_drop(
 
 
 def _is_uneven(residual: float, survey_residuals: Sequence[float]) -> bool:
-    """Return whether a drop leaves so much more than the others that its contact is suspect."""
+    """Return whether the residual of a drop is so much larger than usual that its contact is
+    suspect.
+    """
     if len(survey_residuals) < MIN_COMPARED_DROPS:
         return residual > MIN_UNEVEN_RESIDUAL_UNCOMPARED
     return residual > max(MIN_UNEVEN_RESIDUAL, UNEVEN_RATIO * statistics.median(survey_residuals))
 
 
 def _loose_sensor(residuals: Mapping[int, float]) -> int | None:
-    """Return the only sensor that is fitted badly; None: no sensor, or several."""
+    """Return the number of the only sensor that is fitted badly; None: no sensor, or several."""
     if len(residuals) < 2:
         return None
     worst = max(residuals, key=lambda sensor: residuals[sensor])
@@ -188,14 +197,13 @@ def _load(job: Job, drop: DropView, neighbours: Sequence[PointDrop]) -> list[Adv
 def advice_on_point(
     progress: PointProgress, loads: Mapping[int, float | None] | None = None
 ) -> list[Advice]:
-    """Return the advice about a point whose drops are averaged.
+    """Return the advice about a point, from the change of the deflection over its averaged drops.
 
     Parameters
     ----------
     progress : PointProgress
     loads : mapping, optional
-        Peak load of every drop by its number, N: a drop from higher moves the plate more, and the
-        ground is not to be blamed for it.
+        Peak load of every drop, N, by its number. Deflections are then compared at equal load.
     """
     change = progress.compaction_change
     if change is None or len(progress.used) < 2:
@@ -208,7 +216,7 @@ def advice_on_point(
     if change < -MIN_SETTLING:
         text = (
             f"drop {last} moves {-100 * change:.0f} % less than drop {first}: the plate was not "
-            "seated; more seating drops, or discard the first and measure another"
+            "seated; make more seating drops, or discard the first drop and measure another"
         )
         return [Advice(Advised.SEATING, text)]
     if change > MIN_SINKING:
@@ -221,17 +229,23 @@ def advice_on_point(
 
 
 _OF_EFFECT: Mapping[str, str] = {
-    "rough_contact": "the plate does not lie full: clear stones, turn it and press it flat",
-    "seating": "the plate was not seated: more seating drops",
-    "permanent_set": "the ground sinks on: more seating drops, or beside this place",
-    "rebound": "the weight came down again: catch it after the first blow",
-    "saturation": "a channel is at the end of its range: drop from lower, or take another range",
-    "baseline_drift": "a sensor drifts: re-seat it, and let nobody walk nearby",
+    "rough_contact": "the plate does not lie flat: clear stones, turn it and press it flat",
+    "seating": "the plate was not seated: make more seating drops",
+    "permanent_set": "the ground keeps sinking: more seating drops, or measure beside this place",
+    "rebound": "the weight fell again: catch it after the first blow",
+    "saturation": "a channel is at the end of its range: use a lower drop height or another range",
+    "baseline_drift": "a sensor drifts: re-seat it, and keep people away",
     "mains_hum": "mains hum: keep the cables away from power lines",
-    "sensor_lag": "a sensor answers late: press it down, look at its cable",
+    "sensor_lag": "a sensor responds late: press it down and check its cable",
 }
 
 
 def of_effect(name: str) -> str | None:
-    """Return the advice for an effect of the diagnosis; None: nothing to do at the point."""
+    """Return the advice for an effect that a diagnosis reports; None: the operator can do nothing.
+
+    Parameters
+    ----------
+    name : str
+        Name of the effect, see :mod:`inversion.effects.catalogue`.
+    """
     return _OF_EFFECT.get(name)

@@ -1,7 +1,8 @@
-"""One drop of a survey, and its kind among the drops of its point.
+"""Drops of a survey as readers need them, and the comparison of the drops of a point.
 
 A rebound is recognised by comparison with the largest drop of its point, which may come later.
-Hence a drop has facts of its own record, and `classify_drops` decides with all drops of the point.
+Hence `DropView` holds the facts from a drop's own record, and `classify_drops` corrects them when
+all drops of the point are known.
 """
 
 import dataclasses
@@ -24,77 +25,85 @@ from pfwd_device.recording.survey_content import SurveyDrop
 
 @dataclass(frozen=True, eq=False)
 class DropView:
-    """One drop of a survey, as every reader has it."""
+    """One drop of a survey: facts for the judgement, its results, and what was recorded with it."""
 
     own: PointDrop
-    """Facts of its own record alone: rejected or measured."""
+    """Facts from its own record alone: rejected or measured."""
     own_pulse_peak: float
-    """Peak by which rebounds are recognised, N; 0: the drop is not compared."""
+    """Peak of the load pulse, N, which is compared to recognise rebounds; 0: it is not compared."""
     setup: PointSetup
-    """Present setup."""
+    """Setup as declared now, later edits included."""
     discarded: str | None = None
-    """Reason of the person who discarded it, which may be empty; None: it is not discarded."""
+    """Reason for which the operator discarded it, possibly empty; None: it is not discarded."""
     moved_to: str | None = None
-    """Sentence that names the point to which it was moved; None: it was not moved."""
+    """Sentence that names the point to which the operator moved it; None: it was not moved."""
     result: DropResult | None = None
-    """Result that counts: the last sound one, if it rests on the setup."""
+    """Result to show: the last valid one, if it was computed with the present setup; None: there is
+    none."""
     sound_result: DropResult | None = None
-    """Last sound result that is no trial, whatever setup it rests on."""
+    """Last valid result, whatever setup it was computed with; trials of other settings do not
+    count."""
     last_result: DropResult | None = None
-    """Last result that is no trial, even if it lacks values."""
+    """Last result, even if it lacks values; trials of other settings do not count."""
     record: int | None = None
-    """Number within the survey; None: it is not saved."""
+    """Number of the drop in its survey; None: it is not saved."""
     notes: tuple[str, ...] = ()
     declared: Mapping[str, Any] | None = None
-    """Keys of a header as recorded; None: the record is damaged, or the drop is being measured."""
+    """Declarations recorded with it, by the keys of a header; None: the record is damaged, or the
+    drop is being measured."""
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    """Position, times, operator, identity and marks as recorded."""
+    """Recorded position, times, operator, identity of the device, and marks."""
     peaks: Peaks | None = None
-    """Peaks as recorded; None: samples around the trigger are missing, or there is no record."""
+    """Recorded peaks; None: there is no record, or samples around the trigger are missing."""
     has_traces: bool = True
-    """False for a drop of which only the peaks were recorded."""
+    """False if only the peaks were recorded."""
     fault: str | None = None
     """Damage of the record or of its results; None: no damage."""
     screening: Screening | None = None
-    """Screening of its traces; None: its facts are stored, and the traces were not read."""
+    """Screening of its traces; None: the facts are stored, and the traces were not read."""
     curves: TimeHistories | None = None
-    """Measured and fitted, for a report; None: there are none, or the traces were not read."""
+    """Measured and fitted traces, for a report; None: there are none, or they were not read."""
     deflection: JudgedDeflection | None = None
-    """Deflection whose peak is judged, for a report; None: none, or the traces were not read."""
+    """Deflection trace whose peak is judged, for a report; None: there is none, or it was not
+    read."""
     stiffness: Stiffness | None = None
-    """Stiffness of the rig under it, for a report; None: it is on ground, or not read."""
+    """Stiffness of the test rig, for a report; None: the drop was on ground, or was not read."""
     source: SurveyDrop | None = None
-    """The stored drop, for its traces; None: it is measured now, or came from another process."""
+    """Stored drop, from which the traces can be read; None: the drop is being measured, or this
+    object came from another process."""
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state for another process, which does not have the survey."""
         return {**self.__dict__, "source": None}
 
     @property
     def number(self) -> int:
-        """Number within the point."""
+        """Number of the drop at its point."""
         return self.own.number
 
     @property
     def marks(self) -> tuple[str, ...]:
-        """Irregularities of the record."""
+        """Irregularities of the record, such as missing samples."""
         return tuple(map(str, self.metadata.get("marks") or ()))
 
     @property
     def warnings(self) -> tuple[Notice, ...]:
-        """Warnings of the screening and of the result, each once."""
+        """Warnings of the screening and of the result, without repetitions."""
         screened = () if self.screening is None else self.screening.warnings
         warnings = () if self.result is None else self.result.warnings or ()
         return (*screened, *(warning for warning in warnings if warning not in screened))
 
     @property
     def left_out(self) -> tuple[float, ...]:
-        """Distances of the sensors that take no part in the fit, m, once its traces are read."""
+        """Distances, m, of the sensors that are excluded from the fit; empty until the traces are
+        read.
+        """
         return () if self.screening is None else self.screening.left_out
 
     @cached_property
     def facts(self) -> PointDrop:
-        """Facts after a person discarded or moved the drop, with its modulus."""
+        """Facts with the fitted modulus and the operator's edits: a moved drop is rejected, a
+        discarded one marked.
+        """
         if self.moved_to is not None:
             return PointDrop(self.number, Kind.REJECTED, reason=self.moved_to)
         facts = with_modulus(self.own, self.result, self.setup)
@@ -105,16 +114,18 @@ class DropView:
 
     @property
     def pulse_peak(self) -> float:
-        """Peak for the comparison with the other drops of its point, N; 0: it is not compared."""
+        """Peak of the load pulse for the comparison with the other drops, N; 0: it is not
+        compared.
+        """
         return 0.0 if self.moved_to is not None else self.own_pulse_peak
 
     def with_result(self, result: DropResult | None) -> "DropView":
-        """Return the drop with a result in place of the stored ones."""
+        """Return the drop with this result in place of the stored ones."""
         return dataclasses.replace(self, result=result, sound_result=result, last_result=result)
 
 
 def drop_from_traces(drop: Drop, setup: PointSetup, **more: Any) -> DropView:
-    """Screen a drop by its own record, and return it with its facts.
+    """Screen a drop by its own record, and return it with the facts that follow.
 
     Parameters
     ----------
@@ -128,12 +139,13 @@ def drop_from_traces(drop: Drop, setup: PointSetup, **more: Any) -> DropView:
 
 
 def classify_drops(drops: Sequence[DropView]) -> list[PointDrop]:
-    """Return the facts of the drops of a point: rebounds rejected, seating drops counted.
+    """Return the facts of all drops of a point: rebounds become rejected, the first drops seating
+    drops.
 
     Parameters
     ----------
     drops : sequence of DropView
-        In the order they fell.
+        All drops of the point, in the order they fell.
     """
     largest = max((drop.pulse_peak for drop in drops), default=0.0)
     classified, rejected = [], 0

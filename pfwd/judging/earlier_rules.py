@@ -1,8 +1,8 @@
-"""Verdicts that the rules of this version decide otherwise than those of version 0.1.
+"""Comparison of verdicts with those that version 0.1 of the program gave.
 
-Surveys do not store verdicts. To announce verdicts that changed, a survey that was
-last recorded under the earlier rules is judged by both, and the differences are reported. A session
-or an import that begins a survey writes an event with its rules; then nothing is compared.
+Surveys do not store verdicts. A survey that was last recorded under the rules of version 0.1 is
+judged by both sets of rules, and the differences are reported. Newer versions write an event with
+the version of their rules when a survey begins; such a survey is not compared.
 """
 
 import math
@@ -19,14 +19,14 @@ from pfwd_device.recording.survey_content import SurveyContent
 
 
 def changed_verdicts(survey: SurveyContent, points: Iterable[PointView]) -> Iterator[str]:
-    """Yield one sentence for each point whose verdict these rules changed.
+    """Yield one sentence for each point whose verdict differs from that of version 0.1.
 
     Parameters
     ----------
     survey : SurveyContent
-        Holds the event with the rules that it was recorded under.
+        Holds the event with the version of the rules that it was recorded under.
     points : iterable of PointView
-        Its points.
+        The points of the survey.
     """
     if any(_rules_of(event) >= RULES_VERSION for event in survey.events):
         return
@@ -51,7 +51,7 @@ def _rules_of(event: Mapping[str, Any]) -> float:
 
 
 def earlier_verdict(point: PointView) -> Verdict:
-    """Return the verdict that version 0.1 gave."""
+    """Return the verdict on a point by the rules of version 0.1."""
     progress = point.progress
     if progress.target is None or progress.verdict is Verdict.NONE:
         return Verdict.NONE
@@ -77,7 +77,7 @@ def earlier_verdict(point: PointView) -> Verdict:
 def _earlier_interval(
     used: list[PointDrop], value: PointValue, diagnosis: DiagnosisResult | None
 ) -> tuple[float, float] | None:
-    """Return the interval that version 0.1 gave: the same half-width to either side."""
+    """Return the 95 % interval of version 0.1: symmetric about the mean."""
     if value.quantity is Quantity.MODULUS:
         after = None if diagnosis is None else diagnosis.after
         if diagnosis is not None and diagnosis.corrected and after and after.modulus_pa:
@@ -95,7 +95,7 @@ def _earlier_interval(
 
 
 def _peak_values(used: list[PointDrop], value: PointValue) -> list[float]:
-    """Return the judged quantity of every drop, from its peaks."""
+    """Return the judged quantity of every drop, computed from its peaks."""
     drops = [drop for drop in used if drop.peak_deflection]
     deflections, loads = (
         recorded_values(drops, "peak_deflection"),

@@ -1,9 +1,9 @@
 """Job of a survey: procedure, targets and stations, stored in the survey as dated events.
 
-A procedure is an event ``procedure`` with the complete text of its profile. Everything else is an
-event ``job`` with the changed keys, null where a value was withdrawn. The last value counts.
-Programs that do not know the event ignore it.
-Targets of single points are edits of these points.
+An event ``procedure`` holds the complete text of the procedure's profile. An event ``job`` holds
+the other keys that changed, with null for a withdrawn value. The last value of a key counts.
+Programs that do not know these events ignore them. Targets of single points are stored as edits of
+these points.
 """
 
 import dataclasses
@@ -40,7 +40,7 @@ from pfwd_device.schema import (
 PROCEDURE_EVENT, JOB_EVENT = "procedure", "job"
 
 MAX_STATIONS = 100_000
-"""Limit of a job's stations; a longer list is a wrong file."""
+"""Largest number of stations of a job; a longer list is taken for a wrong file."""
 
 SCREEN_UNITS = ("si", "us")
 
@@ -49,7 +49,7 @@ _SHORT_TEXT = Text(200, min_length=1)
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """Place that is to be measured."""
+    """Place where a point is to be measured."""
 
     name: str = field(metadata=describe(_SHORT_TEXT, "Name that the point shall have."))
     chainage_m: float | None = declared(None, Number("m"), "Distance along the line.")
@@ -64,7 +64,7 @@ class Station:
     )
 
     def as_stored(self) -> dict[str, Any]:
-        """Return the station as stored: without unknown values."""
+        """Return the station as a mapping for the survey, without unknown values."""
         values = dataclasses.asdict(self)
         return {key: value for key, value in values.items() if value is not None}
 
@@ -85,7 +85,7 @@ JOB_KEYS = {
     "units": Key(Choice(SCREEN_UNITS), meaning="Units of the screen."),
     "time_zone": Key(_SHORT_TEXT, meaning="Offset of local time at the site, such as +02:00."),
 }
-"""Keys of an event ``job``."""
+"""Keys of an event ``job``, with the values that each accepts."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,20 +93,20 @@ class JobChange:
     """Change of one setting of a job."""
 
     time_utc: str
-    """Time, ISO 8601; empty: not known."""
+    """Time of the change, ISO 8601; empty: unknown."""
     key: str
-    """Field of `Job`."""
+    """Name of the changed field of `Job`."""
     value: Any
-    """Value as in JSON; of a procedure its name."""
+    """New value as in JSON; for a procedure its name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """Job of a survey. None: not declared."""
+    """What is to be measured in a survey and how it is judged. A value of None is not declared."""
 
     procedure: Procedure | None = None
     target: float | None = None
-    """Target of points that have none of their own, Pa, or m for a deflection."""
+    """Target of the points without a target of their own, Pa, or m for a deflection."""
     stations: tuple[Station, ...] = ()
     step_m: float | None = None
     """Distance of neighbouring stations along the line, m."""
@@ -114,13 +114,13 @@ class Job:
     device: str | None = None
     """Serial number of the instrument."""
     calibration: tuple[Mapping[str, Any], ...] = ()
-    """Channels with the dates of their last and their next calibration."""
+    """Channels with the dates of their last and next calibration."""
     units: str | None = None
-    """Units of the screen: ``si`` or ``us``."""
+    """Units on the screen: ``si`` or ``us``."""
     time_zone: str | None = None
-    """Offset of local time at the site: +02:00."""
+    """Offset of local time at the site from UTC, such as +02:00."""
     changes: tuple[JobChange, ...] = ()
-    """All changes, in order."""
+    """All changes of the job, in order."""
     _stations_by_name: Mapping[str, Station] = field(
         default_factory=dict, repr=False, compare=False
     )
@@ -131,20 +131,22 @@ class Job:
 
     @property
     def procedure_in_force(self) -> Procedure:
-        """Chosen procedure, or that which averages every measured drop."""
+        """Declared procedure, or `NO_PROCEDURE`, which averages every measured drop."""
         return self.procedure or NO_PROCEDURE
 
     @property
     def quantity(self) -> Quantity:
-        """Quantity by which its points are judged."""
+        """Quantity by which the points are judged."""
         return self.procedure_in_force.quantity
 
     def station(self, name: str) -> Station | None:
-        """Return the station with a name."""
+        """Return the station with this name; None: there is none."""
         return self._stations_by_name.get(name)
 
     def target_faults(self) -> list[str]:
-        """Describe targets that the procedure in force cannot judge, one sentence each."""
+        """Return one sentence for each target that the procedure cannot judge, such as one in
+        another unit.
+        """
         procedure = self.procedure_in_force
         lines = []
         if self.target is not None and target_fault(self.target, procedure):
@@ -162,7 +164,7 @@ class Job:
         return [f"{line}: {rule}. Enter it again with --target or --stations" for line in lines]
 
     def with_request(self, request: "JobRequest", time_utc: str = "") -> "Job":
-        """Return the job after the changes of a request."""
+        """Return a job with the requested changes, which are recorded with the time."""
         declared = request.declared()
         changes = [
             JobChange(time_utc=time_utc, key=key, value=_plain(value))
@@ -171,12 +173,12 @@ class Job:
         return dataclasses.replace(self, **declared, changes=(*self.changes, *changes))
 
     def as_request(self) -> "JobRequest":
-        """Return the request that gives another survey this job."""
+        """Return the request that gives another survey the same job."""
         names = [item.name for item in dataclasses.fields(JobRequest)]
         return JobRequest(**{name: getattr(self, name) or None for name in names})
 
     def as_json(self) -> dict[str, Any]:
-        """Return the job as one JSON object, SI units."""
+        """Return the job as values that JSON can hold, in SI units."""
         unit = target_unit(self.procedure_in_force)[2]
         return {
             "procedure": None if self.procedure is None else self.procedure.name,
@@ -196,7 +198,7 @@ class Job:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobRequest:
-    """Changes requested of a job. None: unchanged."""
+    """Requested changes of a job; None: unchanged. The fields are those of `Job`."""
 
     procedure: Procedure | None = None
     target: float | None = None
@@ -212,30 +214,33 @@ class JobRequest:
         return bool(self.declared())
 
     def declared(self) -> dict[str, Any]:
-        """Return the declared fields with their values."""
+        """Return the requested changes, by the names of the fields."""
         values = {item.name: getattr(self, item.name) for item in dataclasses.fields(self)}
         return {name: value for name, value in values.items() if value is not None}
 
     def over(self, fallback: "JobRequest") -> "JobRequest":
-        """Return both requests together; this one overrides the other."""
+        """Return both requests as one; where both change a field, this one counts."""
         return JobRequest(**{**fallback.declared(), **self.declared()})
 
     def news(self, job: Job) -> "JobRequest":
-        """Return the part of the request that the job does not have yet."""
+        """Return the part of the request that would change the job."""
         declared = self.declared()
         return JobRequest(
             **{key: value for key, value in declared.items() if not _same(getattr(job, key), value)}
         )
 
     def differences(self, job: Job) -> list[str]:
-        """Return where the request differs from the job, one sentence each."""
+        """Return one sentence for each value of the job that the request would replace.
+
+        Targets that a requested procedure could not judge are reported, too.
+        """
         lines = []
         for key, value in self.news(job).declared().items():
             old = getattr(job, key)
             if old is None or old == ():
                 continue
             title = _TITLES.get(key)
-            if title is None:  # no person chose it: the instrument, the clock
+            if title is None:  # set by the instrument or the clock, not by the operator
                 continue
             was, now = _text_of(key, old), _text_of(key, value)
             lines.append(f"{title} of the survey was {was}, now it is {now}")
@@ -244,7 +249,7 @@ class JobRequest:
         return lines
 
     def events(self) -> list[tuple[str, dict[str, Any]]]:
-        """Return the events that the survey stores of it: names and details."""
+        """Return the events that store the request in a survey, as pairs of name and details."""
         declared = self.declared()
         events: list[tuple[str, dict[str, Any]]] = []
         procedure = declared.pop("procedure", None)
@@ -262,8 +267,8 @@ _TITLES = {
     "step_m": "the step between stations",
     "operator": "the operator",
 }
-"""Settings that people choose for a survey; changes of the others (instrument, clock, units of the
-screen) are stored without a request."""
+"""Names, for messages, of the settings that the operator chooses for a survey. Changes of the
+others (instrument, clock, units of the screen) are stored without a message."""
 
 
 def _same(old: Any, new: Any) -> bool:
@@ -298,17 +303,27 @@ def _plain(value: Any) -> Any:
 
 
 def target_unit(procedure: Procedure) -> tuple[str, float, str]:
-    """Return the shown unit of a procedure's targets, its size in SI, and the SI unit."""
+    """Return the unit in which a procedure's targets are shown, its size in SI units, and the SI
+    unit.
+    """
     return ("mm", 1e-3, "m") if procedure.quantity is Quantity.DEFLECTION else ("MPa", 1e6, "Pa")
 
 
 def target_si(shown: float, procedure: Procedure, where: str = "--target") -> float:
-    """Return a target in SI from a number in the shown unit of the procedure's quantity.
+    """Return a target in SI units, from a number in the unit in which the procedure's targets are
+    shown.
+
+    Parameters
+    ----------
+    shown : float, MPa, or mm for a deflection
+    procedure : Procedure
+    where : str
+        Origin of the number, the beginning of error messages.
 
     Raises
     ------
     OptionError
-        If it is no number > 0, or one that no drop can reach.
+        If it is not a number > 0, or is outside of the range that drops can reach.
     """
     unit, scale, _ = target_unit(procedure)
     if not 0 < shown < math.inf:
@@ -322,24 +337,26 @@ def target_si(shown: float, procedure: Procedure, where: str = "--target") -> fl
 
 
 MIN_DEFLECTION_TARGET, MAX_DEFLECTION_TARGET = 1e-5, 1e-2
-"""m. A drop of 7.07 kN on a plate of 0.15 m radius deflects ground of 2 MPa by 11 mm and ground of
-2 GPa by 0.01 mm: every point would pass, or none."""
+"""Range of accepted deflections, m. A drop of 7.07 kN on a plate of 0.15 m radius deflects ground
+of 2 MPa by 11 mm and ground of 2 GPa by 0.01 mm: outside of the range every point would pass, or
+none."""
 
 MIN_MODULUS_TARGET, MAX_MODULUS_TARGET = 2e6, 1e10
-"""Pa. Peat has 2 MPa, and every deflection that methods measure (up to 2 mm) lies below as a number
-in MPa; a bituminous base has 10 GPa, and every modulus in kPa from 10 MPa on lies above."""
+"""Range of accepted moduli, Pa. The limits detect a wrong quantity or unit. Peat has 2 MPa, and a
+deflection in mm that is read as MPa is below that. A bituminous base has 10 GPa, and a modulus in
+kPa that is read as MPa is above that."""
 
 
 def target_fault(target: float, procedure: Procedure, unit: tuple[str, float] | None = None) -> str:
-    """Return the fault of a target that no drop can reach; empty: no fault.
+    """Return a message about a target that no drop can reach; empty: the target is valid.
 
     Parameters
     ----------
     target : float, Pa, or m for a deflection
     procedure : Procedure
-        By which it is judged.
-    unit : name and SI units in one of it, optional
-        In which it was typed; None: MPa, or mm for a deflection.
+        The procedure that judges by the target.
+    unit : name and size in SI units, optional
+        Unit in which the target was typed; None: MPa, or mm for a deflection.
 
     Examples
     --------
@@ -366,12 +383,19 @@ def target_fault(target: float, procedure: Procedure, unit: tuple[str, float] | 
 
 
 def time_zone_of(text: str, where: str = "--time-zone") -> str:
-    """Return an offset of local time in the form of a job: ``+02:00``.
+    """Return an offset from UTC in the form in which a job stores it: ``+02:00``.
+
+    Parameters
+    ----------
+    text : str
+        Offset as typed.
+    where : str
+        Origin of the text, the beginning of error messages.
 
     Raises
     ------
     OptionError
-        If it is none.
+        If the text is not an offset.
 
     Examples
     --------
@@ -382,18 +406,20 @@ def time_zone_of(text: str, where: str = "--time-zone") -> str:
     if text.strip().upper() in ("Z", "UTC"):
         return "+00:00"
     if match is None or int(match[2]) > MAX_OFFSET_HOURS or int(match[3] or 0) > 59:
-        hint = "winter and summer differ where clocks are changed"
+        hint = "give the offset at the time of the survey: summer time differs from winter time"
         raise OptionError(refusal(where, "an offset such as +02:00, or UTC", quote(text), hint))
     return f"{match[1]}{int(match[2]):02d}:{int(match[3] or 0):02d}"
 
 
 _OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?", re.ASCII)
 MAX_OFFSET_HOURS = 14
-"""Largest offset of local time, h: that of the Line Islands."""
+"""Largest offset of a local time from UTC, h: that of the Line Islands."""
 
 
 def target_text(target: float) -> str:
-    """Return a target with the unit of the quantity that its size implies."""
+    """Return a target as text in mm or MPa; a number below 1 is a deflection in m, else a modulus
+    in Pa.
+    """
     from pfwd.procedures.judging import MAX_DEFLECTION_M
 
     if target < MAX_DEFLECTION_M:
@@ -402,18 +428,18 @@ def target_text(target: float) -> str:
 
 
 def job_of(survey: SurveyContent, procedure: Procedure | None = None) -> Job:
-    """Return the job of a survey from its events; unreadable ones are left out.
+    """Return the job of a survey from its events; unreadable events are ignored.
 
     Parameters
     ----------
     survey : SurveyContent
     procedure : Procedure, optional
-        In place of the one that the survey keeps, which then may be damaged.
+        Replaces the procedure that the survey stores, which is then not read.
 
     Raises
     ------
     SurveyError
-        If the procedure that it keeps cannot be read.
+        If the stored procedure cannot be read.
     """
     if procedure is not None:
         events = [event for event in survey.events if event.get("event") != PROCEDURE_EVENT]
@@ -424,16 +450,16 @@ def job_of(survey: SurveyContent, procedure: Procedure | None = None) -> Job:
 def job_from_events(
     events: Iterable[Mapping[str, Any]], where: str, before: Procedure | None = None
 ) -> Job:
-    """Return the job after a sequence of events.
+    """Return the job that results from a sequence of events.
 
     Parameters
     ----------
     events : iterable of mapping
-        In order.
+        Events of a survey, in order.
     where : str
-        For messages.
+        Path of the survey, the beginning of error messages.
     before : Procedure, optional
-        Value where no event has one.
+        Procedure if no event states one.
 
     Raises
     ------
@@ -482,20 +508,21 @@ def _stored_details(details: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def _procedure(details: Mapping[str, Any], where: str) -> Procedure:
-    source = f"procedure {quote(details.get('name'))} kept in {where}"
+    source = f"procedure {quote(details.get('name'))} stored in {where}"
     unverified = details.get("enforce_unverified") is True
     try:
         procedure = parse_procedure(details["text"], source, enforce_unverified=unverified)
-    except OptionError as err:  # of the survey, not of the command line
+    except OptionError as err:  # the fault is in the survey, not in an option
         raise SurveyError(f"{err}; choose another one with --procedure") from err
     file = details.get("file")
     return dataclasses.replace(procedure, file=file if isinstance(file, str) else None)
 
 
 def _named_procedure(survey: SurveyContent) -> Procedure | None:
-    """Return the procedure that the drops of a survey of an earlier version name.
+    """Return the shipped procedure that the drops of a survey of version 0.1 name; None: there is
+    none.
 
-    A name in a survey opens no file.
+    A name that is a path is ignored, so that a foreign survey cannot make the program open a file.
     """
     names = {point.declared.get("procedure") for point in survey.points}
     shipped = {name for name in names if isinstance(name, str) and name in shipped_names()}

@@ -1,4 +1,4 @@
-"""Place and time of a drop, as they were recorded, declared or edited."""
+"""Place and time of a drop: recorded with it, declared for it, or edited later."""
 
 import datetime
 import math
@@ -13,23 +13,23 @@ from pfwd_device.recording.survey_content import SurveyPoint
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A position on the earth, WGS 84."""
+    """Position on the earth, WGS 84."""
 
     latitude: float
     """Degrees, north positive."""
     longitude: float
     """Degrees, east positive."""
     altitude: float | None = None
-    """m; None: not declared."""
+    """Altitude, m; None: not declared."""
 
 
 def place_of(point: SurveyPoint, drop: DropView) -> Place | None:
-    """Return the position of a drop; an edit wins over what was recorded.
+    """Return the position of a drop; an edited one replaces a recorded or declared one.
 
     Returns
     -------
     Place or None
-        None: unknown, or not on the earth.
+        None: unknown, or the coordinates are outside of their range.
     """
     edited = None if drop.source is None else drop.source.position
     recorded = drop.metadata.get("position"), drop.declared
@@ -38,12 +38,12 @@ def place_of(point: SurveyPoint, drop: DropView) -> Place | None:
 
 
 def time_of(drop: DropView) -> str | None:
-    """Return the time at which a drop fell, ISO 8601; None: unknown."""
+    """Return the recorded time of a drop in UTC, ISO 8601; None: unknown."""
     return _first_text(drop.metadata.get("time_utc"), (drop.declared or {}).get("time_utc"))
 
 
 def local_time_of(drop: DropView) -> str | None:
-    """Return the local time at which a drop fell, ISO 8601; None: unknown."""
+    """Return the recorded local time of a drop, ISO 8601; None: unknown."""
     declared = drop.declared or {}
     imported = declared.get("imported")
     noted = imported.get("time_local") if isinstance(imported, Mapping) else None
@@ -55,19 +55,18 @@ def _first_text(*values: Any) -> str | None:
 
 
 def utc_of(drop: DropView, zone: str | None) -> str | None:
-    """Return the time at which a drop fell in UTC: as recorded, else from its local time.
+    """Return the time of a drop in UTC, as recorded or computed from its local time.
 
     Parameters
     ----------
     drop : DropView
     zone : str or None
-        Offset of a local time without one, ``+02:00``; None: unknown, and the local time is not
-        taken for UTC.
+        Offset from UTC for a local time that states none, such as ``+02:00``; None: unknown.
 
     Returns
     -------
     str or None
-        ISO 8601.
+        ISO 8601; None: unknown.
     """
     recorded = time_of(drop)
     local = None if recorded is not None else local_time_of(drop)
@@ -80,18 +79,23 @@ def utc_of(drop: DropView, zone: str | None) -> str | None:
                 return None
             moment = moment.replace(tzinfo=_zone(zone))
         return moment.astimezone(datetime.UTC).isoformat()
-    except (ValueError, OverflowError):  # what another program wrote, or the first of all days
+    except (ValueError, OverflowError):  # not ISO 8601, or out of the range of datetime
         return None
 
 
 def local_of(drop: DropView, zone: str | None) -> str | None:
-    """Return the local time at which a drop fell: as recorded, else from UTC.
+    """Return the local time of a drop, as recorded or computed from its time in UTC.
 
     Parameters
     ----------
     drop : DropView
     zone : str or None
-        Offset of the local time; None: unknown.
+        Offset of the local time from UTC, such as ``+02:00``; None: unknown.
+
+    Returns
+    -------
+    str or None
+        ISO 8601; None: unknown.
     """
     recorded = local_time_of(drop)
     utc = None if recorded is not None or zone is None else time_of(drop)
@@ -107,7 +111,9 @@ def local_of(drop: DropView, zone: str | None) -> str | None:
 
 
 def place_in(position: Any) -> tuple[float, float] | None:
-    """Return latitude and longitude of a mapping, degrees; None: they are not in it."""
+    """Return the latitude and longitude of a mapping, degrees; None: missing or outside of their
+    range.
+    """
     try:
         place = float(position["latitude"]), float(position["longitude"])
     except (KeyError, TypeError, ValueError):
@@ -129,8 +135,8 @@ def _place(position: Any) -> Place | None:
 
 
 def number(value: object) -> float | None:
-    """Return a finite number as a float; None: the value is none."""
-    if type(value) is float:  # nearly always
+    """Return a value as float if it is a finite number, else None."""
+    if type(value) is float:  # fast path: nearly all values
         return value if math.isfinite(value) else None
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None

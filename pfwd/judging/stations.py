@@ -1,4 +1,4 @@
-"""Reader of the stations of a job, from a text with columns or from GPX waypoints."""
+"""Reader of the stations of a job, from a CSV file or from the waypoints of a GPX file."""
 
 import csv
 import difflib
@@ -17,10 +17,10 @@ from pfwd.judging.places import number as finite_number
 from pfwd.procedures import Procedure
 
 MAX_STATION_FILE_CHARACTERS = 50_000_000
-"""Limit of the file's length; 100,000 stations need a tenth of it."""
+"""Largest number of characters of a file; 100,000 stations need a tenth of it."""
 
 MAX_STATION_NAME_CHARACTERS = 64
-"""Characters of the name of a point."""
+"""Largest number of characters of a station's name."""
 
 STATION_HEADINGS: Mapping[str, tuple[str, ...]] = {
     "name": ("name", "station", "point", "id"),
@@ -29,7 +29,7 @@ STATION_HEADINGS: Mapping[str, tuple[str, ...]] = {
     "longitude": ("longitude", "lon", "lng"),
     "target": ("target",),
 }
-"""Headings by which a column is known, whatever their case."""
+"""Accepted headings of each column; upper and lower case are equal."""
 
 _PARTS_OF_HEADINGS: Mapping[str, tuple[str, ...]] = {
     "chainage_m": ("chainage", "stationier", "kilomet"),
@@ -37,13 +37,14 @@ _PARTS_OF_HEADINGS: Mapping[str, tuple[str, ...]] = {
     "longitude": ("longitud",),
     "target": ("target", "ziel", "soll", "evd", "elwd"),
 }
-"""Parts of a heading, without its spaces and underlines, that show what the column probably is."""
+"""Parts of words that show what a misspelt or translated heading probably means; compared without
+spaces and underlines."""
 
 _CLOSE_MATCH = 0.8
-"""Similarity above which a heading counts as misspelt: one letter in four may differ."""
+"""Similarity above which a heading counts as misspelt: about one letter in four may differ."""
 
 _CHAINAGE = re.compile(r"(\d+)\+(\d{3}(?:[.,]\d+)?)(?!\d)")
-"""Kilometres and metres in a name: 12+320."""
+"""Kilometres and metres in a name, such as 12+320."""
 
 
 def read_stations(
@@ -56,17 +57,17 @@ def read_stations(
     Parameters
     ----------
     path : path of a .csv or .gpx file
-        The first line of a CSV names the columns (`STATION_HEADINGS`), separated by comma,
-        semicolon or tabulator; targets are in the shown unit of the procedure's quantity.
+        The first line of a CSV file names the columns (see `STATION_HEADINGS`), separated by comma,
+        semicolon or tabulator. Targets are in MPa, or in mm if the procedure judges a deflection.
     procedure : Procedure
     on_remark : callable, optional
-        Receives one line that names the columns of a CSV that are not used.
+        Receives one line that names the columns of a CSV file that are not used.
 
     Raises
     ------
     OptionError
-        If it cannot be read, holds no station, or one twice; the message names the line. Also if
-        a column that is not known looks like one that is: its values would be missed.
+        If the file cannot be read, has no station or one station twice; the message names the line.
+        Also if a heading is similar to a known one: the values of its column would be ignored.
     """
     file = os.fspath(path)
     try:
@@ -74,7 +75,8 @@ def read_stations(
     except OSError as err:
         raise OptionError(refusal(file, "a readable file", err.strerror or str(err))) from err
     except UnicodeDecodeError as err:
-        raise OptionError(refusal(file, "UTF-8 text", "other bytes")) from err
+        hint = "save the file as UTF-8"
+        raise OptionError(refusal(file, "UTF-8 text", "another encoding", hint)) from err
     if len(text) > MAX_STATION_FILE_CHARACTERS:
         expected = f"at most {MAX_STATION_FILE_CHARACTERS} characters"
         raise OptionError(refusal(file, expected, "more"))
@@ -93,7 +95,7 @@ def read_stations(
 
 
 def chainage_of(name: str) -> float | None:
-    """Return the chainage that the name of a station states, m; None: it states none.
+    """Return the chainage in the name of a station, m; None: the name has no chainage.
 
     Examples
     --------
@@ -116,9 +118,9 @@ def chainage_of_point(
     name : str
         Name of the point, which may contain its chainage.
     station : Station or None
-        Station of the job with this name, which wins over everything else.
+        Station of the job with this name; its chainage is used before all others.
     declarations : iterable of mapping
-        Headers of its drops, with a chainage that was declared or imported.
+        Headers of the drops, with a chainage that was declared or imported.
     """
     if station is not None and station.chainage_m is not None:
         return station.chainage_m
@@ -133,6 +135,12 @@ def chainage_of_point(
 
 def next_along(name: str, step_m: float) -> str | None:
     """Return the name of the station one step further; None: the name has no chainage.
+
+    Parameters
+    ----------
+    name : str
+    step_m : float, m
+        Distance of neighbouring stations.
 
     Examples
     --------
@@ -149,9 +157,16 @@ def next_along(name: str, step_m: float) -> str | None:
 
 
 def next_name(name: str, taken_names: Collection[str] = (), step_m: float | None = None) -> str:
-    """Return the name with its last number increased until it is new.
+    """Return a name for the next point: the last number in the name is increased until it is new.
 
-    A name with a chainage continues by the step between stations, where one is declared.
+    Parameters
+    ----------
+    name : str
+        Name of the present point.
+    taken_names : collection of str
+        Names that are in use.
+    step_m : float, m, optional
+        Distance of neighbouring stations, by which a chainage is increased.
 
     Examples
     --------
@@ -174,16 +189,16 @@ def next_name(name: str, taken_names: Collection[str] = (), step_m: float | None
 
 
 def similar_name(name: str, existing: Collection[str]) -> str | None:
-    """Return a known name that a new one may have been meant for; None: there is none.
+    """Return the existing name that was probably meant by a new one; None: there is none.
 
-    One of the two begins with the other, as when a digit was missed. A name that counts on from a
-    known one (10 after 9, though there is a 1) is no slip, nor is one of another kind than the
-    plain number that it begins with (12+360, though there is a 1).
+    The new name is suspect if one of the two begins with the other, as after a missed digit. A name
+    that follows an existing one (10 after 9, although 1 exists) is accepted. So is a chainage that
+    begins with the name of a numbered point (12+360, although 1 exists).
 
     Parameters
     ----------
     name : str
-        As it was typed.
+        Name as typed.
     existing : collection of str
         Names of points and stations.
 
@@ -241,14 +256,14 @@ def _csv(
 def _refuse_misnamed(
     heading: Sequence[str], places: Mapping[str, int], file: str, procedure: Procedure
 ) -> None:
-    """Refuse a heading that looks like a known one that the file does not have otherwise."""
+    """Raise an error for a heading that probably means a known column which the file lacks."""
     for at, name in enumerate(heading):
         key = None if at in places.values() else _column_of_heading(name)
         if key is None or key in places:
             continue
         units = {"target": target_unit(procedure)[0], "chainage_m": "m"}
         expected = f"a column {key}, in {units[key]}" if key in units else f"a column {key}"
-        hint = f"rename it to {key} if it is that, else to something else or remove it"
+        hint = f"rename the column to {key} if that is meant; otherwise rename or remove it"
         raise OptionError(refusal(f"{file}, line 1", expected, _quoted_heading(name), hint))
 
 
@@ -257,7 +272,7 @@ def _quoted_heading(heading: str) -> str:
 
 
 def _column_of_heading(heading: str) -> str | None:
-    """Return the column that a heading probably means; None: no such column."""
+    """Return the column that a heading probably means; None: it resembles no known heading."""
     letters = re.sub(r"[\W_]", "", heading.lower())
     for key, parts in _PARTS_OF_HEADINGS.items():
         if any(part in letters for part in parts):
@@ -321,12 +336,12 @@ def _name(text: str, where: str) -> str:
 
 
 def _gpx(text: str, file: str) -> list[Station]:
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:  # could name files, or grow without end
-        raise OptionError(refusal(file, "GPX without definitions of its own", "some"))
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:  # entities could read files or expand endlessly
+        raise OptionError(refusal(file, "GPX without DOCTYPE and ENTITY", "a file with them"))
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as err:
-        raise OptionError(refusal(file, "GPX", f"no XML: {err}")) from err
+        raise OptionError(refusal(file, "GPX", f"invalid XML: {err}")) from err
     points: list[Any] = [item for item in root.iter() if _tag(item) in ("wpt", "rtept")]
     stations = []
     for number, item in enumerate(points, start=1):
@@ -336,7 +351,8 @@ def _gpx(text: str, file: str) -> list[Station]:
         try:
             latitude, longitude = float(item.get("lat", "")), float(item.get("lon", ""))
         except ValueError as err:
-            raise OptionError(refusal(where, "lat and lon, numbers", "others")) from err
+            expected, actual = "numbers as lat and lon", "missing ones or other text"
+            raise OptionError(refusal(where, expected, actual)) from err
         if not is_position(latitude, longitude):
             raise OptionError(refusal(where, "lat and lon in degrees", f"{latitude}, {longitude}"))
         stations.append(Station(name, chainage_of(name), latitude, longitude))

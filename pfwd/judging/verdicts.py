@@ -1,4 +1,4 @@
-"""One test point: its drops and, by the job, its value, interval, target and verdict."""
+"""A test point with its drops, and its value, interval, target and verdict by the job."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -30,46 +30,48 @@ from pfwd.procedures.values import moduli_of, residual_fault, unsupported_record
 from pfwd_device.recording.survey_content import SurveyPoint
 
 DEFAULT_RADIUS = 0.15
-"""m; placeholder where no drop declares the plate; nothing is computed with it."""
+"""Plate radius, m, where no drop declares one; a placeholder with which nothing is computed."""
 
 SAME_PLATE = 1e-9
-"""Relative difference up to which two declared radii are one."""
+"""Largest relative difference of two declared radii that are taken for the same plate."""
 
 
 @dataclass(frozen=True, eq=False)
 class PointView:
-    """One test point of a survey, as every reader has it."""
+    """One test point of a survey: its drops, what was declared for it, and its judgement."""
 
     name: str
-    """Name that its drops have."""
+    """Name under which its drops are stored."""
     drops: Sequence[DropView] = ()
     """All drops, in the order they fell."""
     target: float | None = None
-    """Target of the point itself, Pa or m; None: it has none of its own."""
+    """Target declared for this point, Pa, or m for a deflection; None: not declared."""
     discarded: bool = False
     diagnosis: DiagnosisResult | None = None
     """Last diagnosis, even if the point has changed since; None: there is none."""
     title: str = ""
-    """Later name; empty: it has its first name."""
+    """Name that the operator gave it later; empty: it has its first name."""
     job: Job = field(default_factory=Job)
-    """Job that it is judged by."""
+    """Job by which the point is judged."""
     fallback_target: tuple[float, str] | None = None
-    """Target where the survey has none, and its source; None: that of the procedure counts."""
+    """Target that is used if the survey declares none, and its source; None: the procedure's is
+    used."""
     notes: tuple[str, ...] = ()
     place: Mapping[str, Any] | None = None
-    """latitude, longitude (degrees) and `source`: edited, declared, or of a receiver, with the
-    quality of its fix; None: unknown."""
+    """``latitude``, ``longitude`` (degrees) and ``source``: edited, declared, or of a receiver,
+    with the quality of its fix; None: unknown."""
     replayed: Sequence[DropView] = ()
-    """Stored drops of a survey that is replayed; each counts from when it comes again."""
+    """Stored drops of a survey that is replayed; each counts from the time at which it is
+    replayed."""
     source: SurveyPoint | None = None
-    """The stored point; None: it is measured now, or came from another process."""
+    """Stored point; None: it is being measured, or this object came from another process."""
     whole: "PointView | None" = None
-    """The point that is judged, where this is a part of its drops; None: this is all of it."""
+    """Point that is judged, if this object holds only some of its drops; None: it holds all of
+    them."""
     warnings: tuple[Notice, ...] = ()
-    """Warnings of its setup, for a report."""
+    """Warnings about its setup, for a report."""
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state for another process, which does not have the survey."""
         return {**self.__dict__, "source": None}
 
     @property
@@ -84,12 +86,12 @@ class PointView:
 
     @property
     def shown_name(self) -> str:
-        """Present name."""
+        """Name to show: the later one if there is one."""
         return self.title or self.name
 
     @cached_property
     def facts(self) -> Sequence[PointDrop]:
-        """Facts of the drops, each compared with the others."""
+        """Facts of its drops, with rebounds and seating drops recognised; see `classify_drops`."""
         if self.whole is not None:
             fact_by_number = {fact.number: fact for fact in self.whole.facts}
             return tuple(fact_by_number[drop.number] for drop in self.drops)
@@ -97,12 +99,12 @@ class PointView:
 
     @cached_property
     def plate(self) -> "PointPlate":
-        """Plate and Poisson's ratio that are declared for its drops."""
+        """Plate and Poisson's ratio declared for its drops."""
         return _plate_of(self)
 
     @cached_property
     def diagnosis_in_force(self) -> DiagnosisResult | None:
-        """Diagnosis of the drops and the setup as they are now; None: there is none."""
+        """Last diagnosis, if it is of the present drops and setup; None: there is none."""
         if self.whole is not None:
             return self.whole.diagnosis_in_force
         if self.diagnosis is None or not self.drops:
@@ -112,15 +114,17 @@ class PointView:
 
     @cached_property
     def progress(self) -> PointProgress:
-        """Value, target and verdict by the procedure of the job."""
+        """Judgement by the procedure of the job: value, target and verdict."""
         return _judge(self) if self.whole is None else self.whole.progress
 
     def drop(self, number: int) -> DropView | None:
-        """Return a drop by its number within the point; None: there is none."""
+        """Return the drop with this number; None: there is none."""
         return next((drop for drop in self.drops if drop.number == number), None)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the line of a complete point, SI units."""
+        """Return the judgement as values that JSON can hold, in SI units: a line of the log of a
+        session.
+        """
         progress = self.progress
         values: Mapping[str, Any] = progress.as_dict()
         return {
@@ -151,7 +155,9 @@ def _diagnosed(point: PointView) -> DiagnosedModulus | None:
 
 
 def fit_before_diagnosis(diagnosis: DiagnosisResult) -> PointModulus | None:
-    """Return the modulus of the base model; None: nothing was fitted."""
+    """Return the modulus that was fitted without effects, before the diagnosis; None: there is
+    none.
+    """
     before = diagnosis.before
     if before is None or before.modulus_pa is None:
         return None
@@ -163,19 +169,20 @@ def fit_before_diagnosis(diagnosis: DiagnosisResult) -> PointModulus | None:
 def modulus_in_force(
     diagnosis: DiagnosisResult, point: PointView | None = None
 ) -> PointModulus | None:
-    """Return the modulus that a diagnosis puts in force at its point; None: there is none.
+    """Return the modulus of a point that may be used after a diagnosis; None: the data support
+    none.
 
     Parameters
     ----------
     diagnosis : DiagnosisResult
     point : PointView, optional
-        The point in its survey. Without fits there, or without a survey, the fit is that of the
-        base model.
+        The point in its survey, with the fits of its drops. Without it the fitted modulus is the
+        one that the diagnosis computed without effects.
 
     Returns
     -------
     PointModulus or None
-        With the reason in `not_supported` where the records of the point support no value.
+        `not_supported` holds the reason if the records of the point support no value.
     """
     fitted, fault = None, None
     if point is not None:
@@ -192,10 +199,10 @@ def modulus_in_force(
 
 
 def _judge(point: PointView) -> PointProgress:
-    """Return the verdict of the job's procedure on a point.
+    """Return the judgement of a point by the procedure of its job.
 
-    The target is the first of these: of the point, of its station, of the job, the fallback, that
-    of the procedure.
+    The target is the first of these that is declared: of the point, of its station, of the job, the
+    fallback, that of the procedure.
     """
     radius, ratio, faults = point.plate
     target, source = _target_of(point)
@@ -224,7 +231,9 @@ def _judge(point: PointView) -> PointProgress:
 
 
 def _target_of(point: PointView) -> tuple[float | None, str]:
-    """Return the target of a point, Pa or m, and its source; the first for the judged quantity."""
+    """Return the target of a point, Pa or m, and its source; targets of the judged quantity come
+    first.
+    """
     job = point.job
     station = job.station(point.shown_name)
     candidates = (
@@ -237,19 +246,19 @@ def _target_of(point: PointView) -> tuple[float | None, str]:
     if not declared:
         return None, ""
     fitting = [pair for pair in declared if is_target_for(job.procedure_in_force, pair[0])]
-    # A target of another quantity is passed on: the judgement reports that it does not count.
+    # A target of another quantity is passed on, because the judgement reports that it is ignored.
     return (fitting or declared)[0]
 
 
 class PointPlate(NamedTuple):
-    """The plate of a point."""
+    """Plate of a point, and Poisson's ratio of its ground."""
 
     radius: float
-    """m; 0: there was no plate."""
+    """Radius, m; 0: there was no plate."""
     poisson_ratio: float | None
-    """Declared Poisson's ratio; None: it is not declared."""
+    """Declared Poisson's ratio; None: not declared."""
     faults: list[str]
-    """One sentence where drops were measured with different plates."""
+    """One sentence if the drops were measured with different plates; else empty."""
 
 
 def _plate_of(point: PointView) -> PointPlate:
@@ -273,9 +282,9 @@ def _plate_of(point: PointView) -> PointPlate:
 
 
 def value_of_drop(job: Job, drop: DropView) -> PointValue | None:
-    """Return the judged quantity of one drop by itself; None: the drop lacks it.
+    """Return the value of a single drop in the judged quantity; None: the drop lacks it.
 
-    One drop has no scatter: only the modulus of the inversion has an interval, that of its model.
+    One drop has no scatter: only a fitted modulus has an interval, which is that of its model.
     """
     if drop.facts.kind is Kind.REJECTED:
         return None

@@ -1,8 +1,8 @@
-"""A survey as every reader has it: its job, its points with their drops, and their verdicts.
+"""A survey as readers need it: its job, its points with their drops, and their verdicts.
 
-Nothing is inverted. Screen, log, reports, exports and scripts read the same views, made from a
-folder or an exported file by the functions here, or from the events of a session by
-`pfwd.session.live_view`.
+Screen, log, reports, exports and scripts use the same views. The functions of this module make them
+from a folder or an exported file, `pfwd.session.live_view` from the events of a session. Nothing is
+inverted here.
 """
 
 import contextlib
@@ -41,40 +41,42 @@ from pfwd_device.recording.survey_content import (
 DAMAGED = "damaged record"
 
 _METADATA = ("position", "time_utc", "time_local", "operator", "identity", "marks")
-"""Keys that readers need of what is recorded with a drop; the rest would fill the memory."""
+"""Recorded keys of a drop that readers need; all of them would fill the memory."""
 
 NO_SETUP = PointSetup(plate_radius=0.0, test="stiffness")
-"""Setup of a drop that cannot be read; it takes part in nothing."""
+"""Setup of a drop that cannot be read; such a drop is rejected."""
 
 
 @dataclass(frozen=True, eq=False)
 class SurveyView:
-    """A survey: its job and its points."""
+    """Survey: its job and its points."""
 
     job: Job = field(default_factory=Job)
     points: Mapping[str, PointView] = field(default_factory=dict)
-    """Points by the name that their drops have, in order."""
+    """Points in order, by the name under which their drops are stored."""
 
     def with_job(self, job: Job) -> "SurveyView":
-        """Return the survey judged by another job."""
+        """Return the survey with all points judged by another job."""
         points = {name: replace(point, job=job) for name, point in self.points.items()}
         return SurveyView(job, points)
 
     def with_points(self, points: Iterable[PointView]) -> "SurveyView":
-        """Return the survey with new points, or with other views of known ones."""
+        """Return the survey with these points added, or replaced if it has points of the same
+        name.
+        """
         judged = {point.name: replace(point, job=self.job) for point in points}
         return SurveyView(self.job, {**self.points, **judged})
 
 
 def read_points(folder: str | os.PathLike[str]) -> tuple[PointView, ...]:
-    """Return the points of the survey in a folder, for a reader that has its job already.
+    """Return the points of the survey in a folder, without its job: with an empty one.
 
-    Another program may be writing it.
+    Another program may be writing the survey at the same time.
 
     Raises
     ------
     SurveyError, RecordingError
-        If it is no survey.
+        If the folder holds no survey.
     """
     refuse_no_survey(folder)
     return tuple(point_views(read_survey(folder), Job()))
@@ -87,12 +89,12 @@ def point_views(survey: SurveyContent, job: Job | None = None) -> Iterator[Point
     ----------
     survey : SurveyContent
     job : Job, optional
-        None: that of the survey.
+        Job to judge by; None: that of the survey.
 
     Raises
     ------
     SurveyError
-        If the procedure that the survey keeps cannot be read.
+        If the stored procedure cannot be read.
     """
     job = job_of(survey) if job is None else job
     for point in survey.points:
@@ -100,7 +102,9 @@ def point_views(survey: SurveyContent, job: Job | None = None) -> Iterator[Point
 
 
 def point_view(point: SurveyPoint, job: Job) -> PointView:
-    """Return a stored point with its drops; a damaged drop is rejected with that reason."""
+    """Return the view of a stored point; a damaged drop is rejected with the damage as its
+    reason.
+    """
     drops: list[DropView] = []
     later = later_declarations(point)
     for drop in point.drops:
@@ -126,11 +130,12 @@ def job_of_folder(folder: str | os.PathLike[str], instead: Procedure | None = No
     ----------
     folder : path of a survey
     instead : Procedure, optional
-        Procedure of the caller; that of the survey need not be readable then.
+        Procedure that the caller uses in any case; errors in the stored one are then ignored.
 
     Raises
     ------
     SurveyError, RecordingError
+        If the folder holds no survey, or its procedure cannot be read.
     """
     refuse_no_survey(folder)
     survey = read_survey(folder)
@@ -143,9 +148,9 @@ def job_of_folder(folder: str | os.PathLike[str], instead: Procedure | None = No
 
 
 def moduli_in_force(diagnoses: Sequence[DiagnosisResult]) -> list[PointModulus | None]:
-    """Return the modulus in force after each diagnosis, see `modulus_in_force`.
+    """Return the modulus that may be used after each diagnosis, see `modulus_in_force`.
 
-    Each survey among the diagnosed files is read once; its stored fits are the fitted moduli.
+    Each survey among the diagnosed files is read once, for the stored fits of its drops.
     """
     points: dict[tuple[str, str], PointView] = {}
     for file in dict.fromkeys(str(diagnosis.file) for diagnosis in diagnoses):
@@ -160,7 +165,9 @@ def moduli_in_force(diagnoses: Sequence[DiagnosisResult]) -> list[PointModulus |
 
 
 def later_declarations(point: SurveyPoint) -> dict[str, Any]:
-    """Return the keys of a header that were edited after the point was measured."""
+    """Return the declarations that were edited after the point was measured, by the keys of a
+    header.
+    """
     declared: dict[str, Any] = {}
     for edit in point.edits:
         kind, value = edit["what"], edit.get("value")
@@ -172,7 +179,7 @@ def later_declarations(point: SurveyPoint) -> dict[str, Any]:
 
 
 def _drop_view(drop: SurveyDrop, later: Mapping[str, Any], before: DropView | None) -> DropView:
-    """Return a stored drop.
+    """Return the view of a stored drop.
 
     Parameters
     ----------
@@ -180,7 +187,7 @@ def _drop_view(drop: SurveyDrop, later: Mapping[str, Any], before: DropView | No
     later : mapping
         `later_declarations` of its point.
     before : DropView, optional
-        The drop before it. Nearly always both have one setup, which is then checked once.
+        The drop before it; if both have the same setup, which is the rule, it is checked once.
     """
     discarded, moved = _discarding_of(drop)
     recorded: dict[str, Any] = {
@@ -208,7 +215,7 @@ def _drop_view(drop: SurveyDrop, later: Mapping[str, Any], before: DropView | No
             setup = setup_now(record.declared, later, drop.point)
         result = last
         if "fault" in recorded or (last is not None and not is_sound(last)):
-            # An earlier one may be complete, whatever it rests on.
+            # An earlier result may be complete, whatever setup it was computed with.
             counting = (stored for stored in readable_results(drop) if not stored.is_trial)
             result = next(filter(is_sound, counting), None)
         if result is not None:
@@ -230,9 +237,10 @@ def _damaged(drop: SurveyDrop, err: Exception, recorded: Mapping[str, Any]) -> D
 
 
 def recorded_fields(record: DropFacts, before: DropView | None) -> dict[str, Any]:
-    """Return the fields of a DropView that are recorded; equal ones are those of the drop before.
+    """Return the fields of a DropView that are recorded; equal ones are shared with the drop
+    before.
 
-    Traces are not among them: those of a large survey would fill the memory.
+    Traces are not among them, because those of a large survey would fill the memory.
     """
     declared: Mapping[str, Any] = record.declared
     metadata = {key: record.metadata[key] for key in _METADATA if key in record.metadata}
@@ -252,7 +260,16 @@ def recorded_fields(record: DropFacts, before: DropView | None) -> dict[str, Any
 
 
 def setup_now(declared: Mapping[str, Any], later: Mapping[str, Any], where: str) -> PointSetup:
-    """Return the setup of a drop with what was declared of its point later.
+    """Return the setup of a drop, with the declarations that were edited later.
+
+    Parameters
+    ----------
+    declared : mapping
+        Declarations recorded with the drop, by the keys of a header.
+    later : mapping
+        `later_declarations` of its point.
+    where : str
+        Origin of the declarations, the beginning of error messages.
 
     Raises
     ------
@@ -266,7 +283,10 @@ def setup_now(declared: Mapping[str, Any], later: Mapping[str, Any], where: str)
 
 
 def _discarding_of(drop: SurveyDrop) -> tuple[str | None, str | None]:
-    """Return the reason of a discard, and the sentence that names the point of a moved drop."""
+    """Return the reason for which a drop was discarded, and the sentence that names its new point.
+
+    Each is None if it does not apply.
+    """
     if not drop.discarded:
         return None, None
     reasons = [edit.get("value") for edit in drop.edits if edit["what"] == "discard"]
@@ -276,7 +296,7 @@ def _discarding_of(drop: SurveyDrop) -> tuple[str | None, str | None]:
 
 
 def _target_of(point: SurveyPoint) -> float | None:
-    """Return the target of the point itself, Pa or m; None: no valid target."""
+    """Return the target declared for a point, Pa or m; None: not declared, or not valid."""
     target = point.target
     sound = isinstance(target, int | float) and not isinstance(target, bool)
     return float(target) if sound and 0 < target < float("inf") else None
@@ -287,14 +307,15 @@ def place_of_point(
 ) -> Mapping[str, Any] | None:
     """Return the `PointView.place` of a point, or of some of its drops.
 
-    An edit wins over the receiver at the first drop with a fix, and that over the declaration.
+    An edited position is used before that of the receiver at the first drop with a fix, and that
+    before the declared one.
 
     Parameters
     ----------
     point : SurveyPoint or None
     drops : sequence of DropView
     declared : mapping
-        Keys of a header.
+        Declarations of the point, by the keys of a header.
     """
     stored = [point, *(drop.source for drop in drops)]
     edits = [source.position for source in stored if source is not None]

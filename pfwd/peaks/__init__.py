@@ -1,1 +1,3 @@
-"""Results from peaks without time histories: moduli, basin indices, stiffness of a rig."""
+"""Moduli and deflection-basin indices from peak values alone, and the stiffness of a spring test
+rig.
+"""

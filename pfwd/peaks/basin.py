@@ -11,7 +11,8 @@ r"""Moduli and indices of a deflection basin, from peaks of the load and of the 
   Thompson, *Mechanistic interpretation of nondestructive pavement testing deflections*, University
   of Illinois 1981): the area of the basin over its centre, by trapezoids; here in m.
 
-All of them treat peaks that are not simultaneous as a static basin.
+d0, d300, d12: peak deflection in the centre, at 300 mm, at 12 in. The peaks of a drop occur one
+after the other, farther sensors later; these formulas treat them as one static basin.
 """
 
 from collections.abc import Mapping
@@ -22,38 +23,48 @@ from math import pi
 from pfwd_device.drop import Peaks
 
 ASSUMED_POISSON_RATIO = 0.35
-"""Poisson's ratio of undeclared ground, as in the inversion, which is not loaded here."""
+"""Poisson's ratio where neither file nor user states one. The inversion assumes the same value; it
+is repeated here because importing the inversion loads numpy and scipy.
+"""
 
 RIGID_PLATE_FACTOR = pi / 2
-"""Plate factor of a rigid plate."""
+"""Factor pi/2 in the formula of the peak modulus: the stress distribution under a rigid plate."""
 
 MIN_POINT_LOAD_RADII = 2.0
-"""Least distance of a surface modulus, in radii of the plate: at smaller distances the deflection
-of a point load is more than 5 % off."""
+"""Smallest distance for which a surface modulus is computed, in plate radii. Nearer to the plate
+the deflection under a point load differs by more than 5 % from that under a plate.
+"""
 
 INDEX_DISTANCES_M = (0.0, 0.3, 0.6, 0.9)
-"""Distances of the sensors of the indices."""
+"""Distances from the plate centre, m, of the sensors from which SCI, BDI and BCI are computed."""
 
 CENTRE_TOLERANCE_M = 1e-3
-"""Distance within which a sensor counts as the one in the centre."""
+"""Largest distance from the plate centre, m, at which a sensor counts as the centre sensor."""
 
 INDEX_DISTANCE_TOLERANCE_M = 0.011
-"""Distance between an index and its sensor: 12, 24 and 36 in stand for 0.3, 0.6 and 0.9 m. The
-last is 14 mm off, hence the relative tolerance."""
+"""Largest difference, m, between the distance in the formula of an index and that of the sensor
+used for it. It lets sensors at 12, 24 and 36 in stand for 0.3, 0.6 and 0.9 m. The last one is 14 mm
+off and is admitted by `INDEX_DISTANCE_TOLERANCE_SHARE`.
+"""
 
 INDEX_DISTANCE_TOLERANCE_SHARE = 0.02
-"""The same as a share of the distance; the larger of the two counts."""
+"""The same tolerance as a fraction of the distance; the larger of the two applies."""
 
 STUCK_SENSOR_RATIO = 0.5
-"""Share of the next sensor's deflection, going outward, below which a sensor did not move."""
+"""A sensor whose peak is below this fraction of the peak of the next sensor outward did not move.
+"""
 
 MAX_OUTWARD_RATIO = 1.1
-"""Largest deflection of a sensor over the smallest one nearer to the plate; more is rejected."""
+"""Largest accepted peak of a sensor, relative to the smallest peak nearer to the plate."""
 
 
 @dataclass(frozen=True, slots=True)
 class Basin:
-    """Moduli and indices from the peaks of a drop; None where a sensor is missing."""
+    """Moduli and indices of a deflection basin, from the peaks of one drop.
+
+    A value is None where a sensor that it needs is missing or rejected. The formulas are in the
+    docstring of the module.
+    """
 
     peak_modulus_pa: float | None
     surface_moduli_pa: Mapping[float, float]
@@ -63,17 +74,21 @@ class Basin:
     bci_m: float | None
     area_m: float | None
     rejected_offsets_m: tuple[float, ...]
-    """Offsets of the sensors whose peaks are implausible."""
+    """Offsets from the plate centre, m, of the sensors with an implausible peak; see
+    `implausible_offsets`.
+    """
 
 
 def basin_of(peaks: Peaks, plate_radius: float, poisson_ratio: float) -> Basin:
-    """Return moduli and indices of a drop.
+    """Return the peak modulus, the surface moduli and the basin indices of a drop.
 
     Parameters
     ----------
     peaks : Peaks
+        Peak load, N, and peak deflections, m, of the drop.
     plate_radius : float, m, > 0
     poisson_ratio : float
+        Poisson's ratio of the ground.
 
     Returns
     -------
@@ -102,11 +117,11 @@ def basin_of(peaks: Peaks, plate_radius: float, poisson_ratio: float) -> Basin:
 
 
 def implausible_offsets(peaks: Peaks) -> tuple[float, ...]:
-    """Return the offsets, m, of sensors with a peak that no basin has.
+    """Return the offsets, m, of the sensors whose peak deflection no deflection basin can have.
 
-    Going outward on each side of the plate, these are a peak that is not positive; one of less than
-    half of the next sensor's, unless that one is too large itself (the sensor did not move); and
-    one of more than 1.1 times that of a sensor nearer to the plate.
+    Each side of the plate is examined from the centre outward. A peak is implausible in three
+    cases. It is zero or negative. It is less than half of the next sensor's plausible peak: the
+    sensor did not move. It is more than 1.1 times a plausible peak nearer to the plate.
     """
     offsets = []
     for side in (1.0, -1.0):
@@ -125,7 +140,9 @@ def implausible_offsets(peaks: Peaks) -> tuple[float, ...]:
 
 
 def _sensor_at(deflections: Mapping[float, float], distance: float) -> tuple[float, float] | None:
-    """Return offset and peak of the sensor that stands for a distance from the centre."""
+    """Return offset and peak, m, of the sensor at a distance from the centre; None: there is
+    none.
+    """
     tolerance = CENTRE_TOLERANCE_M
     if distance:
         tolerance = max(INDEX_DISTANCE_TOLERANCE_M, INDEX_DISTANCE_TOLERANCE_SHARE * distance)

@@ -1,9 +1,10 @@
-r"""Stiffness of a rig of springs: force over displacement, at the peaks and over frequency.
+r"""Stiffness of a spring test rig: force over displacement, at the peaks and as a function of
+frequency.
 
-- Secant: peak of the force over peak of the displacement.
-- Dynamic: mean of :math:`|F(f) / U(f)|` from 15 to 30 Hz, where the pulse has most of its energy
-  and a geophone responds. Below, remaining offset and drift distort it; above, the inertia of the
-  parts between load cell and springs does.
+- Secant stiffness: peak of the force over peak of the displacement.
+- Dynamic stiffness: mean of :math:`|F(f) / U(f)|` from 15 to 30 Hz, where the pulse has most of its
+energy and a geophone responds. Below 15 Hz offset and drift distort it. Above 30 Hz the inertia of
+the parts between load cell and springs does.
 
 A declared response of the geophone is removed from the velocity.
 """
@@ -19,31 +20,37 @@ from pfwd_device import Channel, Drop
 from pfwd_device.signals import correct_response, remove_offset
 
 STIFFNESS_BAND_HZ = (15.0, 30.0)
-"""Band of the dynamic stiffness."""
+"""Lower and upper frequency, Hz, between which the dynamic stiffness is averaged."""
 
 N_STIFFNESS_FREQUENCIES = 16
-"""Frequencies of the band at which the dynamic stiffness is computed."""
+"""Number of frequencies, evenly spaced in the band, at which the dynamic stiffness is computed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stiffness:
-    """Stiffness of a rig from one drop."""
+    """Secant and dynamic stiffness of a spring test rig, from one drop."""
 
     peak_load_n: float
     peak_displacement_m: float
     secant_n_per_m: float
     dynamic_n_per_m: float | None
-    """Mean over the band; None without a time history."""
+    """Mean of force over displacement from 15 to 30 Hz; None if the file has peaks but no traces.
+    """
 
 
 def stiffness_of(drop: Drop, setup: PointSetup) -> Stiffness | None:
-    """Return the stiffness of the rig under a drop; None without a sensor in the centre.
+    """Return the stiffness of the spring test rig on which a drop was made.
 
     Parameters
     ----------
     drop : Drop
     setup : PointSetup
-        Its declared geophone response is removed from the velocity.
+        Supplies the declared geophone response, which is removed from the velocity.
+
+    Returns
+    -------
+    Stiffness or None
+        None if there is no sensor in the centre or its peak is not positive.
     """
     if drop.only_peaks is not None:
         deflection, peak_load = drop.only_peaks.centre, drop.only_peaks.load
@@ -60,7 +67,7 @@ def stiffness_of(drop: Drop, setup: PointSetup) -> Stiffness | None:
     steps = np.diff(time) * (velocity[1:] + velocity[:-1]) / 2
     displacement = np.concatenate([[0.0], np.cumsum(steps)])
     load_peak = int(np.argmax(load))
-    # The peak that belongs to the load's; a trace that drifts is larger later.
+    # Search the peak near that of the load: a drifting trace is larger later.
     end = min(load.size, 2 * load_peak - int(np.argmin(np.abs(time))) + 1)
     peak_load, peak = float(load[load_peak]), float(displacement[:end].max())
     if peak_load <= 0 or peak <= 0:

@@ -1,7 +1,7 @@
 """Measuring procedures: the requirements of a standard on the drops of a point, and the verdict.
 
-Pure functions of small frozen dataclasses; the profiles are the only files. A screen, the headless
-logger, the report and a script use the same two calls::
+A procedure is read from a profile: a TOML file that names the source of every number. The screen,
+the report and scripts use the same two calls::
 
     from pfwd.procedures import Kind, PointDrop, find_procedure, judge
 
@@ -16,7 +16,7 @@ logger, the report and a script use the same two calls::
     progress.instruction        # one sentence: the next step
     progress.seating_done, progress.seating_wanted      # 3, 3 (wanted None: not stated)
     progress.measured_done, progress.measured_wanted    # 2, 3
-    progress.excluded           # every drop that takes no part, with the reason
+    progress.excluded           # every drop that is not averaged, with the reason
     progress.used               # numbers of the drops that are averaged
     progress.value              # PointValue (quantity, value, interval, factor, ...) or None
     progress.verdict            # Verdict.PASS, FAIL, UNDECIDED or NONE, with verdict_reason

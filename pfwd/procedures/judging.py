@@ -1,6 +1,6 @@
-"""Judgement of the drops of a point by a procedure: value, verdict and next step.
+"""Judgement of the drops of a test point by a measuring procedure: value, verdict and next step.
 
-`judge` is a pure function.
+The function `judge` depends on its arguments only; it reads no file and keeps no state.
 """
 
 import dataclasses
@@ -37,43 +37,46 @@ from pfwd.procedures.values import (
 )
 
 RULES_EVENT = "verdict_rules"
-"""Event of a survey with the version of the rules of its first verdicts, in ``version``."""
+"""Name of the event in a survey's journal that records, as ``version``, the version of the rules by
+which its first verdicts were made.
+"""
 
 RULES_VERSION = 2
-"""Version of the rules. Those of version 1 (program 0.1) compare no load, accept every fit and make
-symmetric intervals."""
+"""Version of the rules of judgement. Version 1 (program 0.1) compared no load with that of the
+procedure, accepted every fit and made symmetric intervals.
+"""
 
 MAX_DEFLECTION_M = 1.0
-"""Largest target that is a deflection; a larger number is a modulus in Pa."""
+"""A target below this number is a deflection in m, a larger one a modulus in Pa."""
 
 _ALWAYS_ENFORCED = frozenset({"nominal_load_n", "plate_radius_m", *OUR_TOLERANCES})
-"""Keys of preconditions and of their tolerances, which apply with or without a verified source."""
+"""Keys of plate, load and their tolerances: enforced even where no verified source states them."""
 
 
 _REPEATED = frozenset({Exclusion.REJECTED, Exclusion.DISCARDED, Exclusion.FAULT})
-"""Exclusions after which a drop has to be repeated."""
+"""Reasons of exclusion after which the operator has to repeat the drop."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Scatter:
-    """Scatter of the averaged drops; None: too few drops."""
+    """Relative scatter of the averaged drops; a value is None when too few drops have it."""
 
     deflection: float | None
-    """Largest less smallest deflection over the mean; the same for load and modulus."""
+    """Largest minus smallest deflection, over the mean; load and modulus are computed alike."""
     load: float | None
     modulus: float | None
     change: float | None
-    """Deflection of the last drop over the first, less 1."""
+    """Relative change of the deflection from the first to the last averaged drop."""
     s_over_v: float | None
     """Mean deflection over mean peak velocity, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Goal:
-    """Value that the point has to reach."""
+    """Target of a point, and the place where it was stated."""
 
     target: float | None
-    """Pa, or m for a deflection; None: there is none."""
+    """Pa, or m if the target is a deflection; None: there is no target."""
     source: str
 
 
@@ -99,17 +102,17 @@ def judge(
     plate_radius : float, m
         0: no plate, which is allowed when all drops are rejected.
     poisson_ratio : float, optional
-        Declared value; that of the procedure wins.
+        Declared for the point; ignored where the procedure states a value.
     target : float, Pa (m for a deflection), optional
-        Target of the point; it wins over those of the procedure.
+        Target declared for the point; the targets of the procedure are then ignored.
     moisture : float, percent, optional
         Selects one of the procedure's targets.
     material : str, optional
         Selects one of the procedure's targets.
     diagnosed : DiagnosedModulus, optional
-        Replaces the fitted modulus where its diagnosis permits a use.
-    found_before : sequence of str
-        Violated preconditions besides those that the procedure states.
+        Replaces the fitted modulus where the diagnosis permits its use.
+    earlier_violations : sequence of str
+        Violated preconditions that the caller detected, one sentence each.
 
     Returns
     -------
@@ -177,7 +180,7 @@ def judge(
 
 
 def _notes(procedure: Procedure) -> list[str]:
-    """Return notes on the procedure that hold before any drop."""
+    """Return the notes on unverified numbers of a procedure, which hold whatever the drops are."""
     notes = []
     unverified = [
         key
@@ -198,7 +201,7 @@ def _modulus_notes(
     unused: PointModulus | None,
     diagnosed: DiagnosedModulus | None,
 ) -> list[str]:
-    """Return notes on which modulus of the point counts."""
+    """Return notes that say whether the diagnosed or the fitted modulus of the point is used."""
     if modulus is None or diagnosed is None:
         return []
     if modulus.source == "fitted":
@@ -210,7 +213,7 @@ def _modulus_notes(
 
 
 def _megapascal(modulus: PointModulus) -> str:
-    """Return the value in MPa, with the digits that it has beside its interval."""
+    """Return a modulus as text in MPa, rounded to the digits that its interval justifies."""
     value = modulus.value / 1e6
     if modulus.interval is None:
         return f"{value:.3g}"
@@ -241,7 +244,10 @@ def _point_faults(
     value: PointValue | None,
     notes: list[str],
 ) -> list[str]:
-    """Return the faults that enforced checks report; those of the remaining checks go to notes."""
+    """Return the violated checks of a point that are enforced, one sentence each.
+
+    Violated checks that are not enforced are appended to ``notes``.
+    """
     spreads = {
         "most_load_spread": scatter.load,
         "most_deflection_spread": scatter.deflection,
@@ -273,7 +279,9 @@ def _goal(
     material: str | None,
     notes: list[str],
 ) -> _Goal:
-    """Return the target of the point if it is of the judged quantity, else the procedure's."""
+    """Return the target declared for the point if it is of the judged quantity, else the
+    procedure's.
+    """
     if target is not None and is_target_for(procedure, target):
         return _Goal(target, "of the point")
     if target is not None:
@@ -286,9 +294,11 @@ def _goal(
 
 
 def is_target_for(procedure: Procedure, target: float) -> bool:
-    """Return whether a target is of the judged quantity.
+    """Return whether a target is of the quantity that a procedure judges: a deflection or a
+    modulus.
 
-    Moduli begin at 100 kPa, and deflections are smaller than the radius of a plate.
+    A number below 1 is a deflection in m, a larger one a modulus in Pa: moduli begin at 100 kPa,
+    and deflections are smaller than the radius of a plate.
     """
     return (procedure.quantity is Quantity.DEFLECTION) == (target < MAX_DEFLECTION_M)
 
@@ -357,7 +367,8 @@ def next_step(
     violated: Sequence[str],
     faults: Sequence[str],
 ) -> tuple[Kind | None, str]:
-    """Return the kind of the next drop, None when the point is done, and an instruction.
+    """Return the kind of the next drop, None when the point is done, and one sentence of
+    instruction.
 
     Parameters
     ----------
@@ -366,7 +377,7 @@ def next_step(
     violated : sequence of str
         Preconditions of the procedure that the point violates.
     faults : sequence of str
-        Faults that other checks of the procedure report.
+        Faults that the other enforced checks of the procedure report, one sentence each.
     """
     seating, measured = procedure.seating_drops, procedure.measured_drops
     repeated = _drop_to_repeat(sorted_drops)
@@ -379,7 +390,7 @@ def next_step(
         if prefix:
             return Kind.MEASURED, f"{prefix}a measured drop."
         if sorted_drops.complete:
-            return Kind.MEASURED, "Enough for a mean; another measured drop makes it surer."
+            return Kind.MEASURED, "Enough for a mean; another measured drop makes it more certain."
         return Kind.MEASURED, "Lift the weight."
     if not sorted_drops.complete:
         number = len(sorted_drops.used) + 1
@@ -390,7 +401,7 @@ def next_step(
     if faults:
         return None, (
             f"{faults[0][0].upper()}{faults[0][1:]}: see that the plate lies flat, and measure the "
-            "point anew beside this place."
+            "point again beside this place."
         )
     return None, "The point is done: walk to the next."
 

@@ -1,4 +1,7 @@
-"""Facts of the drops of a point, and the judgement of a procedure. All are immutable."""
+"""Input and output of a judgement by a procedure: facts of single drops, moduli, value and verdict.
+
+All classes are immutable.
+"""
 
 import math
 from collections.abc import Mapping
@@ -13,103 +16,113 @@ class Kind(StrEnum):
     """Role of a drop at its point."""
 
     SEATING = "seating"
-    """Brings the plate into full contact; takes no part in the mean."""
+    """One of the first drops, which bring the plate into full contact; it is not averaged."""
     MEASURED = "measured"
     REJECTED = "rejected"
-    """Refused by the screening: a rebound or a false trigger, which loads the ground otherwise."""
+    """Rejected by the program: a rebound or a false trigger, which did not load the ground as a
+    drop does.
+    """
     DISCARDED = "discarded"
-    """Refused by a person; it loaded the ground, and takes no part in the mean."""
+    """Discarded by the operator; it loaded the ground but is not averaged."""
 
 
 @dataclass(frozen=True, slots=True)
 class PointDrop:
-    """One drop with the values that a procedure needs; None: unknown."""
+    """Values of one drop that a procedure judges; None means unknown, and checks that need it are
+    skipped.
+    """
 
     number: int
-    """Within the point."""
+    """Number of the drop at its test point."""
     kind: Kind
     peak_load: float | None = None
-    """N."""
+    """Peak load, N."""
     peak_deflection: float | None = None
-    """m, of the centre, downward positive."""
+    """Peak deflection in the centre, m, downward positive."""
     pulse_duration: float | None = None
-    """s."""
+    """Duration of the load pulse, s."""
     peak_velocity: float | None = None
-    """m/s, of the centre, downward positive."""
+    """Peak velocity in the centre, m/s, downward positive."""
     modulus: float | None = None
-    """Pa, from the full time history."""
+    """Modulus of the ground, Pa, fitted to the full traces."""
     modulus_interval: tuple[float, float] | None = None
-    """95 %, the model's error included, Pa."""
+    """95 % interval of the modulus, Pa; it includes the error of the model."""
     residual: float | None = None
-    """Root mean square residual of the fit in the contact, over the peak."""
+    """Root mean square residual of the fit while the load acts, over the peak deflection."""
     fit_fault: str | None = None
-    """Reason why the data do not support the modulus, apart from its residual."""
+    """Reason why the data do not support the modulus, other than a large residual."""
     record_fault: str | None = None
-    """Reason why nothing that is read from the record is supported, its peaks included."""
+    """Reason why the record supports no value at all, not even its peaks."""
     offset_over_peak: float | None = None
-    """Deflection just before the drop over its peak, absolute."""
+    """Absolute deflection just before the drop, over the peak deflection."""
     return_over_peak: float | None = None
-    """Deflection left at the end of the record over its peak, absolute."""
+    """Absolute deflection at the end of the record, over the peak deflection."""
     reason: str | None = None
-    """Reason for which it was rejected or discarded."""
+    """Reason why the drop was rejected or discarded."""
 
 
 class ReasonCode(StrEnum):
-    """Kind of reason for a verdict."""
+    """Class of the reason for a verdict, for programs; the reason itself is a sentence."""
 
     PRECONDITION = "precondition"
-    """The drops or the plate are not those that the procedure presumes."""
+    """Plate or load differ from those that the procedure presumes."""
     NOT_SUPPORTED = "not-supported"
-    """The data do not support the value."""
+    """The data do not support the judged value."""
     DROPS_MISSING = "drops-missing"
     VALUE_MISSING = "value-missing"
-    """A measured drop lacks the quantity that is judged."""
+    """A measured drop lacks the judged quantity."""
     SCATTER = "scatter"
     """The drops differ by more than the procedure allows."""
     INTERVAL = "interval"
-    """The target lies within the interval."""
+    """The target lies within the 95 % interval of the value."""
     DECIDED = "decided"
     """The verdict is pass or fail."""
 
 
 class Verdict(StrEnum):
-    """Result of the comparison of a point with its target."""
+    """Result of the comparison of a point's value with its target."""
 
     PASS = "pass"
-    """The whole interval is on the right side."""
+    """The whole 95 % interval of the value meets the target."""
     FAIL = "fail"
-    """The whole interval is on the wrong side."""
+    """The whole 95 % interval of the value misses the target."""
     UNDECIDED = "undecided"
-    """The target lies within the interval, or a requirement is not met (yet)."""
+    """The target lies within the 95 % interval, or a requirement of the procedure is not met yet.
+    """
     NONE = "none"
-    """There is no target."""
+    """The point has no target."""
 
     @property
     def word(self) -> str:
-        """Text in a sentence."""
+        """Verdict as a word for sentences: "pass", "fail", "undecided" or "no verdict"."""
         return "no verdict" if self is Verdict.NONE else self.value
 
 
 @dataclass(frozen=True, slots=True)
 class PointValue:
-    """Judged quantity of a point, with the values from which it was computed."""
+    """Value of a point in the quantity that its procedure judges, with the numbers it was computed
+    from.
+    """
 
     quantity: Quantity
     value: float
     """Pa, or m for a deflection."""
     interval: tuple[float, float] | None
-    """95 %: scatter of the drops (Student), the model's error for the modulus of the inversion.
-    Calibration and the plate factor are not in it. None: too few drops for one."""
+    """95 % interval, in the unit of the value: scatter of the drops (Student), and for a fitted
+    modulus the error of the model. It does not include errors of calibration and plate factor.
+    None: too few drops.
+    """
     drops: int
     """Number of averaged drops."""
     drop_range: tuple[float, float] | None = None
-    """Smallest and largest value of single drops where there is no interval; None: one drop."""
+    """Smallest and largest value of single drops, given when there is no interval; None: one drop.
+    """
     not_supported: str | None = None
-    """Reason why nothing can be decided by the value; None: it is supported."""
+    """Reason why the value may not decide a verdict; None: it may."""
     mean_deflection: float | None = None
-    """m."""
+    """Mean peak deflection of the averaged drops, m."""
     mean_load: float | None = None
-    """N."""
+    """Mean peak load of the averaged drops, N."""
     factor: float | None = None
     """Plate factor; None: the formula has no such factor."""
     plate_radius: float | None = None
@@ -121,33 +134,33 @@ class PointValue:
 
     @property
     def unit(self) -> str:
-        """SI unit of value and interval."""
+        """SI unit of value and interval: "Pa" or "m"."""
         return unit_of(self.quantity)
 
 
 def unit_of(quantity: Quantity) -> str:
-    """Return the SI unit of a quantity."""
+    """Return the SI unit of a judged quantity: "m" for a deflection, "Pa" for every modulus."""
     return "m" if quantity is Quantity.DEFLECTION else "Pa"
 
 
 UNSUPPORTED_MARK = "*"
-"""Mark behind a number that the data do not support, wherever it is shown."""
+"""Mark after a number that the data do not support, in tables, reports and on the screen."""
 
 Use = Literal["design", "with-care", "do-not-use"]
-"""Permitted use of the modulus of a diagnosis."""
+"""Use that a diagnosis permits for its modulus."""
 
 
 @dataclass(frozen=True, slots=True)
 class DiagnosedModulus:
-    """The modulus of a point after its residual was diagnosed."""
+    """Modulus of a point from its diagnosis, whose model includes effects of device and ground."""
 
     value: float
-    """Pa."""
+    """Modulus, Pa."""
     interval: tuple[float, float] | None
-    """95 %, the unexplained residual included, Pa."""
+    """95 % interval, Pa; it includes the error of the model that the remaining residual shows."""
     use: Use
     use_reason: str
-    """One sentence."""
+    """Reason for the permitted use, one sentence."""
 
 
 ModulusSource = Literal["diagnosed", "fitted"]
@@ -155,121 +168,132 @@ ModulusSource = Literal["diagnosed", "fitted"]
 
 @dataclass(frozen=True, slots=True)
 class PointModulus:
-    """One modulus of a point."""
+    """Modulus of a point, from its diagnosis or from the fits of its drops."""
 
     value: float
-    """Pa."""
+    """Modulus, Pa."""
     interval: tuple[float, float] | None
-    """95 %, Pa."""
+    """95 % interval, Pa."""
     source: ModulusSource
-    """Diagnosis of the point, or the fits of its drops."""
+    """"diagnosed": from the diagnosis of the point; "fitted": from the fits of its drops."""
     not_supported: str | None = None
-    """Reason why the data do not support it; None: they do."""
+    """Reason why the data do not support the modulus; None: they do."""
 
 
 @dataclass(frozen=True, slots=True)
 class StressDependence:
-    """E = E_0 (p / p_0)^n over drops from several heights."""
+    """Fit of E = E_0 (p / p_0)^n, with the pressure p, to the drops of a point from several
+    heights.
+    """
 
     exponent: float
-    """n; positive: stiffens with stress."""
+    """Exponent n; positive: the ground stiffens with stress."""
     exponent_deviation: float | None
-    """Standard deviation; None: two drops have none."""
+    """Standard deviation of the exponent; None: two drops do not determine it."""
     pressures: tuple[float, float]
-    """Smallest and largest, Pa."""
+    """Smallest and largest peak pressure under the plate, Pa."""
 
 
 class Exclusion(StrEnum):
-    """Why a drop takes no part in the value of its point."""
+    """Reason why a drop is not averaged."""
 
     SEATING = "seating"
     BEYOND = "beyond"
-    """The point had the required number of measured drops before it."""
+    """The point already had the required number of measured drops."""
     REJECTED = "rejected"
     DISCARDED = "discarded"
     FAULT = "fault"
-    """An enforced check of single drops found something wrong."""
+    """An enforced check of single drops is violated."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExcludedDrop:
-    """Drop that takes no part, with the reason."""
+    """Drop that is not averaged, with the reason."""
 
     number: int
     why: Exclusion
     reason: str
-    """Reason as a text for people."""
+    """Reason as a text for the operator."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PointProgress:
-    """Judgement of a point by a procedure, after each of its drops.
+    """Judgement of a point by a procedure, renewed after each of its drops.
 
-    The fields are the keys of `as_dict`.
+    The field names are the keys of `as_dict`.
     """
 
     next_kind: Kind | None
     """Kind of the next drop; None: the point is complete."""
     instruction: str
-    """The next step, in one sentence."""
+    """Next step for the operator, in one sentence."""
     seating_done: int
-    """Number of seating drops."""
+    """Number of seating drops so far."""
     seating_wanted: int | None
-    """Required number; None: the procedure does not state it, or it is not verified."""
+    """Required number of seating drops; None: the procedure does not state it, or not from a
+    verified source.
+    """
     measured_done: int
-    """Number of measured drops that can be used."""
+    """Number of measured drops so far that can be averaged."""
     measured_wanted: int | None
-    """Required number, as for seating."""
+    """Required number of measured drops; None as for seating drops."""
     complete: bool
-    """True when the required number of drops is reached."""
+    """True when the required numbers of drops are reached."""
     used: tuple[int, ...]
     """Numbers of the drops that are averaged."""
     kinds: tuple[tuple[int, Kind], ...]
-    """Number of every drop, and its kind by the procedure."""
+    """Number of every drop with the kind that the procedure assigns to it."""
     excluded: tuple[ExcludedDrop, ...]
-    """Every drop that takes no part, by number."""
+    """Every drop that is not averaged, in the order of the numbers."""
     faults: tuple[str, ...]
-    """Faults of the point by enforced checks, one sentence each."""
+    """Violations of enforced checks of the point, one sentence each."""
     notes: tuple[str, ...]
-    """Remarks: assumptions, and checks that are not verified and not enforced."""
+    """Remarks: assumptions, and violations of checks that are not enforced."""
     value: PointValue | None
     modulus: PointModulus | None
-    """The modulus that counts; in force unless the data do not support it. None: unknown."""
+    """Modulus of the point, diagnosed or fitted, whether or not the data support it; None: unknown.
+    """
     other_modulus: PointModulus | None
-    """The fitted modulus where the diagnosed one counts, and the reverse; for details only."""
+    """The fitted modulus if `modulus` is the diagnosed one, and the reverse."""
     deflection_spread: float | None
-    """Largest less smallest over mean of the used drops."""
+    """Largest minus smallest deflection of the averaged drops, over the mean."""
     load_spread: float | None
     modulus_spread: float | None
     s_over_v: float | None
-    """Mean deflection over mean peak velocity of the used drops, s."""
+    """Mean deflection over mean peak velocity of the averaged drops, s."""
     compaction: tuple[tuple[int, str, float], ...]
     """Number, kind and deflection (m) of every drop that loaded the ground, in order."""
     compaction_change: float | None
-    """Deflection of the last used drop over the first, less 1; negative: the ground stiffens."""
+    """Relative change of the deflection from the first to the last averaged drop; negative:
+    stiffening.
+    """
     stress: StressDependence | None
     target: float | None
-    """Pa, or m for a deflection."""
+    """Target, Pa, or m for a deflection; None: there is none."""
     target_source: str
     verdict: Verdict
     verdict_reason: str
     verdict_reason_code: ReasonCode | None
-    """Kind of the reason; None: there is no target."""
+    """Class of the reason; None: the point has no target."""
 
     @property
     def modulus_in_force(self) -> PointModulus | None:
-        """The modulus that may be used; None: the data support none."""
+        """Modulus of the point if the data support it, else None."""
         modulus = self.modulus
         return None if modulus is None or modulus.not_supported is not None else modulus
 
     @property
     def fitted_modulus(self) -> PointModulus | None:
-        """The modulus of the fits of the averaged drops, whether or not it counts."""
+        """Modulus from the fits of the averaged drops, also where the diagnosed modulus replaces
+        it.
+        """
         moduli = (self.modulus, self.other_modulus)
         return next((modulus for modulus in moduli if modulus and modulus.source == "fitted"), None)
 
     def as_dict(self) -> Mapping[str, Any]:
-        """Return the judgement as JSON values in SI units."""
+        """Return the judgement as values that JSON can hold; quantities in SI units, keys as the
+        fields.
+        """
         values = {key: _plain(value) for key, value in asdict(self).items()}
         if self.value is not None:
             values["value"]["unit"] = self.value.unit
@@ -278,7 +302,11 @@ class PointProgress:
 
 
 def in_force_as_dict(modulus: PointModulus | None) -> dict[str, Any]:
-    """Return the modulus in force as JSON values in SI units."""
+    """Return the modulus in force as JSON values in SI units.
+
+    The keys are ``modulus_in_force_pa``, ``modulus_in_force_interval_pa`` and ``modulus_source``;
+    their values are None when the data support no modulus.
+    """
     interval = None if modulus is None else modulus.interval
     return {
         "modulus_in_force_pa": None if modulus is None else modulus.value,

@@ -1,8 +1,8 @@
 """Preconditions of a procedure on plate and load, and their violations at a point.
 
-A formula with a nominal load (E_vd) is wrong in proportion when another weight or height was used,
-and limits found with one plate do not hold for another. A point that violates a precondition gets
-no verdict.
+A formula with a nominal load, as that of E_vd, is wrong in proportion when another weight or height
+of fall was used. Limits that were determined with one plate do not hold for another. A point that
+violates a precondition gets no verdict.
 """
 
 import math
@@ -14,35 +14,38 @@ from pfwd.procedures.profile import Procedure
 from pfwd.procedures.values import mean
 
 TOLERANCE_SLACK = 1e-9
-"""Relative allowance for rounding: a value on the limit of a tolerance is within it."""
+"""Relative allowance for rounding errors, so that a value on the limit of a tolerance is within it.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class PresumedLoad:
-    """Load that a procedure presumes, and the measured load."""
+    """Load that a procedure presumes, and the load that was measured."""
 
     load: float
-    """N."""
+    """Presumed peak load, N."""
     pressure: float
-    """Pa; mean contact stress of that load under the procedure's plate."""
+    """Mean contact pressure, Pa, of the presumed load under the procedure's plate."""
     tolerance: float
-    """Relative."""
+    """Accepted relative deviation of the measured load."""
     tolerance_is_ours: bool
-    """False: a verified source states the tolerance."""
+    """True: this program chose the tolerance; False: a verified source states it."""
     measured_load: float | None
-    """N; mean of the averaged drops. None: not measured."""
+    """Mean peak load of the averaged drops, N; None: not measured."""
     measured_pressure: float | None
-    """Pa; mean contact stress of that load under the plate in use."""
+    """Mean contact pressure, Pa, of the measured load under the plate in use."""
 
     def is_met_by(self, load: float) -> bool:
-        """Return whether a load (N) is within the tolerance."""
+        """Return whether a peak load, N, deviates from the presumed one by no more than the
+        tolerance.
+        """
         return _is_within(load, self.load, self.tolerance)
 
 
 def presumed_load(
     procedure: Procedure, used: Sequence[PointDrop], plate_radius: float
 ) -> PresumedLoad | None:
-    """Return the load that a procedure presumes; None: it presumes none.
+    """Return the load that a procedure presumes, with the measured load; None: it presumes none.
 
     Parameters
     ----------
@@ -76,7 +79,7 @@ def presumed_load(
 def violated_preconditions(
     procedure: Procedure, used: Sequence[PointDrop], plate_radius: float
 ) -> list[str]:
-    """Return one sentence for each precondition that a point violates.
+    """Return one sentence for each precondition on plate and load that a point violates.
 
     Parameters
     ----------
@@ -84,7 +87,7 @@ def violated_preconditions(
     used : sequence of PointDrop
         The drops that are averaged.
     plate_radius : float, m
-        0: there was no plate.
+        Radius of the plate in use; 0: there was no plate.
     """
     return [
         *_plate_violation(procedure, plate_radius),

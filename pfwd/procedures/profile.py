@@ -1,4 +1,4 @@
-"""Procedure as it was read: numbers with their sources, nothing computed."""
+"""Contents of a procedure's profile: numbers with their sources. Nothing is computed here."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,51 +8,58 @@ from typing import NamedTuple
 
 
 class Quantity(StrEnum):
-    """Quantity by which a procedure judges a point. The four are different quantities."""
+    """Quantity by which a procedure judges a point. Values of different quantities cannot be
+    compared.
+    """
 
     E_VD = "E_vd"
-    """Dynamic modulus of deformation: factor x radius x nominal pressure over mean deflection."""
+    """Dynamic modulus of deformation: factor × plate radius × nominal pressure over mean
+    deflection.
+    """
     E_LWD = "E_LWD"
-    """Surface modulus: factor x (1 - nu^2) x measured pressure x radius over mean deflection."""
+    """Surface modulus: factor × (1 - nu²) × measured pressure × plate radius over mean deflection.
+    """
     MODULUS = "modulus"
-    """Modulus of the ground from the inversion of the full time history."""
+    """Modulus of the ground, fitted to the full traces."""
     DEFLECTION = "deflection"
-    """Mean peak deflection itself; smaller is better."""
+    """Mean peak deflection; smaller is better."""
 
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """Number of a procedure with its source."""
+    """Number in a procedure's profile, with its source."""
 
     value: float
-    """Value in the SI unit that the key names."""
+    """Value in the SI unit that the key in the profile names."""
     source: str
     """Document and place that state the number."""
     verified: bool
-    """True when a public text confirms the number."""
+    """True when a public text confirms the number; others are enforced on request only."""
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Value that a point has to reach."""
+    """Target for the judged value of a point, possibly limited to a material or a range of
+    moisture.
+    """
 
     value: Number
-    """Pa, or m for a deflection."""
+    """Target value, Pa, or m for a deflection."""
     material: str | None = None
-    """Material that it applies to; None: any."""
+    """Material that the target is limited to; None: any material."""
     moisture_from: float | None = None
-    """Percent by mass, inclusive; None: from any."""
+    """Smallest moisture that the target applies to, percent by mass, inclusive; None: no limit."""
     moisture_to: float | None = None
-    """Percent by mass, exclusive; None: to any."""
+    """Largest moisture that the target applies to, percent by mass, exclusive; None: no limit."""
 
 
 class Check(NamedTuple):
-    """Check that a profile can require."""
+    """Description of a limit that a procedure's profile may state."""
 
     unit: str
-    """Unit in which people read the limit."""
+    """Unit in which the limit is shown."""
     scale: float
-    """Value in that unit over SI value."""
+    """Factor from the SI value to the shown value."""
     words: str
     """Description of the limited quantity."""
 
@@ -79,7 +86,7 @@ CHECKS: Mapping[str, Check] = MappingProxyType(
         "most_s_over_v_s": Check("ms", 1e3, "s/v, above which more compaction is possible"),
     }
 )
-"""Checks by their keys in a profile."""
+"""Descriptions of all limits that a profile may state, by the keys in the profile."""
 
 
 OUR_TOLERANCES: Mapping[str, float] = MappingProxyType(
@@ -88,23 +95,26 @@ OUR_TOLERANCES: Mapping[str, float] = MappingProxyType(
         "most_load_deviation": 0.10,
         # The same plate given in other units; the next size in use differs by a fifth.
         "most_radius_deviation": 0.01,
-        # Base models leave 1 to 9 % of the contact of sound records, fits of damaged ones 11 to 78.
+        # While the load acts, fits of sound records left a residual of 1 to 9 % of the peak, fits
+        # of damaged records 11 to 78 %.
         "most_residual": 0.10,
     }
 )
-"""Relative tolerances of checks that a profile does not state."""
+"""Tolerances, as fractions, that apply when a profile does not state them, by their keys in
+`CHECKS`.
+"""
 
 
 class Tolerance(NamedTuple):
-    """Relative tolerance, and whether this program chose it."""
+    """Tolerance as a fraction, and whether this program or a verified source states it."""
 
     value: float
     is_ours: bool
-    """False: a verified source states it."""
+    """True: this program chose the tolerance; False: a verified source states it."""
 
     @property
     def words(self) -> str:
-        """Text for messages.
+        """Tolerance as a text for messages, with its origin.
 
         Examples
         --------
@@ -117,51 +127,53 @@ class Tolerance(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Procedure:
-    """Requirements of a standard or a contract on the drops of a point."""
+    """Requirements of a standard or a contract on the drops of a test point."""
 
     name: str
-    """Short name, by which a user chooses the procedure."""
+    """Short name, the value of the option ``--procedure``."""
     title: str
     source: str
-    """The document."""
+    """Document that states the requirements."""
     about: str = ""
-    """Remarks for the user, above all on numbers that could not be verified."""
+    """Remarks for the user, in particular on numbers that could not be verified."""
     seating: Number | None = None
-    """Number of drops before the measured ones; None: the document does not state it."""
+    """Number of seating drops; None: the document does not state it."""
     measured: Number | None = None
-    """Number of drops that are averaged; None: the document does not state it."""
+    """Number of averaged drops; None: the document does not state it."""
     quantity: Quantity = Quantity.MODULUS
-    """The judged quantity."""
+    """Quantity by which a point is judged."""
     average: str = "deflection"
     """"deflection": the modulus of the mean deflection; "modulus": the mean of the moduli."""
     factor: Number | None = None
     """Plate factor: 1.5 in E_vd; 2 (uniform), pi/2 (rigid), 8/3 (parabolic) in E_LWD."""
     nominal_pressure: Number | None = None
-    """Pa; the stress that the procedure presumes. E_vd uses it in place of the measured one."""
+    """Contact pressure that the procedure presumes, Pa; the formula of E_vd uses it in place of the
+    measured one.
+    """
     nominal_load: Number | None = None
-    """N; the peak load that the procedure presumes."""
+    """Peak load that the procedure presumes, N."""
     poisson_ratio: Number | None = None
-    """Poisson's ratio of the formula; None: that of the setup."""
+    """Poisson's ratio in the formula; None: the declared value of the point is used."""
     plate_radius: Number | None = None
-    """m; the plate that the procedure presumes."""
+    """Plate radius that the procedure presumes, m."""
     checks: Mapping[str, Number] = field(default_factory=dict)
-    """Limits by the keys of `CHECKS`."""
+    """Limits by their keys in `CHECKS`."""
     targets: tuple[Target, ...] = ()
     """Targets by material and moisture."""
     enforce_unverified: bool = False
-    """True: numbers that are not verified are enforced, too."""
+    """True: numbers without a verified source are enforced, too."""
     text: str = field(default="", repr=False)
-    """The TOML from which it was read; a survey records it."""
+    """Text of the TOML file from which the procedure was read; a survey stores it."""
     file: str | None = None
-    """Path of that text; None: shipped with the program."""
+    """Path of the TOML file; None: the procedure comes with the program."""
 
     def tolerance(self, check: str) -> "Tolerance":
-        """Return a tolerance, which applies whether or not its source is verified.
+        """Return the tolerance of a check, which is enforced whether or not its source is verified.
 
         Parameters
         ----------
         check : str
-            Key of `OUR_TOLERANCES`, which has the default.
+            Key of `OUR_TOLERANCES`, which has the value for a profile that does not state one.
         """
         number = self.checks.get(check)
         if number is None:
@@ -169,29 +181,41 @@ class Procedure:
         return Tolerance(number.value, is_ours=not number.verified)
 
     def enforced(self, number: Number | None) -> float | None:
-        """Return the value of a number that is enforced; None: absent or not verified."""
+        """Return the value of a number if it is enforced; None: the profile lacks it, or it is not
+        verified.
+        """
         if number is None or not (number.verified or self.enforce_unverified):
             return None
         return number.value
 
     def limit(self, check: str) -> float | None:
-        """Return an enforced limit by its key, SI unit; None: not checked."""
+        """Return the limit of a check, in SI units; None: the check is not enforced.
+
+        Parameters
+        ----------
+        check : str
+            Key of `CHECKS`.
+        """
         return self.enforced(self.checks.get(check))
 
     @property
     def seating_drops(self) -> int | None:
-        """Enforced number of drops before the measured ones; None: no number is enforced."""
+        """Required number of seating drops; None: no number is enforced."""
         value = self.enforced(self.seating)
         return None if value is None else int(value)
 
     @property
     def measured_drops(self) -> int | None:
-        """Enforced number of drops that are averaged; None: no number is enforced."""
+        """Required number of averaged drops; None: no number is enforced."""
         value = self.enforced(self.measured)
         return None if value is None else int(value)
 
     def as_recorded(self) -> dict[str, object]:
-        """Return the values that a survey records, from which its points can be judged again."""
+        """Return the values that a survey stores of its procedure, so that its points can be judged
+        again.
+
+        The keys are ``name``, ``text``, ``file`` and ``enforce_unverified``.
+        """
         return {
             "name": self.name,
             "text": self.text,
@@ -200,7 +224,9 @@ class Procedure:
         }
 
     def numbers(self) -> dict[str, Number]:
-        """Return every number of the profile by its key."""
+        """Return every number that the profile states, by its key; targets as ``target 1``,
+        ``target 2``.
+        """
         numbers: dict[str, Number | None] = {
             "seating": self.seating,
             "measured": self.measured,
@@ -216,7 +242,8 @@ class Procedure:
         return {key: number for key, number in numbers.items() if number is not None}
 
     def target_for(self, moisture: float | None, material: str | None) -> Target | None:
-        """Return the enforced target for a moisture (percent) and a material, or None.
+        """Return the first enforced target for a moisture (percent by mass) and a material, or
+        None.
 
         A target that is limited to a moisture or a material applies only to a point that declares
         them.

@@ -1,4 +1,6 @@
-"""Reads a procedure from TOML, strictly: an unknown key or a number without a source is refused."""
+"""Strict reader of a procedure's TOML profile: unknown keys and numbers without a source are
+errors.
+"""
 
 import os
 from collections.abc import Mapping
@@ -14,16 +16,16 @@ PROFILE_FORMAT_KEY = "pfwd-procedure"
 FORMAT_VERSION = 1
 
 MAX_PROFILE_LENGTH = 100_000
-"""Characters; a profile has a few thousand."""
+"""Largest number of characters of a profile; the usual ones have a few thousand."""
 
 MAX_DROPS_OF_A_KIND = 100
-"""A larger number is a slip of the keyboard."""
+"""Largest accepted number of seating or measured drops; a larger one is a typing error."""
 
 _NUMBER_EXAMPLE = 'for example { value = 3, source = "where it is written", verified = true }'
 
 
 def _sourced(value: Number, meaning: str) -> Key:
-    """Return the key of a number that is stated with its source."""
+    """Return the TOML key of a number that the profile has to state together with its source."""
     keys = {
         "value": Key(value, meaning=meaning, hint=_NUMBER_EXAMPLE, required=True),
         "source": Key(
@@ -99,17 +101,17 @@ PROFILE_KEYS = {
     ),
     "targets": Key(Array(Table(_TARGET_KEYS)), meaning="Targets, one table each."),
 }
-"""Keys of a profile, besides the version of the format."""
+"""Keys of a profile, apart from the version of its format."""
 
 
 def read_procedure(path: str | os.PathLike[str], *, enforce_unverified: bool = False) -> Procedure:
-    """Return the procedure of a TOML file.
+    """Return the procedure that a TOML file describes.
 
     Parameters
     ----------
     path : path of a TOML file
     enforce_unverified : bool
-        True: numbers that are not verified are enforced too.
+        True: numbers without a verified source are enforced too.
 
     Returns
     -------
@@ -118,8 +120,8 @@ def read_procedure(path: str | os.PathLike[str], *, enforce_unverified: bool = F
     Raises
     ------
     OptionError
-        If the file cannot be read, a key is unknown or a value not accepted; the message
-        names the place.
+        If the file cannot be read, a key is unknown or a value is not accepted; the message names
+        the place.
     """
     file = os.fspath(path)
     text = read_toml_text(file, OptionError, MAX_PROFILE_LENGTH)
@@ -129,16 +131,17 @@ def read_procedure(path: str | os.PathLike[str], *, enforce_unverified: bool = F
 def parse_procedure(
     text: str, where: str, *, shipped: bool = False, enforce_unverified: bool = False
 ) -> Procedure:
-    """Return the procedure of a TOML text; see `read_procedure`.
+    """Return the procedure that a TOML text describes; see `read_procedure` for its errors.
 
     Parameters
     ----------
     text : str
     where : str
-        Origin of the text, for messages.
+        Origin of the text, the beginning of error messages.
     shipped : bool
         True: the profile is part of the program.
     enforce_unverified : bool
+        True: numbers without a verified source are enforced too.
     """
     values = TableReader(OptionError, where).read(_table_of(text, where), PROFILE_KEYS)
     quantity = Quantity(values["quantity"])
@@ -173,7 +176,7 @@ def parse_procedure(
 
 
 def _table_of(text: str, where: str) -> dict[str, Any]:
-    """Return the content of a profile without the version of its format."""
+    """Parse a profile and return its keys except the version of the format, which is checked."""
     table = parse_user_toml(text, where, OptionError)
     version = table.pop(PROFILE_FORMAT_KEY, None)
     if type(version) is not int or version != FORMAT_VERSION:

@@ -16,10 +16,12 @@ NO_PROCEDURE = Procedure(
     quantity=Quantity.MODULUS,
     average="modulus",
 )
-"""Procedure that averages every measured drop and judges the modulus of the inversion."""
+"""Procedure without requirements: all measured drops are averaged, and the fitted modulus is
+judged.
+"""
 
 PLAIN = "plain"
-"""Name of the default procedure, which follows no document."""
+"""Name of the default procedure, which follows no published document."""
 
 DEFAULT_SEATING_DROPS, DEFAULT_MEASURED_DROPS = 3, 3
 """Common practice with portable deflectometers: three drops seat the plate, three are averaged."""
@@ -50,19 +52,19 @@ def shipped_procedures() -> tuple[Procedure, ...]:
 
 
 def find_procedure(name: str, *, enforce_unverified: bool = False) -> Procedure:
-    """Return a shipped procedure by its name, or the one that a TOML file holds.
+    """Return the procedure of a name, or the one that a TOML file describes.
 
     Parameters
     ----------
     name : str
         A name of `shipped_names`, or a path that ends in .toml.
     enforce_unverified : bool
-        Whether numbers that are not verified are enforced too.
+        True: numbers without a verified source are enforced too.
 
     Raises
     ------
     OptionError
-        If no procedure has this name, or its file is refused.
+        If no procedure has this name, or the file is not valid.
     """
     text = _texts().get(name)
     if text is not None:
@@ -78,12 +80,12 @@ def find_procedure(name: str, *, enforce_unverified: bool = False) -> Procedure:
 def plain_procedure(
     seating: int = DEFAULT_SEATING_DROPS, measured: int = DEFAULT_MEASURED_DROPS
 ) -> Procedure:
-    """Return the procedure that compares the mean modulus of the measured drops with a target.
+    """Return the default procedure: the mean fitted modulus of the measured drops is judged.
 
     Parameters
     ----------
     seating, measured : int
-        Number of seating drops and of measured drops.
+        Required number of seating drops and of measured drops.
     """
     source = f'source = "{_CHOSEN}"'
     text = (

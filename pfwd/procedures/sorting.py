@@ -1,4 +1,4 @@
-"""Roles of the drops of a point: seating, averaged, or excluded with a reason."""
+"""Assignment of roles to the drops of a point: seating, averaged, or excluded with a reason."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -29,30 +29,30 @@ class SortedDrops:
     kinds: Mapping[int, Kind]
     """Kind of each drop by the procedure; the key is the drop's number."""
     usable: Sequence[PointDrop]
-    """Measured drops without fault."""
+    """Measured drops that violate no enforced check."""
     used: Sequence[PointDrop]
     """Averaged drops: the first usable ones, up to the number that the procedure requires."""
     excluded: Sequence[ExcludedDrop]
-    """Every drop that takes no part."""
+    """Every drop that is not averaged, with the reason."""
     seating: int
     """Number of seating drops."""
     complete: bool
-    """True when the required number of drops is reached."""
+    """True when the required numbers of drops are reached."""
     counted: bool
-    """True when the procedure requires a number of drops; then each of them has to have a value."""
+    """True when the procedure requires a number of drops; each of them then needs a value."""
 
 
 def kind_of(procedure: Procedure, rejected: Sequence[bool], seating: int = 0) -> Kind:
-    """Return the kind of the next drop of a point.
+    """Return the kind of the next drop of a point: seating or measured.
 
     Parameters
     ----------
     procedure : Procedure
     rejected : sequence of bool
-        For every earlier drop of the point, whether the screening rejected it. A rejected drop did
-        not load the ground as a drop does, and therefore does not seat the plate.
+        For every earlier drop of the point, whether it was rejected. A rejected drop did not load
+        the ground as a drop does, and therefore does not seat the plate.
     seating : int
-        Number of seating drops where the procedure does not enforce one.
+        Number of seating drops, used when the procedure enforces none.
     """
     required = seating if procedure.seating_drops is None else procedure.seating_drops
     loaded = sum(not was_rejected for was_rejected in rejected)
@@ -68,7 +68,7 @@ def sort_drops(procedure: Procedure, drops: Sequence[PointDrop], notes: list[str
     drops : sequence of PointDrop
         All drops of the point, in the order they fell.
     notes : list of str
-        Receives the faults that checks without enforcement report.
+        Violations of checks that are not enforced are appended, one sentence each.
     """
     required_seating = procedure.seating_drops
     usable: list[PointDrop] = []
@@ -126,10 +126,11 @@ def sort_drops(procedure: Procedure, drops: Sequence[PointDrop], notes: list[str
 def _drop_fault(
     procedure: Procedure, drop: PointDrop, unenforced: dict[str, list[int]]
 ) -> str | None:
-    """Return the fault that an enforced check reports; None: there is none.
+    """Return the first violation of an enforced check of single drops as a text; None: there is
+    none.
 
-    ``unenforced`` receives the number of the drop by the text of the fault that a check without
-    enforcement reports.
+    For a violated check that is not enforced, the drop's number is appended to
+    ``unenforced[text]``.
     """
     fault = None
     for key, attribute, sign in _DROP_CHECKS:

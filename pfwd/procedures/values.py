@@ -1,4 +1,6 @@
-"""Value of a point by a procedure: moduli as the standards define them, mean, scatter, stress."""
+"""Value of a point by a procedure: E_vd, E_LWD or a fitted modulus, its 95 % interval and its
+dependence on stress.
+"""
 
 import math
 from collections.abc import Sequence
@@ -13,17 +15,22 @@ from pfwd.procedures.point import (
 from pfwd.procedures.profile import Procedure, Quantity
 
 ASSUMED_POISSON_RATIO = 0.35
-"""Common value of subgrades, for a procedure and a setup without one; a note reports it."""
+"""Poisson's ratio, common for subgrades, where neither procedure nor point states one; a note
+reports it.
+"""
 
 MIN_DROPS_FOR_INTERVAL = 3
-"""Measured drops; Student's interval of two is twelve standard deviations wide."""
+"""Smallest number of measured drops for a 95 % interval: that of two would be 9 standard deviations
+wide on each side.
+"""
 
 _STUDENT_95 = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228)
 """Two-sided 95 % quantiles of Student's t for 1 to 10 degrees of freedom (any table of them)."""
 
 MIN_STRESS_RATIO = 1.25
-"""Ratio of the largest to the smallest pressure above which drops count as from several heights;
-drops from one height repeat within a few percent."""
+"""Smallest ratio of the largest to the smallest pressure at which drops count as made from several
+heights; drops from one height repeat within a few percent.
+"""
 
 
 def value_of(
@@ -34,7 +41,8 @@ def value_of(
     notes: list[str],
     modulus: PointModulus | None = None,
 ) -> PointValue | None:
-    """Return the quantity that a procedure judges; None: the drops lack it.
+    """Return the value of a point in the quantity that the procedure judges; None: the drops lack
+    it.
 
     Parameters
     ----------
@@ -43,11 +51,11 @@ def value_of(
         The drops that are averaged.
     plate_radius : float, m
     declared_ratio : float or None
-        Poisson's ratio of the setup.
+        Poisson's ratio declared for the point.
     notes : list of str
-        Receives the assumptions that were made.
+        Assumptions that were made are appended, one sentence each.
     modulus : PointModulus, optional
-        Modulus of the point, see `moduli_of`, for a procedure that judges a modulus.
+        Modulus of the point from `moduli_of`, needed by a procedure that judges the fitted modulus.
     """
     if procedure.quantity is Quantity.MODULUS:
         return _judged_modulus(used, plate_radius, modulus)
@@ -88,7 +96,9 @@ def _deflection(
 def _spread_of(
     average: float, values: Sequence[float]
 ) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
-    """Return the 95 % interval of a mean, or in its place the range of too few values."""
+    """Return the 95 % interval of a mean and None, or None and the range of the values if they are
+    few.
+    """
     if len(values) < MIN_DROPS_FOR_INTERVAL:
         return None, (min(values), max(values)) if len(values) > 1 else None
     half = half_width_95(values) or 0.0
@@ -157,24 +167,25 @@ def _e_lwd(
 
 
 def _mean_load(deflections: Sequence[float], loads: Sequence[float]) -> float | None:
-    """Return the mean load, N; None: the load of a drop is unknown."""
+    """Return the mean peak load, N; None: the load of at least one drop is unknown."""
     return mean(loads) if len(loads) == len(deflections) else None
 
 
 def moduli_of(
     procedure: Procedure, used: Sequence[PointDrop], diagnosed: DiagnosedModulus | None
 ) -> tuple[PointModulus | None, PointModulus | None]:
-    """Return the modulus of a point that counts, and the other one for the details.
+    """Return the modulus of a point that is to be used, and the other one if there are two.
 
-    The diagnosed modulus counts where its diagnosis allows a use, else the fitted one.
+    The diagnosed modulus is used where its diagnosis permits it, else the fitted one.
 
     Parameters
     ----------
     procedure : Procedure
-        Has the largest residual of a supported fit.
+        States the largest residual at which a fit counts as supported.
     used : sequence of PointDrop
         The drops that are averaged.
     diagnosed : DiagnosedModulus or None
+        Modulus from the diagnosis of the point.
     """
     fitted = _fitted_modulus(procedure, used)
     if diagnosed is None:
@@ -220,10 +231,10 @@ def _fitted_modulus(procedure: Procedure, used: Sequence[PointDrop]) -> PointMod
 
 
 def unsupported_records(used: Sequence[PointDrop]) -> str | None:
-    """Return why the records of a point support no value at all; None: they do.
+    """Return the reason why the records of a point support no value at all; None: they do.
 
     Drops with the same load, deflection and duration to the last digit are one drop that was stored
-    several times. Peaks without traces are rounded and may agree by chance.
+    several times. Drops without traces are not compared: rounded peaks may agree by chance.
     """
     first: dict[tuple[float | None, ...], int] = {}
     for drop in used:
@@ -239,7 +250,7 @@ def unsupported_records(used: Sequence[PointDrop]) -> str | None:
 
 
 def unsupported_fit(procedure: Procedure, drop: PointDrop) -> str | None:
-    """Return the reason why the data do not support the modulus of a drop; None: they do."""
+    """Return the reason why the data do not support the fitted modulus of a drop; None: they do."""
     if drop.fit_fault is not None:
         return f"drop {drop.number}: {drop.fit_fault}"
     fault = residual_fault(drop.residual, procedure.tolerance("most_residual").value)
@@ -247,7 +258,13 @@ def unsupported_fit(procedure: Procedure, drop: PointDrop) -> str | None:
 
 
 def residual_fault(residual: float | None, limit: float) -> str | None:
-    """Return the fault of a residual over the peak; None: no fault, or it is unknown."""
+    """Return the sentence for a residual above its limit; None: it is below, or unknown.
+
+    Parameters
+    ----------
+    residual, limit : float
+        Root mean square residual over the peak deflection, and its limit.
+    """
     if residual is None or residual <= limit:
         return None
     return (
@@ -278,7 +295,7 @@ def _judged_modulus(
 
 
 def recorded_values(drops: Sequence[PointDrop], attribute: str) -> list[float]:
-    """Return the recorded values of an attribute of drops, in their order."""
+    """Return the values of an attribute for the drops in which it is not None, in their order."""
     values = (getattr(drop, attribute) for drop in drops)
     return [float(value) for value in values if value is not None]
 
@@ -301,9 +318,11 @@ def stress_of(
     plate_radius: float,
     declared_ratio: float | None,
 ) -> StressDependence | None:
-    """Return the stress dependence of the modulus.
+    """Return the dependence of a point's modulus on the pressure under the plate; None: see
+    `stress_dependence`.
 
-    All usable drops count: those that are not averaged may have fallen from other heights.
+    All usable drops count, also those that are not averaged: they may have fallen from other
+    heights.
     """
     area = math.pi * plate_radius**2
     if procedure.quantity is Quantity.MODULUS:
@@ -329,13 +348,14 @@ def stress_of(
 def e_vd(
     deflection: float, plate_radius: float, factor: float = 1.5, nominal_pressure: float = 1e5
 ) -> float:
-    r"""Return the dynamic modulus of deformation.
+    r"""Return the dynamic modulus of deformation E_vd.
 
     .. math:: E_{vd} = 1.5 \, r \, \sigma / s
 
-    with the nominal pressure :math:`\sigma` = 0.1 MPa that the device was calibrated to (7.07 kN on
-    a plate of 0.3 m), whatever the load was; 22.5 / s for s in mm. Public manuals of light drop
-    weight testers after TP BF-StB B 8.3 print it.
+    The nominal pressure :math:`\sigma` = 0.1 MPa, to which the device was calibrated (7.07 kN on a
+    plate of 0.3 m), is used whatever the load was. With s in mm and that plate the formula is 22.5
+    / s, in MPa. It is printed in public manuals of light drop weight testers that follow TP BF-StB
+    B 8.3.
 
     Parameters
     ----------
@@ -360,7 +380,7 @@ def e_vd(
 def e_lwd(
     load: float, deflection: float, plate_radius: float, poisson_ratio: float, factor: float
 ) -> float:
-    r"""Return the surface modulus of a half-space under a plate, from the peaks.
+    r"""Return the surface modulus E_LWD of a half-space under a plate, from the peaks.
 
     .. math:: E_{LWD} = k (1 - \nu^2) \, \sigma \, r / s, \qquad \sigma = F / (\pi r^2)
 
@@ -370,11 +390,13 @@ def e_lwd(
     Parameters
     ----------
     load : float, N
-        Peak, measured.
+        Measured peak load.
     deflection : float, m, > 0
+        Peak deflection in the centre.
     plate_radius : float, m
     poisson_ratio : float
     factor : float
+        Stress distribution factor k.
 
     Returns
     -------
@@ -390,14 +412,16 @@ def mean(values: Sequence[float]) -> float:
 
 
 def spread(values: Sequence[float]) -> float | None:
-    """Return the largest less the smallest value over the mean; None: fewer than two values."""
+    """Return the largest minus the smallest value, over the mean; None: fewer than two values."""
     if len(values) < 2 or mean(values) == 0:
         return None
     return (max(values) - min(values)) / abs(mean(values))
 
 
 def half_width_95(values: Sequence[float]) -> float | None:
-    """Return half of the 95 % interval of the mean (Student); None: fewer than two values."""
+    """Return half the width of the 95 % interval of a mean (Student); None: less than two
+    values.
+    """
     count = len(values)
     if count < 2:
         return None
@@ -412,17 +436,19 @@ def half_width_95(values: Sequence[float]) -> float | None:
 def stress_dependence(
     pressures: Sequence[float], moduli: Sequence[float]
 ) -> StressDependence | None:
-    """Return the exponent of E over p, by least squares in the logarithms.
+    """Return the exponent n of E = E_0 (p / p_0)^n, by least squares of the logarithms.
 
     Parameters
     ----------
     pressures : sequence of float, Pa, > 0
+        Peak pressure under the plate, for each drop.
     moduli : sequence of float, Pa, > 0
+        Modulus from each drop.
 
     Returns
     -------
     StressDependence or None
-        None when the pressures differ too little.
+        None when the largest pressure is less than 1.25 times the smallest.
     """
     if len(pressures) < 2 or max(pressures) < MIN_STRESS_RATIO * min(pressures):
         return None

@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         device = "" if calibration.device is None else f"device {calibration.device}, "
         rigs = ", ".join(f"{value / 1e6:.4g} MN/m" for value in calibration.stiffness)
-        print(clean(f"{device}{calibration.found.drops} drops on rigs of {rigs}"))
+        print(clean(f"{device}{calibration.fit.drops} drops on rigs of {rigs}"))
         parameters = (
             (f"gain of the {calibration.gain_of}", record["gain"], 1.0, ""),
             ("natural frequency", record["natural_frequency_hz"], 1.0, " Hz"),
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
             print(
                 f"  {name} {scale * parameter['value']:.4g}{unit} (95 %: {low:.4g} to {high:.4g})"
             )
-        print(f"  misfit: {100 * calibration.found.misfit:.2g} % of the peak velocity")
+        print(f"  misfit: {100 * calibration.fit.misfit:.2g} % of the peak velocity")
     for warning in calibration.warnings:
         say(f"calibrate: {warning}")
     for text in calibration.reasons:

@@ -1,1 +1,1 @@
-"""The diagnosis of files and surveys: points gathered, diagnosed, written down, drawn."""
+"""Diagnosis of files and surveys: reading the points, diagnosing them, results, pictures."""

@@ -1,4 +1,4 @@
-"""The file of a device: its effects, kept by ``--write-device`` and given with ``--device``."""
+"""Device file: effects of a device, written by ``--write-device`` and read by ``--device``."""
 
 import datetime
 import importlib.metadata
@@ -19,16 +19,16 @@ from pfwd.files.toml import toml_line
 from pfwd.toml_reading import parse_user_toml, read_toml_text
 
 _SUFFIX = {"kg": "_kg", "s": "_s", "Hz": "_hz", "m/s": "_m_s", "m": "_m", "N/m": "_n_m"}
-"""Of a key, by the unit of its value."""
+"""Ending of a key, by the unit of its value."""
 
 
 def device_of(diagnosed: Sequence[Diagnosed]) -> str | None:
-    """The one device of diagnoses.
+    """Return the name of the device that all diagnoses are of; None: no device is declared.
 
     Raises
     ------
     OptionError
-        If they are of several.
+        If they are of several devices.
     """
     names = {found.result.device for found in diagnosed if found.result and found.result.device}
     if len(names) > 1:
@@ -41,7 +41,16 @@ def device_of(diagnosed: Sequence[Diagnosed]) -> str | None:
 def write_device_file(
     path: str | os.PathLike[str], diagnosed: Sequence[Diagnosed], device: str | None
 ) -> None:
-    """Keep the device effects that were found, for ``--device``.
+    """Write the effects of the device, as estimated by diagnoses, to a file for ``--device``.
+
+    The most precise estimate of each effect is written.
+
+    Parameters
+    ----------
+    path : path
+    diagnosed : sequence of Diagnosed
+    device : str or None
+        Name of the device.
 
     Raises
     ------
@@ -65,11 +74,11 @@ def write_device_file(
 
 
 class DeviceEffect(NamedTuple):
-    """An effect of a device as its file has it."""
+    """Effect of a device as its file stores it."""
 
     name: str
     drops: int
-    """That it was found with."""
+    """Number of drops from which it was estimated."""
     values: Sequence[tuple[str, str, float, float]]
     """Name, unit, value and standard deviation of each parameter."""
 
@@ -77,7 +86,7 @@ class DeviceEffect(NamedTuple):
 def write_effects(
     path: str | os.PathLike[str], device: str | None, effects: Sequence[DeviceEffect]
 ) -> None:
-    """Keep effects of a device, for ``--device``.
+    """Write effects of a device to a file for ``--device``.
 
     Raises
     ------
@@ -103,17 +112,27 @@ def write_effects(
 
 
 def read_device_file(path: str | os.PathLike[str]) -> DeviceValues:
-    """Device effects of a file that ``--write-device`` made; raises as `read_device`."""
+    """Return the parameters of device effects that a device file states; raises as
+    `read_device`.
+    """
     return read_device(path)[0]
 
 
 def read_device(path: str | os.PathLike[str]) -> tuple[DeviceValues, DeviceValues]:
-    """Device effects of a file, and their deviations, as far as it has any.
+    """Return the parameters of device effects that a device file states, and their standard
+    deviations.
+
+    Returns
+    -------
+    values : dict
+        Values by effect and parameter, in SI units.
+    deviations : dict
+        Standard deviations of those that have one.
 
     Raises
     ------
     OptionError
-        If it cannot be read, or names an effect or a parameter that is not known.
+        If the file cannot be read, or names an unknown effect or parameter.
     """
     where = f"--device {os.fspath(path)}"
     table = parse_user_toml(read_toml_text(path, OptionError, where=where), where, OptionError)

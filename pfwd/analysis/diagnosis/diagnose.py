@@ -1,4 +1,4 @@
-"""Diagnoses of files: points of one device are diagnosed together as one survey."""
+"""Diagnosis of the points of files. Points of the same device are diagnosed together."""
 
 from __future__ import annotations
 
@@ -43,14 +43,15 @@ from pfwd.errors import SurveyError
 
 @dataclass(frozen=True, eq=False)
 class Diagnosed:
-    """Outcome of one point, or the reason why a file was refused."""
+    """Outcome for one point, or the reason why a file is not valid."""
 
     file: str
     result: DiagnosisResult | None = None
     diagnosis: PointDiagnosis | None = None
     error: str | None = None
     number: int | None = None
-    """Number of the point's last measured drop within its survey; it stores the diagnosis."""
+    """Number, within its survey, of the point's last measured drop, with which the diagnosis is
+    stored."""
 
 
 def diagnose_files(
@@ -65,7 +66,7 @@ def diagnose_files(
     spread: DeviceValues | None = None,
     allow: Allow | None = None,
 ) -> Iterator[Diagnosed]:
-    """The diagnosis of every point, in their order.
+    """Yield the diagnosis of every point of files, in their order.
 
     Parameters
     ----------
@@ -74,22 +75,26 @@ def diagnose_files(
     options : AnalysisOptions, optional
         Header and declared values.
     device : mapping, optional
-        Values of device effects that are known, by effect and parameter.
+        Known parameters of device effects, by effect and parameter, in SI units.
     jobs : int
-        Processes.
+        Number of processes.
     leave_out : "next", "drop", "sensor", "point" or None
-        What is held out: the last drop of each point, each drop or each sensor is predicted
-        without it, by the rest of its point and the other points of the instrument.
-        "point": the device of the other points, the ground fitted to the
-        point. None: the last drop of each point of several, by its other drops.
+        Data that are held out and predicted. "next": the last drop of each point. "drop", "sensor":
+        each drop or sensor in turn. They are predicted from the remaining data of the point and
+        from the other points of the instrument. "point": each point is fitted with the device
+        effects of the other points. None: the last drop of each point is predicted from its other
+        drops.
     use_stored : bool
-        Whether what a survey keeps of the same question is the answer.
+        True: a diagnosis that the survey stores for the same request is returned in place of a new
+        one.
     progress : callable, optional
-        Receives what is tried, at which point, and how many points of how many are done.
+        Called with the kind of work, the name of the point, and the numbers of points done and in
+        all.
     spread : mapping, optional
-        Deviations of what is given of the device: a point may move it so far; else it is held.
+        Standard deviations of the values in ``device``. A parameter with one is fitted to each
+        point with the value as its prior; others are fixed.
     allow : "stiffness" or None
-        The one number that is fitted to a held-out drop: its stiffness.
+        "stiffness": a factor on the stiffness is fitted to a held-out drop.
     """
     options = options or AnalysisOptions()
     entries: list[DiagnosisPoint | Diagnosed] = []
@@ -123,12 +128,14 @@ def diagnose_entries(
     spread: DeviceValues | None = None,
     allow: Allow | None = None,
 ) -> Iterator[Diagnosed]:
-    """The diagnosis of every point that was read, in their order; refused files go through.
+    """Yield the diagnosis of points that were read already, in their order; invalid files are
+    passed on.
 
     Parameters
     ----------
-    entries, device, jobs, leave_out, use_stored, progress, spread, allow : as for
-        :func:`diagnose_files`
+    entries : sequence of DiagnosisPoint or Diagnosed
+    device, jobs, leave_out, use_stored, progress, spread, allow
+        As for :func:`diagnose_files`.
     """
     entries = with_unique_names(entries)
     points = [
@@ -139,7 +146,7 @@ def diagnose_entries(
     texts = questions_of(points, device, leave_out, spread, allow)
     questions = {point.name: text for point, text in zip(points, texts, strict=True)}
     stored = stored_answers(points, questions) if use_stored else {}
-    # Points of one device are one question: all of them are answered, or none.
+    # Points of one device are one request: all of their diagnoses are stored ones, or none.
     open_devices = {point.device for point in points if point.name not in stored} - {None}
     work = [p for p in points if p.name not in stored or p.device in open_devices]
 
@@ -194,7 +201,7 @@ def diagnose_entries(
 
 
 def _by_device(work: Sequence[DiagnosisPoint]) -> list[list[DiagnosisPoint]]:
-    """Points of one device together, and those of none."""
+    """Return the points in groups of one device; the first group has those without a device."""
     devices: dict[str | None, list[DiagnosisPoint]] = {}
     for point in work:
         devices.setdefault(point.device, []).append(point)
@@ -202,16 +209,17 @@ def _by_device(work: Sequence[DiagnosisPoint]) -> list[list[DiagnosisPoint]]:
 
 
 def _with_device_largest(entries: Sequence[DiagnosisPoint]) -> list[DiagnosisPoint]:
-    """Return the points with the largest values of each channel in the others of their device.
+    """Return the points with the largest values that each channel has at other points of the
+    device.
 
-    They refute that a channel was cut off at a lower level.
+    They disprove that a channel of the point was cut off at a lower level.
     """
     by_device: dict[str, dict[Channel, list[tuple[float, int]]]] = {}
     for place, entry in enumerate(entries):
         if entry.records and entry.device is not None:
             of_device = by_device.setdefault(entry.device, {})
             for channel, value in largest_values(entry.records.records).items():
-                # The second largest counts where the largest is the point's own.
+                # Keep two: where the largest value is of the point itself, the second one is used.
                 pairs = [*of_device.get(channel, []), (value, place)]
                 of_device[channel] = sorted(pairs, reverse=True)[:2]
     completed: list[DiagnosisPoint] = []
@@ -228,7 +236,9 @@ def _with_device_largest(entries: Sequence[DiagnosisPoint]) -> list[DiagnosisPoi
 
 
 def with_diagnoses(outcome: FileOutcome, diagnosed: Sequence[Diagnosed]) -> FileOutcome:
-    """Return the outcome of a file with the diagnosis of its point in each drop that took part."""
+    """Return the results of a file with the diagnosis of its point added to each drop that was
+    fitted.
+    """
     by_drop: dict[tuple[str | None, int], DropDiagnosis] = {}
     for point_outcome in diagnosed:
         result = point_outcome.result

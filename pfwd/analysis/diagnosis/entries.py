@@ -1,4 +1,4 @@
-"""The points of files on their way to a diagnosis: which drops take part, and as what records."""
+"""Points of files prepared for their diagnosis: choice of the drops, and their records."""
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,7 +22,7 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, eq=False)
 class DiagnosisPoint:
-    """A point on its way through the diagnosis."""
+    """Point prepared for its diagnosis."""
 
     file: str
     device: str | None
@@ -32,25 +32,27 @@ class DiagnosisPoint:
     rejected: tuple[Notice, ...] = ()
     warnings: tuple[Notice, ...] = ()
     rig: TracePoint | None = None
-    """The point, where it is known that the weight fell on a rig of springs."""
+    """The point as read, if it was measured on a spring test rig; None: on ground."""
     point: str | None = None
     """Name of the test point."""
     question: str = ""
-    """Identifier of samples and declarations; empty: no drop was measured."""
+    """Identifier of the samples and declarations; empty: no drop was measured."""
     basis: str = ""
     """Identifier of the declarations, see `result_store.basis_of`."""
     left_out: tuple[int, ...] = ()
-    """Numbers of drops that take no part."""
+    """Numbers of the drops that are not fitted."""
     name: str = ""
-    """Differs from those of the other points of one request, see :func:`with_unique_names`."""
+    """Name that is unique within one request, see :func:`with_unique_names`."""
     last: SurveyDrop | None = None
-    """The last measured drop, where a survey keeps it: its diagnosis is kept with that."""
+    """Last measured drop of a point in a survey, with which the diagnosis is stored; None: no
+    survey."""
 
 
 def with_unique_names(entries: Iterable[DiagnosisPoint | _T]) -> list[DiagnosisPoint | _T]:
-    """Return the points with a name by which their diagnoses are found; others as they are.
+    """Return the points with unique names, by which their diagnoses are identified.
 
-    Drops that were declared differently are two points of the same file with the same name.
+    Drops that were declared differently are two points of the same file with the same name, which
+    then get a number. Entries that are not points are returned unchanged.
     """
     names: set[str] = set()
     named: list[DiagnosisPoint | _T] = []
@@ -69,14 +71,14 @@ def with_unique_names(entries: Iterable[DiagnosisPoint | _T]) -> list[DiagnosisP
 
 
 def entries_of(file: str, options: AnalysisOptions) -> list[DiagnosisPoint]:
-    """The points of a file, read and screened."""
+    """Read and screen the points of a file."""
     return [
         entry_of(file, p, options) for p in read_points(file, options.header, options.overrides())
     ]
 
 
 def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> DiagnosisPoint:
-    """A point that was read already, screened."""
+    """Screen a point that was read already, and choose the drops that are fitted."""
     if point.setup.is_stiffness_test:
         device, called = _text(point.setup.device), _text(point.setup.point)
         return DiagnosisPoint(file, device, None, (), point.warnings, point, called)
@@ -96,7 +98,7 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
         Notice("drop-rejected", {"drop": point.drops[index].number, "reason": reason})
         for index, reason in sorted(reasons.items())
     )
-    # A bad sensor is the same in every drop: one warning is enough.
+    # A bad sensor is excluded from every drop of the point: one warning is enough.
     every = [*point.warnings, *(w for _, screening in chosen for w in screening.warnings)]
     warnings = tuple(dict.fromkeys(every))
     name = _text(point.setup.device)
@@ -106,7 +108,7 @@ def entry_of(file: str, point: TracePoint, options: AnalysisOptions) -> Diagnosi
     excluded = {offset for _, screening in chosen for offset in screening.left_out}
     records = tuple(record_of(drop, point.setup, options, excluded) for drop, _ in chosen)
     numbers = tuple(drop.number for drop, _ in chosen)
-    # Only what was declared is held; the search for effects needs the rest free.
+    # Only declared values are fixed; the search for effects needs the others to be free.
     made = PointRecords(
         file if called is None else called,
         records,
@@ -144,9 +146,9 @@ def _text(value: object) -> str | None:
 
 
 def instrument_of(point: DiagnosisPoint) -> tuple[object, ...]:
-    """Return what points of one instrument have in common.
+    """Return the key by which points of the same instrument are grouped.
 
-    That is the declared device; without one the plate and the sensors.
+    It is the declared device, or else plate radius, offsets and quantities of the sensors.
     """
     if point.device is not None or point.records is None:
         return (point.device,)
@@ -168,16 +170,18 @@ def questions_of(
     spread: DeviceEffects | None = None,
     allow: str | None = None,
 ) -> list[str]:
-    """Return an identifier of the request for each point.
+    """Return, for each point, an identifier of the request for its diagnosis.
 
-    Points of one device are one question: what the others show is tried on each.
+    Points of one device have a common request, because effects detected at one are tried at all.
 
     Parameters
     ----------
-    work : sequence of DiagnosisPoint, with records
+    work : sequence of DiagnosisPoint
+        Points with records.
     device, spread : mapping or None
-        Device effects that are given, and their deviations.
+        Known parameters of device effects, and their standard deviations.
     leave_out, allow : str or None
+        As for :func:`~pfwd.analysis.diagnosis.diagnose.diagnose_files`.
     """
     predicts = leave_out in _PREDICTIONS
     groups: dict[object, list[str]] = {}
@@ -187,14 +191,14 @@ def questions_of(
     for place, point in enumerate(work):
         group = sorted(groups[_group(place, point, predicts)])
         parts: tuple[object, ...] = (point.question, group, device, leave_out, spread, allow)
-        # Answers by the fits that the predictions had before are no longer given.
+        # "inference" makes predictions of an earlier method invalid.
         text = repr((*parts, "inference") if predicts else parts)
         questions.append(hashlib.sha256(text.encode()).hexdigest()[:32])
     return questions
 
 
 def _group(place: int, point: DiagnosisPoint, predicts: bool) -> object:
-    """Return what the points have in common that are one question."""
+    """Return the key of the group of points that have a common request."""
     if predicts:
         return instrument_of(point)
     return place if point.device is None else point.device
@@ -203,7 +207,7 @@ def _group(place: int, point: DiagnosisPoint, predicts: bool) -> object:
 def stored_answers(
     points: Sequence[DiagnosisPoint], questions: Mapping[str, str]
 ) -> dict[str, DiagnosisResult]:
-    """Return the stored diagnoses that answer the same questions; all by the name of the point."""
+    """Return the stored diagnoses of the same requests, by `DiagnosisPoint.name`."""
     answers = {}
     for point in points:
         stored = None if point.last is None else read_diagnosis(point.last)
@@ -213,7 +217,7 @@ def stored_answers(
 
 
 def with_question(result: DiagnosisResult, point: DiagnosisPoint, question: str) -> DiagnosisResult:
-    """Return a result with the identifiers of its request, its basis and the software."""
+    """Return a result with the identifiers of its request, declarations and software."""
     return replace(
         result,
         software=software_name(),

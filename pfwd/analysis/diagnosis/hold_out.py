@@ -1,4 +1,6 @@
-"""Held-out drops and sensors: predicted by the rest of their point and by the other points."""
+"""Prediction of held-out drops and sensors, from the rest of their point and from the other
+points.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,7 @@ from pfwd.analysis.diagnosis.points import (
 
 # Number of neighbours on either side of a point in the survey whose summaries are used.
 _MAX_NEIGHBOURS = 50
-# What a point cannot be fitted for.
+# Errors that concern one point and must not stop the diagnosis of the others.
 _FAILURES = (InversionError, np.linalg.LinAlgError)
 _PartOutcome = HeldOutPart | Notice
 
@@ -48,19 +50,26 @@ def with_predictions(
     allow: Allow | None = None,
     progress: Callable[[str, int], ProgressCounter] | None = None,
 ) -> DiagnosisByPoint:
-    """Return the diagnoses with how well held-out parts are predicted.
+    """Return the diagnoses with the errors of the predictions of held-out data.
 
-    Of the point nothing enters that is held out; the other points of its instrument are complete.
+    Held-out data of a point are not used in their prediction; the other points of the instrument
+    are used completely.
 
     Parameters
     ----------
-    points : sequence of DiagnosisPoint, with records
-    diagnoses : diagnoses of the points with all their records
+    points : sequence of DiagnosisPoint
+        Points with records.
+    diagnoses : dict
+        Diagnoses of the points with all their records.
     mode : "next", "drop" or "sensor"
+        Data that are held out, see :func:`~pfwd.analysis.diagnosis.diagnose.diagnose_files`.
     workers : Workers
-    declared_effects : values of device effects that are known, by effect and parameter
-    allow : what may be fitted to a held-out drop
-    progress : returns a counter of a kind of work on a number of points
+    declared_effects : mapping, optional
+        Known parameters of device effects, by effect and parameter, in SI units.
+    allow : "stiffness" or None
+        Parameter that may be fitted to a held-out drop.
+    progress : callable, optional
+        Returns a counter for a kind of work and a number of points.
     """
     counter = progress or partial(ProgressCounter, None)
     predicted = dict(diagnoses)
@@ -99,7 +108,12 @@ def with_predictions(
 
 
 class _Survey:
-    """Structure and summaries of the points of one instrument, each without the point itself."""
+    """Model structures and summaries of the points of one instrument, for the prediction of each
+    point.
+
+    A structure is the set of effects in the model. The summary of a point is its fit with one
+    structure. What is used for a point never includes the point itself.
+    """
 
     def __init__(
         self,
@@ -114,7 +128,7 @@ class _Survey:
         self._workers = workers
         self._counter = counter
         self._summaries: dict[Structure, list[PointSummary | None]] = {}
-        # One more than is needed, because a point has no part in the choice for itself.
+        # One more than needed, because a point is not used in the choice of its own structure.
         n_ranked = min(len(points), MAX_RANKED_POINTS + 1) if len(points) > 1 else 0
         work = workers.map(
             partial(_evidence, declared_effects=declared_effects), self._records[:n_ranked]
@@ -123,12 +137,14 @@ class _Survey:
         self._evidence = list(counted)
 
     def structure_without(self, place: int) -> Structure | None:
-        """Return the structure that the other points show; None: there are none."""
+        """Return the structure that the other points support best; None: there are no other
+        points.
+        """
         evidence = [of for i, of in enumerate(self._evidence) if i != place and of]
         return choose_structure(evidence[:MAX_RANKED_POINTS]) if evidence else None
 
     def neighbour_summaries(self, place: int) -> list[PointSummary]:
-        """Return the summaries of the other points."""
+        """Return the summaries of up to 50 points before and after a point in the survey."""
         structure = self.structure_without(place)
         if structure is None:
             return []
@@ -149,7 +165,7 @@ class _Survey:
 def _evidence(
     records: PointRecords, declared_effects: Mapping[str, Values]
 ) -> dict[Structure, float]:
-    """Return the log evidence of each structure; empty: the point cannot be fitted."""
+    """Return the log evidence of each candidate structure at a point; empty: the fit failed."""
     try:
         return structure_evidence(records, declared_effects, library_of_process())
     except _FAILURES:
@@ -159,7 +175,7 @@ def _evidence(
 def _summary(
     records: PointRecords, structure: Structure, declared_effects: Mapping[str, Values]
 ) -> PointSummary | None:
-    """Return the summary of a point; None: it cannot be fitted."""
+    """Return the summary of a point's fit with a structure; None: the fit failed."""
     try:
         return summarise_point(records, structure, declared_effects, library_of_process())
     except _FAILURES:
@@ -176,7 +192,7 @@ def _held_out_error(
     declared_effects: Mapping[str, Values] | None,
     allow: Allow | None,
 ) -> _PartOutcome:
-    """Return the errors of a held-out part, or why it cannot be predicted."""
+    """Return the prediction errors of one held-out drop or sensor, or a warning with the reason."""
     try:
         return held_out_error(
             records,

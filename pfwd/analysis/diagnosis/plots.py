@@ -1,4 +1,6 @@
-"""Pictures of diagnoses: traces, residual before and after, its spectrum, the ladder of effects."""
+"""Pictures of diagnoses: traces, residual before and after, its spectrum, evidence of the
+effects.
+"""
 
 from __future__ import annotations
 
@@ -21,22 +23,23 @@ _BEFORE, _AFTER, _DATA = "#c44e52", "#2a6f97", "#222222"
 
 
 def plot_diagnoses(outcomes: Sequence[Diagnosed], path: str | os.PathLike[str]) -> Path:
-    """Write a picture with one row a point.
+    """Write a picture of diagnoses, one row of four diagrams for each point.
 
     Parameters
     ----------
     outcomes : sequence of Diagnosed
-        With diagnoses.
+        Outcomes without a diagnosis are skipped.
     path : path ending in .png, .svg or .pdf
 
     Returns
     -------
     Path
+        The written file.
 
     Raises
     ------
     SurveyError
-        If there is nothing to draw, or no file can be written there.
+        If no outcome has a diagnosis, or the file cannot be written.
     """
     start_matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -108,7 +111,7 @@ def _draw_spectrum(axis: Any, diagnosed: Diagnosed) -> None:
 def _draw_ladder(axis: Any, diagnosed: Diagnosed) -> None:
     assert diagnosed.diagnosis is not None
     effects = diagnosed.diagnosis.effects
-    # What points of a device share was not weighed at one of them.
+    # Effects shared by the points of a device have no evidence at a single point.
     names = [
         effect.key if np.isfinite(known(effect.evidence)) else f"{effect.key} (shared)"
         for effect in effects
@@ -130,12 +133,12 @@ def _draw_ladder(axis: Any, diagnosed: Diagnosed) -> None:
 
 
 def _name(diagnosed: Diagnosed) -> str:
-    """Return the name of a point, or of its file where the file is one point."""
+    """Return the name of a point, or of its file if the point has no name."""
     point = None if diagnosed.result is None else diagnosed.result.point
     return Path(diagnosed.file).name if point is None else point
 
 
 def _modulus(state: FittedState) -> str:
-    """Return the modulus with its interval, or why there is none."""
+    """Return the modulus with its interval as text, or "no modulus"."""
     text = modulus_text(state.modulus_pa, state.modulus_interval_pa)
     return f"E {text}" if text else "no modulus"

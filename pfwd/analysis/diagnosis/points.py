@@ -1,4 +1,4 @@
-"""Diagnoses of single points, in this process or in several."""
+"""Diagnosis of single points, in this process or in several."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ from inversion.inference.instrument import InstrumentKnowledge
 from pfwd.analysis.diagnosis.entries import DiagnosisPoint
 from pfwd.spawning import worker_pool
 
-# Devices that share the processes, for each of these.
+# Number of devices that are diagnosed at the same time, for each process.
 _AT_ONCE = 2
 
 _R = TypeVar("_R")
 _G = TypeVar("_G")
 DeviceValues = dict[str, dict[str, float]]
 Progress = Callable[[str, str, int, int], None]
-"""Receives the kind of work, the name of the point that is worked on (empty: none is left), the
+"""Function that receives the kind of work, the name of the point in work (empty: none is left), the
 number of points done, and their total number."""
 
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisFailure:
-    """The reason why a point could not be diagnosed."""
+    """Reason why a point could not be diagnosed."""
 
     reason: str
 
 
 DiagnosisByPoint = dict[str, PointDiagnosis | DiagnosisFailure]
-"""Diagnoses and failures by `DiagnosisPoint.name`."""
+"""Diagnoses and failures of points, by `DiagnosisPoint.name`."""
 
 
 def successful(outcomes: DiagnosisByPoint) -> dict[str, PointDiagnosis]:
@@ -55,8 +55,11 @@ class ProgressCounter:
     Parameters
     ----------
     progress : callable or None
-    what : str, kind of the work
-    total : int, number of points that are to be diagnosed, as far as is known
+        Receives every report.
+    kind : str
+        Kind of work, in words for the user.
+    total : int
+        Number of points to be diagnosed, as far as is known.
     """
 
     def __init__(self, progress: Progress | None, kind: str, total: int) -> None:
@@ -67,17 +70,19 @@ class ProgressCounter:
         self.total = total
 
     def expect(self, more: int) -> None:
-        """Add a number of points that are to be diagnosed."""
+        """Increase the total number of points to be diagnosed."""
         with self._lock:
             self.total += more
 
     def counted(self, names: Sequence[str], results: Iterable[_R]) -> Iterator[_R]:
-        """Yield the results; report each point before it is worked on, and the last one's end.
+        """Yield the results of points, with a report before each point and after the last one.
 
         Parameters
         ----------
-        names : sequence of str, names of the points in the order of the results
-        results : iterable that computes each result on request
+        names : sequence of str
+            Names of the points, in the order of the results.
+        results : iterable
+            Computes each result when it is requested.
         """
         pending = iter(results)
         for name in names:
@@ -89,18 +94,19 @@ class ProgressCounter:
         self._report("")
 
     def _report(self, name: str) -> None:
-        """Report the point that is worked on."""
         with self._lock:
             if self._progress is not None:
                 self._progress(self._kind, name, self._count, self.total)
 
 
 class Workers:
-    """Processes that share the work of several devices; a single one is this one.
+    """Processes that share the work on several devices; with a count of 1 all work is done in this
+    one.
 
     Parameters
     ----------
     count : int
+        Number of processes.
     """
 
     def __init__(self, count: int) -> None:
@@ -114,20 +120,23 @@ class Workers:
         return self
 
     def __exit__(self, *_: object) -> None:
-        # What waits for the processes ends when they do.
+        # Threads that wait for a process end when the processes end.
         for pool in (self._pool, self._waiting):
             if pool is not None:
                 pool.shutdown(cancel_futures=True)
 
     def map(self, function: Callable[..., _R], *columns: Sequence[Any]) -> Iterator[_R]:
-        """Yield the result of a function for each row, in order."""
+        """Yield the results of a function for the rows of the columns, in order, computed by the
+        processes.
+        """
         return map(function, *columns) if self._pool is None else self._pool.map(function, *columns)
 
     def at_once(self, function: Callable[[_G], _R], groups: Sequence[_G]) -> Iterator[_R]:
-        """Yield the result of a function for each group, in order; the function waits for the
-        processes.
+        """Yield the results of a function for groups of points, in order, several groups at the
+        same time.
 
-        While one group waits for its last point, the processes are another's.
+        The function runs in a thread and waits for the processes. While one group waits for its
+        last point, the processes work on another one.
         """
         if self._pool is None or len(groups) < 2:
             return map(function, groups)
@@ -143,7 +152,18 @@ def diagnose_all(
     *,
     predict_last: bool = True,
 ) -> DiagnosisByPoint:
-    """Diagnose points that have records, in order, each with what is known of its instrument."""
+    """Diagnose points that have records, in order.
+
+    Parameters
+    ----------
+    points : sequence of DiagnosisPoint
+    instruments : sequence of InstrumentKnowledge
+        For each point, what is known of the device.
+    workers : Workers
+    counter : ProgressCounter
+    predict_last : bool
+        True: the last drop of each point is held out and predicted from the others.
+    """
     records = [point.records for point in points]
     names = [point.name for point in points]
     outcomes = workers.map(partial(_diagnose, predict_last=predict_last), records, instruments)
@@ -161,7 +181,7 @@ def _diagnose(
     except InversionError as err:
         return DiagnosisFailure(str(err))
     except np.linalg.LinAlgError as err:
-        # One odd record costs its own point, not those of all files.
+        # A record that breaks the fit must not stop the diagnosis of the other points.
         reason = f"the fit broke down ({err}): check the header, and the unit of the times"
         return DiagnosisFailure(reason)
     return replace(diagnosis, elapsed=time.perf_counter() - start)
@@ -169,5 +189,5 @@ def _diagnose(
 
 @cache
 def library_of_process() -> SurrogateLibrary:
-    """Return the library of this process."""
+    """Return the response tables of this process, created at the first call."""
     return SurrogateLibrary()

@@ -1,4 +1,4 @@
-"""Results of diagnoses, with the keys of ``pfwd diagnose --json``: on the ground and on a rig."""
+"""Results of diagnoses, with the keys of ``pfwd diagnose --json``, for ground and for test rigs."""
 
 import math
 from typing import Any
@@ -24,12 +24,12 @@ from pfwd.peaks.stiffness import stiffness_of
 from pfwd_device import Drop
 from pfwd_device.signals import remove_offset
 
-# Beginnings of the reasons of the screening where nothing fell.
+# Beginnings of the reasons by which the screening reports that no weight fell.
 _NO_DROP = ("false trigger", "no pulse")
 
 
 def diagnosis_result(entry: DiagnosisPoint, diagnosis: PointDiagnosis | None) -> DiagnosisResult:
-    """Return the result of one point; the diagnosis is None where no drop of it was measured."""
+    """Return the result for one point; ``diagnosis`` is None if none of its drops was measured."""
     if entry.rig is not None:
         return rig_result(entry, entry.rig)
     conditions: dict[str, Any] = {}
@@ -77,7 +77,7 @@ def diagnosis_result(entry: DiagnosisPoint, diagnosis: PointDiagnosis | None) ->
 
 
 def _open_modulus_warning(after: FittedState) -> list[Notice]:
-    """Return the warning that there is ground and no modulus."""
+    """Return the warning that the data do not determine the modulus; empty: they do."""
     if not after.is_undetermined:
         return []
     low, high = known(after.modulus_interval_pa)
@@ -85,12 +85,12 @@ def _open_modulus_warning(after: FittedState) -> list[Notice]:
 
 
 MAX_RIG_RESIDUAL = 0.02
-"""Residual over the peak of the displacement up to which the rig explains the record: as for the
-model of the ground."""
+"""Largest residual, over the peak displacement, at which the model of the rig explains the record;
+the same limit as for ground."""
 
 
 def rig_result(entry: DiagnosisPoint, point: TracePoint) -> DiagnosisResult:
-    """The rig behind a point: its stiffness, moving mass and damping; there is no modulus."""
+    """Return stiffness, moving mass and damping of a spring test rig; there is no modulus."""
     drops, rejected = _drops(point)
     if not drops:
         return _rig_result(entry, (), rejected, None, "no trace of a sensor in the centre")
@@ -118,14 +118,14 @@ def _drops(point: TracePoint) -> tuple[list[RigDrop], tuple[Notice, ...]]:
             rejected.append(Notice("drop-rejected", values))
         else:
             rig_drops.append(made)
-    # One rig has one stiffness, which is where the search begins.
+    # All drops of a rig have the same stiffness, from which the search starts.
     first = float(np.median([drop.stiffness for drop in rig_drops])) if rig_drops else 0.0
     same = [RigDrop(drop.time, drop.load, drop.velocity, first, 0, drop.name) for drop in rig_drops]
     return same, tuple(rejected)
 
 
 def _residual(rig: Rig, drops: list[RigDrop]) -> float:
-    """Root mean square over the drops, in displacement over its peak."""
+    """Return the root mean square residual of the displacement over its peak, over all drops."""
     parts = []
     for drop, residual in zip(drops, rig.residuals, strict=True):
         step = float(drop.time[1] - drop.time[0])
@@ -188,16 +188,17 @@ def _rig_result(
 
 
 def rig_drop(drop: Drop, stiffness: float, rig: int, name: str) -> RigDrop | None:
-    """A drop on a rig; None without whole traces of a sensor in the centre.
+    """Return a drop on a rig as input of its fit; None without complete traces of a centre sensor.
 
     Parameters
     ----------
     drop : Drop
     stiffness : float, N/m
+        Declared stiffness of the rig.
     rig : int
-        Which rig it was.
+        Index of the rig, if there are several.
     name : str
-        For messages.
+        Name of the drop in messages.
     """
     unbroken, reason, _ = unbroken_part(drop)
     channel = next(

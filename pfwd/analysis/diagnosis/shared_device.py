@@ -1,9 +1,9 @@
-"""Diagnoses of the points of one device: first the effects of the device, then each point.
+"""Diagnosis of the points of one device: first the effects of the device, then each point.
 
-All points, or a sample of many, are diagnosed individually. An effect of the device is shared if
-the joint evidence of these points is for it. Then every point is diagnosed with the shared effects;
-the values at the other points are its prior. A point with a much larger discrepancy than the others
-is also diagnosed individually.
+All points, or a sample of many, are first diagnosed individually. An effect of the device is shared
+if the joint evidence of these points supports it. Then every point is diagnosed with the shared
+effects, whose values at the other points are its prior. A point with a much larger discrepancy than
+the others is also diagnosed individually.
 """
 
 from __future__ import annotations
@@ -33,22 +33,25 @@ from pfwd.analysis.diagnosis.points import (
 )
 
 PREDICTED: tuple[LeaveOut, ...] = ("next", "drop", "sensor")
-"""Modes in which the held-out part is predicted without anything fitted to it."""
-# Number of points from which on a sample is diagnosed individually first, and size of the sample.
+"""Kinds of held-out data that are predicted without fitting anything to them."""
+# With this number of points or more, only a sample of this size is diagnosed individually first.
 _MIN_POINTS_FOR_SAMPLE, _SAMPLE_SIZE = 8, 4
-# Ratio to the typical discrepancy from which on a point is odd. Ratio of its individual discrepancy
-# to that with the shared device up to which the individual diagnosis is reported.
+# A point is odd if its discrepancy exceeds this number of times the median. Its individual
+# diagnosis is reported if it lowers the discrepancy to this fraction of that with the shared
+# device.
 _ODD_RATIO, _IMPROVED_RATIO = 2.0, 2.0 / 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class Phases:
-    """Counters for the progress of the two parts of the work.
+    """Progress counters of the two phases of a device's diagnosis.
 
     Parameters
     ----------
-    alone : ProgressCounter, points by themselves
-    together : ProgressCounter, points with what others show
+    alone : ProgressCounter
+        Individual diagnoses.
+    together : ProgressCounter
+        Diagnoses with the effects shared by the device.
     """
 
     alone: ProgressCounter
@@ -56,7 +59,7 @@ class Phases:
 
     @classmethod
     def of(cls, progress: Progress | None, points: int) -> Phases:
-        """Return the counters for a number of points."""
+        """Return counters for a number of points."""
         return cls(
             ProgressCounter(progress, "each point by itself", points),
             ProgressCounter(progress, "with what other points show", 0),
@@ -69,12 +72,16 @@ def diagnose_device(
     leave_out: LeaveOut | None,
     phases: Phases,
 ) -> DiagnosisByPoint:
-    """Diagnose the points of one device, or points that share none.
+    """Diagnose the points of one device; points without a device are diagnosed individually.
 
     Parameters
     ----------
-    leave_out : "point": each point with the values of its device from the others; None: the last
-        drop of each point; others: the prediction is made elsewhere
+    points : sequence of DiagnosisPoint
+    workers : Workers
+    leave_out : "next", "drop", "sensor", "point" or None
+        "point": each point is fitted with the device effects of the others. None: the last drop of
+        each point is predicted. For the other values `with_predictions` makes the prediction later.
+    phases : Phases
     """
     no_knowledge = [InstrumentKnowledge()] * len(points)
     if points[0].device is None or len(points) < 2:
@@ -136,9 +143,9 @@ def diagnose_device(
 
 
 def _first_points(points: Sequence[DiagnosisPoint]) -> list[DiagnosisPoint]:
-    """Return the points that are diagnosed by themselves: all of few, some of many.
+    """Return the points that are diagnosed individually first: all if they are few, else a sample.
 
-    Which ones does not depend on the order of the files.
+    The choice does not depend on the order of the files.
     """
     if len(points) < _MIN_POINTS_FOR_SAMPLE:
         return list(points)
@@ -147,13 +154,15 @@ def _first_points(points: Sequence[DiagnosisPoint]) -> list[DiagnosisPoint]:
 
 
 def _discrepancy(diagnosis: PointDiagnosis) -> float:
-    """Return the discrepancy of a point over its peak; NaN: it was not fitted."""
+    """Return the discrepancy of a point over its peak; NaN: the point was not fitted."""
     discrepancy = diagnosis.after.discrepancy_over_peak
     return math.nan if discrepancy is None else discrepancy
 
 
 def _odd_points(outcomes: DiagnosisByPoint) -> set[str]:
-    """Return the names of points of which the device of the others leaves far more than usual."""
+    """Return the names of points whose discrepancy is more than twice the usual one of the
+    device.
+    """
     discrepancies = {
         name: _discrepancy(diagnosis) for name, diagnosis in successful(outcomes).items()
     }
@@ -163,7 +172,11 @@ def _odd_points(outcomes: DiagnosisByPoint) -> set[str]:
 
 
 def _nearby(name: str, individual: Mapping[str, PointDiagnosis]) -> tuple[frozenset[str], ...]:
-    """Return the structure of a point by itself, or of others, and what most points have."""
+    """Return the effect sets from which the search at a point starts.
+
+    These are the set of effects that most points have, and the set of the point's individual
+    diagnosis, or of all individual diagnoses if it has none.
+    """
     counts = Counter(effect for diagnosis in individual.values() for effect in diagnosis.structure)
     common = frozenset(effect for effect, count in counts.items() if 2 * count > len(individual))
     sources = [individual[name]] if name in individual else individual.values()
@@ -176,7 +189,9 @@ def _held_out_points(
     workers: Workers,
     phases: Phases,
 ) -> dict[str, HeldOutPart]:
-    """Return the error of each point with the device's values fixed to those of the others."""
+    """Return the residual of each point when the device effects are fixed to the values of the
+    others.
+    """
     held_out = [point for point in points if point.name in diagnoses]
     knowledge = []
     for point in held_out:
@@ -192,7 +207,7 @@ def _held_out_points(
 
 
 def _as_part(name: str, diagnosis: PointDiagnosis) -> HeldOutPart:
-    """Return what is left of a point of which everything but its device was fitted."""
+    """Return the residuals of a point that was fitted with fixed device effects."""
     before, after = diagnosis.before, diagnosis.after
     return HeldOutPart(
         name=name,
@@ -205,7 +220,7 @@ def _as_part(name: str, diagnosis: PointDiagnosis) -> HeldOutPart:
 
 
 def _fitted_numbers(diagnosis: PointDiagnosis) -> tuple[str, ...]:
-    """Return the names of the numbers that were fitted to a point."""
+    """Return the names of the parameters that were fitted to a point."""
     summary = diagnosis.summary
     if summary is None:
         return ()
@@ -223,9 +238,9 @@ def _fitted_numbers(diagnosis: PointDiagnosis) -> tuple[str, ...]:
     return (*of_all, *of_drops, *stiffness)
 
 
-# Number of points from which on a spread is estimated; standard deviation over the median distance
-# from the median of a normal distribution; a value contradicts the other points if it differs by
-# more than this number of deviations and by more than this part.
+# Smallest number of points for an estimate of the spread between points. Ratio of the standard
+# deviation of a normal distribution to its median absolute deviation. A value contradicts the other
+# points if it differs by more than this number of deviations and by more than this fraction.
 _MIN_POINTS_FOR_SPREAD, _DEVIATION_OF_MEDIAN, _CONTRADICTION_DEVIATIONS, _CONTRADICTION_PART = (
     3,
     1.4826,
@@ -237,14 +252,16 @@ _MAX_ALTERNATIVES = 2
 
 
 def device_findings(diagnoses: Sequence[PointDiagnosis], shared: Collection[str]) -> DeviceFindings:
-    """Return medians and spreads of the shared effects over the points of a device.
+    """Return medians and spreads of the shared device effects over the points of a device.
 
-    The standard deviation of a median falls with the root of the number of points.
+    The standard deviation of a median decreases with the square root of the number of points.
 
     Parameters
     ----------
-    diagnoses : of the points, each with the values of the others as its prior
-    shared : names of the effects of the device
+    diagnoses : sequence of PointDiagnosis
+        Diagnoses of the points, each with the values at the others as its prior.
+    shared : collection of str
+        Names of the device effects.
     """
     values: DeviceValues = {}
     deviations: DeviceValues = {}
@@ -272,7 +289,9 @@ def device_findings(diagnoses: Sequence[PointDiagnosis], shared: Collection[str]
 
 
 def contradictions(diagnosis: PointDiagnosis, findings: DeviceFindings) -> list[Notice]:
-    """Return the warnings where a point alone shows another device than the others do."""
+    """Return a warning for each device effect whose value at a point contradicts the other
+    points.
+    """
     warnings = []
     for effect in diagnosis.effects:
         for p in effect.numbers:
@@ -298,9 +317,12 @@ def contradictions(diagnosis: PointDiagnosis, findings: DeviceFindings) -> list[
 
 
 def alternatives_of(alone: Sequence[PointDiagnosis]) -> dict[str, tuple[str, ...]]:
-    """Return the alternatives of device effects at single points, the most frequent first.
+    """Return, for each device effect, the two effects most often named as alternatives to it.
 
-    As many as a point has.
+    Parameters
+    ----------
+    alone : sequence of PointDiagnosis
+        Individual diagnoses.
     """
     counts: dict[str, Counter[str]] = {}
     for diagnosis in alone:
@@ -314,7 +336,14 @@ def alternatives_of(alone: Sequence[PointDiagnosis]) -> dict[str, tuple[str, ...
 
 
 def declared_device(device: DeviceValues, spread: DeviceValues | None) -> DeviceFindings:
-    """Return the device effects that are held; those with deviations belong to each point."""
+    """Return the device effects whose values are fixed; those with a standard deviation are left
+    out.
+
+    Parameters
+    ----------
+    device, spread : mapping
+        Declared values and standard deviations, by effect and parameter.
+    """
     held = {name: values for name, values in device.items() if not (spread or {}).get(name)}
     unknown = {name: dict.fromkeys(values, math.nan) for name, values in held.items()}
     return DeviceFindings(held, unknown, 0)
@@ -325,11 +354,15 @@ def with_device(
     findings: DeviceFindings,
     alternatives: Mapping[str, Sequence[str]] | None = None,
 ) -> PointDiagnosis:
-    """Return the diagnosis with the effects of the survey's device among its effects.
+    """Return the diagnosis of a point with the shared effects of its device added.
 
     Parameters
     ----------
-    alternatives : effects that explain the records equally well, by effect
+    diagnosis : PointDiagnosis
+    findings : DeviceFindings
+        Values of the shared effects.
+    alternatives : mapping, optional
+        For each shared effect, the effects that explain the records equally well.
     """
     ambiguous = {
         name: tuple(alternatives.get(name, ())) if alternatives else () for name in findings.values

@@ -1,4 +1,4 @@
-"""Detection of faulty sensors: the inversion leaves them out, files keep them."""
+"""Detection of faulty sensors, which the inversion ignores; their traces stay in the files."""
 
 from __future__ import annotations
 
@@ -16,30 +16,29 @@ if TYPE_CHECKING:
     from inversion.measured.bad_sensors import Fault
 
 MIN_SENSORS = 3
-"""Least number of sensors: where two contradict each other, either may be wrong."""
+"""Smallest number of sensors: of two that contradict each other, either may be wrong."""
 
 
 def leave_out_bad_sensors(
     point: TracePoint, screenings: Sequence[Screening]
 ) -> tuple[Screening, ...]:
-    """The screenings of a point with its bad sensors among those that take no part.
+    """Return the screenings of a point with its faulty sensors marked as excluded from the fit.
 
-    A sensor that is bad in one drop is left out of all drops of the point: it stands where it
-    stood, and what made it fail (a loose cable, a foot in the air) is still there when it does not
-    show.
+    A sensor that is faulty in one drop is excluded from all drops of the point: the cause (a loose
+    cable, a foot in the air) is still present when it does not show.
 
     Parameters
     ----------
     point : TracePoint
     screenings : sequence of Screening
-        One a drop.
+        One for each drop.
     """
     faults_by_sensor: dict[tuple[float, Quantity], set[Fault]] = {}
     for drop, screening in zip(point.drops, screenings, strict=True):
         channels = [c for c in drop.channels if c.offset not in screening.left_out]
         if screening.status == "rejected" or len(channels) < MIN_SENSORS:
             continue
-        # Loaded here: a device with one or two sensors never needs it.
+        # Imported here, because a device with one or two sensors never needs it.
         from inversion import Instrument, InversionError, Record, Sensor
         from inversion.measured.bad_sensors import bad_sensors
 

@@ -17,7 +17,7 @@ Work and return are tested on a motion that is delayed by the largest error of t
 chain may have. A filter in the load channel delays the load, which shows in the rise: the delay is
 the time by which the motion reaches half of its peak before the load does, plus `RESPONSE_LEAD`,
 the phase lead of a geophone whose response is not declared. A declared response is taken out first.
-What the sensor moves before the pulse, by hum or drift, is granted to each rule.
+Each rule allows for the motion before the pulse, which is due to hum or drift.
 """
 
 from collections.abc import Sequence
@@ -31,56 +31,58 @@ from pfwd_device.signals import correct_response
 Vector = NDArray[np.float64]
 
 RESPONSE_LEAD = 1.5e-3
-"""s; lead of a sensor whose response is not declared. On rigs of springs, where the load does the
-least work, raw geophones need 0.7 ms; drops of finite elements need 1 ms with a geophone of 10 Hz
-and damping 0.6, and 1.5 ms with a load filter of 200 Hz as well."""
+"""Time, s, by which a sensor whose response is not declared may lead the motion. On spring test
+rigs, where the load does the least work, raw geophones need 0.7 ms. Drops of finite elements need 1
+ms with a geophone of 10 Hz and damping 0.6, and 1.5 ms with a load filter of 200 Hz as well."""
 
 RETURNED = 0.3
-"""Part of its peak below which the centre sensor is back. With the delay sound records of five
-devices keep 0.57 and more, those of sensors that came to their stops 0.09 and less."""
+"""Fraction of its peak below which the centre sensor has returned too early. With the delay, sound
+records of five devices stay above 0.57; those of sensors that reached their stops fall to 0.09 or
+less."""
 
 HALF_LOAD = 0.5
-"""Part of the peak load that still acts then."""
+"""Fraction of the peak load that acts when the early return is tested."""
 
 NO_WORK = 0.02
-"""Negative work over peak load times peak displacement that errors of zero lines may make;
+"""Negative work, over peak load times peak displacement, that errors of the zero lines may cause;
 sound records have at most 0.01."""
 
 NEIGHBOURS_BEYOND = 1.05
-"""Displacement of both neighbours over that of the centre sensor; two gains may differ by 5 %. On
-sound ground a neighbour has at most 0.9."""
+"""Displacement of both neighbours over that of the centre sensor, from which the centre sensor is
+faulty; two gains may differ by 5 %. On sound ground a neighbour has at most 0.9."""
 
 MIN_REVERSED_MOTION = 2.0
-"""Least upward over downward motion of a sensor of the wrong polarity."""
+"""Ratio of upward to downward motion from which a sensor has the wrong polarity."""
 
 FLAT_BAND = 0.015
-"""Part of the largest displacement within which a top is flat."""
+"""A top is flat where the displacement is within this fraction of its maximum."""
 
 MIN_FLAT_SAMPLES = 4
-"""Samples of a flat top."""
+"""Smallest number of samples of a flat top."""
 
 STEEPER = 2.5
-"""Slopes beside a flat top over the slope of a parabola that falls by the same band within half of
-the same width: 4 bands a width. Sound tops have at most 1.7."""
+"""A flat top is a stop if the slopes beside it exceed this multiple of the slope of a round one.
+The round one is a parabola that falls by the same band within half of the same width. Sound tops
+have at most 1.7."""
 
 HELD_PART = 0.2
-"""Part of the contact for which a sensor stands still that never leaves its stop."""
+"""Fraction of the contact for which a sensor stands still that never leaves its stop."""
 
 ABRUPT = 0.5
-"""Part of the greatest velocity at which it came there. Plates that stay in soft ground come to
-rest with at most 0.2."""
+"""A sensor stops abruptly if it arrives with more than this fraction of its greatest velocity.
+Plates that stay in soft ground come to rest with at most 0.2."""
 
 LOAD_ONSET = 0.01
 CONTACT_END = 0.03
-"""Parts of the peak load at the beginning and at the end of the contact."""
+"""Fractions of the peak load at which the contact begins and ends."""
 
 ONSET_MARGIN = 1e-3
-"""s before the load's onset at which the motion is taken as 0."""
+"""Time before the load's onset, s, at which the motion is taken as 0."""
 
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """Response of a geophone that the record still carries."""
+    """Response of a geophone that has not been removed from the record."""
 
     natural_frequency: float
     """Hz"""
@@ -94,18 +96,20 @@ def centre_sensor_fault(
     neighbours: Sequence[Vector] = (),
     response: Response | None = None,
 ) -> str | None:
-    """Return the fault of the centre sensor; None: none was detected.
+    """Return the fault of the centre sensor as a sentence; None: no fault was detected.
 
     Parameters
     ----------
     time : (n,) ndarray of float, s, uniform
-    load : (n,) ndarray of float, N, without offset; with a pulse
+    load : (n,) ndarray of float, N
+        Load without offset, with a pulse.
     centre : (n,) ndarray of float, m
         Displacement of the centre sensor, downward positive.
     neighbours : sequence of (n,) ndarray of float, m
-        Displacements of the two sensors next to the plate; fewer do not judge the centre.
+        Displacements of the two sensors next to the plate; with fewer the rule on neighbours is
+        skipped.
     response : Response, optional
-        Declared response of the sensors, taken out before work and return are tested.
+        Declared response of the sensors, which is removed before work and return are tested.
     """
     top = int(np.argmax(load))
     step = float(time[-1] - time[0]) / (time.size - 1)
@@ -115,7 +119,7 @@ def centre_sensor_fault(
     end = top + (int(ended[0]) if ended.size else load.size - top - 1) + 1
     contact = slice(first, end)
     moved = centre[contact] - centre[first]
-    # Hum and a zero line that drifts move the sensor before the pulse as well.
+    # Motion before the pulse is hum or drift; the same amount may be part of the later motion.
     unsure = float(np.ptp(centre[: first + 1]))
     force = load[contact]
     if -moved.min() > MIN_REVERSED_MOTION * moved.max():
@@ -136,7 +140,11 @@ def centre_sensor_fault(
 
 
 def _timing_fault(force: Vector, moved: Vector, step: float, unsure: float) -> str | None:
-    """Return the fault that no error of timing of a sound chain explains."""
+    """Return the fault of a sensor that returns too early or moves against the load; None: no
+    fault.
+
+    The motion is delayed first by the largest error of timing that a sound chain may have.
+    """
     lead = _half_way(force) - _half_way(moved)
     delay = round(max(lead, 0.0) + RESPONSE_LEAD / step)
     delayed = np.concatenate([np.zeros(delay), moved[: max(0, moved.size - delay)]])[: moved.size]
@@ -158,7 +166,7 @@ def _timing_fault(force: Vector, moved: Vector, step: float, unsure: float) -> s
 
 
 def _half_way(values: Vector) -> float:
-    """Return the sample, with its fraction, at which values last reach half of their maximum."""
+    """Return the fractional index at which values last rise to half of their maximum."""
     top = int(np.argmax(values))
     below = np.flatnonzero(values[: top + 1] < 0.5 * values[top])
     if not below.size:
@@ -168,7 +176,7 @@ def _half_way(values: Vector) -> float:
 
 
 def _stands_still(moved: Vector) -> bool:
-    """Return whether the motion ends abruptly at the largest displacement."""
+    """Return whether the motion ends abruptly at its largest displacement."""
     top = int(np.argmax(moved))
     largest = float(moved[top])
     below = np.flatnonzero(moved < (1.0 - FLAT_BAND) * largest)

@@ -1,8 +1,8 @@
-"""Screening: whether a record is a drop, and the warnings about it.
+"""Screening of drops: rejection of records that are no valid drop, and warnings about the others.
 
-A rejected drop is a normal outcome and no error. The limits below were set on raw and on processed
-records of portable and of heavy devices and on computed drops, so that no genuine drop of these is
-rejected and every rebound and false trigger among them is.
+A rejected drop is a normal outcome and no error. The limits were set on raw and processed records
+of portable and heavy devices and on computed drops: no genuine drop among them is rejected, and
+every rebound and false trigger is.
 """
 
 import dataclasses
@@ -25,19 +25,19 @@ from pfwd_device.signals import quiet_samples
 from pfwd_device.signals import remove_offset as remove_offset
 
 NEEDED_BEFORE = 0.003
-"""s before the trigger without missing samples: the pulse begins before the trigger, and the offset
-is estimated from the samples before the pulse."""
+"""Time before the trigger, s, in which no sample may be missing: the pulse begins before the
+trigger, and the offset is estimated from the samples before the pulse."""
 
 NEEDED_AFTER = 0.050
-"""s after the trigger without missing samples: the longest pulses take 30 ms, and the response
-of the ground to them is most of what the fit uses."""
+"""Time after the trigger, s, in which no sample may be missing: the longest pulses take 30 ms, and
+the response of the ground to them is most of what the fit uses."""
 
 ONLY_PEAKS = "peaks only: the file had no time history, which the dynamic inversion needs"
-"""Why a drop without traces is not inverted."""
+"""Reason why a drop without traces is not inverted."""
 
 
 def unbroken_part(drop: Drop) -> tuple[Drop, str | None, Notice | None]:
-    """The unbroken part of a drop around its trigger.
+    """Return the part of a drop around its trigger in which no sample is missing.
 
     Parameters
     ----------
@@ -47,11 +47,11 @@ def unbroken_part(drop: Drop) -> tuple[Drop, str | None, Notice | None]:
     Returns
     -------
     drop : Drop
-        Without missing samples, as far as there are enough around the trigger; otherwise as it was.
+        The part without missing samples if it is long enough, otherwise the whole drop.
     reason : str or None
-        Why it cannot be used.
+        Reason why the drop cannot be used; None: it can.
     warning : Notice or None
-        What was left out.
+        Warning about the part that was cut off.
     """
     if drop.only_peaks is not None:
         return drop, ONLY_PEAKS, None
@@ -67,7 +67,7 @@ def unbroken_part(drop: Drop) -> tuple[Drop, str | None, Notice | None]:
     start = int(before[-1]) + 1 if before.size else 0
     end = trigger + int(after[0]) if after.size else missing.size
     step = 1.0 / drop.sampling_rate
-    # A record that is shorter by its settings is not damaged for that.
+    # A record that is short because of its settings is not damaged.
     first = max(-NEEDED_BEFORE, drop.time[0]) + step / 2
     last = min(NEEDED_AFTER, drop.time[-1]) - step / 2
     if end <= start or drop.time[start] > first or drop.time[end - 1] < last:
@@ -91,18 +91,19 @@ def unbroken_part(drop: Drop) -> tuple[Drop, str | None, Notice | None]:
 
 
 MIN_CLIPPED_SAMPLES = 3
-"""Samples; two equal samples at a peak are chance."""
+"""Smallest number of equal samples at a peak that count as clipped; two may be equal by chance."""
 
 STEEP_FLANK = 10.0
-"""Fall beside a flat top, in steps of the quantisation. A parabola that rounding makes flat over n
-samples falls by 6.5 steps at most within n/2 samples of the flat part (at n = 4); a clipped one
-meets its level at an angle and falls by more, unless hardly more than a step was clipped off."""
+"""Smallest fall beside a clipped top, in steps of the quantisation. A parabola that rounding makes
+flat over n samples falls by at most 6.5 steps within n/2 samples beside the flat part (at n = 4). A
+clipped one meets its level at an angle and falls by more, unless hardly more than a step was
+clipped."""
 
 
 def clipped_samples(values: NDArray[np.float64]) -> int:
-    """Number of samples in the longest clipped top of a record, 0 when its top is natural.
+    """Return the number of samples in the longest clipped top of a trace; 0: no top is clipped.
 
-    A flat stretch at either end of the record does not count: a sensor may rest there.
+    A flat stretch at either end of the trace does not count: a sensor may be at rest there.
 
     Parameters
     ----------
@@ -131,7 +132,10 @@ def clipped_samples(values: NDArray[np.float64]) -> int:
 
 
 def _longest_flat_top(values: NDArray[np.float64]) -> tuple[int, int]:
-    """First and past-the-last index of the longest run of the largest value inside the record."""
+    """Return the first index of the longest run of the largest value, and the index after its last.
+
+    Runs at the ends of the record are ignored; (0, 0): there is no other.
+    """
     at_top = np.concatenate([[False], values == values.max(), [False]])
     edges = np.flatnonzero(np.diff(at_top.astype(np.int8)))
     starts, ends = edges[::2], edges[1::2]
@@ -146,69 +150,77 @@ def _longest_flat_top(values: NDArray[np.float64]) -> tuple[int, int]:
 DropStatus = Literal["measured", "seating", "rejected"]
 
 NO_PULSE_LOAD = 100.0
-"""N; a hand on the guide rod does more. A load channel in kN stays below, with its own warning."""
+"""Change of the load, N, below which there is no pulse; a hand on the guide rod causes more. A load
+channel in kN stays below it, and is reported as such."""
 
 NO_PULSE_OVER_NOISE = 6.0
-"""Change of the load over its noise; pure noise, spikes removed, changes by 4 to 5."""
+"""Change of the load, over its noise, below which there is no pulse; pure noise without spikes
+changes by 4 to 5."""
 
 FALSE_TRIGGER_LOAD = 1500.0
-"""N; rebounds and knocks stored as drops peak at 0.3 to 1.2 kN, drops from too low begin at 3 kN,
-and light deflectometers are made for 7 kN and more."""
+"""Peak load, N, below which a record is a false trigger: rebounds and knocks peak at 0.3 to 1.2 kN,
+drops from a low height begin at 3 kN, and light deflectometers are made for 7 kN and more."""
 
 SHORTEST_PULSE = 2e-3
-"""s at half the peak; a weight on a spring gives 5 to 15 ms, a hammer on steel or an electric spike
-less than this."""
+"""Duration above half of the peak, s, below which a record is a false trigger: a weight on a spring
+takes 5 to 15 ms, a hammer on steel or an electric spike less than this."""
 
 SHORT_PULSE = 1e-2
 SMALL_PLATE = 0.1
-"""s, of the half-sine with the same peak and impulse, and m of radius. Portable and heavy devices
-load plates of this radius and more for 10.9 to 29 ms; a shorter pulse is most likely one whose time
-axis is wrong."""
+"""Duration of the half-sine with the same peak and impulse, s, below which the time axis is
+suspect, for plates of at least this radius, m. Portable and heavy devices load such plates for 10.9
+to 29 ms."""
 
 SECOND_PULSE = 0.5
 PULSE_GAP = 0.25
-"""Parts of the peak. A second pulse above the first, after a gap below the second, is no drop: to
-come down again with half the force the weight has to bounce off with half its speed, and then it is
-in the air for 0.2 s or more, longer than a record. Second contacts stay below a tenth."""
+"""A record has two pulses if the load falls below this fraction of the peak and then rises again
+above `SECOND_PULSE`. Such a record is no drop: to return with half the force the weight has to
+bounce off with half its speed, and is then in the air for 0.2 s or more, longer than a record.
+Second contacts stay below a tenth of the peak."""
 
 PULSE_EDGE = 0.1
-"""Part of the peak to which the load has to fall within the record; what is missing then is 0.3 %
-of the impulse."""
+"""Fraction of the peak to which the load has to fall within the record; at most 0.3 % of the
+impulse is then missing."""
 
 PULSE_START = 0.2
-"""Part of the peak at which the record may begin, for devices that store nothing before their
-trigger level; what is missing then is 1 % of the impulse."""
+"""Largest fraction of the peak at which the record may begin, for devices that store nothing before
+their trigger level; at most 1 % of the impulse is then missing."""
 
 MIN_REVERSED_LOAD = 2.0
-"""Least upward over downward excursion of a reversed load; no load swings back so far."""
+"""Ratio of upward to downward load from which the polarity is wrong; no load swings back so far."""
 
 DEAD_OVER_NOISE = 2.0
-"""Root mean square of a live channel over that of its own noise before the trigger."""
+"""A channel is dead if its root mean square is less than this multiple of its noise before the
+trigger."""
 
 DEAD_DEFLECTION = 1e-7
-"""m; under 1.5 kN even a plate on sound rock (50 GPa) moves this much."""
+"""Deflection, m, below which the centre sensor is dead: even on sound rock (50 GPa) a plate under
+1.5 kN moves this much."""
 
 MIN_QUIET_SAMPLES = 8
-"""A noise level from fewer is itself mostly chance."""
+"""Smallest number of samples before the pulse from which a noise level is estimated."""
 
 CENTRE = 1e-3
-"""m; sensors nearer to the plate centre than this are the centre sensor."""
+"""Distance from the plate centre, m, below which a sensor is the centre sensor."""
 
 SUSPECT_DEFLECTION = 0.02
-"""m; a plate that goes down so far has punched into the ground, or the values are in mm."""
+"""Deflection, m, above which a warning is due: the plate has punched into the ground, or the values
+are in mm."""
 
 SUSPECT_LOAD = 500e3
-"""N; the heaviest falling weights reach some 300 kN."""
+"""Peak load, N, above which a warning is due: the heaviest falling weights reach some 300 kN."""
 
 CLIPPING_SCATTER = 0.01
-"""Part of a level of clipping by which drops may differ, because their offsets were taken off."""
+"""Fraction by which the level of clipping may differ between drops, because their offsets were
+subtracted."""
 
 REBOUND_OVER_LARGEST = 0.2
-"""Peak load over the largest of the point. The lowest of several drop heights in use gives a
-quarter or more, rebounds and false triggers give a seventh or less."""
+"""Peak load, over the largest of the point, below which a drop is a rebound or a knock. The lowest
+of several drop heights gives a quarter or more, rebounds and false triggers a seventh or less."""
 
 PARTIAL_OVER_LARGEST = 0.7
-"""Peak load over the largest of the point; full drops from one height repeat within a quarter."""
+"""Peak load, over the largest of the point, below which a drop from another height is reported;
+drops from one height repeat within a quarter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,21 +228,21 @@ class Screening:
     """Result of the screening of a drop's record."""
 
     status: DropStatus
-    """Role of the drop at its point."""
+    """Kind of the drop at its point: measured, seating or rejected."""
     reason: str | None = None
-    """Why it was rejected; None when it was not."""
+    """Reason why it was rejected; None: it was not."""
     warnings: tuple[Notice, ...] = ()
     """Warnings about a drop that was not rejected."""
     left_out: tuple[float, ...] = ()
-    """Offsets of the extra channels that take no part in the fit, m: they measured nothing, or
-    are faulty."""
+    """Offsets, m, of the sensors beside the centre that are excluded from the fit, because they
+    measured nothing or are faulty."""
     clipped: bool = False
-    """A channel of the fit ends in flat tops: the record is not what happened."""
+    """True if a fitted channel has flat tops, where the true values were larger."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Pulse:
-    """The load pulse of a record."""
+    """Load pulse of a record."""
 
     load: NDArray[np.float64]
     """Load without offset, single-sample spikes and last sample, (n - 1,), N."""
@@ -239,9 +251,10 @@ class _Pulse:
     top: int
     """Index of the peak."""
     start: int
-    """Index of the first sample from which the load stays above PULSE_EDGE of the peak until it."""
+    """Index of the first sample of the pulse: from there to the peak the load stays above
+    `PULSE_EDGE` of the peak."""
     end: int
-    """Index past the last sample that does so after the peak."""
+    """Index after the last sample of the pulse, for which the same holds after the peak."""
 
     @property
     def peak(self) -> float:
@@ -250,13 +263,13 @@ class _Pulse:
 
 
 def screen(drop: Drop, setup: PointSetup) -> Screening:
-    """Return the status of a drop, by its own record.
+    """Screen a drop by its own record: measured, seating, or rejected with a reason.
 
     Parameters
     ----------
     drop : Drop
     setup : PointSetup
-        With the number of seating drops.
+        Declares the number of seating drops.
 
     Returns
     -------
@@ -284,10 +297,10 @@ def screen(drop: Drop, setup: PointSetup) -> Screening:
 
 
 def screen_point(point: TracePoint) -> tuple[Screening, ...]:
-    """Status of every drop of a point, judged by its record and by the other drops.
+    """Screen every drop of a point by its record and by comparison with the other drops.
 
-    A drop with a small part of the largest load is a rebound or a false trigger, one with a larger
-    part a drop from lower down.
+    A drop with a small fraction of the largest load is a rebound or a false trigger; one with a
+    larger fraction fell from another height, which is reported.
 
     Parameters
     ----------
@@ -316,18 +329,18 @@ def screen_point(point: TracePoint) -> tuple[Screening, ...]:
 
 
 def counted(screening: Screening, number: int, rejected: int, setup: PointSetup) -> Screening:
-    """A screening with its drop counted as the declared procedure counts.
+    """Return a screening with its drop counted as seating or measured, as the procedure requires.
 
     A rejected drop does not load the ground as a drop does, and hence does not seat the plate.
-    Without a procedure the numbers of the drops alone count, as trace files have it.
+    Without a procedure the number of the drop alone decides, as in trace files.
 
     Parameters
     ----------
     screening : Screening
     number : int
-        Of the drop within the point.
+        Number of the drop at its point.
     rejected : int
-        How many drops of the point before it were rejected.
+        Number of drops before it at the point that were rejected.
     setup : PointSetup
     """
     if setup.procedure is None or screening.status == "rejected":
@@ -337,17 +350,20 @@ def counted(screening: Screening, number: int, rejected: int, setup: PointSetup)
 
 
 def pulse_peak(drop: Drop) -> float:
-    """Peak load by which the drops of a point are compared, single spikes left out, N."""
+    """Return the peak load without single-sample spikes, N, by which the drops of a point are
+    compared.
+    """
     return _find_pulse(unbroken_part(drop)[0]).peak
 
 
 def rebound_reason(peak: float, largest: float) -> str | None:
-    """Why a drop is a rebound or a knock beside the others of its point; None: it is a drop.
+    """Return the reason why a drop is a rebound or a knock, compared with its point; None: it is
+    not.
 
     Parameters
     ----------
-    peak, largest : float
-        `pulse_peak` of the drop, and the largest of the point, N.
+    peak, largest : float, N
+        `pulse_peak` of the drop, and the largest one of the point.
     """
     if peak >= REBOUND_OVER_LARGEST * largest:
         return None
@@ -358,14 +374,14 @@ def rebound_reason(peak: float, largest: float) -> str | None:
 
 
 def compare(screening: Screening, peak: float, largest: float) -> Screening:
-    """Return the screening of a drop after its comparison with the others of its point.
+    """Return the screening of a drop after the comparison with the other drops of its point.
 
     Parameters
     ----------
     screening : Screening
-        By its record alone.
-    peak, largest : float
-        `pulse_peak` of the drop, and the largest of the point with this drop, N.
+        Screening by its record alone.
+    peak, largest : float, N
+        `pulse_peak` of the drop, and the largest one of the point, this drop included.
     """
     if screening.status == "rejected":
         return screening
@@ -383,7 +399,7 @@ def _find_pulse(drop: Drop) -> _Pulse:
     # Some devices store a last sample of 0, which is no measurement.
     load = _without_spikes(remove_offset(drop.time, drop.load)[:-1])
     quiet = quiet_samples(drop.time)
-    # From the differences, because a slow drift or the foot of the pulse is no noise.
+    # Estimated from differences, which a slow drift or the beginning of the pulse hardly changes.
     noise = float(np.diff(drop.load[:quiet]).std()) / np.sqrt(2) if quiet > 1 else 0.0
     top = int(np.argmax(load))
     low = load < PULSE_EDGE * load[top]
@@ -395,13 +411,13 @@ def _find_pulse(drop: Drop) -> _Pulse:
 
 
 def _without_spikes(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Running median of three samples."""
+    """Return the running median of three samples."""
     padded = np.pad(values, 1, mode="edge")
     return np.median([padded[:-2], padded[1:-1], padded[2:]], axis=0)
 
 
 def _load_fault(pulse: _Pulse, drop: Drop) -> str | None:
-    """Why the load is not that of a drop."""
+    """Return the reason why the load is not that of a drop; None: it is."""
     change = float(np.ptp(pulse.load))
     if change < max(NO_PULSE_LOAD, NO_PULSE_OVER_NOISE * pulse.noise):
         hint = " (is the load in kN?)" if 1.0 < change < NO_PULSE_LOAD else ""
@@ -412,7 +428,7 @@ def _load_fault(pulse: _Pulse, drop: Drop) -> str | None:
         smallest = _kilonewton(FALSE_TRIGGER_LOAD)
         return f"false trigger: peak load {_kilonewton(excursion)}, less than {smallest}"
     late = _late_start(pulse, drop, excursion)
-    if late:  # before the polarity: seen from within the pulse, the rest after it lies upward
+    if late:  # tested first: with an offset from within the pulse the later load seems upward
         return late
     if upward > MIN_REVERSED_LOAD * pulse.peak:
         return f"load of the wrong polarity: {_kilonewton(upward)} upward, downward is positive"
@@ -429,11 +445,14 @@ def _load_fault(pulse: _Pulse, drop: Drop) -> str | None:
 
 
 def _late_start(pulse: _Pulse, drop: Drop, excursion: float) -> str | None:
-    """Why the record does not hold the start of the pulse; `excursion` either way, N."""
+    """Return the reason why the record lacks the start of the pulse; None: it has it.
+
+    ``excursion`` is the largest absolute load, N.
+    """
     quiet = max(quiet_samples(drop.time), 1)
     last = max(pulse.load.size // 10, 1)
-    # Where the quiet part holds some of the pulse, its mean is no offset: the load moves within it,
-    # or comes to rest below it.
+    # If the samples before the trigger hold part of the pulse, the subtracted offset is wrong: then
+    # the load changes among them, or ends below zero.
     begins = max(
         float(np.ptp(pulse.load[:quiet])),
         float(pulse.load[0]),
@@ -446,10 +465,12 @@ def _late_start(pulse: _Pulse, drop: Drop, excursion: float) -> str | None:
 
 
 def _count_pulses(pulse: _Pulse) -> int:
-    """Excursions above SECOND_PULSE, each after a fall below PULSE_GAP, in parts of the peak."""
+    """Return the number of times that the load exceeds `SECOND_PULSE` after a fall below
+    `PULSE_GAP`.
+    """
     high = pulse.load > SECOND_PULSE * pulse.peak
     low = pulse.load < PULSE_GAP * pulse.peak
-    decided = high[high | low]  # leaves out what lies between the two levels
+    decided = high[high | low]  # samples between the two levels are ignored
     return int(np.count_nonzero(decided[1:] & ~decided[:-1])) + int(decided[0])
 
 
@@ -462,7 +483,7 @@ def _too_short(pulse: _Pulse, drop: Drop) -> str | None:
 
 
 def _centre_fault(pulse: _Pulse, drop: Drop) -> str | None:
-    """Why there is no deflection of the centre to work with."""
+    """Return the reason why the centre deflection cannot be used; None: it can."""
     centre = [channel for channel in drop.channels if _is_centre(channel)]
     if not centre:
         return "no centre channel: none of the sensors stands at offset 0"
@@ -477,7 +498,9 @@ def _centre_fault(pulse: _Pulse, drop: Drop) -> str | None:
 
 
 def _centre_motion_fault(pulse: _Pulse, drop: Drop, setup: PointSetup) -> str | None:
-    """Return why the centre sensor's motion is not that of the plate."""
+    """Return the reason why the motion of the centre sensor is not that of the plate; None: it
+    is.
+    """
     frequency, damping = setup.geophone_natural_frequency, setup.geophone_damping
     response = None
     if frequency is not None and damping is not None:
@@ -502,7 +525,7 @@ def _is_centre(channel: Channel) -> bool:
 
 
 def _silent(channel: Channel, drop: Drop, start: int, end: int) -> str | None:
-    """Why nothing was measured between two samples."""
+    """Return the reason why a channel measured nothing between two samples; None: it measured."""
     part = channel.values[start:end]
     if np.ptp(part) == 0:
         return f"constant at {part[0]:.6g}"
@@ -517,7 +540,7 @@ def _silent(channel: Channel, drop: Drop, start: int, end: int) -> str | None:
 
 
 def _clipped_channels(drop: Drop, dead: Sequence[float]) -> list[tuple[Notice, str, float]]:
-    """Warning, name of the channel, and signed level of each channel with a flat top."""
+    """Return warning, name and signed level of each channel that ends in a flat top."""
     clipped = []
     load = drop.load[:-1]
     count = clipped_samples(load)
@@ -537,9 +560,10 @@ def _clipped_channels(drop: Drop, dead: Sequence[float]) -> list[tuple[Notice, s
 def _without_refuted_clipping(
     drops: Sequence[Drop], screenings: Sequence[Screening]
 ) -> list[Screening]:
-    """Screenings without flat tops at a level that another drop of the point exceeds.
+    """Return the screenings without warnings of clipping that another drop of the point disproves.
 
-    The level at which a channel is clipped is a property of the device.
+    The level at which a channel is clipped is a property of the device: a channel that exceeds it
+    in another drop was not clipped there.
     """
     recorded = [drop for drop in drops if drop.only_peaks is None]
     result = []
@@ -565,7 +589,7 @@ def _without_refuted_clipping(
 
 
 def _exceeds(drop: Drop, name: str, level: float) -> bool:
-    """Return whether a channel of a drop goes beyond a signed level."""
+    """Return whether a channel of a drop exceeds a level, which has the sign of the excursion."""
     recorded = {"load": drop.load}
     recorded |= {f"{c.quantity} at {c.offset:g} m": c.values for c in drop.channels}
     if name not in recorded:
@@ -605,15 +629,15 @@ def _channel_warnings(channel: Channel, pulse: _Pulse, drop: Drop) -> list[Notic
 
 
 def _channel(channel: Channel) -> dict[str, Value]:
-    """Return quantity and place of a sensor as values of a warning."""
+    """Return quantity and offset of a sensor as values of a warning."""
     return {"quantity": channel.quantity, "offset_m": channel.offset}
 
 
 def _dead_extra(channel: Channel, pulse: _Pulse, drop: Drop) -> str | None:
-    """Why a channel beside the centre one measured nothing; None when it did."""
+    """Return the reason why a sensor beside the centre measured nothing; None: it measured."""
     if _is_centre(channel):
         return None
-    # A far sensor moves when the wave has come, which may be after the load has gone.
+    # The wave may reach a distant sensor after the end of the load.
     return _silent(channel, drop, pulse.start, pulse.load.size)
 
 
@@ -622,20 +646,20 @@ def _kilonewton(load: float) -> str:
 
 
 def duplicate_drops(drops: Sequence[Drop], screenings: Sequence[Screening]) -> dict[int, str]:
-    """Return the measured drops that have the samples of an earlier one, with the reason.
+    """Return the measured drops that have the same samples as an earlier one, with the reason.
 
-    A copy is no second measurement: counted as one, it would make intervals narrower.
+    A copy is no second measurement: counted as one, it would make intervals too narrow.
 
     Parameters
     ----------
     drops : sequence of Drop
     screenings : sequence of Screening
-        One a drop.
+        One for each drop.
 
     Returns
     -------
     dict of int to str
-        By index of the drop.
+        Reason by the index of the drop.
     """
     reasons: dict[int, str] = {}
     originals: list[Drop] = []

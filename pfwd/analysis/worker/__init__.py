@@ -1,1 +1,1 @@
-"""Inverts drops beside the acquisition, in a process of its own."""
+"""Inversion of drops during the acquisition, in a process of its own."""

@@ -1,8 +1,9 @@
-"""The process beside the acquisition that inverts drops, one after the other.
+"""Worker process that inverts drops, one after the other, during the acquisition.
 
-Started as ``python -m pfwd.analysis.worker.process``, so that a script that measures needs
-no guard against being run again. It is given a pickled task by its input and answers by its output;
-when the input ends, so does it: it never outlives the program that started it.
+It is started as ``python -m pfwd.analysis.worker.process``, so that a script that measures needs no
+guard against being imported again. It reads pickled tasks from its standard input and writes the
+outcomes to its standard output. It ends when the input is closed, and so cannot outlive the program
+that started it.
 """
 
 import dataclasses
@@ -33,12 +34,12 @@ _LENGTH = struct.Struct("<Q")
 
 
 def send(stream: IO[bytes], message: object) -> None:
-    """Write one message.
+    """Write one message to a stream.
 
     Raises
     ------
     OSError
-        If the reader has gone.
+        If the reading process has ended.
     """
     data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
     stream.write(_LENGTH.pack(len(data)) + data)
@@ -46,12 +47,12 @@ def send(stream: IO[bytes], message: object) -> None:
 
 
 def receive(stream: IO[bytes]) -> Any:
-    """The next message.
+    """Return the next message of a stream.
 
     Raises
     ------
     EOFError
-        If there is none, or the other side ended within it.
+        If the stream ends before the end of a message.
     """
     (length,) = _LENGTH.unpack(_exactly(stream, _LENGTH.size))
     return pickle.loads(_exactly(stream, length))
@@ -65,10 +66,10 @@ def _exactly(stream: IO[bytes], length: int) -> bytes:
 
 
 def main() -> None:
-    """Answer until there is nothing more to come."""
+    """Carry out the tasks from standard input until it is closed."""
     ignore_interrupts()
     source = sys.stdin.buffer
-    # Whatever a library prints must not come between the answers.
+    # Text that a library prints must not get between the outcomes: it is sent to standard error.
     with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as target:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
         try:
@@ -94,7 +95,7 @@ def outcome_of(
     library: "SurrogateLibrary",
     report: Callable[[DiagnosisProgress], object] = lambda _: None,
 ) -> TaskOutcome:
-    """Return the outcome of a task; a failure within it is an outcome too.
+    """Return the outcome of a task; an error in the analysis becomes part of the outcome.
 
     Parameters
     ----------
@@ -113,7 +114,7 @@ def outcome_of(
             return TaskOutcome()
         analysis = analyse_drop(task.drop, task.setup, task.screening, task.options, library)
         result = drop_result(task.file, analysis, setup_warnings(task.setup, [task.drop]))
-        # Results of all drops of a survey are held; their histories are not.
+        # The caller keeps the results of all drops in memory, hence without the fitted traces.
         return TaskOutcome(dataclasses.replace(result, history=None), result.history)
     except Exception as err:  # every unexpected error is reported to the user
         fault = f"the analysis failed: {type(err).__name__}: {err}"

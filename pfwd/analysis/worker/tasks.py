@@ -1,4 +1,4 @@
-"""Tasks for the worker process, and their outcomes."""
+"""Tasks for the worker process that inverts drops, and their outcomes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,61 +14,61 @@ from pfwd_device import Drop
 
 
 class Urgency(IntEnum):
-    """Priority of a task."""
+    """Priority of a task; the smallest number is done first."""
 
     PREPARE = 0
-    """Have the response table ready before the first drop."""
+    """Load the response table before the first drop."""
     QUICK = 1
-    """The first modulus of a new drop."""
+    """Compute the first modulus of a new drop."""
     FULL = 2
-    """The full search of a drop."""
+    """Invert a drop with the full search."""
     DIAGNOSIS = 3
-    """Diagnosis of the residual of a point."""
+    """Diagnose the residual of a point."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Task:
-    """One analysis."""
+    """Inversion of one drop."""
 
     number: int
-    """Number of the task."""
+    """Number of the task, in the order of the requests."""
     urgency: Urgency
     drop: Drop
     setup: PointSetup
     screening: Screening
     options: AnalysisOptions
     file: str
-    """File of the drop, for the result."""
+    """Path of the file with the drop, for the result."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DiagnosisTask:
-    """The diagnosis of a point, or of all points of a file together."""
+    """Diagnosis of a point, or of all points of a file together."""
 
     number: int
-    """Number of the task."""
+    """Number of the task, in the order of the requests."""
     source: TracePoint | str
     """The point, or the path of a survey or a drop file; diagnoses of a survey are stored in it."""
     options: AnalysisOptions
     device: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """Known effects of the device that measured a point, with their values."""
+    """Known parameters of device effects, by effect and parameter, in SI units."""
     urgency: Urgency = Urgency.DIAGNOSIS
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class TaskOutcome:
-    """Outcome of a task in the worker process."""
+    """Outcome of a task, as the worker process sends it."""
 
     result: DropResult | None = None
-    """Result of the drop; None when the task failed, or only prepares."""
+    """Result of the drop; None: the task failed, or has no result."""
     curves: TimeHistories | None = None
-    """Time histories of the fit; None when there is no result."""
+    """Measured and fitted traces; None: there is no result."""
     fault: str | None = None
-    """Why it failed, in one sentence."""
+    """Reason why the task failed, one sentence; None: it succeeded."""
     details: str = ""
-    """More on the failure, for the log."""
+    """Further information on the failure, for the log."""
     diagnoses: tuple[DiagnosisResult, ...] = ()
-    """One for each point of a `DiagnosisTask`."""
+    """For a `DiagnosisTask`: one diagnosis for each point."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class DiagnosisProgress:
     """Progress of the diagnosis of a file."""
 
     kind: str
-    """Kind of work, in words."""
+    """Kind of work, in words for the user."""
     point: str
     """Name of the point that is being diagnosed; empty: this kind of work is complete."""
     count: int
@@ -87,7 +87,7 @@ class DiagnosisProgress:
 
 @dataclass(frozen=True, slots=True)
 class Building:
-    """A response table is being built."""
+    """Progress of building a response table."""
 
     what: str
     fraction: float

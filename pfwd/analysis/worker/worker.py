@@ -1,8 +1,8 @@
-"""Inversion of drops in a process of its own, for which the acquisition never waits.
+"""Inversion of drops in a process of its own, so that the acquisition never waits for it.
 
-Tasks are done in the order of their requests, except that the quick answer to a new drop goes
-before the full search of an older one. The process has one task at a time. A thread hands the tasks
-over, so that a request never waits for a pipe. When the process dies, a new one repeats its task.
+Tasks are done in the order of their requests, except that the quick inversion of a new drop
+precedes the full search of an older one. The process has one task at a time. A thread sends the
+tasks, so that a request never waits for a pipe. When the process dies, a new one repeats its task.
 """
 
 import contextlib
@@ -31,19 +31,20 @@ from pfwd_device import Drop
 from pfwd_device.child_python import start_child
 
 MAX_ATTEMPTS = 2
-"""A task that has ended its process this often is given up."""
+"""Number of attempts at a task whose process died, after which it counts as failed."""
 
 CLOSING_TIME = 5.0
-"""s; longest delay of the end by an analysis that is no longer needed."""
+"""Longest time, s, for which the end of the program waits for an analysis that is no longer
+needed."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class TaskResponse:
-    """Response to a task."""
+    """Outcome of a task, together with the task."""
 
     task: Task | DiagnosisTask
     result: DropResult | None = None
-    """Result as in `TaskOutcome`; so are the following."""
+    """As in `TaskOutcome`, like the following fields."""
     curves: TimeHistories | None = None
     fault: str | None = None
     details: str = ""
@@ -54,12 +55,12 @@ Listener = Callable[[TaskResponse | Building], None]
 
 
 class InversionWorker:
-    """Takes drops, gives moduli.
+    """Queue of inversions and diagnoses, which a separate process carries out.
 
     Parameters
     ----------
     listener : callable
-        Receives every response, in a thread of the worker's own.
+        Receives every response, in a thread of this object.
     """
 
     def __init__(self, listener: Listener) -> None:
@@ -70,14 +71,17 @@ class InversionWorker:
         self._under_way: int | None = None
         self._closing = False
         self._process: subprocess.Popen[bytes] | None = None
-        with contextlib.suppress(OSError):  # tried again and reported with the next task
+        with contextlib.suppress(OSError):  # the next task tries again and reports the error
             self._process = start_process()
         self._thread = threading.Thread(target=self._work_off, name="worker", daemon=True)
         self._thread.start()
 
     def prepare(self, drop: Drop, setup: PointSetup, options: AnalysisOptions) -> int:
-        """Have ready what drops like this one need; its samples do not matter."""
-        return self._ask(Urgency.PREPARE, drop, setup, Screening("measured"), options, "")
+        """Request that tables for drops of this setup are loaded; return the number of the task.
+
+        The samples of the drop are not used.
+        """
+        return self.analyse(Urgency.PREPARE, drop, setup, Screening("measured"), options, "")
 
     def analyse(
         self,
@@ -88,18 +92,7 @@ class InversionWorker:
         options: AnalysisOptions,
         file: str,
     ) -> int:
-        """Request an analysis and return its number, which the task of the response has too."""
-        return self._ask(urgency, drop, setup, screening, options, file)
-
-    def _ask(
-        self,
-        urgency: Urgency,
-        drop: Drop,
-        setup: PointSetup,
-        screening: Screening,
-        options: AnalysisOptions,
-        file: str,
-    ) -> int:
+        """Request the inversion of a drop; return the number of the task."""
         number = next(self._numbers)
         return self._put(Task(number, urgency, drop, setup, screening, options, file))
 
@@ -109,14 +102,19 @@ class InversionWorker:
         options: AnalysisOptions,
         device: Mapping[str, Mapping[str, float]],
     ) -> int:
-        """Ask what is behind the residual of a point; what the others show of the device is given.
+        """Request the diagnosis of a point; return the number of the task.
 
-        The number comes back in the answer's task.
+        Parameters
+        ----------
+        point : TracePoint
+        options : AnalysisOptions
+        device : mapping
+            Parameters of device effects estimated at other points, by effect and parameter.
         """
         return self._put(DiagnosisTask(next(self._numbers), point, options, device))
 
     def forget(self, number: int) -> bool:
-        """Withdraw a task; False: it is under way, or was answered."""
+        """Withdraw a task; False: it is in work, or complete."""
         with self._changed:
             if number == self._under_way or number not in self._waiting:
                 return False
@@ -131,12 +129,12 @@ class InversionWorker:
         return task.number
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Return whether everything was answered within a number of seconds."""
+        """Wait until all tasks are complete; False: they are not after ``timeout`` seconds."""
         with self._changed:
             return self._changed.wait_for(lambda: not self._waiting, timeout)
 
     def close(self) -> None:
-        """End the process; what was not answered stays unanswered."""
+        """End the process; tasks that are not complete are dropped."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
@@ -167,7 +165,7 @@ class InversionWorker:
                 self._changed.notify_all()
 
     def _respond_to(self, task: Task | DiagnosisTask) -> TaskResponse | None:
-        """Return the response; None when the worker is closed."""
+        """Carry out a task and return the response; None: the worker was closed."""
         reason = ""
         for _ in range(MAX_ATTEMPTS):
             try:
@@ -188,16 +186,16 @@ class InversionWorker:
                     outcome.details,
                     outcome.diagnoses,
                 )
-        fault = "the analysis ended by itself twice; the drop is safe, invert it again later"
+        fault = "the analysis process died twice; the drop is safe, invert it again later"
         return TaskResponse(task, fault=fault, details=reason)
 
     def _report(self, message: Building | DiagnosisProgress) -> None:
-        """Pass on the progress of tables; diagnoses of single points have none of their own."""
+        """Pass on the progress of building tables; that of a diagnosis is of use for files only."""
         if isinstance(message, Building):
             self._listener(message)
 
     def _process_or_start(self) -> "subprocess.Popen[bytes] | None":
-        """Return the process, a new one where it has died; None when the worker is closed."""
+        """Return the process, a new one if it has died; None: the worker was closed."""
         if self._process is not None and self._process.poll() is not None:
             self._reap()
         with self._changed:
@@ -221,12 +219,12 @@ def request(
     task: Task | DiagnosisTask,
     report: Callable[[Building | DiagnosisProgress], object],
 ) -> TaskOutcome:
-    """Send a task to a process, report the progress meanwhile and return the outcome.
+    """Send a task to a process, report its progress and return the outcome.
 
     Raises
     ------
     EOFError, OSError
-        If the process ends before.
+        If the process ends before the outcome.
     """
     from pfwd.analysis.worker.process import receive, send
 
@@ -240,19 +238,21 @@ def request(
 
 
 def start_process() -> "subprocess.Popen[bytes]":
-    """Start a process that answers tasks until its input ends.
+    """Start a process that carries out tasks until its input is closed.
 
     Raises
     ------
     OSError
-        If the system starts no more processes.
+        If the system cannot start a process.
     """
     return start_child("-m", "pfwd.analysis.worker.process")
 
 
 def end_process(process: "subprocess.Popen[bytes]") -> None:
-    """Close the input of a process and wait for its end; terminate or kill a busy one."""
-    with contextlib.suppress(OSError):  # what was not sent is not needed any more
+    """Close the input of a process and wait for its end; a busy process is terminated, then
+    killed.
+    """
+    with contextlib.suppress(OSError):  # buffered data are no longer needed
         if process.stdin is not None:
             process.stdin.close()
     for step in (None, process.terminate, process.kill):

@@ -84,7 +84,9 @@ def test_several_rigs_under_one_stiffness_are_told_apart(tmp_path: Path) -> None
     stiff = rig_file(tmp_path / "b.csv", site="4s1p", actual=1.3 * STIFFNESS)
     found = calibrate_files([soft, stiff])
     assert any("MN/m on 2s1p, " in text and "--point" in text for text in found.reasons)
-    with pytest.raises(SurveyError, match="a calibration to keep, got drops that do not repeat"):
+    with pytest.raises(
+        SurveyError, match="drops that agree on a calibration, got drops that do not repeat"
+    ):
         write_calibration(tmp_path / "d.toml", found)
     assert not (tmp_path / "d.toml").exists()
     assert calibrate_files([soft, stiff], point="2s1p").reasons == ()

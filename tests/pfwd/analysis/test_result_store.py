@@ -150,7 +150,7 @@ def test_a_survey_that_is_written_elsewhere_is_left_alone(survey: Path) -> None:
     with SurveyWriter.open(survey, publish=False):
         said = store_drop_results(str(survey), found.of_survey)
     assert said is not None
-    assert "results are not kept" in said
+    assert "results are not stored" in said
     assert [drop.result_count for drop in read_survey(survey).drops] == [0, 0]
 
 
@@ -158,7 +158,7 @@ def test_what_was_kept_is_said(survey: Path) -> None:
     ask_and_keep(survey)
     said = stored_results_text("S", asked(survey).results)
     assert said is not None
-    assert said.startswith("S: 2 of 2 results were kept from before (pfwd ")
+    assert said.startswith("S: 2 of 2 results were stored before (pfwd ")
     assert (
         stored_results_text("S", asked(survey, dataclasses.replace(QUICK, seed=1)).results) is None
     )

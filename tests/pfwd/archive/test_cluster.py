@@ -91,7 +91,7 @@ def test_a_cluster_that_ends_is_said_with_what_to_do(
         outcomes = invert_stream([str(drops)], OPTIONS, workers)
     with (
         contextlib.closing(workers),
-        pytest.raises(SurveyError, match="the same command goes on where this one ended"),
+        pytest.raises(SurveyError, match="repeat the command: it continues where this one ended"),
     ):
         list(outcomes)
 

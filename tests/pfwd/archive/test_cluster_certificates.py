@@ -118,7 +118,7 @@ def test_a_plain_address_does_not_reach_it(
 ) -> None:
     monkeypatch.setattr(cluster, "_CONNECT_TIMEOUT_S", 2.0)
     plain = protected[0].replace("tls://", "tcp://")
-    with pytest.raises(SurveyError, match="does it speak this protocol"):
+    with pytest.raises(SurveyError, match="uses this protocol"):
         ClusterWorkers(OPTIONS, plain)
 
 

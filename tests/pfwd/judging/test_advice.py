@@ -116,14 +116,14 @@ def test_the_sensor_that_moves_otherwise_than_the_others(
     residuals: dict[int, float], loose: int | None
 ) -> None:
     found = advice_on_drop(PLAIN, measured(3), OTHERS, sensor_residuals=residuals)
-    expected = [] if loose is None else [f"re-seat sensor {loose}: it moves otherwise"]
+    expected = [] if loose is None else [f"re-seat sensor {loose}: it does not move as"]
     assert [advice.text[: len(expected[0])] for advice in found] == expected
 
 
 def test_a_channel_at_the_end_of_its_range() -> None:
     (found,) = advice_on_drop(PLAIN, measured(3), OTHERS, saturated=True)
     assert found.about is Advised.RANGE
-    assert "drop from lower" in found.text
+    assert "use a lower drop height" in found.text
 
 
 def test_the_ground_is_not_blamed_for_a_drop_from_higher() -> None:

@@ -89,7 +89,7 @@ def test_a_procedure_that_cannot_be_read_is_said_unless_another_is_chosen(tmp_pa
     folder = survey_with(tmp_path / "s", JobRequest(target=4e7))
     with SurveyWriter.open(folder, publish=False) as writer:
         writer.note_event("procedure", {"name": "x", "text": "pfwd-procedure = 9"})
-    with pytest.raises(SurveyError, match=r"kept in .* choose another one with --procedure"):
+    with pytest.raises(SurveyError, match=r"stored in .* choose another one with --procedure"):
         job_of(read_survey(folder))
     job = job_of(read_survey(folder), PAPER)
     assert (job.procedure_in_force.name, job.target) == ("paper", 4e7)

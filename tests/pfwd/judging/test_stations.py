@@ -57,9 +57,13 @@ def test_waypoints(tmp_path: Path) -> None:
         ("name\n1\n1\n", "s.csv", r"every station once, got '1' twice"),
         ("name,lat\n1,91\n", "s.csv", r"line 2, latitude: expected a number, got '91'"),
         ("name,target\n1,-3\n", "s.csv", r"line 2, target: expected a number > 0, in MPa"),
-        ("<gpx><wpt", "s.gpx", r"s.gpx: expected GPX, got no XML"),
-        ("<!DOCTYPE x><gpx/>", "s.gpx", r"GPX without definitions of its own"),
-        ('<gpx><wpt lat="x" lon="1"/></gpx>', "s.gpx", r"waypoint 1: expected lat and lon"),
+        ("<gpx><wpt", "s.gpx", r"s.gpx: expected GPX, got invalid XML"),
+        ("<!DOCTYPE x><gpx/>", "s.gpx", r"GPX without DOCTYPE and ENTITY"),
+        (
+            '<gpx><wpt lat="x" lon="1"/></gpx>',
+            "s.gpx",
+            r"waypoint 1: expected numbers as lat and lon",
+        ),
     ],
 )
 def test_what_holds_no_stations_is_refused(
@@ -102,7 +106,9 @@ def test_a_heading_that_looks_like_a_known_column_is_refused(
     tmp_path: Path, heading: str, meant: str
 ) -> None:
     path = written(tmp_path, f"name;{heading}\n12+320;45\n")
-    message = rf"line 1: expected a column {meant}, got '{heading}'; rename it to {meant[:6]}"
+    message = (
+        rf"line 1: expected a column {meant}, got '{heading}'; rename the column to {meant[:6]}"
+    )
     with pytest.raises(OptionError, match=message):
         read_stations(path, PAPER)
 

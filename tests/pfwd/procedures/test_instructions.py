@@ -69,7 +69,7 @@ def test_with_numbers_of_drops(kinds: list[Kind], next_kind: Kind | None, senten
     assert (found.next_kind, found.instruction) == (next_kind, sentence)
 
 
-ENOUGH = "Enough for a mean; another measured drop makes it surer."
+ENOUGH = "Enough for a mean; another measured drop makes it more certain."
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,8 @@ def test_the_first_of_several_faults_is_what_is_said() -> None:
     assert found.faults[1].startswith("moduli, largest")
     assert found.next_kind is None
     assert found.instruction == (
-        f"P{words[1:]}: see that the plate lies flat, and measure the point anew beside this place."
+        f"P{words[1:]}: see that the plate lies flat, and measure the point again beside this "
+        "place."
     )
 
 

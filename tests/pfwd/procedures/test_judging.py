@@ -167,7 +167,7 @@ def test_drops_that_differ_too_much_leave_the_point_undecided() -> None:
     assert found.verdict is Verdict.UNDECIDED
     assert "40.0%" in found.verdict_reason
     assert found.next_kind is None
-    assert "measure the point anew" in found.instruction
+    assert "measure the point again" in found.instruction
 
 
 @pytest.mark.parametrize(

@@ -74,9 +74,9 @@ NOT_IN_REPORTS = [
     r"The point is done: walk to the next\.",
     r".*(seating|measured) drop .* of .*\.",
     r".*a measured drop\.",
-    r"Enough for a mean; another measured drop makes it surer\.",
+    r"Enough for a mean; another measured drop makes it more certain\.",
     r".*: correct it and measure the point again beside this place\.",
-    r".*: see that the plate lies flat, and measure the point anew beside this place\.",
+    r".*: see that the plate lies flat, and measure the point again beside this place\.",
     # remedies, which a report does not give
     r"measure again.*",
     r"correct the declaration that the warning names and diagnose again",

@@ -439,7 +439,7 @@ def test_a_named_procedure_of_the_program_is_used(survey: Path) -> None:
 def test_a_broken_procedure_of_a_survey_is_data_refused(survey: Path) -> None:
     with SurveyWriter.open(survey, publish=False) as writer:
         writer.note_event("procedure", {"name": "x", "text": "pfwd-procedure = 9"})
-    with pytest.raises(SurveyError, match=r"kept in .* choose another one with --procedure"):
+    with pytest.raises(SurveyError, match=r"stored in .* choose another one with --procedure"):
         gather(survey)
     assert gather(survey, ReportOptions(procedure="paper")).procedure.name == "paper"
 

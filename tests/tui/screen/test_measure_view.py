@@ -149,7 +149,7 @@ def test_the_curves_of_the_fit_differ_by_their_form() -> None:
 
 
 def test_a_message_is_not_cut() -> None:
-    sentence = "the analysis ended by itself twice; the drop is safe, invert it again later"
+    sentence = "the analysis process died twice; the drop is safe, invert it again later"
     for size in SIZES:
         on_page = " ".join(text(view(*complete_point(), message=sentence), size).split())
         assert sentence in on_page

@@ -87,7 +87,7 @@ def test_a_drop_appears_when_saved_and_gets_its_modulus_when_analysed() -> None:
 
 def test_a_search_that_fails_takes_the_first_answer_not_back() -> None:
     state = state_after(ready(), saved(1), analysed(1, full=False))
-    state.take(analysed(1, modulus=None, reason="the analysis ended by itself twice"))
+    state.take(analysed(1, modulus=None, reason="the analysis process died twice"))
     drop = state.drops["7"][1]
     assert drop.modulus == 47.3e6
     assert drop.final
@@ -326,7 +326,7 @@ def test_a_point_that_could_not_be_diagnosed_says_why() -> None:
 
 def test_a_drop_at_the_end_of_the_range_is_advised_at_once() -> None:
     state = state_after(ready(), saved(1, marks=("saturated: 16 samples of g0",)))
-    assert [text for text in state.advice(state.last) if "drop from lower" in text]
+    assert [text for text in state.advice(state.last) if "use a lower drop height" in text]
 
 
 def test_a_saturated_drop_is_never_clean() -> None:

@@ -149,7 +149,7 @@ def test_after_two_deaths_a_task_is_given_up_and_the_next_is_answered(
         answer = next_answer(answers)
         assert answer.result is None
         assert answer.fault is not None
-        assert "ended by itself twice" in answer.fault
+        assert "died twice" in answer.fault
         assert len(starts) == 2
         worker.analyse(Urgency.QUICK, drop, SETUP, FINE, QUICK, "q")
         assert next_answer(answers).result is not None
