@@ -4,10 +4,10 @@ The public names, usable on plain arrays::
 
     record = Record(time, load, (Sensor(0.0, "displacement", w),), Instrument(plate_radius=0.15))
     result = invert(record)
-    result.modulus_pa                    # Pa; None: the record leaves it open
-    result.modulus_interval_pa           # Pa, 95 %, the model's own error included
+    result.modulus_pa                    # Pa; None: the record does not determine it
+    result.modulus_interval_pa           # Pa, 95 %, the error of the model included
 
-Each name is loaded when it is first used, so that a stored result is read without the solvers.
+A name is imported when it is first used, so that stored results can be read without scipy.
 """
 
 from typing import TYPE_CHECKING

@@ -1,24 +1,23 @@
-r"""Constants of load cell and geophone from drops on a rig of springs, as makers calibrate them.
+r"""Calibration of load cell and geophone from drops on a spring test rig.
 
 On a rig a mass moves on a spring with a dashpot. The geophone measures its velocity, filtered by
 the second-order response of the geophone and delayed:
 
 .. math::
-
     V(s) = g \, e^{-s \tau} \frac{s^2}{s^2 + 2 h \omega s + \omega^2}
            \cdot \frac{s}{m s^2 + c s + k} \, F(s)
 
 The stiffness k is declared. The gain g, the response (natural frequency and damping), the delay,
-and the mass and dashpot of each rig are fitted to all drops together. Both channels may have a
-gain, but a spring determines only their ratio g: the gain of the geophone if the load cell is
-right, or one over the gain of the load cell if the geophone is right.
+and the mass and dashpot of each rig are fitted to all drops together. Both channels may have a gain
+error, but a spring determines only the ratio g: the gain of the geophone if the load cell is right,
+or one over the gain of the load cell if the geophone is right.
 
 The load is linear between its samples, and the differential equations are solved exactly for such a
 load (first-order hold).
 
-The repeatability of the constants is estimated by leaving out one drop after the other (the
+The repeatability of these constants is estimated by leaving out one drop after the other (the
 jackknife: B. Efron and C. Stein, *The jackknife estimate of variance*, Annals of Statistics 9,
-1981, 586-596). The deviation is never smaller than the residual of the fit implies.
+1981, 586-596). The standard deviation is never smaller than the residual of the fit implies.
 """
 
 from __future__ import annotations
@@ -36,23 +35,23 @@ from inversion.arrays import FloatArray
 from inversion.errors import InversionError
 
 MIN_DROPS = 3
-"""Two drops show that they differ, three show by how much."""
+"""Smallest number of drops: two show that they differ, three show by how much."""
 
 MAX_JACKKNIFE_GROUPS = 12
-"""Number of drops up to which single drops are left out; above it groups of drops are."""
+"""Largest number of groups in the jackknife; with more drops each group has several of them."""
 
 MAX_MISFIT = 0.05
-"""Largest residual rms over the peak velocity. Above it the rig does not follow the model: it has
-friction, a second contact or another spring."""
+"""Largest root mean square residual over the peak velocity. Above it the rig does not follow the
+model: it has friction, a second contact or another stiffness."""
 
 MAX_GAIN_HALF_WIDTH = 0.02
-"""Largest relative half width of the interval of the gain of drops that repeat."""
+"""Largest relative half-width of the 95 % interval of the gain, up to which the drops agree."""
 
 STARTS = ((4.5, 0.6), (10.0, 0.4), (2.0, 0.7))
-"""Starting points of the fit: natural frequency (Hz) and damping of the geophones in use."""
+"""Starting points of the fit: natural frequency (Hz) and damping of common geophones."""
 
 DELAY_UNIT_S = 1e-3
-"""Unit of the delay in the fit, s. In milliseconds all unknowns have a similar size."""
+"""Unit of the delay in the fit, s; in milliseconds all unknowns have a similar size."""
 
 _NAMES = ("gain", "natural_frequency", "damping", "delay")
 _LOWER = np.array([np.log(0.1), np.log(0.5), np.log(0.02), -3.0])
@@ -61,16 +60,16 @@ _SCALE = np.array([0.05, 0.2, 0.2, 0.1])
 _RIG_LOWER = np.array([np.log(0.2), np.log(1e-3)])
 _RIG_UPPER = np.array([np.log(500.0), np.log(2.0)])
 _RIG_START = np.array([np.log(15.0), np.log(0.1)])
-"""Mass (kg) and damping ratio."""
+"""Logarithms of the starting values of a rig: mass (kg) and damping ratio."""
 
 
 class CalibrationError(InversionError):
-    """Drops that do not determine the constants."""
+    """Drops on rigs that do not determine the calibration."""
 
 
 @dataclass(frozen=True, eq=False)
 class RigDrop:
-    """One drop on a rig.
+    """One drop on a spring test rig.
 
     Parameters
     ----------
@@ -78,7 +77,7 @@ class RigDrop:
     load : (n,) ndarray of float, N, without its offset
     velocity : (n,) ndarray of float, m/s, without its offset
     stiffness : float, N/m, of the rig
-    rig : int, index of the rig; drops of one rig share mass and dashpot
+    rig : int, index of the rig; drops on one rig share mass and dashpot
     name : str, for messages
     """
 
@@ -92,15 +91,15 @@ class RigDrop:
 
 @dataclass(frozen=True)
 class Constant:
-    """A constant of the instrument.
+    """One estimated constant of an instrument, such as its gain.
 
     Parameters
     ----------
-    name : str
+    name : str, one of gain, natural_frequency, damping, delay
     value : float
     deviation : float, standard deviation
     interval : pair of float, 95 %
-    unit : str, SI; - for none
+    unit : str, SI; "-" for a number without unit
     """
 
     name: str
@@ -112,17 +111,17 @@ class Constant:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Constants of the instrument, fitted to all drops on rigs.
+    """Constants of an instrument, fitted to all drops on rigs.
 
     Parameters
     ----------
     constants : tuple of Constant: gain, natural_frequency, damping, delay
     masses : tuple of float, kg, of the rigs
     damping_ratios : tuple of float, of the rigs
-    drops : int
+    drops : int, number of drops
     misfit : float, root mean square of the residual over the peak velocity
     per_drop : (drops,) ndarray of float, misfit of each drop
-    reasons : tuple of str, why the drops do not repeat; empty if they do
+    reasons : tuple of str, why the constants must not be used; empty if they may
     """
 
     constants: tuple[Constant, ...]
@@ -135,16 +134,16 @@ class Calibration:
 
     @property
     def repeats(self) -> bool:
-        """True if the drops repeat, so that the constants may be used."""
+        """True if the drops agree, so that the constants may be used."""
         return not self.reasons
 
     def of(self, name: str) -> Constant:
-        """Return the constant of a name."""
+        """Return the constant with this name: gain, natural_frequency, damping or delay."""
         return next(constant for constant in self.constants if constant.name == name)
 
 
 def calibrate(drops: Sequence[RigDrop]) -> Calibration:
-    """Return the constants that fit all drops together.
+    """Fit gain, geophone response and delay of an instrument to all drops together.
 
     Parameters
     ----------
@@ -193,12 +192,12 @@ def calibrate(drops: Sequence[RigDrop]) -> Calibration:
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """Constants of a rig, estimated from drops with exact channel gains.
+    """Stiffness, mass and damping of a rig, estimated from drops with exact channel gains.
 
     Parameters
     ----------
     stiffness, mass, damping_ratio : float, N/m, kg, -
-    deviation : float, standard deviation of the stiffness within the drops, N/m
+    deviation : float, N/m, standard deviation of the stiffness
     residuals : tuple of ndarray of float, m/s, fitted minus measured velocity of each drop
     """
 
@@ -210,7 +209,9 @@ class Rig:
 
 
 def estimate_rig(drops: Sequence[RigDrop]) -> Rig:
-    """Estimate the rig from drops, whose stiffness is the starting point.
+    """Estimate stiffness, mass and damping of a rig from its drops.
+
+    The stiffness in ``drops`` is the starting point of the fit.
 
     Raises
     ------
@@ -274,7 +275,7 @@ def _residual(unknowns: FloatArray, drops: Sequence[RigDrop]) -> FloatArray:
 
 
 def _residual_of(unknowns: FloatArray, drop: RigDrop) -> FloatArray:
-    """Return the residual of one drop over the peak of its velocity."""
+    """Return the residual of one drop, (n,), over the peak of its velocity."""
     model = predict(drop, *_values(unknowns, drop))
     result: FloatArray = (model - drop.velocity) / np.abs(drop.velocity).max()
     return result
@@ -295,11 +296,25 @@ def predict(
     mass: float,
     damping_ratio: float,
 ) -> FloatArray:
-    """Return the velocity that the geophone measures in a drop, (n,), m/s."""
+    """Return the velocity that the geophone should record in a drop, (n,), m/s.
+
+    Parameters
+    ----------
+    drop : RigDrop
+        Supplies load and stiffness.
+    gain : float
+    natural_frequency : float, Hz
+    damping : float
+        Damping ratio of the geophone.
+    delay : float, s
+    mass : float, kg
+    damping_ratio : float
+        Damping ratio of the rig.
+    """
     step = float(drop.time[-1] - drop.time[0]) / (drop.time.size - 1)
     omega, stiffness = 2 * np.pi * natural_frequency, drop.stiffness
     viscous = 2 * damping_ratio * np.sqrt(stiffness * mass)
-    # Displacement and velocity of the mass, displacement and velocity in the geophone.
+    # States: displacement and velocity of the mass, displacement and velocity in the geophone.
     matrix = np.array(
         [
             [0.0, 1.0, 0.0, 0.0],
@@ -325,9 +340,9 @@ def _mode_sum(
     direct: FloatArray,
     load: FloatArray,
 ) -> FloatArray:
-    """Return the output (n,) of a system that starts at rest, computed mode by mode.
+    """Return the output (n,) of a linear system that starts at rest, computed mode by mode.
 
-    A single filter of fourth order would lose ten digits, because the poles of a geophone lie close
+    A single filter of fourth order would lose ten digits, because the poles of a geophone are close
     to 1. A recursion over the samples takes a hundred times as long.
     """
     from scipy.signal import lfilter  # the import takes 0.3 s
@@ -344,7 +359,7 @@ def _mode_sum(
 def _first_order_hold(
     matrix: FloatArray, force: FloatArray, step: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return the state-space matrices at the samples for an input that is linear between them.
+    """Return the discrete state-space matrices for an input that is linear between the samples.
 
     G. F. Franklin, J. D. Powell and M. L. Workman, *Digital control of dynamic systems*, 3rd ed.,
     1998, section 6.3.
@@ -363,7 +378,9 @@ def _first_order_hold(
 
 
 def _covariance(residual: FloatArray, jacobian: FloatArray, drops: Sequence[RigDrop]) -> FloatArray:
-    """Return the covariance of the unknowns from the residual, whose samples are correlated."""
+    """Return the covariance of the unknowns; it allows for the correlation of the residual's
+    samples.
+    """
     normal = jacobian.T @ jacobian
     freedom = max(1, residual.size - jacobian.shape[1])
     inflation = float(np.mean([_correlation_length(part) for part in _parts(residual, drops)]))
@@ -377,9 +394,9 @@ def _parts(residual: FloatArray, drops: Sequence[RigDrop]) -> list[FloatArray]:
 
 
 def _correlation_length(values: FloatArray) -> float:
-    """Return the number of correlated samples equivalent to one independent sample.
+    """Return the number of correlated samples that are worth one independent sample.
 
-    This is 1 plus twice the sum of the correlations up to the first that is not positive.
+    This is 1 plus twice the sum of the autocorrelations up to the first that is not positive.
     """
     centred = values - values.mean()
     power = float(centred @ centred)
@@ -403,7 +420,7 @@ def _jackknife(best: FloatArray, drops: Sequence[RigDrop]) -> tuple[FloatArray, 
             if group_of_drop != group
         ]
         if {drop.rig for drop in remaining} != {drop.rig for drop in drops}:
-            continue  # no drop is left that determines the mass of the rig
+            continue  # the remaining drops do not determine the mass of one rig
         estimates.append(_fit(remaining, best, 60)[0][:4])
     if len(estimates) < 2:
         return np.zeros(4), 1
@@ -436,26 +453,26 @@ def _reasons(
     misfit: float,
     per_drop: FloatArray,
 ) -> tuple[str, ...]:
-    """Return the reasons against using the constants."""
+    """Return the reasons why the constants must not be used, one sentence each; empty: they may."""
     reasons = []
     gain = constants[0]
     half = (gain.interval[1] - gain.interval[0]) / (2 * gain.value)
     if half > MAX_GAIN_HALF_WIDTH:
         reasons.append(
-            f"the gain is known within {100 * half:.1f} % only, drops that repeat give "
-            f"{100 * MAX_GAIN_HALF_WIDTH:g} % or less"
+            f"gain: expected an uncertainty of at most {100 * MAX_GAIN_HALF_WIDTH:g} %, got "
+            f"{100 * half:.1f} %: the drops differ"
         )
     if misfit > MAX_MISFIT:
         worst = int(np.argmax(per_drop))
         reasons.append(
-            f"a mass on a spring leaves {100 * misfit:.1f} % of the peak velocity, at most "
-            f"{100 * per_drop[worst]:.1f} % ({drops[worst].name}), in place of at most "
-            f"{100 * MAX_MISFIT:g} %: friction, a second contact, or another stiffness"
+            f"misfit of a mass on a spring: expected at most {100 * MAX_MISFIT:g} % of the peak "
+            f"velocity, got {100 * misfit:.1f} %, and {100 * per_drop[worst]:.1f} % in "
+            f"{drops[worst].name}; look for friction, a second contact or another stiffness"
         )
     low, high = np.concatenate([_LOWER, _RIG_LOWER]), np.concatenate([_UPPER, _RIG_UPPER])
     names = (*_NAMES, "mass of the rig", "damping of the rig")
     for index, value in enumerate(best):
         place = index if index < 4 else 4 + (index - 4) % 2
         if min(value - low[place], high[place] - value) < 1e-3 * (high[place] - low[place]):
-            reasons.append(f"the {names[place].replace('_', ' ')} stopped at a bound")
+            reasons.append(f"the {names[place].replace('_', ' ')} is on a bound of the search")
     return tuple(dict.fromkeys(reasons))

@@ -1,4 +1,4 @@
-"""Inversion of recorded drops: the modulus of the ground with all its conditions."""
+"""Inversion of recorded drops: the modulus of the ground, its uncertainty and its conditions."""
 
 from __future__ import annotations
 
@@ -38,31 +38,33 @@ Load = Literal["measured", "half-sine", "half-sine-equal-area"]
 _MAX_RESIDUAL_OVER_NOISE = 2.0
 # Densities of soils and granular fills, from loose and dry to crushed rock, dense and wet.
 _SOIL_DENSITIES_KG_M3 = (1200.0, 2600.0)
-# Residual of the plate after the contact, rms over its peak and over its noise: of declared drops
-# of finite elements at most 0.7 % is left there, with something wrongly declared 4 to 22 %.
+# Largest root mean square residual of the plate after the contact, over its peak and over its
+# noise. For drops computed by finite elements it is at most 0.7 % of the peak, and 4 to 22 % where
+# one property of the instrument is declared wrongly.
 _MAX_TAIL_OVER_PEAK, _MAX_TAIL_OVER_NOISE = 0.03, 3.0
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of an inversion; the defaults give the truest modulus.
+    """Settings of an inversion; the defaults give the smallest error of the modulus.
 
     Parameters
     ----------
     plate : contact of plate and ground
-    load : the measured load, or the half-sine fitted to it (by least squares, or with the
-        measured peak and area as in the paper)
-    all_sensors : False: the centre only
-    bedrock_depth : m; inf: none; "declared": that of the record, fitted where it has none;
-        "unknown": fitted
-    elastic : True: no viscosity
-    layers : number of media with a modulus, the lowest included (1 to 4), or "auto": as many as the
-        record determines
-    thickness : m, of all media but the lowest, from the top; None: fitted
-    priors : True: the most probable of the grounds that fit alike is chosen
-    method : "mpga" (genetic search, then polish), "least-squares" (several starts), or
-        "published" (the genetic search of the paper on its own fitness, without polish)
-    seed : int, of the search
+    load : the measured load, or a half-sine fitted to it (by least squares, or with the measured
+    peak and area as in the published method)
+    all_sensors : False: only the centre sensor is fitted
+    bedrock_depth : m; inf: none; "declared": that of the record, fitted if it declares none;
+    "unknown": fitted
+    elastic : True: the ground has no viscosity
+    layers : number of layers with a modulus, the lowest included (1 to 4), or "auto": as many as
+    the record determines
+    thickness : m, of each layer but the lowest, from the top; None: fitted
+    priors : True: of grounds that fit equally well the most probable one is chosen
+    method : "mpga" (genetic search, then local refinement), "least-squares" (several starting
+    points), or "published" (the genetic search of the published method with its own fitness,
+    without refinement)
+    seed : int, random seed of the search
     """
 
     plate: LayeredPlateModel = "rigid-rough"
@@ -98,11 +100,13 @@ class Settings:
 
     @property
     def homogeneous(self) -> bool:
-        """True for one medium under a plate for which there are tables of responses."""
+        """True if one layer is requested, and the contact is one for which there are response
+        tables.
+        """
         return self.layers == 1 and self.plate in PLATE_MODELS
 
     def depth_of(self, record: Record) -> float | None:
-        """Bedrock depth of the model, m: inf none, None fitted."""
+        """Return the bedrock depth in the model, m; inf: no bedrock; None: it is fitted."""
         if self.bedrock_depth == "unknown":
             return None
         setting = self.bedrock_depth
@@ -115,21 +119,21 @@ class Settings:
 def invert(
     record: Record, settings: Settings | None = None, library: SurrogateLibrary | None = None
 ) -> InversionResult:
-    """Modulus of the ground under one drop.
+    """Return the modulus of the ground under one drop, with uncertainty and conditions.
 
     Parameters
     ----------
     record : Record
-    settings : Settings
-    library : SurrogateLibrary
-        Keep one over many calls: it holds what was loaded or built.
+    settings : Settings, optional
+    library : SurrogateLibrary, optional
+        Response tables. Pass the same object to many calls: it keeps the tables that were loaded.
 
     Raises
     ------
     RecordError
-        If the record holds no pulse or no motion.
+        If the record has no pulse or no motion.
     ModelError
-        If a parameter is outside its range.
+        If a parameter is outside of its range.
     """
     return invert_joint([record], settings, library)[0]
 
@@ -139,17 +143,20 @@ def invert_joint(
     settings: Settings | None = None,
     library: SurrogateLibrary | None = None,
 ) -> tuple[InversionResult, ...]:
-    """One ground under several drops: a result a drop, all with the same ground.
+    """Fit one ground to several drops; return a result for each drop, all with the same ground.
 
     Parameters
     ----------
-    records : Records with the same instrument, sensors, Poisson's ratio, density and depth
+    records : sequence of Record
+        With the same instrument, sensors, Poisson's ratio, density and bedrock depth.
     settings, library : as for :func:`invert`
 
     Raises
     ------
     RecordError
-        If the records do not belong together, or as for :func:`invert`.
+        If the records differ in these, or as for :func:`invert`.
+    ModelError
+        If a parameter is outside of its range.
     """
     with single_threaded_blas():
         return _invert_joint(records, settings or Settings(), library or SurrogateLibrary())
@@ -161,7 +168,7 @@ def _invert_joint(
     _check_same_point(records)
     used = [_selected(record, settings) for record in records]
     first = used[0]
-    # A table that has to be built is not counted as time of the analysis.
+    # Loaded before the clock starts: building a table is not part of the stated time.
     surrogate = library.get(*surrogate_request(first, settings)) if settings.homogeneous else None
     start = clock.perf_counter()
     drops = tuple(_weighted_drop(record, settings) for record in used)
@@ -186,7 +193,7 @@ def _homogeneous_estimate(
     record: Record,
     settings: Settings,
 ) -> GroundEstimate:
-    """Return one medium under the drops, with the depth of rock where it is not unique."""
+    """Fit one homogeneous ground to the drops, with or without bedrock."""
     radius = record.instrument.plate_radius
     space = homogeneous_space(
         peak_modulus,
@@ -204,7 +211,7 @@ def _homogeneous_estimate(
 def _layered_estimate(
     drops: tuple[WeightedDrop, ...], peak_modulus: float, record: Record, settings: Settings
 ) -> GroundEstimate:
-    """Return the layers under the drops."""
+    """Fit layered ground to the drops."""
     request = LayerRequest(
         layers=settings.layers,
         thickness=settings.thickness,
@@ -240,26 +247,28 @@ def _check_same_point(records: Sequence[Record]) -> None:
 
 
 def _selected(record: Record, settings: Settings) -> Record:
-    """Return the record with the sensors that take part, nearest first."""
+    """Return the record with the sensors that are fitted, the nearest to the centre first."""
     ordered = record.nearest_first().sensors
     if not settings.all_sensors:
         ordered = ordered[:1]
         if abs(ordered[0].offset) > record.instrument.plate_radius:
             raise RecordError(
-                "centre sensor alone: expected a sensor within the plate radius, the nearest is "
+                "centre sensor: expected a sensor within the plate radius, got the nearest one "
                 f"at {ordered[0].offset:g} m; use all sensors"
             )
     return replace(record, sensors=ordered)
 
 
 def surrogate_request(record: Record, settings: Settings) -> tuple[PlateProblem, float | None]:
-    """Return problem and depth, in plate radii, of the surrogate that an inversion requires."""
+    """Return the plate problem and the bedrock depth, in plate radii, of the required response
+    table.
+    """
     chosen = _selected(record, settings)
     radius, depth = record.instrument.plate_radius, settings.depth_of(record)
     ratios = [round(abs(s.offset) / radius, 10) for s in chosen.sensors]
-    # Offset 0 leads: the plate's own motion couples its mass.
+    # Offset 0 comes first: the inertia of the plate requires the motion of the plate itself.
     offsets = tuple(ratios) if ratios[0] == 0.0 else (0.0, *ratios)
-    assert settings.homogeneous  # the plate is one that the tables know
+    assert settings.homogeneous  # there are tables for this contact
     problem = PlateProblem(settings.plate, record.poisson_ratio, offsets)  # type: ignore[arg-type]
     return problem, None if depth is None else round(depth / radius, 10)
 
@@ -271,7 +280,7 @@ def _weighted_drop(record: Record, settings: Settings) -> WeightedDrop:
 
 
 def _model_load(drop: PreparedDrop, settings: Settings) -> FloatArray:
-    """Return the load of the model, N."""
+    """Return the load that drives the model, (n,), N."""
     if settings.load == "measured":
         return drop.load
     fit = fit_half_sine if settings.load == "half-sine" else fit_half_sine_equal_area
@@ -291,8 +300,8 @@ def _peak(drop: PreparedDrop, record: Record) -> PeakModulus:
     contact = drop.displacement[0, drop.time <= drop.contact_end]
     if not contact.mean() > 0.0:
         raise RecordError(
-            "centre sensor: expected a downward (positive) deflection, found none; check its "
-            "polarity and whether it is alive"
+            "centre sensor: expected a downward (positive) deflection, got none; check its "
+            "polarity and its cable"
         )
     deflection = float(drop.peak_displacement[0])
     radius = record.instrument.plate_radius
@@ -304,7 +313,7 @@ def _report(
 ) -> InversionResult:
     drop, fit, lowest = item.drop, estimate.fit, estimate.lowest
     history = _histories(item, fit)
-    # The bounds of one medium are within a factor of its peak modulus: it is always stated.
+    # The bounds of homogeneous ground are near its peak modulus, so that it is always stated.
     is_stated = settings.homogeneous or estimate.is_modulus_known
     noise = (drop.noise[0], drop.quantisation[0], item.model_floor[0])
     result = InversionResult(
@@ -378,14 +387,20 @@ def _time_histories(
 
 
 def _residual_until(drop: PreparedDrop, history: TimeHistories, end: float) -> float:
-    """Rms over all sensors, each over its own peak, from the trigger to ``end`` (s)."""
+    """Return the root mean square residual from the trigger to a time ``end``, s.
+
+    It is taken over all sensors, each relative to its own peak.
+    """
     part = (drop.time >= drop.trigger) & (drop.time <= end * (1.0 + 1e-9))
     residual = history.residual[:, part] / drop.peak_displacement[:, None]
     return float(np.sqrt(np.mean(residual**2)))
 
 
 def _tail_over_peak(drop: PreparedDrop, history: TimeHistories) -> float | None:
-    """Rms residual of the plate after the contact over its peak; None: within the limits."""
+    """Return the root mean square residual of the plate after the contact, over its peak.
+
+    None: it is within the limits.
+    """
     part = (drop.time > drop.contact_end) & (drop.time <= drop.tail_end)
     if not part.any():
         return None
@@ -397,7 +412,7 @@ def _tail_over_peak(drop: PreparedDrop, history: TimeHistories) -> float | None:
 
 
 def _r_squared(drop: PreparedDrop, history: TimeHistories) -> float:
-    """One minus the residual's over the observed centre displacement's variance, in the window."""
+    """Return the coefficient of determination of the centre displacement in the fitted window."""
     observed = history.observed[0, drop.window]
     residual = float(np.sum(history.residual[0, drop.window] ** 2))
     return 1.0 - residual / float(np.sum((observed - observed.mean()) ** 2))
@@ -420,7 +435,9 @@ def _warnings(
 
 
 def _is_no_soil(density: float, deviation: float | None) -> bool:
-    """Return True if a fitted density differs from those of soils by more than the noise."""
+    """Return True if a fitted density is outside of the range of soils by more than its
+    uncertainty.
+    """
     if deviation is None:
         return False
     reach = NORMAL_95 * deviation

@@ -1,7 +1,8 @@
-"""Estimate of the ground under a plate: media with their intervals, from a fit of any of them.
+"""Estimate of the ground under a plate, homogeneous or layered, with 95 % intervals.
 
-Beside the media it has what even a single sensor determines: one modulus with the same deflection,
-and the depth down to which the ground contributes to it.
+It includes two numbers that even a single sensor determines: the effective modulus, which is the
+modulus of homogeneous ground with the same static deflection of the plate, and the effective depth,
+above which 90 % of that deflection arises.
 """
 
 from __future__ import annotations
@@ -23,19 +24,19 @@ from inversion.result import OPEN_FACTOR, LayerResult
 
 Interval = tuple[float, float]
 
-# Step of the unit values in the derivatives of the effective modulus.
+# Step, as a fraction of a parameter's range, in the derivatives of the effective modulus.
 _UNIT_STEP = 1e-4
 
 
 @dataclass(frozen=True)
 class EffectiveModulus:
-    """One modulus for all media.
+    """Modulus of homogeneous ground with the same static deflection under the plate as the layers.
 
     Parameters
     ----------
-    modulus : float, Pa, of one medium into which the plate at rest would sink as far
+    modulus : float, Pa
     interval : (float, float), Pa, 95 %
-    depth : float, m, above which 90 % of that deflection arises
+    depth : float, m, above which 90 % of the deflection arises
     """
 
     modulus: float
@@ -45,7 +46,7 @@ class EffectiveModulus:
 
 @dataclass(frozen=True, eq=False)
 class GroundEstimate:
-    """Best ground of a fit with its uncertainty.
+    """Best ground of a fit, with its uncertainty.
 
     Parameters
     ----------
@@ -53,8 +54,8 @@ class GroundEstimate:
     uncertainty : Uncertainty
     layers : tuple of LayerResult, from the top
     effective : EffectiveModulus
-    bedrock_depth : float, m, or None: no rock
-    solves : int, forward solves, of all variants that were fitted
+    bedrock_depth : float, m, or None: no bedrock in the model
+    solves : int, number of evaluations of the model, in all fits that were compared
     remarks : tuple of Notice
     """
 
@@ -68,29 +69,33 @@ class GroundEstimate:
 
     @property
     def space(self) -> ParameterSpace:
-        """Unknowns of the fit."""
+        """Parameter space of the fit: unknowns with their bounds."""
         return self.fit.space
 
     @property
     def lowest(self) -> LayerResult:
-        """Lowest medium."""
+        """Lowest layer, or the homogeneous ground."""
         return self.layers[-1]
 
     @property
     def is_modulus_known(self) -> bool:
-        """True if the lowest medium's modulus is known within a factor of ten."""
+        """True if the 95 % interval of the lowest layer's modulus spans less than a factor of
+        ten.
+        """
         low, high = interval_of(self.lowest)
         return high <= OPEN_FACTOR * low
 
     @property
     def depth_deviation(self) -> float | None:
-        """Standard deviation of the fitted depth of rock, m; None: not fitted."""
+        """Standard deviation of the fitted bedrock depth, m; None: not fitted."""
         column = self.space.depth_column
         return None if column is None else float(self.uncertainty.deviation[column])
 
     @property
     def depth_interval(self) -> Interval | None:
-        """Interval of the fitted depth of rock, m, below the best boundaries; None: not fitted."""
+        """95 % interval of the fitted bedrock depth, m, for the best depth of the layers; None: not
+        fitted.
+        """
         column = self.space.depth_column
         if column is None or self.bedrock_depth is None:
             return None
@@ -101,7 +106,9 @@ class GroundEstimate:
 
     @property
     def modulus_depth_correlation(self) -> float | None:
-        """Correlation of the lowest medium's modulus with the fitted depth of rock, or None."""
+        """Correlation of the lowest layer's modulus with the fitted bedrock depth; None: not
+        fitted.
+        """
         row, column = self.space.index("modulus", self.space.media - 1), self.space.depth_column
         if row is None or column is None:
             return None
@@ -109,9 +116,10 @@ class GroundEstimate:
 
     @property
     def viscosity_deviation(self) -> float | None:
-        """Standard deviation of the lowest medium's viscosity, Pa s; None: not fitted.
+        """Standard deviation of the lowest layer's viscosity, Pa s; None: not fitted.
 
-        A viscosity that is the modulus times a relaxation time has the deviations of both.
+        If the fit has a relaxation time in place of the viscosity, which is modulus times
+        relaxation time, the deviations of both are propagated.
         """
         direct = self._deviation("viscosity")
         if direct is not None:
@@ -130,7 +138,7 @@ class GroundEstimate:
 
     @property
     def density_deviation(self) -> float | None:
-        """Standard deviation of the lowest medium's density, kg/m3; None: not fitted."""
+        """Standard deviation of the lowest layer's density, kg/m3; None: not fitted."""
         return self._deviation("density")
 
     def _deviation(self, quantity: Quantity) -> float | None:
@@ -141,11 +149,14 @@ class GroundEstimate:
 def estimate_ground(
     fit: GroundFit, plate: LayeredPlateModel, plate_radius: float
 ) -> GroundEstimate:
-    """Return the best ground of a fit with its uncertainty.
+    """Return the best ground of a fit, with its uncertainty.
 
     Parameters
     ----------
-    plate, plate_radius : for the effective modulus; radius in m
+    fit : GroundFit
+    plate : LayeredPlateModel
+        Contact of plate and ground, for the effective modulus.
+    plate_radius : float, m
     """
     uncertainty = estimate_uncertainty(fit)
     ground = ground_at(fit.space, fit.best.point)
@@ -165,7 +176,9 @@ def estimate_ground(
 
 
 def ground_at(space: ParameterSpace, point: FloatArray) -> LayeredGround:
-    """Return the ground at one point (d,) of the unit box."""
+    """Return the ground at a point (d,) of the unit cube, onto which the parameters' ranges are
+    scaled.
+    """
     g = space.grounds(point[None])
     media = tuple(
         Medium(
@@ -181,7 +194,7 @@ def ground_at(space: ParameterSpace, point: FloatArray) -> LayeredGround:
 
 
 def interval_of(layer: LayerResult) -> Interval:
-    """Return the interval of a fitted modulus, Pa."""
+    """Return the 95 % interval of a fitted modulus, Pa."""
     assert layer.modulus_interval_pa is not None
     return layer.modulus_interval_pa
 
@@ -218,7 +231,7 @@ def _homogeneous_effective(
 
 @lru_cache(maxsize=1024)
 def _effective_radii(plate: LayeredPlateModel, poisson_ratio: float, depth: float) -> float:
-    """Return the effective depth of a homogeneous layer on rock; depths in plate radii."""
+    """Return the effective depth of a homogeneous layer on rock; both depths in plate radii."""
     medium = Medium(1.0, 0.0, 1.0, poisson_ratio, depth)
     return effective_depth(plate, 1.0, LayeredGround((medium,), math.isfinite(depth)))
 
@@ -230,7 +243,9 @@ def _layered_effective(
     plate: LayeredPlateModel,
     plate_radius: float,
 ) -> EffectiveModulus:
-    """Return one modulus for all media, with the interval by the covariance of the fit."""
+    """Return the effective modulus of layers; its interval follows from the covariance of the
+    fit.
+    """
     space, point = fit.space, fit.best.point
     value = effective_modulus(plate, plate_radius, ground)
     slopes = np.zeros(space.size)

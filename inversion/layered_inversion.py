@@ -1,4 +1,8 @@
-"""Inversion of layered ground: the variant and the number of media that the drops determine."""
+"""Inversion for layered ground: choice of the number of layers, of bedrock and of relaxation times.
+
+A medium is a layer or the half-space below the layers. A variant of a number of media is a model
+with or without bedrock, and with one relaxation time for all media or one for each.
+"""
 
 from __future__ import annotations
 
@@ -28,27 +32,28 @@ from inversion.ground_estimate import GroundEstimate, estimate_ground, interval_
 from inversion.notices import Notice, Value
 from inversion.result import OPEN_FACTOR
 
-# Largest mean square residual, over that of one medium, with which two media fit as well.
+# Two media fit as well as one if their mean square residual is at most this multiple of that of
+# one.
 _MAX_COST_RATIO = 1.2
-# Number of media of the fit that decides which part of the record is explained.
+# Number of media in the fit that determines which part of the record is used.
 _N_WINDOW_MEDIA = 3
 
 
 @dataclass(frozen=True)
 class LayerRequest:
-    """Layers that are requested, and what is known of them.
+    """Requested layers, and what is declared of the ground.
 
     Parameters
     ----------
     layers : number of media, or "auto": as many as the record determines
-    thickness : m, from the top, or None: fitted
-    rock_depth : m; inf: none; None: unknown
-    density : kg/m3, or None: fitted
-    elastic : no viscosity
-    plate : LayeredPlateModel
+    thickness : m, of each layer but the lowest, from the top; None: fitted
+    rock_depth : m; inf: no bedrock; None: unknown
+    density : kg/m3; None: fitted
+    elastic : True: no viscosity
+    plate : LayeredPlateModel, contact of plate and ground
     poisson_ratio, plate_radius : float, - and m
-    surface_modulus : Pa, by the peak method
-    genetic : whether the genetic search adds starts
+    surface_modulus : Pa, from the peak method
+    genetic : True: the genetic search adds starting points
     """
 
     layers: int | str
@@ -65,7 +70,16 @@ class LayerRequest:
     def space(
         self, media: int, rock_depth: float | None, separate_relaxation: bool
     ) -> ParameterSpace:
-        """Return the unknowns of one number of media."""
+        """Return the parameter space for a number of media.
+
+        Parameters
+        ----------
+        media : int
+        rock_depth : float, m, or None
+            inf: no bedrock; None: fitted.
+        separate_relaxation : bool
+            True: each medium has its own relaxation time.
+        """
         return layered_space(
             media,
             self.surface_modulus,
@@ -82,13 +96,21 @@ class LayerRequest:
 def invert_layers(
     drops: Sequence[WeightedDrop], request: LayerRequest, rng: np.random.Generator
 ) -> GroundEstimate:
-    """Return the layered ground under the drops of one point."""
+    """Fit layered ground to the drops of one point.
+
+    Parameters
+    ----------
+    drops : sequence of WeightedDrop
+    request : LayerRequest
+    rng : numpy Generator
+        For the genetic search.
+    """
     variants = _Variants(tuple(drops), request, rng)
     if request.layers != "auto":
         return _estimate(variants, variants.best_fit(int(request.layers)), ())
     n_sensors = drops[0].drop.offsets.size
     max_media = max_layers(drops[0].n_distances)
-    # The part of the record that is explained has to be the same for all numbers of media.
+    # Fits with different numbers of media can be compared only on the same part of the record.
     variants.window = variants.first_fit(min(_N_WINDOW_MEDIA, max_media)).window
     candidates: list[Candidate] = []
     best: Candidate | None = None
@@ -115,7 +137,7 @@ def invert_layers(
 
 
 def _widened_by_layers(estimate: GroundEstimate, layered: GroundEstimate) -> GroundEstimate:
-    """Widen the intervals of one medium by those of layered ground that fits as well."""
+    """Widen the intervals of homogeneous ground by those of layered ground that fits as well."""
 
     def union(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
         return min(a[0], b[0]), max(a[1], b[1])
@@ -133,7 +155,7 @@ def _widened_by_layers(estimate: GroundEstimate, layered: GroundEstimate) -> Gro
 
 @dataclass
 class _Variants:
-    """Fits of the same drops with several grounds, all to the same part of the record."""
+    """Fits of several models to the same drops and the same part of the record."""
 
     drops: tuple[WeightedDrop, ...]
     request: LayerRequest
@@ -150,7 +172,20 @@ class _Variants:
         start: FloatArray | None = None,
         genetic: bool = False,
     ) -> GroundFit:
-        """Fit one variant of a number of media."""
+        """Fit one model.
+
+        Parameters
+        ----------
+        media : int
+        depth : float, m, or None
+            Bedrock depth; inf: no bedrock; None: fitted.
+        separate_relaxation : bool
+            True: each medium has its own relaxation time.
+        start : (d,) ndarray of float, optional
+            Starting point in the unit cube.
+        genetic : bool
+            True: the genetic search adds starting points.
+        """
         fit = fit_layers(
             self.drops,
             self.request.space(media, depth, separate_relaxation),
@@ -164,22 +199,24 @@ class _Variants:
         return fit
 
     def first_fit(self, media: int) -> GroundFit:
-        """Fit the variant that explains most: a relaxation time each, rock if not excluded."""
+        """Fit the most general variant: a relaxation time for each medium, and bedrock if it is
+        possible.
+        """
         stored = self._first_fits.get(media)
         if stored is not None and self.window in (None, stored.window):
             return stored
         separate = media > 1 and not self.request.elastic
-        # One medium has one minimum; a search of several starts is enough.
+        # With one medium the misfit has one minimum, for which a few starting points are enough.
         genetic = self.request.genetic and media > 1
         fit = self.fit(media, self.request.rock_depth, separate, genetic=genetic)
         self._first_fits[media] = fit
         return fit
 
     def best_fit(self, media: int) -> GroundFit:
-        """Return the best of the variants between which the evidence decides.
+        """Return the variant of a number of media with the best information criterion.
 
-        Rock at an unknown depth or none; a relaxation time for each medium or, where that is worth
-        the loss of fit, one for all.
+        Compared are bedrock at an unknown depth with no bedrock, and a relaxation time for each
+        medium with one for all.
         """
         separate = media > 1 and not self.request.elastic
         best = self.first_fit(media)
@@ -200,7 +237,9 @@ class _Variants:
 
 
 def _with_shared_relaxation(fit: GroundFit, space: ParameterSpace) -> FloatArray:
-    """Return the point of a fit's ground with one relaxation time for all media."""
+    """Return a point in the space with one relaxation time, near a fit that has one for each
+    medium.
+    """
     values = dict(zip(fit.space.names, fit.space.values(fit.best.point[None])[0], strict=True))
     times = [v for name, v in values.items() if name.startswith("relaxation")]
     values["relaxation"] = float(np.mean(times))

@@ -1,7 +1,8 @@
-"""English sentences of the inversion's warnings by code, as `inversion.notices` fills them.
+"""English sentences of the inversion's warnings, by the code of the warning.
 
-They stand apart from the code that makes the warnings, so that a stored result is read without it.
-A sentence that changes keeps its earlier form in `EARLIER`: stored results have it.
+`inversion.notices` inserts the values. The sentences are in a module of their own, so that a stored
+result can be read without importing the inversion. When a sentence is changed, its earlier form is
+added to `EARLIER`, because stored results contain it.
 """
 
 TEMPLATES: dict[str, str] = {

@@ -1,11 +1,11 @@
-"""Warnings as codes with values; the sentence is made when somebody reads it.
+"""Warnings as codes with values, from which sentences in several languages are made.
 
-A code has one template: an English sentence with named gaps, ``{plate_radius_m:g}``. Behind the
-colon stands the format, then what the value is multiplied by or divided by, from SI to the unit of
-the sentence: ``{duration_s:.2g*1000} ms``. Two numbers are an interval, ``0.5 to 1.2``. Formats
-beside those of Python: ``.2p`` is ``.2g`` without powers of ten, ``words`` a name whose underscores
-become spaces, ``terms`` registered phrases, ``list`` several texts, ``more`` a number of further
-cases, of which 0 are not mentioned.
+Each code has one template, an English sentence with fields such as ``{plate_radius_m:g}``. A format
+follows the colon. It may end with a factor or divisor that converts from SI to the unit of the
+sentence: ``{duration_s:.2g*1000} ms``. Two numbers are an interval: ``0.5 to 1.2``. In addition to
+the formats of Python there are: ``.2p``, which is ``.2g`` without powers of ten; ``words``, a name
+whose underscores become spaces; ``terms``, registered phrases; ``list``, several texts; ``more``, a
+number of further cases, omitted if it is 0.
 """
 
 import math
@@ -21,10 +21,10 @@ from inversion.notice_texts import EARLIER, TEMPLATES
 Value = float | int | str | tuple[float, ...] | tuple[str, ...]
 
 WARNINGS, WARNING_CODES = "warnings", "warning_codes"
-"""Keys of the sentences of warnings in JSON, and of their codes in the same order."""
+"""Keys in JSON of the sentences of warnings, and of their codes in the same order."""
 
 OTHER = "other"
-"""Code of a sentence that has no code of its own; the sentence is its value ``text``."""
+"""Code of a sentence without a code of its own; the sentence is the value ``text``."""
 
 _templates: dict[str, str] = {OTHER: "{text}", **TEMPLATES}
 _earlier: list[tuple[str, str]] = [*EARLIER]
@@ -32,20 +32,21 @@ _terms: dict[str, str] = {}
 
 
 class Notice(str):
-    """One warning: its English sentence, with the code and the values that it is made of.
+    """Warning: an English sentence, with its code and the values in it.
 
-    As a text it is that sentence, so that scripts and tables go on as with any other.
+    As a `str` it is the sentence, so that scripts and tables can use it as any text.
 
     Parameters
     ----------
     code : str
-        Word by which programs tell warnings apart, such as ``depth-not-unique``.
-    values : mapping of name to value, SI
+        Name of the kind of warning, such as ``depth-not-unique``.
+    values : mapping of name to value, in SI units
+        One for each field of the template.
 
     Raises
     ------
     ValueError
-        If the code is not registered, or has other values.
+        If the code is not registered, or the names of the values are not those of its template.
 
     Examples
     --------
@@ -76,14 +77,14 @@ class Notice(str):
         return type(self), (self.code, dict(self.values))
 
     def texts(self) -> dict[str, str]:
-        """Return the values by name as the English sentence has them."""
+        """Return the values as texts, formatted as in the English sentence, by name."""
         return {
             name: _text_of(self.values[name], form)
             for name, form in gaps_of(_templates[self.code]).items()
         }
 
     def words(self) -> dict[str, tuple[str, ...]]:
-        """Return the values that are names or phrases, for other languages to translate."""
+        """Return the values that are words and have to be translated, by name."""
         forms = gaps_of(_templates[self.code])
         return {
             name: _as_words(value)
@@ -92,12 +93,14 @@ class Notice(str):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the warning as an entry of ``warning_codes``."""
+        """Return the warning as an entry of ``warning_codes``, with the keys ``code`` and
+        ``values``.
+        """
         return {"code": self.code, "values": {k: _plain(v) for k, v in self.values.items()}}
 
 
 def text_notice(text: str) -> Notice:
-    """Return a sentence that has no code as a warning."""
+    """Return a sentence without a code as a warning."""
     return Notice(OTHER, {"text": text})
 
 
@@ -106,20 +109,20 @@ def register(
     terms: Mapping[str, str] | None = None,
     earlier: Iterable[tuple[str, str]] = (),
 ) -> None:
-    """Add the warnings of a package.
+    """Add the templates of another package's warnings.
 
     Parameters
     ----------
     templates : mapping of code to template
     terms : mapping of word to phrase, optional
-        For the format ``terms``.
+        Phrases for the format ``terms``.
     earlier : iterable of (code, template)
-        Sentences of earlier versions, which stored results have.
+        Templates of earlier versions, whose sentences stored results contain.
 
     Raises
     ------
     ValueError
-        If a code or a phrase is there already.
+        If a code or a word is already registered.
     """
     for table, more in ((_templates, templates), (_terms, terms or {})):
         twice = table.keys() & more.keys()
@@ -132,17 +135,17 @@ def register(
 
 
 def templates() -> dict[str, str]:
-    """Return the templates of all registered codes."""
+    """Return the templates of all registered warnings, by code."""
     return dict(_templates)
 
 
 def terms() -> dict[str, str]:
-    """Return all registered phrases."""
+    """Return all registered phrases for the format ``terms``, by word."""
     return dict(_terms)
 
 
 def from_sentence(sentence: str) -> Notice:
-    """Return the warning that an English sentence of this or an earlier version is.
+    """Return the warning whose English sentence, of this or an earlier version, is given.
 
     Examples
     --------
@@ -156,14 +159,15 @@ def from_sentence(sentence: str) -> Notice:
 
 
 def from_json(sentences: Sequence[str], codes: object = None) -> tuple[Notice, ...]:
-    """Return stored warnings: by their codes, or by their sentences where these have none.
+    """Return the stored warnings of a record.
 
     Parameters
     ----------
     sentences : sequence of str
-        ``warnings`` of a record.
+        Value of the key ``warnings``.
     codes : list or None
-        ``warning_codes`` of it; None: an earlier version wrote it.
+        Value of the key ``warning_codes``; None: an earlier version wrote the record, and codes are
+        found by the sentences.
     """
     entries = codes if isinstance(codes, list) and len(codes) == len(sentences) else []
     notices = [_from_entry(entry) for entry in entries] or [None] * len(sentences)
@@ -174,7 +178,7 @@ def from_json(sentences: Sequence[str], codes: object = None) -> tuple[Notice, .
 
 
 def codes(notices: Iterable[Notice]) -> list[dict[str, Any]]:
-    """Return ``warning_codes`` of a JSON, in the order of its ``warnings``."""
+    """Return the value of the JSON key ``warning_codes``, in the order of the warnings."""
     return [notice.to_json() for notice in notices]
 
 
@@ -185,12 +189,12 @@ def to_json(notices: Sequence[Notice]) -> dict[str, Any]:
 
 @cache
 def gaps_of(template: str) -> Mapping[str, str]:
-    """Return the format of each gap of a template, by name."""
+    """Return the format of each field of a template, by name."""
     return {name: form or "" for _, name, form, _ in _parts(template) if name is not None}
 
 
 def fill_template(template: str, texts: Mapping[str, str]) -> str:
-    """Return a template with its gaps filled by texts, whatever their formats."""
+    """Return a template with texts in its fields; the formats are ignored."""
     return "".join(
         literal + ("" if name is None else texts[name]) for literal, name, _, _ in _parts(template)
     )
@@ -214,13 +218,13 @@ def _text_of(value: Value, form: str) -> str:
     if number_form.endswith("p"):
         return f"{float(format(displayed, number_form[:-1] + 'g')):g}"
     text = format(displayed, number_form)
-    if text.startswith("-") and not text.strip("-0.%"):  # rounded to nothing: no sign of its own
+    if text.startswith("-") and not text.strip("-0.%"):  # rounded to zero: without its sign
         return format(0.0, number_form)
     return text
 
 
 def _scale(form: str) -> tuple[str, Callable[[float], float] | None]:
-    """Return the format of a number, and what makes the number in the unit of the sentence."""
+    """Split a format into that of the number and the conversion to the unit of the sentence."""
     number_form, sign, factor = re.fullmatch(r"([^*/]*)([*/]?)(.*)", form).groups()  # type: ignore[union-attr]
     if not sign:
         return number_form, None
@@ -236,12 +240,14 @@ def _plain(value: Value) -> Any:
     if isinstance(value, tuple):
         return [_plain(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
-        return str(value)  # JSON has no number for it
+        return str(value)  # JSON cannot represent infinity and NaN
     return value
 
 
 def _from_entry(entry: object) -> Notice | None:
-    """Return an entry of ``warning_codes``; None: this version does not know it so."""
+    """Return an entry of ``warning_codes`` as a warning; None: this version has no such
+    template.
+    """
     if not isinstance(entry, Mapping):
         return None
     template, values = _templates.get(str(entry.get("code"))), entry.get("values")
@@ -257,12 +263,12 @@ def _from_entry(entry: object) -> Notice | None:
 
 
 def _value_of(written: Any, form: str) -> Value:
-    """Return a value of JSON.
+    """Convert a value from JSON to the type that a format requires.
 
     Raises
     ------
     TypeError, ValueError
-        If it is none that this format takes.
+        If the value is of another type.
     """
     if isinstance(written, list):
         items: list[Any] = [_value_of(item, form) for item in written]
@@ -294,15 +300,15 @@ def _parse(sentence: str) -> Notice | None:
 
 
 def _unsigned_zeros(sentence: str) -> str:
-    """Return a sentence without the signs of its zeros: earlier versions wrote -0.0."""
+    """Return a sentence without the signs of its zeros, because earlier versions wrote -0.0."""
     return re.sub(r"(?<![\w.])[+-](0(?:\.0+)?)(?![\w.])", r"\1", sentence)
 
 
 @cache
 def _patterns() -> list[tuple[str, bool, re.Pattern[str], dict[str, Callable[[str], Value]]]]:
-    """Code, whether it is of this version, pattern of the sentence and readers of its gaps.
+    """Return code, True for a template of this version, pattern and readers of the fields.
 
-    The longest template comes first.
+    The longest template comes first, so that a more specific one is tried before a general one.
     """
     entries = [(code, True, text) for code, text in _templates.items() if code != OTHER]
     entries += [(code, False, text) for code, text in _earlier]
@@ -323,7 +329,7 @@ def _pattern_of(template: str) -> tuple[re.Pattern[str], dict[str, Callable[[str
 
 
 def _gap_of(form: str) -> tuple[str, Callable[[str], Value]]:
-    """Return the pattern of a gap with this format, and what reads its text."""
+    """Return the pattern of a field with this format, and the function that parses its text."""
     if form == "":
         return ".*?", str  # a unit may be empty
     if form == "words":

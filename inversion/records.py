@@ -1,8 +1,8 @@
-"""Records: frozen dataclasses whose fields are the keys of their JSON, with unit and meaning.
+"""Base class of records: frozen dataclasses that are written to JSON and read from it.
 
-The type of a field decides what is read. A value of another type is not taken for one but kept in
-``more``, as is an unknown key, and both are written again as they were read. `quantity` gives a
-field its meaning and its unit, from which the columns of tables are generated.
+The fields are the keys of the JSON. The type of a field decides which values are accepted. A value
+of another type, or an unknown key, is kept in ``more`` and written again unchanged. `quantity`
+gives a field its meaning and unit, from which the columns of tables are generated.
 """
 
 import dataclasses
@@ -28,30 +28,28 @@ Interval = tuple[float, float]
 _T = TypeVar("_T")
 
 TableColumn = Literal["established", "layers", "last"]
-"""Part of a table that a quantity stands in. New ones come last, so that readers who count columns
-are not disturbed. None: it is in no table."""
+"""Part of a table in which a quantity is a column. New quantities are in the last part, so that
+readers who count columns are not disturbed. None: the quantity is in no table."""
 
 
 def quantity(meaning: str = "", unit: str = "", *, column: TableColumn | None = "last") -> Any:
-    """Return a field of a record whose default is None.
+    """Return a dataclass field for a quantity, with None as its default.
 
     Parameters
     ----------
     meaning : str
-        What the value is, without its unit.
+        Name of the quantity, without its unit.
     unit : str
-        SI.
+        SI unit.
     column : TableColumn or None
+        Part of the table in which the quantity is a column.
     """
     metadata = {"meaning": meaning, "unit": unit, "column": column}
     return dataclasses.field(default=None, metadata=metadata)
 
 
 def not_stored(default: Any = None, *, repr: bool = True) -> Any:
-    """Return a field of a record that belongs to this run alone.
-
-    No JSON has it, and records that differ in it alone are equal.
-    """
+    """Return a dataclass field that is not written to JSON, and not compared between records."""
     return dataclasses.field(default=default, repr=repr, compare=False, metadata={"stored": False})
 
 
@@ -70,16 +68,16 @@ class JsonRecord:
     """
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset()
-    """Keys that are written only when there is a value."""
+    """Keys that are written only if their value is not None."""
 
     FIRST: ClassVar[tuple[str, ...]] = ()
     """Keys that are written before those of the base class."""
 
     more: Mapping[str, Any] = dataclasses.field(default_factory=dict, kw_only=True)
-    """By key: what this version does not know, and values of another type than a key has."""
+    """Values of unknown keys, and values of another type than their key requires, by key."""
 
     def to_json(self) -> dict[str, Any]:
-        """Return the record with the keys of its JSON, in their order."""
+        """Return the record as values that JSON can hold, in the order of its keys."""
         written: dict[str, Any] = {}
         for name in _readers(type(self)):
             value = getattr(self, name)
@@ -91,23 +89,23 @@ class JsonRecord:
 
     @classmethod
     def from_json(cls, written: object, where: str = "a stored record") -> Self:
-        """Return the record that was written as JSON, by any version of any program.
+        """Return the record that JSON of this or any other version contains.
 
         Parameters
         ----------
         written : mapping
             Parsed JSON.
         where : str
-            File or place, for the error.
+            File or place, the beginning of the error message.
 
         Raises
         ------
         RecordFormatError
-            If it is no mapping; a single value that cannot be used is no error, see ``more``.
+            If it is not a mapping. A single value of a wrong type is no error, see ``more``.
         """
         if not isinstance(written, Mapping):
-            found = type(written).__name__
-            raise RecordFormatError(f"{where}: expected a record with its keys, got {found}")
+            got = type(written).__name__
+            raise RecordFormatError(f"{where}: expected a record with its keys, got {got}")
         readers = _readers(cls)
         known: dict[str, Any] = {}
         more: dict[str, Any] = {}
@@ -126,7 +124,7 @@ class JsonRecord:
         return cls(**known, more=more)
 
     def values(self, keys: Iterable[str]) -> dict[str, Any]:
-        """Return what :meth:`to_json` has for these keys; records within it are left out."""
+        """Return the values of some keys as in `to_json`; values that are records are omitted."""
         readers, more = _readers(type(self)), self.more
         written: dict[str, Any] = {}
         for key in keys:
@@ -143,7 +141,7 @@ class JsonRecord:
 
     @property
     def unreadable(self) -> frozenset[str]:
-        """Keys whose value was of another type."""
+        """Keys whose value had another type than required."""
         return frozenset(_readers(type(self))) & frozenset(self.more)
 
 
@@ -152,7 +150,7 @@ def _codes(warnings: Iterable[Notice] | None) -> list[dict[str, Any]] | None:
 
 
 def known(value: _T | None) -> _T:
-    """Return a value of a record that has to be there.
+    """Return a value that must not be None.
 
     Raises
     ------
@@ -165,13 +163,13 @@ def known(value: _T | None) -> _T:
 
 
 def stored_fields(kind: "type[JsonRecord]") -> list[dataclasses.Field[Any]]:
-    """Return the fields of a record that its JSON has."""
+    """Return the fields of a record class that are written to JSON."""
     fields = dataclasses.fields(kind)
     return [f for f in fields if f.name != "more" and f.metadata.get("stored", True)]
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Return whether a value is a finite number; True and False are none.
+    """Return whether a value is a finite int or float; bool does not count.
 
     Examples
     --------
@@ -184,12 +182,12 @@ def is_number(value: object) -> TypeGuard[float]:
             and not isinstance(value, bool)
             and math.isfinite(float(value))
         )
-    except OverflowError:  # a whole number beyond what can be computed with
+    except OverflowError:  # an int that is too large for a float
         return False
 
 
 def _number(value: Any) -> float | None:
-    if type(value) is float:  # nearly always
+    if type(value) is float:  # fast path: nearly all values
         return value if math.isfinite(value) else None
     return value if is_number(value) else None
 
@@ -247,7 +245,7 @@ _known: dict[type[JsonRecord], Mapping[str, Callable[[Any], Any]]] = {}
 
 
 def _readers(kind: type[JsonRecord]) -> Mapping[str, Callable[[Any], Any]]:
-    """How each field of a record is read, in the order of the fields."""
+    """Return the function that reads each field of a record class, in the order of the fields."""
     if kind not in _known:
         hints = get_type_hints(kind)
         names = [item.name for item in stored_fields(kind)]

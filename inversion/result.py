@@ -1,7 +1,7 @@
-"""The result of an inversion: the record that is computed, stored, shown and exported.
+"""Result of an inversion: the record that is computed, stored, shown and exported.
 
-A new number in a result is one field here, with its meaning and unit, and its value where it is
-computed: JSON, tables, workbooks, Python and reports take it from the field.
+A new quantity of a result needs one field here, with meaning and unit, and its value where it is
+computed. JSON, tables, workbooks, Python and reports take it from the field.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     FloatArray = NDArray[np.float64]
 
 OPEN_FACTOR = 10.0
-"""Upper over lower end of an interval from which on it leaves the value open."""
+"""Ratio of the upper to the lower end of a 95 % interval from which the value counts as unknown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HalfSinePulse(JsonRecord):
-    """Half-sine in place of the measured load."""
+    """Half-sine fitted to the measured load."""
 
     peak_pressure_pa: float | None = quantity(
         "Mean contact pressure at its peak", "Pa", column="established"
@@ -35,12 +35,14 @@ class HalfSinePulse(JsonRecord):
         "Rms deviation of the load over its peak", column="established"
     )
     start_s: float | None = not_stored()
-    """Start on the time axis of the histories, s."""
+    """Start of the half-sine, s after the trigger."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LayerResult(JsonRecord):
-    """One medium of layered ground, counted from the surface down."""
+    """One layer of the ground, or the half-space below; layers are counted from the surface
+    down.
+    """
 
     modulus_pa: float | None = quantity(
         "Young's modulus; none: not known within a factor of ten", "Pa", column="layers"
@@ -62,11 +64,12 @@ class LayerResult(JsonRecord):
     density_kg_m3: float | None = quantity("Density", "kg/m3", column=None)
     poisson_ratio: float | None = quantity("Poisson's ratio", column=None)
     modulus_open: tuple[bool, bool] = not_stored((False, False))
-    """Whether an end of the interval is a bound of the search, for want of data."""
+    """For the lower and the upper end of the modulus interval: True if it is a bound of the search,
+    because the data do not determine it."""
 
     @property
     def modulus_known(self) -> bool:
-        """Whether there is a modulus that the record does not leave open.
+        """True if the 95 % interval of the modulus spans less than a factor of ten.
 
         Examples
         --------
@@ -81,16 +84,18 @@ class LayerResult(JsonRecord):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class TimeHistories:
-    """Measured and modelled histories of one drop, for plots.
+    """Measured and fitted traces of one drop, for plots.
 
     Parameters
     ----------
     time : (n,) ndarray of float, s, 0 = trigger
-    load, model_load : (n,) ndarray of float, N: measured without offset, and as the model saw it
-    observed, predicted : (n_sensors, n) ndarray of float, m
+    load, model_load : (n,) ndarray of float, N: measured without offset, and as it drives the model
+    observed, predicted : (n_sensors, n) ndarray of float, m, displacement
     offsets : (n_sensors,) ndarray of float, m, negative on the other side of the plate
-    peaks : (n_sensors,) ndarray of float, m: observed, before a second contact
-    window_end, contact_end : float, s: last sample of the fit; load at 3 % of its peak
+    peaks : (n_sensors,) ndarray of float, m: peak of the observed displacement, before a second
+    contact
+    window_end : float, s: last sample of the fit
+    contact_end : float, s: the load has fallen to 3 % of its peak
     """
 
     time: FloatArray
@@ -111,10 +116,10 @@ class TimeHistories:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InversionResult(JsonRecord):
-    """Modulus of the ground under one drop with its conditions.
+    """Modulus of the ground under one drop, with uncertainty and conditions.
 
-    A standard deviation that is None while its value is not: the value was given, not fitted. A
-    value that is None: not in the model, or not known.
+    A standard deviation of None beside a value means that the value was declared and not fitted.
+    Any other None means that the quantity is not in the model, or not known.
     """
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset()
@@ -216,6 +221,6 @@ class InversionResult(JsonRecord):
         "Remarks on the result; none: the record does not say", column="established"
     )
     window_residual_rms_over_peak: float | None = not_stored()
-    """Rms residual over the peak, over the fit."""
+    """Root mean square residual over the peak, in the fitted window."""
     history: TimeHistories | None = not_stored(repr=False)
-    """Histories of the fit; None: of a stored result, which has none."""
+    """Measured and fitted traces; None for a stored result."""

@@ -1,5 +1,6 @@
-"""One thread inside the linear algebra: its matrices here are small, and threads only get in
-each other's way (measured: five to ten times slower on two busy cores)."""
+"""Limit of one thread for linear algebra. The matrices of the inversion are small, and several
+threads make it five to ten times slower on two busy cores (measured).
+"""
 
 from __future__ import annotations
 
@@ -15,6 +16,6 @@ def _controller() -> ThreadpoolController:
 
 
 def single_threaded_blas() -> AbstractContextManager[object]:
-    """Context in which BLAS uses one thread."""
+    """Return a context in which BLAS uses one thread."""
     limited: AbstractContextManager[object] = _controller().limit(limits=1, user_api="blas")
     return limited

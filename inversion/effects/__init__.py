@@ -1,6 +1,6 @@
-"""Catalogue of effects: one module for each effect, with a small common interface.
+"""Catalogue of effects: causes of misfit that the base model does not contain, one module for each.
 
-The catalogue is loaded on first use, because effects of other packages import from here.
+The catalogue is imported when it is first used, because effects of other packages import from here.
 """
 
 from typing import TYPE_CHECKING

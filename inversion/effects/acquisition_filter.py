@@ -11,11 +11,15 @@ from inversion.effects.base import DropContext, Effect, Values, pad_with_decay, 
 from inversion.fitting.parameters import Parameter
 
 ORDER = 4
-"""Order of the filter. Records hardly distinguish orders; 4 represents orders 2 to 6."""
+"""Order of the filter. Records hardly distinguish orders; 4 stands for orders 2 to 6."""
 
 
 class AcquisitionFilter(Effect):
-    """The filter rounds the onset; advanced, it rings before it. It is applied to the model."""
+    """Low-pass filter in the deflection channel.
+
+    It rounds the onset of the deflection. If the record is advanced in time, it rings before the
+    onset. The filter is applied to the model.
+    """
 
     name = "acquisition_filter"
     scope = "device"
@@ -26,11 +30,11 @@ class AcquisitionFilter(Effect):
     advice = "ask the maker for the filter of the deflection channel, or switch it off"
 
     def fixed_values(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
-        """Return the order."""
+        """Return the order of the filter, which is not fitted."""
         return (("order", "-", float(ORDER)),)
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """Return the filtered and advanced record."""
+        """Return the model's record, filtered and advanced in time, (n_sensors, n), m."""
         n = record.shape[1]
         size = 1 << (2 * n - 1).bit_length()
         s = 2j * np.pi * np.fft.rfftfreq(size, drop.step)

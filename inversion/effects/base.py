@@ -1,6 +1,7 @@
-"""Base of all effects: physical or instrumental causes that the base model does not contain.
+"""Base class of effects: physical or instrumental causes that the base model does not contain.
 
-The model of a record has five stages, and an effect changes one of them::
+The base model is a homogeneous ground under a plate. The model of a record has five stages, and an
+effect changes one of them::
 
     ground               parameters of the ground and the mass on it
     compliance           displacement over load in the Laplace domain
@@ -8,8 +9,9 @@ The model of a record has five stages, and an effect changes one of them::
     motion               motion of plate and ground in time
     record               output of sensor and processing
 
-A new effect is one module with one class and one entry in the catalogue. The class declares all
-that the inference needs: its unknowns with their priors, and the effects that it excludes.
+A new effect is one class in a module of its own, and one entry in the catalogue. The class declares
+its unknowns with their priors, and the effects that it excludes. A coordinate is the form in which
+an unknown is fitted, such as the logarithm of a parameter.
 """
 
 from __future__ import annotations
@@ -34,10 +36,10 @@ from inversion.forward.nonlinear_stiffness import NonlinearStiffness
 Scope = Literal["drop", "point", "device"]
 Values = Mapping[str, float]
 ValueArrays = Mapping[str, FloatArray]
-"""Values (m,) of each parameter, for m predictions."""
+"""Values (m,) of each parameter, for m predictions that are computed together."""
 ImpulseResponse = Callable[[], FloatArray]
-"""Function that returns the motion (n_sensors, n), m, after an impulse of 1 N s on the plate at
-time 0; or that of m grounds, (m, n_sensors, n)."""
+"""Function without arguments that returns the motion after an impulse of 1 N s on the plate at time
+0: (n_sensors, n), m; for m grounds (m, n_sensors, n)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,24 +56,25 @@ class DropContext:
     plate_radius : float, m
     poisson_ratio : float
     quantities : tuple of "velocity" or "displacement", of each sensor
-    contact_end : float, s, on ``time``
-    index : int, of the drop within the point
-    count : int, of drops of the point
+    contact_end : float, s, end of the load pulse on the axis ``time``
+    index : int, of the drop within the point, from 0
+    count : int, number of drops of the point
     flat : tuple of float or None, for each sensor the level of a flat top in its velocity, m/s
     flat_load : float or None, N, the level of a flat top in the load
     rest : tuple of float, for each sensor its median before the pulse, m/s or m
-    hum : tuple of candidates for hum, likeliest first: amplitude, m/s, frequency, Hz, and phase at
-        time 0, turns, of its velocity
-    harmonics : tuple of the harmonics of hum before the pulse: order, amplitude over the
-        fundamental's, and phase relative to that multiple of the fundamental's phase, rad
-    max_hum : float, m/s, largest amplitude of hum that the time before the pulse allows
-    plate_mass : float, kg, declared
-    has_bedrock : bool, whether a rigid base is declared
-    swings_back : bool, whether the plate rises above its initial position
-    elastic : bool, whether the ground of the base model is elastic
-    is_density_declared : bool, whether the ground's density is declared
-    unmodelled_load : (n,) ndarray of float or None, N: measured load minus the half-sine in use
-    layers : LayerStarts or None, the point's drops as layered ground
+    hum : tuple of candidates for mains hum, the most probable first: amplitude of its velocity,
+    m/s, frequency, Hz, and phase at time 0, in turns
+    harmonics : tuple of the harmonics of hum before the pulse: order, amplitude over that of the
+    fundamental, and phase relative to that multiple of the fundamental's phase, rad
+    max_hum : float, m/s, largest amplitude of hum that the record before the pulse allows
+    plate_mass : float, kg, declared mass of plate and frame
+    has_bedrock : bool, True if a rigid base is declared
+    swings_back : bool, True if the plate rises above its initial position
+    elastic : bool, True if the ground of the base model is elastic
+    is_density_declared : bool, True if the ground's density is declared
+    unmodelled_load : (n,) ndarray of float or None, N: measured load minus the half-sine that
+    drives the model
+    layers : LayerStarts or None, starting points for layered ground under the point's drops
     """
 
     time: FloatArray
@@ -107,18 +110,20 @@ class DropContext:
 
 @dataclass(frozen=True)
 class Ground:
-    """Parameters of the ground, which effects of the ground stage may change.
+    """Parameters of the ground and of the mass on it, which effects of the stage ``ground`` may
+    change.
 
     Parameters
     ----------
     modulus : Pa, viscosity : Pa s, density : kg/m3, inverse_depth : 1/m, plate_mass : kg
     above : tuple of Medium, layers above that ground, from the surface down
-    contact_share : float, radius of contact with homogeneous ground over the plate's radius
-    loss_exponent : float, of constant-Q damping beside the dashpot, in ground without `above`; see
-        :class:`inversion.forward.model.Grounds`
-    growth_exponent : float, by which the modulus grows with depth, in ground without rock and
-        `above`; the modulus then is the effective one of
-        :class:`inversion.forward.growth.GrowthSurrogate`. 0: no growth
+    contact_share : float, radius of the contact area over the plate's radius, for homogeneous
+    ground
+    loss_exponent : float, exponent of constant-Q damping in addition to the viscosity, for ground
+    without `above`; see :class:`inversion.forward.model.Grounds`
+    growth_exponent : float, exponent of the growth of the modulus with depth, for ground without
+    rock and `above`; the modulus is then the effective one of
+    :class:`inversion.forward.growth.GrowthSurrogate`. 0: no growth
     inverse_growth_depth : float, 1/m, one over the depth z0 of that growth
     """
 
@@ -144,32 +149,34 @@ class Ground:
 
 
 class Effect:
-    """Base class of all effects, which changes nothing.
+    """Base class of all effects; by itself it changes nothing.
 
-    ``scope`` is the range in which a value is constant: a drop, a point, or all drops of a device.
+    ``scope`` is the range in which the values are constant: a drop, a point, or all drops of a
+    device.
     """
 
     name: ClassVar[str]
     scope: ClassVar[Scope]
     parameters: ClassVar[tuple[Parameter, ...]]
     advice: ClassVar[str] = ""
-    """Advice for the field."""
+    """Advice to the operator."""
     replaces_ground: ClassVar[bool] = False
-    """True if the effect replaces the ground: then no ground is fitted."""
+    """True if the effect replaces the ground, so that no ground is fitted."""
     is_identical_for_all_sensors: ClassVar[bool] = True
-    """True if `record` treats all sensors alike: then it receives the rows of many predictions."""
+    """True if `record` treats all sensors alike; it is then called with the rows of many
+    predictions."""
     excludes: ClassVar[frozenset[str]] = frozenset()
-    """Names of effects that are not combined with it, because together they fit any record. It is
-    enough that one of two effects names the other."""
+    """Names of effects that are not combined with this one, because together they fit any record.
+    It is enough that one of the two effects names the other."""
     drop_deviations: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
-    """Prior deviations of single drops from the point, by coordinate: of the first of several
-    drops, and of later ones."""
+    """Prior standard deviations of single drops from the point, by coordinate: of the first of
+    several drops, and of later ones."""
 
     result_name: ClassVar[str] = ""
-    """Name in results; empty: `name`. Two forms of one effect may share a name there."""
+    """Name in results; empty: `name`. Two forms of one effect may share a name."""
     min_gain: ClassVar[float] = 0.0
-    """Log evidence by which a model with the effect must exceed those without, because it imitates
-    other causes."""
+    """Log evidence by which a model with the effect has to exceed models without it. It is positive
+    for effects that imitate other causes."""
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         """Accept ``rows_alike``, the earlier name of `is_identical_for_all_sensors`."""
@@ -178,7 +185,7 @@ class Effect:
             cls.is_identical_for_all_sensors = cls.__dict__["rows_alike"]
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Return whether the effect is a candidate for records like these."""
+        """Return whether the effect is a candidate for these drops."""
         return True
 
     def conflicts_with(self, second: Effect) -> bool:
@@ -186,15 +193,19 @@ class Effect:
         return second.name in self.excludes or self.name in second.excludes
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Return the parameters with bounds for the plate and the drop; empty: no effect there."""
+        """Return the parameters with bounds for this plate and drop; empty: the effect cannot
+        occur.
+        """
         return self.parameters
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return the unknowns of the inference, with priors about the absence of the effect."""
+        """Return the unknowns of the inference. Their priors are centred on the absence of the
+        effect.
+        """
         return tuple(map(coordinate_of, self.parameters_for(drop)))
 
     def values_at(self, coordinates: Mapping[str, float]) -> dict[str, float]:
-        """Return the values of the parameters at coordinates by name."""
+        """Return the values of the parameters by name, in SI units, from coordinates by name."""
         return {
             p.name: parameter_value(p, coordinates[p.name])
             for p in self.parameters
@@ -202,11 +213,12 @@ class Effect:
         }
 
     def reported_values(self, values: Values, drop: DropContext) -> dict[str, tuple[str, float]]:
-        """Return units and values for the result by name, the first its main value.
+        """Return unit and value of each number to report, by name; the first one is the main value.
 
         Parameters
         ----------
-        values : of the parameters
+        values : mapping
+            Values of the parameters, in SI units.
         drop : DropContext
         """
         return {
@@ -214,35 +226,41 @@ class Effect:
         }
 
     def coordinate_at(self, name: str, value: float) -> float:
-        """Return the unknown of a parameter at its value, the inverse of `values_at`."""
+        """Return the coordinate of a parameter's value, the inverse of `values_at`."""
         parameter = next(p for p in self.parameters if p.name == name)
         return math.log(value) if parameter.logarithmic else value
 
     def recorded_values(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
-        """Return name, unit and value of numbers read from the record, which come first."""
+        """Return name, unit and value of numbers read from the record, which are reported first."""
         return ()
 
     def fixed_values(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
-        """Return name, unit and value of numbers that are not fitted, which come last."""
+        """Return name, unit and value of numbers that are not fitted, which are reported last."""
         return ()
 
     def is_sound(self, ground: Ground, values: Values, drop: DropContext) -> bool:
-        """Return whether the values are plausible for this effect.
+        """Return whether fitted values are plausible for this effect.
 
         Parameters
         ----------
-        ground : Ground, with all effects
-        values : of the parameters
+        ground : Ground
+            Ground with all effects.
+        values : mapping
+            Values of the parameters, in SI units.
         drop : DropContext
         """
         return True
 
     def model_error(self, values: Values) -> float:
-        """Return the relative error (95 %) of the modulus due to the effect's simplification."""
+        """Return the relative error (95 %) of the modulus due to simplifications in the effect's
+        model.
+        """
         return 0.0
 
     def modulus_at(self, stress: float, values: Values, drop: DropContext) -> float:
-        """Return the secant modulus at a contact pressure, Pa, over that of the drop's ground."""
+        """Return the secant modulus at a contact pressure, Pa, over the modulus of the drop's
+        ground.
+        """
         return 1.0
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
@@ -278,7 +296,7 @@ class Effect:
         drop: DropContext,
         impulse_responses: ImpulseResponse,
     ) -> FloatArray:
-        """Return several motions (m, n_sensors, n) with the effect, each with its own values.
+        """Return several motions (m, n_sensors, n), m, with the effect, each with its own values.
 
         Fits spend most of their time here: override it where `motion` is slow.
         """
@@ -302,12 +320,21 @@ class Effect:
 def geophone(
     record: FloatArray, natural_frequency: float, damping: float, step: float
 ) -> FloatArray:
-    r"""Return the response of a geophone to displacements (k, n) that start at rest.
+    r"""Return the output of a geophone for displacements (k, n) that start at rest.
 
     .. math:: \frac{s^2}{s^2 + 2 h \omega s + \omega^2}
               = 1 - \frac{2 h \omega s + \omega^2}{s^2 + 2 h \omega s + \omega^2}
 
-    The second part is a convolution with a damped oscillation, by the trapezoidal rule.
+    The second part is a convolution with a damped oscillation, computed by the trapezoidal rule.
+
+    Parameters
+    ----------
+    record : (k, n) ndarray of float, m
+    natural_frequency : float, Hz
+    damping : float
+        Damping ratio h.
+    step : float, s
+        Sampling interval.
     """
     omega = 2 * np.pi * natural_frequency
     root = omega * np.sqrt(complex(damping**2 - 1.0) + 1e-12)
@@ -319,7 +346,7 @@ def geophone(
     turns = np.exp(step * np.array([first, second]))
     top = np.array([residues.sum(), -(residues @ turns[::-1])]).real
     bottom = np.array([1.0, -turns.sum().real, turns.prod().real])
-    # The trapezoidal rule gives both ends half the weight.
+    # In the trapezoidal rule both ends have half the weight.
     halved = record.copy()
     halved[:, 0] *= 0.5
     driven = top[0] * halved
@@ -333,7 +360,16 @@ def geophone(
 
 
 def forced_motion(impulse_motion: FloatArray, force: FloatArray, step: float) -> FloatArray:
-    """Return the motion (k, n) under a force (n,), N, from that after an impulse of 1 N s."""
+    """Return the motion (k, n), m, under a force (n,), N.
+
+    Parameters
+    ----------
+    impulse_motion : (k, n) ndarray of float, m
+        Motion after an impulse of 1 N s.
+    force : (n,) ndarray of float, N
+    step : float, s
+        Sampling interval.
+    """
     if not force.any():
         return np.zeros_like(impulse_motion)
     return np.stack([step * np.convolve(row, force)[: force.size] for row in impulse_motion])
@@ -347,5 +383,7 @@ def pad_with_decay(record: FloatArray, size: int) -> FloatArray:
 
 
 def shift(record: FloatArray, delay: float, time: FloatArray) -> FloatArray:
-    """Return records (k, n) later by ``delay`` s (earlier if negative), constant at the ends."""
+    """Return records (k, n) delayed by ``delay``, s; advanced if it is negative. The ends stay
+    constant.
+    """
     return np.stack([np.interp(time - delay, time, row) for row in record])

@@ -1,4 +1,6 @@
-"""Offset or slow drift of a channel, integrated."""
+"""Offset or slow drift of a velocity channel, which integration turns into a growing
+displacement.
+"""
 
 from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, Values
@@ -6,7 +8,10 @@ from inversion.fitting.parameters import Parameter
 
 
 class BaselineDrift(Effect):
-    """A velocity offset gives a ramp in the displacement, a drifting one a parabola."""
+    """Offset or drift of the velocity.
+
+    An offset gives a ramp in the displacement, a linear drift a parabola.
+    """
 
     name = "baseline_drift"
     scope = "drop"
@@ -17,17 +22,19 @@ class BaselineDrift(Effect):
     advice = "let the geophone settle before the drop; keep cable and connector still"
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Return the parameters; a recorded velocity has no offset left, only drift."""
+        """Return the parameters; for a recorded velocity, whose offset is subtracted, only the
+        drift.
+        """
         return self.parameters if "displacement" in drop.quantities else self.parameters[1:]
 
     def recorded_values(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
-        """Return the offset of a recorded velocity."""
+        """Return the offset of a recorded velocity before the pulse."""
         if "displacement" in drop.quantities:
             return ()
         return (("velocity_offset", "m/s", drop.rest[0]),)
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """Return the record plus ramp and parabola, at every sensor."""
+        """Return the record plus ramp and parabola, the same at every sensor, (n_sensors, n), m."""
         ramp = (
             values.get("velocity_offset", 0.0) * drop.time
             + 0.5 * values["acceleration"] * drop.time**2

@@ -10,13 +10,13 @@ from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.ground_parameters import INVERSE_DEPTH_SD_PER_M, depth_parameter
 from inversion.fitting.parameters import Parameter
 
-# Starting depths of the inference, in plate radii. From one start alone, fits of other depths end
-# at a half-space or at rock right below the plate.
+# Starting depths of the inference, in plate radii. From a single starting depth, fits of other
+# depths end at a half-space or at rock right below the plate.
 _STARTS_RADII = (6.0, 14.0)
 
 
 class Bedrock(Effect):
-    """The base model's half-space becomes a layer."""
+    """Rigid base below the ground; the half-space of the base model becomes a layer on it."""
 
     name = "bedrock"
     scope = "point"
@@ -27,24 +27,26 @@ class Bedrock(Effect):
     )
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Return whether no rigid base is declared."""
+        """Return True if no rigid base is declared."""
         return not any(drop.has_bedrock for drop in drops)
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Return the depth within the range of the tables, with starts over that range."""
+        """Return the depth, bounded by the range of the response tables, with starting values over
+        it.
+        """
         depth = depth_parameter(drop.plate_radius)
         starts = tuple(float(d) for d in np.geomspace(depth.lower, depth.upper, 8)[1:-1])
         return (replace(depth, name="depth", starts=starts, absent=depth.upper),)
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return the inverse depth, 1/m, which is zero for a half-space."""
+        """Return the inverse depth, 1/m, as the unknown; it is zero for a half-space."""
         depth = depth_parameter(drop.plate_radius)
         nearest, farthest = 1.0 / depth.lower, 1.0 / depth.upper
         starts = tuple(1.0 / (start * drop.plate_radius) for start in _STARTS_RADII)
         return (Coordinate("depth", 0.0, INVERSE_DEPTH_SD_PER_M, farthest, nearest, starts),)
 
     def values_at(self, coordinates: Mapping[str, float]) -> dict[str, float]:
-        """Return the depth."""
+        """Return the depth, m, from the inverse depth."""
         return {"depth": 1.0 / coordinates["depth"]}
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:

@@ -1,7 +1,6 @@
-r"""Resonance of the carrier of a sensor on the plate.
+r"""Resonance of the arm or frame that carries a sensor on the plate.
 
-The record is the plate's motion w and a fraction of the response of the carrier's mode to its
-acceleration,
+The record is the plate's motion w plus a fraction a of the response of an oscillator to it,
 
 .. math:: w \left(1 + \frac{a s^2}{s^2 + 2 h \omega s + \omega^2}\right)
 """
@@ -19,7 +18,9 @@ _MAX_DAMPING = 0.3
 
 
 class CarrierResonance(Effect):
-    """A small oscillation of the same frequency after the pulse, on all drops of a device."""
+    """Resonance of a sensor's carrier: a small oscillation of the same frequency after every
+    pulse.
+    """
 
     name = "carrier_resonance"
     scope = "device"
@@ -31,7 +32,7 @@ class CarrierResonance(Effect):
     advice = "tighten the arm or frame that carries the sensor: it swings on the plate"
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return the strength and the logarithms of frequency and damping."""
+        """Return strength, and logarithms of frequency and damping, as the unknowns."""
         strength, frequency, damping = self.parameters
         limits = [(math.log(p.lower), math.log(p.upper)) for p in (frequency, damping)]
         return (
@@ -41,7 +42,7 @@ class CarrierResonance(Effect):
         )
 
     def values_at(self, coordinates: Mapping[str, float]) -> dict[str, float]:
-        """Return strength, frequency and damping."""
+        """Return strength, frequency, Hz, and damping ratio."""
         return {
             "strength": coordinates["strength"],
             "frequency": math.exp(coordinates["frequency"]),
@@ -49,10 +50,12 @@ class CarrierResonance(Effect):
         }
 
     def is_sound(self, ground: Ground, values: Values, drop: DropContext) -> bool:
-        """Return whether the mode oscillates; with more damping it resembles other ground."""
+        """Return whether the carrier oscillates; with more damping its response resembles other
+        ground.
+        """
         return values["damping"] < _MAX_DAMPING
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """Return the record with the oscillation of the carrier."""
+        """Return the record with the oscillation of the carrier added, (n_sensors, n), m."""
         swing = geophone(record, values["frequency"], values["damping"], drop.step)
         return record + values["strength"] * swing

@@ -1,6 +1,6 @@
-"""All effects, in the order in which they act; a new one gets its line here.
+"""Catalogue of all effects, in the order in which they act. A new effect is added to `OWN`.
 
-Those of other packages, found by the entry point group ``pfwd.effects``, follow.
+Effects of other packages, which declare the entry point group ``pfwd.effects``, follow.
 """
 
 from typing import get_args
@@ -65,7 +65,11 @@ OWN: tuple[Effect, ...] = (
 
 
 def plugin_effects() -> tuple[Effect, ...]:
-    """Return the effects of other packages with a unique name, parameters and a scope."""
+    """Return the effects of other packages that are valid.
+
+    A valid effect has the name of its entry point, which no other effect has, parameters and a
+    scope; a remark is made about each of the others.
+    """
     by_name: dict[str, Effect] = {}
     built_in_names = {effect.name for effect in OWN}
     for entry, effect in pfwd_plugins.load_all(pfwd_plugins.EFFECTS, Effect, built_in_names):

@@ -2,8 +2,8 @@ r"""Constant-Q damping of the soil: a loss per cycle that is independent of the 
 
 .. math:: E^*(s) = E_p (s/\omega_p)^\alpha + \eta s, \qquad \omega_p = \pi/T_0
 
-with the modulus :math:`E_p` at the pulse's frequency and :math:`T_0` the duration of the half-sine
-of the load's peak and impulse. Kjartansson (1979), J. Geophys. Res. 84(B9), 4737-4748.
+:math:`E_p` is the modulus at the pulse's frequency, and :math:`T_0` the duration of a half-sine
+with the peak and the impulse of the load. Kjartansson (1979), J. Geophys. Res. 84(B9), 4737-4748.
 """
 
 import math
@@ -15,12 +15,15 @@ from inversion.effects.base import DropContext, Effect, Ground, Values
 from inversion.fitting.parameters import Parameter
 from inversion.forward.model import REFERENCE_RAD_S
 
-# Prior deviation of the exponent, a Q of 10. Soils under such loads have a Q of 5 to 20.
+# Prior standard deviation of the exponent: a quality factor of 10. Soils under such loads have 5
+# to 20.
 _DEVIATION = 0.06
 
 
 class DampingLaw(Effect):
-    """The ground dissipates the same fraction of its energy in each cycle at all frequencies."""
+    """Constant-Q damping: the ground loses the same fraction of energy per cycle at all
+    frequencies.
+    """
 
     name = "damping_law"
     scope = "point"
@@ -28,28 +31,30 @@ class DampingLaw(Effect):
     # The model of layered ground has dashpots only, and a rig has no ground.
     excludes = frozenset({"layer", "spring_rig"})
     advice = (
-        "the ground damps slow and fast motions alike: its modulus belongs to the duration of the "
-        "pulse; compare devices of alike pulses"
+        "the ground damps slow and fast motions alike: its modulus is valid for the duration of "
+        "this pulse; compare only devices with similar pulses"
     )
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Return whether the ground is not declared elastic."""
+        """Return True if the ground is not declared elastic."""
         return not drops[0].elastic
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
-        """Return the ground with its loss and with its modulus at the reference frequency."""
+        """Return the ground with its loss exponent, and its modulus converted to the reference
+        frequency.
+        """
         exponent = values["loss_exponent"]
         modulus = ground.modulus / _pulse_stiffening(exponent, drop)
         return replace(ground, modulus=modulus, loss_exponent=exponent)
 
     def reported_values(self, values: Values, drop: DropContext) -> dict[str, tuple[str, float]]:
-        """Return the quality factor, and the exponent."""
+        """Return the quality factor Q, and the exponent."""
         loss = math.tan(0.5 * math.pi * values["loss_exponent"])
         first = {"quality": ("-", 1.0 / loss)} if loss > 0.0 else {}
         return first | super().reported_values(values, drop)
 
     def modulus_at(self, stress: float, values: Values, drop: DropContext) -> float:
-        """Return the modulus at the pulse's frequency over that at the reference."""
+        """Return the modulus at the pulse's frequency over that at the reference frequency."""
         return _pulse_stiffening(values["loss_exponent"], drop)
 
 

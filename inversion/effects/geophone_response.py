@@ -1,4 +1,4 @@
-"""Second-order high-pass of a geophone that was not removed from the record."""
+"""Second-order high-pass response of a geophone that was not removed from the record."""
 
 import math
 from collections.abc import Mapping
@@ -10,7 +10,9 @@ from inversion.fitting.parameters import Parameter
 
 
 class GeophoneResponse(Effect):
-    """Undershoot after the pulse and slow recovery, the same on all drops."""
+    """Response of a geophone: undershoot after the pulse and slow recovery, the same on all
+    drops.
+    """
 
     name = "geophone_response"
     scope = "device"
@@ -41,10 +43,13 @@ class GeophoneResponse(Effect):
     advice = "declare natural frequency and damping of the geophone in the header or the setup file"
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return the frequency, Hz, which is zero without a high-pass, and ln of the damping."""
+        """Return natural frequency, Hz, and logarithm of the damping ratio as the unknowns.
+
+        A frequency of zero means that the record has no high-pass response.
+        """
         frequency, damping = self.parameters
         low, high = math.log(damping.lower), math.log(damping.upper)
-        # Starts: a lightly damped spring, as under heavy plates, and a damped geophone.
+        # Starting points: a lightly damped geophone, as under heavy plates, and a damped one.
         return (
             Coordinate(
                 "natural_frequency", 0.0, 12.0, frequency.lower, frequency.upper, (10.7, 5.0)
@@ -53,16 +58,16 @@ class GeophoneResponse(Effect):
         )
 
     def values_at(self, coordinates: Mapping[str, float]) -> dict[str, float]:
-        """Return frequency and damping."""
+        """Return natural frequency, Hz, and damping ratio."""
         return {
             "natural_frequency": coordinates["natural_frequency"],
             "damping": math.exp(coordinates["damping"]),
         }
 
     def coordinate_at(self, name: str, value: float) -> float:
-        """Return frequency, Hz, or logarithm of the damping."""
+        """Return the frequency, Hz, or the logarithm of the damping ratio."""
         return value if name == "natural_frequency" else math.log(value)
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """Return the response of the geophone."""
+        """Return the geophone's output for the record, (n_sensors, n), m."""
         return geophone(record, values["natural_frequency"], values["damping"], drop.step)

@@ -1,4 +1,4 @@
-"""Hysteresis: the ground unloads on another path than it loads."""
+"""Hysteresis: the ground unloads along another path than it loads."""
 
 import math
 from collections.abc import Mapping
@@ -12,11 +12,12 @@ from inversion.forward.nonlinear_stiffness import NonlinearStiffness
 
 
 class HystereticUnloading(Effect):
-    """Exponent of unloading, unrecovered fraction, and fraction of the resistance in tension.
+    """Unloading of the ground along another path of load over displacement.
 
-    Tension arises where a plate rises above its initial position, as over shallow rock. Its
-    fraction is constant for the point, the other two differ between drops. The law is that of
-    `inversion.forward.nonlinear_stiffness`.
+    The parameters are the exponent of the path, the fraction of the displacement that is not
+    recovered, and the fraction of the resistance that acts in tension. Tension arises where a plate
+    rises above its initial position, as over shallow rock. Its fraction is constant for the point,
+    the other two differ between drops. The law is that of `inversion.forward.nonlinear_stiffness`.
     """
 
     name = "hysteretic_unloading"
@@ -37,11 +38,15 @@ class HystereticUnloading(Effect):
     )
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Return the parameters, with that of tension only if the plate rises above its start."""
+        """Return the parameters; that of tension only if the plate rises above its initial
+        position.
+        """
         return tuple(p for p in self.parameters if drop.swings_back or p.name != "tension_share")
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return ln of the exponent, the unrecovered fraction, and -ln of the tension share."""
+        """Return the unknowns: ln of the exponent, unrecovered fraction, and -ln of the tension
+        fraction.
+        """
         exponent, unrecovered, *_ = super().coordinates(drop)
         coordinates = (
             replace(exponent, lower=math.log(1 / 3), upper=math.log(5.5), starts=(0.2,)),
@@ -52,7 +57,7 @@ class HystereticUnloading(Effect):
         return (*coordinates, Coordinate("tension_share", 0.0, 1.0, 0.0, math.log(10.0), (0.5,)))
 
     def values_at(self, coordinates: Mapping[str, float]) -> dict[str, float]:
-        """Return the parameters, within the bounds of the law of the ground."""
+        """Return the parameters, limited to the bounds of the law."""
         exponent, unrecovered = self.parameters[:2]
         ratio = min(max(math.exp(coordinates["exponent"]), exponent.lower), exponent.upper)
         unrecovered_share = min(
@@ -66,7 +71,7 @@ class HystereticUnloading(Effect):
     def nonlinear_stiffness(
         self, law: NonlinearStiffness, values: Values, drop: DropContext
     ) -> NonlinearStiffness:
-        """Return the law with another path of unloading."""
+        """Return the law with the path of unloading."""
         return replace(
             law,
             unloading_exponent=values["exponent"],

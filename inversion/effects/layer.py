@@ -1,4 +1,4 @@
-"""Top layer (a crust or a soft top), and a second layer where the sensors can resolve it.
+"""Top layer, stiffer or softer than the ground, and a second layer if the sensors can resolve it.
 
 The model is the dynamic layered ground of :mod:`inversion.forward.layered`. The reported modulus is
 that of the ground below the layers.
@@ -27,8 +27,8 @@ _THICKNESS = Parameter("thickness", "m", 0.03, 3.0, (0.2,), logarithmic=True)
 _THICKNESS_RADII = (0.2, 20.0)
 # Largest depth of the layers over the depth of the rock.
 _ABOVE_ROCK = 0.98
-# Smallest thickness of the ground above rock over that of the layers; smallest relative change of
-# the plate's deflection by a single layer, required up to this number of sensor distances.
+# Smallest thickness of the ground above rock, over that of the layers. Smallest relative change of
+# the plate's deflection by a single layer; it is required up to this number of sensor distances.
 _MIN_GROUND_SHARE, _MIN_CHANGE, _MAX_DISTANCES = 0.25, 0.03, 3
 # Smallest modulus of a layer over that of the ground; below it, the model is soil on rock.
 _ROCK = 0.05
@@ -39,7 +39,7 @@ _MORE_MEDIA = 0.015
 
 
 class Layer(Effect):
-    """Centre and offset sensors do not fit one modulus; the reported one is that below."""
+    """Layers above the ground: one modulus does not fit the centre sensor and the others."""
 
     name = "layer"
     scope = "point"
@@ -52,11 +52,12 @@ class Layer(Effect):
     excludes = frozenset({"rough_contact"})
 
     def is_sound(self, ground: Ground, values: Values, drop: DropContext) -> bool:
-        """Return whether enough ground lies below, and whether the layer changes the deflection.
+        """Return whether enough ground lies below the layers, and a layer changes the deflection
+        enough.
 
         Layers down to the rock are equivalent to rock at another depth, and ground much stiffer
-        than its layers is rock. The change of the plate's deflection is required with few sensor
-        distances, where slow motions of other causes resemble a boundary far below the plate.
+        than its layers is rock. A change of the plate's deflection is required if there are few
+        sensor distances: slow motions of other causes then resemble a boundary far below the plate.
         """
         ratios = (values.get(prefix + "modulus_ratio", 1.0) for prefix in ("", _MIDDLE_PREFIX))
         if min(ratios) < _ROCK:
@@ -76,11 +77,13 @@ class Layer(Effect):
         return bool(change >= _MIN_CHANGE)
 
     def model_error(self, values: Values) -> float:
-        """Return the error of the lowest modulus if the ground has more media than the model."""
+        """Return the relative error of the lowest modulus if the true ground has more layers than
+        the model.
+        """
         return _MORE_MEDIA
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Return the parameters of the top layer, and of a second one if sensors resolve it."""
+        """Return the parameters of the top layer, and of a second one if the sensors resolve it."""
         a = drop.plate_radius
         low, high = (radii * a for radii in _THICKNESS_RADII)
         thickness = replace(_THICKNESS, lower=low, upper=high, starts=(a, 2.0 * a))
@@ -92,11 +95,13 @@ class Layer(Effect):
         return (*top, *(replace(p, name=_MIDDLE_PREFIX + p.name) for p in top))
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Return whether there are several distances; the centre alone cannot resolve layers."""
+        """Return whether sensors are at several distances; the centre alone cannot resolve
+        layers.
+        """
         return drops[0].layers is not None and drops[0].layers.n_distances > 1
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
-        """Return the ground with layers above it, of the same Poisson's ratio and rock depth."""
+        """Return the ground with layers above it; Poisson's ratio and rock depth do not change."""
         prefixes = ("", _MIDDLE_PREFIX) if _MIDDLE_PREFIX + "thickness" in values else ("",)
         thicknesses = [values[prefix + "thickness"] for prefix in prefixes]
         if ground.inverse_depth > 0.0:

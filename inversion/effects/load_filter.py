@@ -1,15 +1,15 @@
-r"""Low-pass filter in the load channel alone: the true load is steeper than the recorded one.
+r"""Low-pass filter in the load channel only: the true load is steeper than the recorded one.
 
 The model is driven by the recorded load, so the recorded deflection is early. For linear ground the
-response to the true load is that to the recorded load through the filter's inverse. For a
-Butterworth filter of order N and corner :math:`\omega_c` with the delay :math:`a =
+response to the true load is obtained from the response to the recorded load, by the inverse of the
+filter. For a Butterworth filter of order N and corner :math:`\omega_c` with the delay :math:`a =
 (1, \sqrt{2}, 2, 2.613) / \omega_c` the inverse is a polynomial,
 
 .. math:: 1 + a s + c_2 (a s)^2 + c_3 (a s)^3 + c_4 (a s)^4
 
 The fourth derivative would amplify the noise of the recorded load. Frequencies that the filter
-attenuates to less than a thirtieth are suppressed: the inverse B is replaced by
-:math:`B / (1 + \epsilon (|B|^2 - 1))` (Wiener).
+attenuates to less than a thirtieth are suppressed: the inverse B is replaced by :math:`B / (1 +
+\epsilon (|B|^2 - 1))` (Wiener).
 """
 
 import math
@@ -36,7 +36,10 @@ _OPEN_HZ = 4000.0
 
 
 class LoadFilter(Effect):
-    """The load is recorded smoothed and late; the residual follows velocity and acceleration."""
+    """Low-pass filter in the load channel: the recorded load is smoothed and late.
+
+    The residual resembles the velocity and the acceleration of the plate.
+    """
 
     name = "load_filter"
     scope = "device"
@@ -57,7 +60,7 @@ class LoadFilter(Effect):
     advice = "ask the maker for the filter of the load channel, or switch it off"
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """Return the record under the true load."""
+        """Return the model's record under the true load, (n_sensors, n), m."""
         order = values["order"]
         delay = float(np.interp(order, _ORDERS, _DELAYS)) / (2.0 * np.pi * values["corner"])
         n = record.shape[1]

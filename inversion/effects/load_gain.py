@@ -6,7 +6,7 @@ from inversion.fitting.parameters import Parameter
 
 
 class LoadGain(Effect):
-    """The true load is smaller than the recorded one by a factor, and so is the motion.
+    """Gain error of the load cell: the true load, and hence the motion, is smaller by a factor.
 
     This is exact for linear ground. The stress dependence of the ground uses the recorded load.
     """
@@ -17,9 +17,11 @@ class LoadGain(Effect):
     advice = "have the load cell calibrated: pfwd calibrate on a rig of known stiffness"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Return False: stiffer ground has the same records. The gain is declared."""
+        """Return False: stiffer ground has the same records, so that the gain can only be
+        declared.
+        """
         return False
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """Return the record divided by the factor."""
+        """Return the record divided by the factor, (n_sensors, n), m."""
         return record / values["factor"]

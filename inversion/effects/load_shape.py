@@ -1,4 +1,4 @@
-"""Difference between the measured load and the half-sine that replaces it."""
+"""Difference between the measured load and the half-sine that drives the model in its place."""
 
 import numpy as np
 
@@ -14,7 +14,11 @@ from inversion.fitting.parameters import Parameter
 
 
 class LoadShape(Effect):
-    """Share of that difference that is added again; 1 gives the measured load."""
+    """Fraction of the difference between measured load and half-sine that is added to the
+    half-sine.
+
+    1 gives the measured load.
+    """
 
     name = "load_shape"
     scope = "drop"
@@ -22,11 +26,11 @@ class LoadShape(Effect):
     advice = "use the measured load; look after buffers and guide of the hammer"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Return whether a half-sine is in use."""
+        """Return True if a half-sine drives the model."""
         return drops[0].unmodelled_load is not None
 
     def recorded_values(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
-        """Return the rms misfit of the half-sine over the peak load."""
+        """Return the root mean square misfit of the half-sine, over the peak load."""
         assert drop.unmodelled_load is not None
         part = drop.time <= drop.contact_end
         rms = float(np.sqrt(np.mean(drop.unmodelled_load[part] ** 2)))
@@ -39,7 +43,9 @@ class LoadShape(Effect):
         drop: DropContext,
         impulse_response: ImpulseResponse,
     ) -> FloatArray:
-        """Return the motion with that under the difference of the loads."""
+        """Return the motion plus the motion due to the difference of the loads, (n_sensors, n),
+        m.
+        """
         assert drop.unmodelled_load is not None
         return motion + values["share"] * forced_motion(
             impulse_response(), drop.unmodelled_load, drop.step

@@ -1,4 +1,4 @@
-"""Mains hum: 50 or 60 Hz in the velocity."""
+"""Mains hum: an oscillation of 50 or 60 Hz in the recorded velocity."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,15 +12,18 @@ from inversion.fitting.parameters import Parameter
 
 # Hz: largest deviation of mains and generators from 50 and 60.
 _REACH_HZ = 1.0
-# Hz, on the scale of the fit: the distance of either frequency from zero, and the end of the scale.
+# The unknown of the frequency is an axis in Hz on which 50 Hz is at -2 and 60 Hz at +2. These are
+# that distance from zero, and the end of the axis.
 _CENTRE_HZ, _GAP_HZ = 2.0, 3.0
-# m/s, prior deviation of the amplitude with a bad cable, and the smallest one, for a quiet time
-# before the pulse.
+# Prior standard deviation of the amplitude, m/s: with a bad cable, and the smallest one, for a
+# record that is quiet before the pulse.
 _AMPLITUDE_DEVIATION, _MIN_AMPLITUDE_DEVIATION = 0.02, 1e-4
 
 
 class MainsHum(Effect):
-    """Spectral line in the velocity before and after the pulse; its integral in displacement."""
+    """Mains hum: a sine in the velocity before and after the pulse, with its integral in
+    displacement.
+    """
 
     name = "mains_hum"
     scope = "drop"
@@ -36,13 +39,15 @@ class MainsHum(Effect):
             absent=0.0,
         ),
         Parameter("frequency", "Hz", 50.0 - _REACH_HZ, 60.0 + _REACH_HZ, 4 * (50.0, 60.0)),
-        # Each phase with both frequencies, because a fit cannot move from one to the other.
+        # Each phase is tried with both frequencies: a fit cannot move from one to the other.
         Parameter("phase", "-", -1.0, 2.0, (0.0, 0.0, 0.25, 0.25, 0.5, 0.5, 0.75, 0.75)),
     )
     advice = "keep the cable away from mains and generators"
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Return the parameters, with starts and amplitude prior from the time before the pulse."""
+        """Return the parameters; starting values and amplitude prior are from the record before the
+        pulse.
+        """
         amplitude, frequency, phase = self.parameters
         deviation = min(_AMPLITUDE_DEVIATION, max(drop.max_hum, _MIN_AMPLITUDE_DEVIATION))
         amplitude = replace(amplitude, prior=(0.0, deviation))
@@ -56,7 +61,9 @@ class MainsHum(Effect):
         )
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return amplitude, place of the frequency near 50 or 60 Hz, and phase."""
+        """Return the unknowns: amplitude, m/s, frequency on the axis of the fit, Hz, and phase,
+        turns.
+        """
         amplitude, _, phase = super().coordinates(drop)
         sizes, hertz, _ = self.parameters_for(drop)
         starts = tuple(self.coordinate_at("frequency", value) for value in hertz.starts)
@@ -64,13 +71,15 @@ class MainsHum(Effect):
         return replace(amplitude, starts=sizes.starts), place, phase
 
     def coordinate_at(self, name: str, value: float) -> float:
-        """Return a value itself, or the place of a frequency: below zero near 50 Hz, Hz."""
+        """Return the value itself, or the place of a frequency on the axis of the fit, Hz."""
         if name != "frequency":
             return value
         return value - 50.0 - _CENTRE_HZ if value < 55.0 else value - 60.0 + _CENTRE_HZ
 
     def values_at(self, coordinates: Mapping[str, float]) -> dict[str, float]:
-        """Return the values, with the frequency near 50 or 60 Hz by the sign of its coordinate."""
+        """Return amplitude, m/s, frequency, Hz, near 50 or 60 by the sign of its coordinate, and
+        phase.
+        """
         place = coordinates["frequency"]
         mains, centre = (50.0, -_CENTRE_HZ) if place < 0.0 else (60.0, _CENTRE_HZ)
         offset = min(max(place - centre, -_REACH_HZ), _REACH_HZ)
@@ -81,12 +90,15 @@ class MainsHum(Effect):
         }
 
     def is_sound(self, ground: Ground, values: Values, drop: DropContext) -> bool:
-        """Return whether the frequency is within the range of mains."""
+        """Return whether the frequency differs from 50 or 60 Hz by less than 1 Hz."""
         offset = min(abs(values["frequency"] - mains) for mains in (50.0, 60.0))
         return offset < _REACH_HZ
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """Return the record with line and harmonics at every sensor; phase in turns at time 0."""
+        """Return the record with hum and its harmonics added at every sensor, (n_sensors, n), m.
+
+        The phase is in turns at time 0.
+        """
         omega = 2 * np.pi * values["frequency"]
         turn = 2 * np.pi * values["phase"]
         # The displacement starts at zero, as the mean velocity before the pulse is subtracted.

@@ -1,6 +1,6 @@
 """Modulus that grows with depth, :math:`E(z) = E_0 (1 + z/z_0)^m`, in place of rock or layers.
 
-The modulus of the ground is the effective one: that of the half-space with the same static
+The reported modulus is the effective one: that of a homogeneous half-space with the same static
 stiffness under the plate. See :mod:`inversion.forward.growth`.
 """
 
@@ -11,40 +11,42 @@ from inversion.effects.base import DropContext, Effect, Ground, Values
 from inversion.fitting.parameters import Parameter
 from inversion.forward.growth import MAX_GROWTH
 
-# Starting value of a/z0, from which fits reach values of 0.1 to 1.
+# Starting value of the plate radius over z0, from which fits reach values of 0.1 to 1.
 _START_RADII = 0.5
 
 
 class _Gradient(Effect):
-    """The modulus grows with depth with a given exponent."""
+    """Modulus that grows with depth, with a fixed exponent."""
 
     scope = "point"
     parameters = (Parameter("inverse_growth_depth", "1/m", 0.0, 600.0, (3.0,)),)
     excludes = frozenset({"bedrock", "layer", "rough_contact", "spring_rig"})
     advice = (
-        "the modulus grows with depth: the stated one is that of uniform ground as stiff under "
-        "this plate, and a wider plate finds a larger one"
+        "the modulus grows with depth: the stated one is that of uniform ground with the same "
+        "stiffness under this plate; a wider plate gives a larger one"
     )
     # Reflections from rock and errors of plate and sensor imitate growth with a log evidence of
     # some ten units.
     min_gain = 30.0
     exponent: ClassVar[float]
     deviation: ClassVar[float]
-    """Prior deviation of 1/z0, 1/m."""
+    """Prior standard deviation of 1/z0, 1/m."""
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Return whether no rock is declared."""
+        """Return True if no rock is declared."""
         return not any(drop.has_bedrock for drop in drops)
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Return 1/z0 within the range of the surrogate; it is zero for uniform ground."""
+        """Return 1/z0, bounded by the range of the response table; it is zero for uniform
+        ground.
+        """
         a = drop.plate_radius
         (parameter,) = self.parameters
         prior = 0.0, self.deviation
         return (replace(parameter, upper=MAX_GROWTH / a, starts=(_START_RADII / a,), prior=prior),)
 
     def fixed_values(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
-        """Return the exponent."""
+        """Return the exponent m, which is not fitted."""
         return (("exponent", "-", self.exponent),)
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
@@ -57,7 +59,9 @@ class _Gradient(Effect):
 
 
 class RootGradient(_Gradient):
-    """The modulus grows with the root of depth, as that of sand with its confining pressure."""
+    """Modulus that grows with the square root of depth, as that of sand with its confining
+    pressure.
+    """
 
     name = "modulus_gradient_root"
     result_name = "modulus_gradient"
@@ -67,7 +71,7 @@ class RootGradient(_Gradient):
 
 
 class LinearGradient(_Gradient):
-    """The modulus grows in proportion to depth: Gibson (1967), Geotechnique 17, 58-67."""
+    """Modulus that grows in proportion to depth: Gibson (1967), Geotechnique 17, 58-67."""
 
     name = "modulus_gradient"
     exponent = 1.0

@@ -1,7 +1,8 @@
-r"""Permanent displacement after the drop.
+r"""Permanent displacement of the plate after the drop.
 
-The plate settles while it moves deeper than before: :math:`s (w_{max}(t) / w_{max})^m`. Only the
-ground under the plate settles; the ground outside recovers.
+The plate settles while it moves deeper than before, by :math:`s (w_{max}(t) / w_{max})^m` with the
+largest displacement so far :math:`w_{max}(t)`. Only the ground under the plate settles; the ground
+outside recovers.
 """
 
 import numpy as np
@@ -12,7 +13,7 @@ from inversion.fitting.parameters import Parameter
 
 
 class PermanentSet(Effect):
-    """The set grows with the displacement up to its peak and then remains."""
+    """Permanent settlement: it grows with the displacement up to its peak and then remains."""
 
     name = "permanent_set"
     scope = "drop"
@@ -33,7 +34,9 @@ class PermanentSet(Effect):
         drop: DropContext,
         impulse_response: ImpulseResponse,
     ) -> FloatArray:
-        """Return the motion with the permanent set at the sensors on the plate."""
+        """Return the motion with the settlement added at the sensors on the plate, (n_sensors, n),
+        m.
+        """
         result = motion.copy()
         for row, offset in zip(result, drop.offsets, strict=True):
             if offset < drop.plate_radius:

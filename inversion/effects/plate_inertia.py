@@ -1,4 +1,4 @@
-"""Undeclared mass between load cell and ground."""
+"""Mass between load cell and ground that was not declared."""
 
 from dataclasses import replace
 
@@ -6,12 +6,14 @@ from inversion.effects.base import DropContext, Effect, Ground, Values
 from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.parameters import Parameter
 
-# Plate radius, m, and typical undeclared mass between cell and ground below and above it, kg.
+# Plates below this radius, m, have the first typical undeclared mass, kg; larger ones the second.
 _SMALL_PLATE_M, _TYPICAL_MASS_KG = 0.25, (8.0, 40.0)
 
 
 class PlateInertia(Effect):
-    """More mass between load cell and ground; the residual follows the plate's acceleration."""
+    """Undeclared mass between load cell and ground; the residual resembles the plate's
+    acceleration.
+    """
 
     name = "plate_inertia"
     scope = "device"
@@ -19,7 +21,7 @@ class PlateInertia(Effect):
     advice = "weigh what moves between load cell and ground and declare it as plate_mass_kg"
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return the mass, with a prior that depends on the plate's size."""
+        """Return the mass, kg, as the unknown, with a prior that depends on the plate's size."""
         (mass,) = super().coordinates(drop)
         typical = _TYPICAL_MASS_KG[0] if drop.plate_radius < _SMALL_PLATE_M else _TYPICAL_MASS_KG[1]
         return (replace(mass, deviation=typical),)

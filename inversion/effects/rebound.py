@@ -6,9 +6,9 @@ kick comes from unloading buffers and from a frame that the hammer carries along
 for the drops of a device. In flight :math:`\ddot w = g`; a landing returns the momentum to plate
 and ground. The reading of the load cell falls by the weight of the mass in flight.
 
-In this model a plate that is slower than the ground below it falls for ever. No record shows this,
-so fits move away from such values. If the plate stayed on the ground instead, its motion would not
-depend on the parameters and fits would stop there.
+In this model a plate that is slower than the ground below it falls without end. No record shows
+this, so fits avoid such values. If the plate stayed on the ground instead, its motion would not
+depend on the parameters, and fits would stop there.
 """
 
 from __future__ import annotations
@@ -25,19 +25,20 @@ from inversion.fitting.parameters import Parameter
 from inversion.forward.nonlinear_stiffness import convolve_rows
 
 GRAVITY = 9.80665
-# s: time over which the load is smoothed before its level is determined.
+# Time over which the load is smoothed before its level is determined, s.
 _SMOOTHED_S = 6e-4
-# s: time over which load and weight leave the ground, and earliest time of a landing.
+# Time over which load and weight are removed from the ground, and earliest time of a landing, both
+# in s after the lift-off.
 _RELIEF_S, _EARLIEST_LANDING_S = 1e-3, 2e-3
 # Time after the contact, s, from which the load shows the weight in flight, and the number of
 # samples that are needed.
 _TAIL_BEGINS_S, _TAIL_SAMPLES = 4e-3, 10
-# Plate radius, m, and smallest mass in flight of plates below and above it, kg.
+# Plates below this radius, m, have the first smallest mass in flight, kg; larger ones the second.
 _SMALL_PLATE_M, _MIN_MASS_KG = 0.25, (8.0, 20.0)
 
 
 class Rebound(Effect):
-    """The plate rises above its place after the contact and comes down again."""
+    """Rebound of the plate: it rises above its place after the contact and lands again."""
 
     name = "rebound"
     scope = "point"
@@ -46,17 +47,20 @@ class Rebound(Effect):
         Parameter("mass", "kg", 1.0, 500.0, (20.0,), logarithmic=True, natural=True),
         Parameter("kick", "m/s", -0.25, 0.25, (-0.05, 0.0), prior=(0.0, 0.05)),
     )
-    advice = "the plate jumps: level it, seat it, or drop from lower down"
+    advice = "the plate jumps: level it, seat it, or use a lower drop height"
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return level, mass and kick; the prior of the mass is the weight the load cell lost."""
+        """Return the unknowns: load level at lift-off, logarithm of the mass, kg, and kick, m/s.
+
+        The prior of the mass is the weight by which the reading of the load cell falls.
+        """
         level, mass, kick = super().coordinates(drop)
         log_mass = math.log(_mass_from_load(drop))
         kick = replace(kick, starts=self.parameters[2].starts)
         return level, replace(mass, mean=log_mass, deviation=0.3, starts=(log_mass,)), kick
 
     def reported_values(self, values: Values, drop: DropContext) -> dict[str, tuple[str, float]]:
-        """Return the time of lift-off on the model's time, s, and the parameters."""
+        """Return the time of lift-off on the model's time axis, s, and the parameters."""
         moment = float(lift_off_times(drop, np.array([values["level"]]))[0])
         first = {"liftoff": ("s", moment)} if math.isfinite(moment) else {}
         return first | super().reported_values(values, drop)
@@ -68,7 +72,7 @@ class Rebound(Effect):
         drop: DropContext,
         impulse_response: ImpulseResponse,
     ) -> FloatArray:
-        """Return the motion with flight and landing of the plate and with unloaded ground."""
+        """Return the motion with flight and landing of the plate, (n_sensors, n), m."""
         single = {name: np.array([value]) for name, value in values.items()}
         flown = self.motions(motion[None], single, drop, lambda: impulse_response()[None])
         return np.asarray(flown[0])
@@ -80,7 +84,7 @@ class Rebound(Effect):
         drop: DropContext,
         impulse_responses: ImpulseResponse,
     ) -> FloatArray:
-        """Return several motions with flight and landing of the plate."""
+        """Return several motions with flight and landing of the plate, (m, n_sensors, n), m."""
         time = drop.time
         moments = lift_off_times(drop, values["level"])
         inside = np.flatnonzero((time[3] < moments) & (moments < time[-4]))
@@ -98,11 +102,15 @@ class Rebound(Effect):
         return result
 
     def take_off_speed(self, motion: FloatArray, values: Values, drop: DropContext) -> float | None:
-        """Return the upward speed of the plate as it leaves the ground, m/s; None: it stays.
+        """Return the upward speed of the plate when it leaves the ground, m/s; None: it does not.
 
         Parameters
         ----------
-        motion : (n_sensors, n) ndarray of float, m, of the ground under the load
+        motion : (n_sensors, n) ndarray of float, m
+            Motion of the ground under the load.
+        values : mapping
+            Values of the parameters, in SI units.
+        drop : DropContext
         """
         slope = self._slope(motion, values, drop)
         return None if slope is None else values["kick"] - slope
@@ -110,12 +118,14 @@ class Rebound(Effect):
     def kick_for(
         self, speed: float, motion: FloatArray, values: Values, drop: DropContext
     ) -> float:
-        """Return the kick with which a plate takes off at an upward speed, m/s."""
+        """Return the kick, m/s, with which a plate leaves the ground at this upward speed, m/s."""
         slope = self._slope(motion, values, drop)
         return values["kick"] if slope is None else speed + slope
 
     def _slope(self, motion: FloatArray, values: Values, drop: DropContext) -> float | None:
-        """Return the downward speed of the innermost sensor at lift-off, m/s."""
+        """Return the downward speed of the innermost sensor at lift-off, m/s; None: there is no
+        lift-off.
+        """
         moment = lift_off_times(drop, np.array([values["level"]]))[0]
         if not drop.time[3] < moment < drop.time[-4]:
             return None
@@ -125,7 +135,9 @@ class Rebound(Effect):
 
 
 def lift_off_times(drop: DropContext, levels: FloatArray) -> FloatArray:
-    """Return when the load has fallen to levels (m,) of its peak, (m,), s; inf: never."""
+    """Return the times at which the load has fallen to levels (m,) of its peak, (m,), s; inf:
+    never.
+    """
     half = max(1, round(0.5 * _SMOOTHED_S / drop.step))
     window = np.full(2 * half + 1, 1.0 / (2 * half + 1))
     smooth = np.convolve(np.pad(drop.load, half, mode="edge"), window, "valid")
@@ -141,7 +153,9 @@ def lift_off_times(drop: DropContext, levels: FloatArray) -> FloatArray:
 
 
 def _mass_from_load(drop: DropContext) -> float:
-    """Return the mass whose weight the load cell lost after the contact, kg."""
+    """Return the mass, kg, whose weight is missing from the reading of the load cell after the
+    contact.
+    """
     min_mass = _MIN_MASS_KG[0] if drop.plate_radius < _SMALL_PLATE_M else _MIN_MASS_KG[1]
     tail = drop.load[drop.time > drop.contact_end + _TAIL_BEGINS_S]
     if tail.size <= _TAIL_SAMPLES:
@@ -157,7 +171,7 @@ def _flown(
     drop: DropContext,
     impulses: FloatArray,
 ) -> FloatArray:
-    """Return motions (m, n_sensors, n) with plates that lift off at moments (m,)."""
+    """Return motions (m, n_sensors, n) of plates that lift off at times ``moments`` (m,), s."""
     time, step = drop.time, drop.step
     flight = time[None] - moments[:, None]
     pressing = drop.load[None] + (masses * GRAVITY)[:, None]
@@ -201,7 +215,9 @@ def _land(
     load: tuple[FloatArray, float],
     step: float,
 ) -> None:
-    """Land a plate (n,) with its momentum on the ground; ``plate`` is changed in place.
+    """Continue the motion of a plate after its landing; the array ``plate`` is changed in place.
+
+    The plate keeps its momentum when it reaches the ground.
 
     Parameters
     ----------

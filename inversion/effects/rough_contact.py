@@ -8,11 +8,11 @@ from inversion.fitting.parameters import Parameter
 
 
 class RoughContact(Effect):
-    """The plate is stiffer or softer than in the base model; the ground outside is unchanged.
+    """Contact that is stiffer or softer than in the base model; the ground outside is unchanged.
 
-    Slip changes stiffness and damping in proportion. A plate in contact with the ground to a
-    fraction of its radius loses more damping than stiffness. Both are in ``factor``, the static
-    stiffness over that of a rough plate in full contact.
+    Slip changes stiffness and damping in proportion. A plate that touches the ground on a fraction
+    of its radius loses more damping than stiffness. ``factor`` is the static stiffness over that of
+    a rough plate in full contact, and includes both.
     """
 
     name = "rough_contact"
@@ -26,18 +26,22 @@ class RoughContact(Effect):
     advice = "look at the contact: a thin bed of sand under the plate makes it even"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Return whether sensors are on the plate and outside; the centre alone shows stiffness."""
+        """Return whether sensors are on the plate and outside: with the centre alone, contact and
+        modulus cannot be distinguished.
+        """
         drop = drops[0]
         return bool((drop.offsets < drop.plate_radius).any() and drop.offsets.size > 1)
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
-        """Return the ground with the radius of contact."""
+        """Return the ground with the radius of the contact area."""
         return replace(ground, contact_share=values.get("contact_share", 1.0))
 
     def compliance(
         self, compliance: ComplexArray, s: ComplexArray, values: Values, drop: DropContext
     ) -> ComplexArray:
-        """Return the compliance with that of the plate divided by the factor of slip alone."""
+        """Return the compliance, with that of the plate divided by the part of the factor due to
+        slip.
+        """
         result = compliance.copy()
         slip = values["factor"] / values.get("contact_share", 1.0)
         result[drop.offsets < drop.plate_radius] /= slip

@@ -1,4 +1,4 @@
-"""Clipping: a channel cannot record values above its level."""
+"""Clipping: a channel cannot record values beyond its level."""
 
 from dataclasses import replace
 
@@ -19,10 +19,10 @@ _CUT = 0.99
 
 
 class Saturation(Effect):
-    """Flat tops of velocity or load.
+    """Clipping of a channel: flat tops of velocity or load.
 
-    A clipped velocity loses displacement permanently. To a clipped load a cap is added, a parabola
-    between the ends of the flat top.
+    A clipped velocity loses displacement permanently. A clipped load is completed by a cap, a
+    parabola between the ends of the flat top.
     """
 
     name = "saturation"
@@ -36,7 +36,7 @@ class Saturation(Effect):
     advice = "lower the gain or the drop height: the channel reached the end of its range"
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Return the level of the velocity, within its offset, and the height of the load's cap."""
+        """Return the level of a clipped velocity, and the height of the cap of a clipped load."""
         parameters = []
         levels = [level for level in drop.flat if level is not None]
         if levels:
@@ -50,14 +50,14 @@ class Saturation(Effect):
         return tuple(parameters)
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Return whether a record has a flat top."""
+        """Return whether velocity or load has a flat top."""
         return any(
             drop.flat_load is not None or any(level is not None for level in drop.flat)
             for drop in drops
         )
 
     def recorded_values(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
-        """Return the level of the load."""
+        """Return the level at which the load is clipped."""
         return () if drop.flat_load is None else (("level", "N", drop.flat_load),)
 
     def motion(
@@ -67,13 +67,13 @@ class Saturation(Effect):
         drop: DropContext,
         impulse_response: ImpulseResponse,
     ) -> FloatArray:
-        """Return the motion with that under the cap of the load."""
+        """Return the motion plus the motion due to the cap of the load, (n_sensors, n), m."""
         if "cap" not in values or drop.flat_load is None:
             return motion
         return motion + forced_motion(impulse_response(), values["cap"] * _cap(drop), drop.step)
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """Return the record with velocities clipped at the level."""
+        """Return the record with velocities clipped at the level, (n_sensors, n), m."""
         if "level" not in values:
             return record
         level = values["level"]
@@ -93,7 +93,7 @@ def _flat_ends(drop: DropContext) -> tuple[float, float]:
 
 
 def _cap(drop: DropContext) -> FloatArray:
-    """Return the cap of height 1 at the samples, (n,)."""
+    """Return a cap of height 1 N at the samples, (n,)."""
     begin, end = _flat_ends(drop)
     centre, half = 0.5 * (begin + end), 0.5 * (end - begin) + 0.5 * drop.step
     cap: FloatArray = np.maximum(1.0 - ((drop.time - centre) / half) ** 2, 0.0)
@@ -101,7 +101,9 @@ def _cap(drop: DropContext) -> FloatArray:
 
 
 def _cap_of_slopes(drop: DropContext) -> float:
-    """Return the height of the parabola that continues the slopes at the flat top's ends, N."""
+    """Return the height, N, of the parabola that continues the slopes at the ends of the flat
+    top.
+    """
     begin, end = _flat_ends(drop)
     slopes = np.interp([begin - drop.step, end + drop.step], drop.time, drop.load)
     outer = np.interp([begin - 3 * drop.step, end + 3 * drop.step], drop.time, drop.load)

@@ -1,4 +1,4 @@
-"""Seating: under earlier drops the ground is softer, because the plate is not seated yet."""
+"""Seating: under the first drops the ground is softer, because the plate is not seated yet."""
 
 from dataclasses import replace
 
@@ -7,7 +7,9 @@ from inversion.fitting.parameters import Parameter
 
 
 class Seating(Effect):
-    """Ratio of the modulus under each drop to that under the last one; viscosity in proportion."""
+    """Ratio of the modulus under each drop to that under the last one; the viscosity has the same
+    ratio.
+    """
 
     name = "seating"
     scope = "drop"
@@ -19,10 +21,10 @@ class Seating(Effect):
     advice = "drop again until two drops agree; the modulus is that of the last drop"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Return whether there are several drops."""
+        """Return whether the point has several drops."""
         return len(drops) > 1
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
-        """Return the ground under the drop."""
+        """Return the ground as it was under this drop."""
         ratio = values["modulus_ratio"]
         return replace(ground, modulus=ground.modulus * ratio, viscosity=ground.viscosity * ratio)

@@ -6,7 +6,9 @@ from inversion.fitting.parameters import Parameter
 
 
 class SensorGain(Effect):
-    """The recorded displacement is larger than the true one by a factor."""
+    """Gain error of the sensors: the recorded displacement is larger than the true one by a
+    factor.
+    """
 
     name = "sensor_gain"
     scope = "device"
@@ -14,9 +16,11 @@ class SensorGain(Effect):
     advice = "have the sensors calibrated: pfwd calibrate on a rig of known stiffness"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Return False: softer ground has the same records. The gain is declared."""
+        """Return False: softer ground has the same records, so that the gain can only be
+        declared.
+        """
         return False
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """Return the record times the factor."""
+        """Return the record times the factor, (n_sensors, n), m."""
         return values["factor"] * record

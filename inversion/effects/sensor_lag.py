@@ -6,7 +6,7 @@ from inversion.fitting.parameters import Parameter
 
 
 class SensorLag(Effect):
-    """The deflection is recorded later than the load; the residual follows the velocity."""
+    """Delay of the deflection channel; the residual resembles the velocity of the plate."""
 
     name = "sensor_lag"
     scope = "device"
@@ -17,5 +17,5 @@ class SensorLag(Effect):
     advice = "have the instrument's channels checked against each other; declare load_delay_s"
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:
-        """Return the delayed record."""
+        """Return the delayed record, (n_sensors, n), m."""
         return shift(record, values["delay"], drop.time)

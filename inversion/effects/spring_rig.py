@@ -1,4 +1,4 @@
-"""Calibration rig on springs in place of the ground."""
+"""Spring test rig in place of the ground."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from inversion.fitting.parameters import Parameter
 
 
 class SpringRig(Effect):
-    r"""A mass on springs with viscous damping: :math:`w = F / (k + c s + m s^2)`."""
+    r"""Mass on springs with viscous damping: :math:`w = F / (k + c s + m s^2)`."""
 
     name = "spring_rig"
     scope = "point"
@@ -19,7 +19,7 @@ class SpringRig(Effect):
         Parameter("damping_ratio", "-", 0.001, 0.5, (0.1,), logarithmic=True),
     )
     replaces_ground = True
-    # Rigs are rare.
+    # Log evidence against a rig, because drops on rigs are rare.
     min_gain = 3.0
     # A rig together with an effect of the ground fits any record.
     excludes = frozenset(
@@ -41,7 +41,7 @@ class SpringRig(Effect):
     def compliance(
         self, compliance: ComplexArray, s: ComplexArray, values: Values, drop: DropContext
     ) -> ComplexArray:
-        """Return the compliance of the rig, the same at every sensor."""
+        """Return the compliance of the rig, m/N, the same at every sensor."""
         stiffness, mass = values["stiffness"], values["moving_mass"]
         viscous = 2.0 * values["damping_ratio"] * np.sqrt(stiffness * mass)
         rig = 1.0 / (stiffness + viscous * s + mass * s**2)

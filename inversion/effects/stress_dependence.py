@@ -17,8 +17,8 @@ from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.parameters import Parameter
 from inversion.forward.nonlinear_stiffness import NonlinearStiffness, secant
 
-# Pa: an instrument of 15 kg on a plate of 0.3 m (2 kPa), the soil above a radius of depth (2 kPa),
-# and suction of a few kPa.
+# Stress before the drop, Pa: an instrument of 15 kg on a plate of 0.3 m (2 kPa), the soil above a
+# depth of one radius (2 kPa), and suction of a few kPa.
 _REST_STRESS = 8e3
 # Error (95 %) of the secant modulus over the square of the exponent. The model is a spring that
 # stiffens with the plate's displacement. Against finite elements that stiffen with their own stress
@@ -27,7 +27,9 @@ _OF_SPRING = 0.35
 
 
 class StressDependence(Effect):
-    """Curved loading path within a drop, and different moduli of drops from different heights."""
+    """Dependence of the modulus on stress: curved loading within a drop, other moduli at other
+    heights.
+    """
 
     name = "stress_dependence"
     scope = "point"
@@ -48,31 +50,35 @@ class StressDependence(Effect):
         ),
     )
     advice = (
-        "the modulus belongs to the peak stress of the largest drop; drops from other heights "
+        "the modulus is valid at the peak stress of the largest drop; drops from other heights "
         "show how it changes"
     )
 
     def model_error(self, values: Values) -> float:
-        """Return the error of the spring model within a drop; between drops there is none."""
+        """Return the relative error of the modulus due to the spring model, which acts within a
+        drop only.
+        """
         return _OF_SPRING * (values["exponent"] * values.get("within", 1.0)) ** 2
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Return the parameters; a single drop has no fraction between drops."""
+        """Return the parameters; a single drop does not determine the fraction between drops."""
         return self.parameters if drop.count > 1 else self.parameters[:2]
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return exponent and stress at rest; differences of drops are unknowns of the point."""
+        """Return exponent and stress at rest; differences between drops are unknowns of the
+        point.
+        """
         exponent, rest_stress, *_ = super().coordinates(drop)
         return replace(exponent, upper=0.8, starts=(0.2,)), rest_stress
 
     def fixed_values(self, drop: DropContext) -> tuple[tuple[str, str, float], ...]:
-        """Return the stress of the modulus, the mean one under the largest drop."""
+        """Return the reference stress of the modulus, Pa: the mean one under the largest drop."""
         return (("sigma_ref", "Pa", _largest_stress(drop)),)
 
     def modulus_at(self, stress: float, values: Values, drop: DropContext) -> float:
-        """Return the secant modulus at a stress over that of the drop's ground.
+        """Return the secant modulus at a stress, Pa, over the modulus of the drop's ground.
 
-        The drop's ground includes the part between drops already.
+        That ground already includes the change between drops.
         """
         between = values["exponent"] * (1.0 - values.get("within", 1.0))
         of_largest = stress / _largest_stress(drop)
@@ -81,7 +87,7 @@ class StressDependence(Effect):
         return float(within * (of_largest / height) ** between)
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
-        """Return the ground with modulus and viscosity of a drop from this height."""
+        """Return the ground with modulus and viscosity for a drop from this height."""
         between = values["exponent"] * (1.0 - values.get("within", 1.0))
         height = drop.peak_load / drop.largest_load
         ratio = height**between
@@ -90,7 +96,7 @@ class StressDependence(Effect):
     def nonlinear_stiffness(
         self, law: NonlinearStiffness, values: Values, drop: DropContext
     ) -> NonlinearStiffness:
-        """Return the law with the exponent and stress at rest that act within a drop."""
+        """Return the law with the exponent that acts within a drop, and the stress at rest."""
         exponent = values["exponent"] * values.get("within", 1.0)
         rest = values.get("rest_stress", 0.0) / _largest_stress(drop)
         return replace(law, stress_exponent=exponent, rest=rest)

@@ -1,4 +1,4 @@
-"""Dashpot of a Kelvin-Voigt ground, where an elastic base model was requested."""
+"""Viscosity of the ground, where an elastic base model was requested."""
 
 from dataclasses import replace
 
@@ -7,7 +7,10 @@ from inversion.fitting.parameters import Parameter
 
 
 class Viscosity(Effect):
-    """Viscosity opens the loop of load and displacement; a late peak alone does not prove it."""
+    """Viscosity of a Kelvin-Voigt ground: load over displacement is a loop.
+
+    A late peak of the displacement alone does not prove viscosity.
+    """
 
     name = "viscosity"
     scope = "point"
@@ -17,9 +20,9 @@ class Viscosity(Effect):
     advice = "the ground damps: do not ask for an elastic one"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Return whether the base model is elastic; otherwise it contains the dashpot."""
+        """Return True if the base model is elastic; otherwise it has a viscosity already."""
         return drops[0].elastic
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
-        """Return the ground with its dashpot."""
+        """Return the ground with its viscosity."""
         return replace(ground, viscosity=values["viscosity"])

@@ -1,1 +1,3 @@
-"""The ground under a plate: its response computed to convergence, and the fast stand-in for it."""
+"""Response of the ground under a plate: the converged computation, and a fast approximation of
+it.
+"""

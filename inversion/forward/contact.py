@@ -13,8 +13,8 @@ without radial displacement where it is bonded) with
 give the coefficients; the force is :math:`2 \pi` times the first one.  The static
 half-space is subtracted from the integrands at all wavenumbers and added back in closed form.
 
-This module is the converged reference of the project: the surrogate is fitted to it and checked
-against it.
+Results of this module are converged, and serve as the reference for tests. A surrogate (see
+:mod:`inversion.forward.surrogate`) is a fast approximation that is fitted to such results.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ _NODES_PER_PANEL = 12
 class QuadratureRule:
     """Panels of the wavenumber integrals, in units of 1/plate radius.
 
-    Gauss panels on the real axis: equal ones over ``[0, 2.2 sqrt|z|]``, where waves travel, then
-    growing ones.  The path stays on the real axis because a layer on rock has backward waves
-    for every Poisson's ratio, whose poles a lifted path would cross.
+    The panels are Gauss panels on the real axis: equal ones over ``[0, 2.2 sqrt|z|]``, where waves
+    travel, then growing ones. The path stays on the real axis because a layer on rock has backward
+    waves for every Poisson's ratio, whose poles a path above the axis would cross.
     """
 
     # Number of equal panels below 2.2 sqrt|z|; 40 hold 3e-5 up to nu = 0.45, 80 up to 0.49.
@@ -65,7 +65,10 @@ class QuadratureRule:
 
     @staticmethod
     def for_poisson_ratio(poisson_ratio: float, refine: int = 1) -> QuadratureRule:
-        """Return the rule for a Poisson's ratio; fast P waves move poles closer to the path."""
+        """Return the rule for a Poisson's ratio; near 0.5 fast P waves have poles near the path.
+
+        ``refine`` multiplies the number of panels.
+        """
         panels = 40 if poisson_ratio <= 0.45 else 80
         return QuadratureRule(travelling_panels=panels * refine)
 
@@ -94,7 +97,7 @@ def _gauss() -> tuple[FloatArray, FloatArray]:
 
 
 def gauss_panels(edges: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Gauss nodes and weights, each (n,), of panels between ascending edges."""
+    """Return Gauss nodes and weights, each (n,), of panels between ascending edges."""
     nodes, weights = _gauss()
     half = 0.5 * np.diff(edges)[:, None]
     centre = 0.5 * (edges[1:] + edges[:-1])[:, None]
@@ -137,7 +140,7 @@ class PlateProblem:
 
     @property
     def driving_point(self) -> bool:
-        """True where the displacement is taken at the load, so Phi is a Stieltjes sum."""
+        """True if the displacement is taken where the load acts, so that Phi is a Stieltjes sum."""
         return self.plate != "published"
 
 
@@ -153,14 +156,14 @@ def plate_compliance(
     depths: FloatArray,
     rule: QuadratureRule | None = None,
 ) -> ComplexArray:
-    r"""Dimensionless compliance :math:`\Phi = G^* a w / F`.
+    r"""Return the dimensionless compliance :math:`\Phi = G^* a w / F`.
 
     Parameters
     ----------
     problem : PlateProblem
     z : (k,) ndarray of complex, rho a^2 s^2 / G*, off the negative real axis, not 0
     depths : (k,) ndarray of float, bedrock depth over plate radius, > 0; inf: half-space
-    rule : QuadratureRule, optional; the default holds for every depth and undamped ground
+    rule : QuadratureRule, optional; the default is accurate for every depth and undamped ground
 
     Returns
     -------
@@ -173,7 +176,7 @@ def plate_compliance(
 
 
 def layouts(z: ComplexArray) -> list[tuple[int, NDArray[np.intp]]]:
-    """Return the groups of points that share nodes: index of the layout and its rows."""
+    """Return groups of points that share their wavenumber nodes: index of the layout, and rows."""
     index = np.ceil(np.log(np.abs(z)) * (0.5 / np.log(_LAYOUT_STEP))).astype(int)
     return [(int(k), np.flatnonzero(index == k)) for k in np.unique(index)]
 
@@ -185,7 +188,7 @@ def compliance_of_layout(
     depths: FloatArray,
     rule: QuadratureRule | None = None,
 ) -> ComplexArray:
-    """:func:`plate_compliance` for points of one group of :func:`layouts`."""
+    """Return :func:`plate_compliance` for the points of one group of :func:`layouts`."""
     rule = rule or QuadratureRule.for_poisson_ratio(problem.poisson_ratio)
     moments = _moments(problem, rule, layout)
     result = np.empty((z.size, len(problem.offsets)), dtype=np.complex128)
@@ -197,11 +200,12 @@ def compliance_of_layout(
 
 
 class Products(NamedTuple):
-    """Moments of the compliances (k points), without the half-space at rest.
+    """Integrals over the compliances at k points, minus those of the static half-space.
 
     ``ww``: those of the upper triangle of A, then of the sensors outside the plate, (k, pairs +
-    sensors * terms); ``wu``: those of B, then of the sensors, ``uu``: of the upper triangle of C,
-    both None for a plate without shear.
+    sensors * terms); ``wu``: those of B, then of the sensors; ``uu``: of the upper triangle of C.
+    The last two are None for a plate without shear. A, B and C are the matrices in the docstring of
+    the module.
     """
 
     ww: ComplexArray
@@ -209,7 +213,7 @@ class Products(NamedTuple):
     uu: ComplexArray | None
 
     def plus(self, rows: slice, difference: Products) -> Products:
-        """Return the moments of some points plus a difference at these points."""
+        """Return the integrals of some points plus a difference at these points."""
         ww = self.ww[rows] + difference.ww
         if self.wu is None or self.uu is None or difference.wu is None or difference.uu is None:
             return Products(ww, None, None)
@@ -218,11 +222,11 @@ class Products(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """Part of the integrals that does not depend on z and depth.
+    """Factors of the integrals that do not depend on z and depth.
 
     ``ww``, ``wu`` and ``uu`` are (nodes, columns): weight xi j_k j_l for the upper triangle of A,
     all of B and the upper triangle of C, then weight xi J0(xi r) j_k for the sensors outside the
-    plate.
+    plate. A, B and C are the matrices in the docstring of the module.
     """
 
     problem: PlateProblem
@@ -233,7 +237,7 @@ class Moments:
 
     @staticmethod
     def of(problem: PlateProblem, xi: FloatArray, weights: FloatArray) -> Moments:
-        """Return the moments of a plate at nodes (n,) with their weights."""
+        """Return the factors for a plate at nodes (n,) with their weights."""
         n = problem.terms
         outside = np.array([r for r in problem.offsets if r > 1.0 or not problem.driving_point])
         bessel = spherical_bessel(2 * n, xi)
@@ -255,11 +259,11 @@ class Moments:
 
     @property
     def bonded(self) -> bool:
-        """True where the plate takes shear."""
+        """True if the plate transmits shear to the ground."""
         return self.problem.plate == "rigid-rough"
 
     def products(self, parts: Compliance) -> Products:
-        """Return the moments of compliances (k, m) at the first m nodes."""
+        """Return the integrals over compliances (k, m) that are given at the first m nodes."""
         n_nodes = parts.ww.shape[1]
         ww = times_real(parts.ww, self.ww[:n_nodes])
         if parts.wu is None or parts.uu is None:
@@ -268,7 +272,9 @@ class Moments:
         return Products(ww, wu, times_real(parts.uu, self.uu[:n_nodes]))
 
     def without_rest(self, parts: Compliance) -> Compliance:
-        """Return the compliances minus the static half-space, whose integrals are known."""
+        """Return the compliances minus those of the static half-space, whose integrals have a
+        closed form.
+        """
         nu = self.problem.poisson_ratio
         normal = (1.0 - nu) / self.xi
         if parts.wu is None or parts.uu is None:
@@ -277,7 +283,7 @@ class Moments:
         return Compliance(parts.ww - normal, coupling, parts.uu - normal)
 
     def solve(self, z: ComplexArray, depths: FloatArray) -> ComplexArray:
-        """Return Phi, (k, n_offsets), at points (k,) and depths (k,)."""
+        """Return Phi, (k, n_offsets), at values of z (k,) and bedrock depths (k,)."""
         nu = self.problem.poisson_ratio
         parts = layer_compliance(self.xi, z, nu, depths, shear=self.bonded)
         return self.sensors(self.products(self.without_rest(parts)))
@@ -322,7 +328,7 @@ class Moments:
 
 
 def times_real(values: ComplexArray, matrix: FloatArray) -> ComplexArray:
-    """Return values (k, n) complex @ matrix (n, m) real, computed as one real product."""
+    """Return complex values (k, n) times a real matrix (n, m), computed as one real product."""
     count = values.shape[0]
     parts = np.concatenate([values.real, values.imag])
     product = parts @ matrix.astype(parts.dtype, copy=False)
@@ -331,7 +337,7 @@ def times_real(values: ComplexArray, matrix: FloatArray) -> ComplexArray:
     return result
 
 
-# The layouts of one surrogate fit; each takes one or two megabytes.
+# Enough for the layouts of one surrogate fit; each takes one or two megabytes.
 @lru_cache(maxsize=48)
 def _moments(problem: PlateProblem, rule: QuadratureRule, layout: int) -> Moments:
     outside = [r for r in problem.offsets if r > 1.0 or not problem.driving_point]
@@ -348,13 +354,15 @@ def symmetric(upper: ComplexArray, n: int) -> ComplexArray:
 
 
 def spherical_bessel(count: int, xi: FloatArray) -> FloatArray:
-    """Spherical Bessel functions of order 0 to count - 1 at ``xi`` (n,): (count, n)."""
+    """Return the spherical Bessel functions of order 0 to count - 1 at ``xi`` (n,), (count, n)."""
     return np.stack([spherical_jn(order, xi) for order in range(count)])
 
 
 @cache
 def static_products(n: int, first: int, second: int) -> FloatArray:
-    r"""Closed form of :math:`\int_0^\infty j_k j_l d\xi`, k = 2m + first, l = 2n + second."""
+    r"""Return :math:`\int_0^\infty j_k j_l d\xi`, (n, n), with k = 2m + first and l = 2n +
+    second.
+    """
     table = np.zeros((n, n))
     for i in range(n):
         for j in range(n):
@@ -368,13 +376,13 @@ def static_products(n: int, first: int, second: int) -> FloatArray:
 
 @cache
 def static_tail(order: int, offset: float) -> float:
-    r"""Closed form of :math:`\int_0^\infty j_n(\xi) J_0(\xi r) d\xi` for even n.
+    r"""Return :math:`\int_0^\infty j_n(\xi) J_0(\xi r) d\xi` for even order n and offset r.
 
     Weber-Schafheitlin integral: for n = 0 it is pi/2 on the plate and arcsin(1/r) outside.
     """
     if offset <= 1.0:
         if order:
-            raise ModelError("only the first term is needed on the plate")
+            raise ModelError(f"order: expected 0 for an offset on the plate, got {order}")
         return 0.5 * np.pi
     half = 0.5 * (order + 1)
     front = np.sqrt(np.pi) / 2.0 * gamma(half) / (gamma(0.5 - order / 2) * gamma(order + 1.5))

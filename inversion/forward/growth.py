@@ -7,7 +7,7 @@ stiffness under the plate. Therefore :math:`\Phi(p \to 0)` does not depend on th
 :math:`\kappa = 0` is the half-space.  The viscosity grows with the modulus, the density is
 constant.
 
-`GrowthSurrogate` takes the place of :class:`inversion.forward.surrogate.Surrogate` in
+`GrowthSurrogate` can replace :class:`inversion.forward.surrogate.Surrogate` in
 :func:`inversion.forward.model.transfer_function` and its derivatives; ``inverse_depth`` of the
 grounds then is :math:`1/z_0`.
 """
@@ -34,10 +34,11 @@ from inversion.forward.ray_sampling import ray
 from inversion.threads import single_threaded_blas
 
 MAX_GROWTH = 6.0
-"""Largest a/z0 of the surrogates."""
+"""Largest growth a/z0, plate radius over the depth z0, of the surrogates."""
 
 N_SUBLAYERS = 26
-"""Number of sublayers from the surface to `DEEPEST_RADII`; below them the modulus is constant."""
+"""Number of sublayers from the surface to a depth of `DEEPEST_RADII` plate radii; below, the
+modulus is constant."""
 DEEPEST_RADII = 25.0
 _TOP_SUBLAYER_RADII = 0.06
 
@@ -57,7 +58,8 @@ _RULE = replace(
     single_slopes=False,
 )
 _N_GROWTH_NODES = 10
-# abs(p)/Re p of a ray, its weight, and the steps and limits of abs(p).
+# Rays in the complex plane on which the fit has samples: abs(p)/Re p, weight, and step (in the
+# logarithm), lower and upper limit of abs(p).
 _RAYS = ((4.0, 1.0, 0.18, 0.02, 12.0), (12.0, 1.0, 0.11, 0.05, 20.0), (35.0, 0.4, 0.08, 0.2, 20.0))
 _GROUP_FACTOR = 2.0
 _GROWTH_STEP = 1e-5
@@ -68,8 +70,17 @@ def sublayers(
 ) -> tuple[FloatArray, FloatArray]:
     """Return thickness over radius (count,) and modulus over surface modulus (count + 1,).
 
-    Thicknesses grow by a constant ratio from ``top``. The modulus of a sublayer is the harmonic
+    The thickness grows by a constant ratio from ``top``. The modulus of a sublayer is the harmonic
     mean of the moduli in it, which preserves the compression of a column.
+
+    Parameters
+    ----------
+    exponent : float, m
+    growth : float, a/z0
+    count : int
+        Number of sublayers.
+    top : float
+        Thickness of the first sublayer over the plate radius.
     """
     from scipy.optimize import brentq  # the import takes a second
 
@@ -85,7 +96,9 @@ def sublayers(
 
 
 def _grounds(problem: PlateProblem, moduli: FloatArray, thickness: FloatArray) -> LayeredGrounds:
-    """Return one undamped ground of unit density for a unit radius, from its shear moduli."""
+    """Return an undamped ground of unit density for a plate of unit radius, from its shear
+    moduli.
+    """
     nu = problem.poisson_ratio
     modulus = 2.0 * (1.0 + nu) * moduli[None]
     ones = np.ones_like(modulus)
@@ -107,8 +120,10 @@ def stiffening(
 
     Parameters
     ----------
+    problem : PlateProblem
+    exponent : float, m
     growth : float, a/z0
-    count, top : as of :func:`sublayers`
+    count, top : as for :func:`sublayers`
     """
     centre_problem = replace(problem, offsets=(0.0,))
     thickness, moduli = sublayers(exponent, growth, count, top)
@@ -143,7 +158,8 @@ def growth_compliance(
 
 @dataclass(frozen=True, eq=False)
 class GrowthSurrogate:
-    """Compliance of the plate on ground whose modulus grows with depth.
+    """Compliance of the plate on ground whose modulus grows with depth, as sums of damped
+    resonances.
 
     Parameters
     ----------
@@ -163,7 +179,7 @@ class GrowthSurrogate:
     stiffening: FloatArray
 
     def surface_modulus(self, effective_modulus: float, growth: float) -> float:
-        """Return E0 of a ground from its effective modulus and a/z0."""
+        """Return the modulus at the surface, Pa, from the effective modulus, Pa, and a/z0."""
         share = self._shares(np.array([growth]))[0]
         return float(effective_modulus / np.exp(share @ np.log(self.stiffening)))
 
@@ -209,7 +225,7 @@ class GrowthSurrogate:
 
 
 def build_growth_surrogate(problem: PlateProblem, exponent: float) -> GrowthSurrogate:
-    """Fit the sums to values of the layered solver, which takes about ten seconds."""
+    """Fit a surrogate to values of the layered solver, which takes about ten seconds."""
     order = np.arange(_N_GROWTH_NODES)
     max_coordinate = MAX_GROWTH / (1.0 + MAX_GROWTH)
     coordinates = 0.5 * max_coordinate * (1.0 + np.cos(np.pi * (order + 0.5) / _N_GROWTH_NODES))

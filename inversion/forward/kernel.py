@@ -6,8 +6,8 @@ shear modulus ``G*``.  With the Laplace variable ``s``
 .. math:: z = \rho a^2 s^2 / G^*, \quad c = \frac{1 - 2\nu}{2 (1 - \nu)}, \quad
           \alpha^2 = \xi^2 + c z, \quad \beta^2 = \xi^2 + z
 
-``alpha`` belongs to P waves and ``beta`` to S waves.  Depth and vertical displacement are
-positive downward; a surface pressure pushes down, a surface shear pulls outward.
+``alpha`` is the vertical wavenumber of P waves, ``beta`` that of S waves.  Depth and vertical
+displacement are positive downward, a surface pressure downward, a surface shear outward.
 
 For unit pressure and unit shear in the Hankel domain (order 0 for vertical, order 1 for radial
 quantities) the surface moves by
@@ -24,7 +24,8 @@ import numpy as np
 
 from inversion.arrays import ComplexArray, FloatArray
 
-# Attenuation, in nepers on the way down, beyond which an echo is below double precision.
+# Attenuation on the way down, in nepers, beyond which an echo of the base is below double
+# precision.
 _NEGLIGIBLE_ECHO_NEPERS = 19.0
 
 
@@ -40,22 +41,24 @@ class Compliance(NamedTuple):
 
 
 def velocity_ratio_squared(poisson_ratio: float) -> float:
-    r"""Square of the S over the P wave velocity, :math:`c = (1 - 2\nu) / (2 (1 - \nu))`."""
+    r"""Return :math:`c = (1 - 2\nu) / (2 (1 - \nu))`, the square of the S over the P wave
+    velocity.
+    """
     return (1.0 - 2.0 * poisson_ratio) / (2.0 * (1.0 - poisson_ratio))
 
 
 def half_space_compliance(
     xi: FloatArray, z: ComplexArray, poisson_ratio: float, shear: bool = True
 ) -> Compliance:
-    r"""Surface compliances of the half-space.
+    r"""Return the surface compliances of the half-space.
 
     .. math:: F_{ww} = \alpha / R, \quad
               F_{wu} = \xi \left(\frac{2 (1 - c) \beta}{\alpha + \beta} - 1\right) / R, \quad
               F_{uu} = \beta / R, \quad
               R = z + 4 (1 - c) \xi^2 \beta / (\alpha + \beta)
 
-    The Rayleigh function divided by z and written without cancellation: valid at z = 0, where
-    :math:`F_{ww} = (1 - \nu)/\xi`.
+    R is the Rayleigh function divided by z, written without cancellation. It is valid at z = 0,
+    where :math:`F_{ww} = (1 - \nu)/\xi`.
 
     Parameters
     ----------
@@ -76,7 +79,7 @@ def half_space_compliance(
 def vertical_wavenumbers(
     xi: FloatArray, z: ComplexArray, poisson_ratio: float
 ) -> tuple[ComplexArray, ComplexArray, float]:
-    """Return alpha (P wave), beta (S wave) and the velocity ratio squared."""
+    """Return alpha (P wave), beta (S wave), each (k, n), and the velocity ratio squared."""
     c = velocity_ratio_squared(poisson_ratio)
     return np.sqrt(xi * xi + c * z), np.sqrt(xi * xi + z), c
 
@@ -104,20 +107,20 @@ def layer_compliance(
     depth: FloatArray,
     shear: bool = True,
 ) -> Compliance:
-    r"""Surface compliances of a layer on a rigid base (u = w = 0 at ``depth``).
+    r"""Return the surface compliances of a layer on a rigid base (u = w = 0 at ``depth``).
 
     Potentials :math:`\phi = A e^{-\alpha \zeta} + B e^{-\alpha (h - \zeta)}` and likewise
-    :math:`\psi` (C, D) keep every exponential at or below one, so no depth overflows.  The two
-    conditions at the base give B and D from A and C; the two at the surface give A and C.
-    Where **both** echoes of the base are below double precision the result is that of the
-    half-space. The criterion is the real parts of alpha h and beta h, not xi h, because waves
-    travel below :math:`\xi = \sqrt{|z|}`.
+    :math:`\psi` (C, D) keep every exponential at or below one, so that no depth overflows. The two
+    conditions at the base give B and D from A and C; the two at the surface give A and C. Where
+    **both** echoes of the base are below double precision the result is that of the half-space. The
+    criterion is the real parts of alpha h and beta h, not xi h, because waves travel below
+    :math:`\xi = \sqrt{|z|}`.
 
     Parameters
     ----------
     xi : (n,) ndarray of float, wavenumber times plate radius, > 0, ascending
-    z : (k,) ndarray of complex, off the negative real axis; digits cancel for small
-        abs(z) h^2, and about six remain at 1e-5
+    z : (k,) ndarray of complex, off the negative real axis; digits cancel for small abs(z) h^2, and
+    about six remain at 1e-5
     poisson_ratio : float, 0 <= value < 0.5
     depth : (k,) ndarray of float, bedrock depth over plate radius; inf is the half-space
     shear : bool, True: compute the compliances with a surface shear too

@@ -4,8 +4,9 @@ r"""Damped Fourier transforms between sampled histories and the Laplace domain.
           w(t) = \frac{e^{\sigma t}}{T} \Big[ \Re W(s_0) + 2 \sum_{k \ge 1} \Re
           \big( W(s_k) e^{2 \pi i k t / T} \big) \Big]
 
-which is Durbin's method (paper, Eq. 15) written as an inverse Fourier series: the value at t + T
-is aliased to t as :math:`e^{-\sigma T} w(t + T)`.
+This is Durbin's method (Eq. 15 of the published method, see :mod:`inversion.forward.published`),
+written as an inverse Fourier series: the value at t + T is aliased to t as
+:math:`e^{-\sigma T} w(t + T)`.
 
 Window, damping and band are linked: the period is 1.25 times the record, sigma T = 7 (aliasing
 below 1e-3 of a tail that itself has decayed), and the highest 40 % of the band are tapered. A sharp
@@ -35,11 +36,11 @@ SEARCH_BAND_HZ = 640.0
 
 @dataclass(frozen=True)
 class DampedTransform:
-    """Frequencies of a damped transform over a record of ``duration`` seconds.
+    """Frequencies of a damped Fourier transform of a record.
 
     Parameters
     ----------
-    duration : float, s, > 0, latest time
+    duration : float, s, > 0, latest time of the record
     band : float, Hz, highest frequency
     """
 
@@ -78,11 +79,11 @@ class DampedTransform:
         return result
 
     def of_samples(self, time: FloatArray, values: FloatArray) -> ComplexArray:
-        """Return the transform (n,) of straight lines through samples at uniform ``time`` (m,).
+        r"""Return the transform (n,) of straight lines through samples at uniform ``time`` (m,), s.
 
-        The hat function of one sample has the transform
-        :math:`\\Delta t (\\sinh(s \\Delta t/2) / (s \\Delta t/2))^2 e^{-s t_j}`; the
-        values before the first sample and after the last are zero.
+        The hat function of one sample has the transform :math:`\\Delta t (\\sinh(s \\Delta t/2) /
+        (s \\Delta t/2))^2 e^{-s t_j}`. Before the first sample and after the last the values are
+        zero.
         """
         damped = values * np.exp(-self.damping * time)
         result: ComplexArray = self._hat(time) * (self._turns(time) @ damped).conj()

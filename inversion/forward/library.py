@@ -1,4 +1,9 @@
-"""Library of surrogates: shipped tables, the cache on disk, or built on first use."""
+"""Library of surrogates: they are shipped as files, read from a cache on disk, or built when
+needed.
+
+A surrogate is a fast approximation of the plate's compliance, see
+:mod:`inversion.forward.surrogate`. Messages call it a response table.
+"""
 
 from __future__ import annotations
 
@@ -44,18 +49,19 @@ BuildProgress = Callable[[str, float], None]
 
 
 class SurrogateLibrary:
-    """Surrogates by plate, Poisson's ratio, offsets and depth.
+    """Surrogates by plate, Poisson's ratio, offsets and bedrock depth, kept in memory.
 
     Parameters
     ----------
     folder : Path, optional
-        Cache on disk; default: PFWD_CACHE, or the platform's folder for caches.  If the folder
-        cannot be read or written, the surrogate is built again and a warning is logged.
+        Cache on disk; default: the environment variable PFWD_CACHE, or the platform's folder for
+        caches. If the folder cannot be read or written, the surrogate is built again and a warning
+        is logged.
     progress : callable, optional
         Called while a surrogate is built.
     max_surrogates : int, optional
-        Surrogates in memory, those of growing ground not counted; with more, the one that was
-        loaded first is dropped.
+        Largest number of surrogates in memory; with more, the oldest is dropped. Those of ground
+        whose modulus grows with depth are not counted.
     """
 
     def __init__(
@@ -71,7 +77,14 @@ class SurrogateLibrary:
         self._growth_surrogates: dict[str, GrowthSurrogate] = {}
 
     def get(self, problem: PlateProblem, depth: float | None) -> Surrogate:
-        """Return the surrogate for ``depth`` in plate radii (inf: half-space) or for all (None)."""
+        """Return the surrogate for a bedrock depth, read or built if it is not in memory.
+
+        Parameters
+        ----------
+        problem : PlateProblem
+        depth : float, or None
+            In plate radii; inf: half-space; None: a surrogate for all depths.
+        """
         for candidate_depth in _candidates(problem, depth):
             key = surrogate_key(problem, candidate_depth)
             surrogate = self._surrogates.get(key) or self._read(
@@ -81,7 +94,7 @@ class SurrogateLibrary:
                 return self._remember(key, surrogate)
         distances = tuple(dict.fromkeys(problem.offsets))
         if len(distances) < len(problem.offsets):
-            # Sensors on both sides of the plate at one distance share one fit.
+            # Sensors on both sides of the plate at the same distance need one fit only.
             by_distance = self.get(replace(problem, offsets=distances), depth)
             return self._remember(surrogate_key(problem, depth), by_distance.at(problem.offsets))
         key = surrogate_key(problem, depth)
@@ -96,7 +109,7 @@ class SurrogateLibrary:
         return surrogate
 
     def growth(self, problem: PlateProblem, exponent: float) -> GrowthSurrogate:
-        """Return the surrogate of ground whose modulus grows with depth; see `GrowthSurrogate`."""
+        """Return the surrogate of ground whose modulus grows with depth, see `GrowthSurrogate`."""
         key = growth_key(problem, exponent)
         surrogate = self._growth_surrogates.get(key)
         if surrogate is None:
@@ -123,7 +136,9 @@ class SurrogateLibrary:
                 if path.is_file():
                     return load(path.read_bytes())
             except _DAMAGED_FILE_ERRORS as error:
-                _LOG.warning("surrogate cache %s cannot be read (%s); building again", path, error)
+                _LOG.warning(
+                    "response table %s cannot be read (%s); it is built again", path, error
+                )
         return None
 
     def _write(self, key: str, content: bytes) -> None:
@@ -140,7 +155,9 @@ class SurrogateLibrary:
                 Path(temporary).unlink(missing_ok=True)
                 raise
         except OSError as error:
-            _LOG.warning("surrogate cache %s cannot be written (%s)", path, error)
+            _LOG.warning(
+                "response table %s cannot be written (%s); it is built each time", path, error
+            )
 
 
 def default_cache_folder() -> Path:
@@ -150,7 +167,9 @@ def default_cache_folder() -> Path:
 
 
 def surrogate_key(problem: PlateProblem, depth: float | None) -> str:
-    """Return the file name (without ending) of a surrogate: readable, and unique to ten digits."""
+    """Return the file name of a surrogate without its suffix; inputs that differ in ten digits
+    differ.
+    """
     offsets = ",".join(f"{r:.10g}" for r in problem.offsets)
     where = "all" if depth is None else f"{depth:.10g}"
     text = f"{_FORMAT}|{problem.plate}|{problem.poisson_ratio:.10g}|{offsets}|{where}"
@@ -159,7 +178,9 @@ def surrogate_key(problem: PlateProblem, depth: float | None) -> str:
 
 
 def growth_key(problem: PlateProblem, exponent: float) -> str:
-    """Return the file name (without ending) of a surrogate of growing ground."""
+    """Return the file name, without its suffix, of a surrogate of ground whose modulus grows with
+    depth.
+    """
     return f"growth-{exponent:.10g}-{surrogate_key(problem, None)}"
 
 
@@ -183,7 +204,7 @@ def load_surrogate(content: bytes, problem: PlateProblem) -> Surrogate:
     Raises
     ------
     ValueError, KeyError, zipfile.BadZipFile
-        If the content is no surrogate.
+        If the bytes are no surrogate for this problem.
     """
     with np.load(io.BytesIO(content), allow_pickle=False) as data:
         parts = {name: data[name] for name in data.files}
@@ -193,7 +214,7 @@ def load_surrogate(content: bytes, problem: PlateProblem) -> Surrogate:
 
 
 def dump_growth(surrogate: GrowthSurrogate) -> bytes:
-    """Return a surrogate of growing ground as the bytes of an .npz file."""
+    """Return a surrogate of ground whose modulus grows with depth as the bytes of an .npz file."""
     buffer = io.BytesIO()
     np.savez_compressed(
         buffer,
@@ -206,7 +227,9 @@ def dump_growth(surrogate: GrowthSurrogate) -> bytes:
 
 
 def load_growth(content: bytes, problem: PlateProblem, exponent: float) -> GrowthSurrogate:
-    """Return the surrogate of growing ground in an .npz file; see :func:`load_surrogate`."""
+    """Return the surrogate of ground whose modulus grows with depth; errors as
+    :func:`load_surrogate`.
+    """
     with np.load(io.BytesIO(content), allow_pickle=False) as data:
         parts = {name: data[name] for name in data.files}
     if parts["coefficients"].shape[1] != len(problem.offsets):
@@ -215,7 +238,7 @@ def load_growth(content: bytes, problem: PlateProblem, exponent: float) -> Growt
 
 
 def _candidates(problem: PlateProblem, depth: float | None) -> list[float | None]:
-    """Return the depths under which a suitable surrogate may be stored, best first."""
+    """Return the depths for which a suitable surrogate may be stored, the most accurate first."""
     if depth is None:
         return [None]
     # For offset sensors a fit for the single depth is more accurate.

@@ -3,8 +3,9 @@ r"""Displacement histories of homogeneous grounds.
 .. math:: \frac{w_r}{F_{cell}} = \frac{\Phi_r / (G^* a)}{1 + m s^2 \, \Phi_0 / (G^* a)} \,
           R_{geophone}(s), \qquad \Phi = \Phi(p), \quad p = s a \sqrt{\rho / G^*}
 
-with the plate's mass m between load cell and ground (F_cell = F_contact + m a). The responses of
-the instrument are applied to the model; the data are not deconvolved.
+with the plate's mass m between load cell and ground (F_cell = F_contact + m times the plate's
+acceleration). The responses of the instrument are applied to the model; the data are not
+deconvolved.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ from inversion.forward.laplace import DampedTransform
 from inversion.forward.surrogate import PlateResponse
 
 MIN_RADIUS_M = 0.01
-"""Smallest accepted plate radius, m, far below that of any plate."""
+"""Smallest accepted plate radius, m, far below that of any real plate."""
 
 MAX_RADIUS_M = 10.0
-"""Largest accepted plate radius, m, above that of any plate and of the surrogates."""
+"""Largest accepted plate radius, m, far above that of any real plate."""
 
 REFERENCE_RAD_S = 2.0 * np.pi * 30.0
-r"""Angular frequency at which :math:`|E^*|` of constant-Q ground is its modulus, rad/s: about that
-of the pulses."""
+r"""Angular frequency, rad/s, at which the modulus of constant-Q ground is stated: about that of the
+load pulses."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +40,9 @@ class Instrument:
     ----------
     plate_radius : float, m, > 0
     plate_mass : float, kg, mass that moves between load cell and ground
-    geophone_natural_frequency, geophone_damping : float, Hz and -, or None: corrected data
-    load_filter : float, Hz, or None: corner of a second-order Butterworth low-pass whose effect
-        is in the load
+    geophone_natural_frequency, geophone_damping : float, Hz and -; None: the record is corrected
+    load_filter : float, Hz, corner of a second-order Butterworth low-pass in the load channel;
+    None: there is no filter
     load_delay : float, s, lag of the load channel
     """
 
@@ -68,7 +69,9 @@ class Instrument:
             raise ModelError(f"plate mass: expected a value >= 0 kg, got {self.plate_mass:g}")
 
     def response(self, s: ComplexArray) -> ComplexArray:
-        """Return the factor (n,) of the instrument on displacement over load at ``s`` (n,)."""
+        """Return the factor (n,) by which the instrument changes displacement over load, at ``s``
+        (n,).
+        """
         result: ComplexArray = np.exp(s * self.load_delay)
         if self.geophone_natural_frequency is not None and self.geophone_damping is not None:
             natural = 2.0 * np.pi * self.geophone_natural_frequency
@@ -93,13 +96,15 @@ class Grounds:
 
     .. math:: E^*(s) = E \, (s/\omega_0)^\alpha + \eta s
 
-    A dashpot (:math:`\alpha = 0`) is the Kelvin-Voigt solid, an exponent without a dashpot the
-    constant-Q solid of Kjartansson, whose loss per cycle does not depend on the frequency.  Each of
-    them is causal, and so is their sum.
+    With :math:`\alpha = 0` this is the Kelvin-Voigt solid; with :math:`\eta = 0` the constant-Q
+    solid of Kjartansson, whose loss per cycle does not depend on the frequency. Each of them is
+    causal, and so is their sum.
 
     Parameters
     ----------
-    modulus : E, Pa, viscosity : eta, Pa s, density : kg/m3
+    modulus : E, Pa
+    viscosity : eta, Pa s
+    density : kg/m3
     inverse_depth : 1/m, one over the bedrock depth, or over the depth z0 of growth; 0: half-space
     loss_exponent : alpha, 0 <= value < 1, or None: 0; see :func:`loss_exponent`
     """
@@ -112,18 +117,18 @@ class Grounds:
 
 
 class ForwardModel:
-    """Displacement histories of one drop for many grounds at once.
+    """Displacement histories of one drop for many homogeneous grounds at once.
 
     Parameters
     ----------
     surrogate : PlateResponse
-        Built for the offsets, the first of which is the plate (0).
+        Fast approximation of the compliance, for the offsets of the sensors; the first one is 0.
     instrument : Instrument
     time : (n,) ndarray of float, s, uniform samples of the load
     load : (n,) ndarray of float, N, without its offset
     times : (m,) ndarray of float, s, times of the displacement, >= 0
-    band : float, Hz
-    single : bool, single precision inside the surrogate
+    band : float, Hz, highest frequency
+    single : bool, True: single precision within the surrogate
     """
 
     def __init__(
@@ -140,7 +145,7 @@ class ForwardModel:
         self.instrument = instrument
         self.single = single
         if instrument.load_filter is not None:
-            # Beyond twice its corner a low-pass leaves too little to compare with a model.
+            # Above twice its corner frequency the filter leaves too little signal for a comparison.
             band = min(band, 2.0 * instrument.load_filter)
         transform = DampedTransform(float(times[-1]), min(band, 0.5 / (time[1] - time[0])))
         self.s = transform.s
@@ -150,21 +155,22 @@ class ForwardModel:
         self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
 
     def transfer(self, grounds: Grounds) -> ComplexArray:
-        """Displacement over load at every sensor, (m, n_sensors, n_frequencies), m/N."""
+        """Return displacement over load at every sensor, (m, n_sensors, n_frequencies), m/N."""
         return transfer_function(self.surrogate, self.instrument, self.s, grounds, self.single)
 
     def displacement(self, grounds: Grounds) -> FloatArray:
-        """Displacement at the times, (m, n_sensors, n_times), m."""
+        """Return the displacement at ``times``, (m, n_sensors, n_times), m."""
         return self._in_time(self.transfer(grounds))
 
     def displacement_slopes(
         self, grounds: Grounds, fields: Sequence[str]
     ) -> tuple[FloatArray, FloatArray]:
-        """Return :meth:`displacement` and its derivatives by fields of the grounds.
+        """Return :meth:`displacement` and its derivatives with respect to fields of the grounds.
 
         Returns
         -------
-        (m, n_sensors, n_times) and (m, len(fields), n_sensors, n_times), m and m over the unit
+        (m, n_sensors, n_times) and (m, len(fields), n_sensors, n_times), m and m over the unit of
+        the field
         """
         transfer, slopes = transfer_slopes(self.surrogate, self.instrument, self.s, grounds, fields)
         both = np.concatenate([transfer[:, None], slopes], axis=1)
@@ -185,12 +191,15 @@ def transfer_function(
     grounds: Grounds,
     single: bool = False,
 ) -> ComplexArray:
-    """Displacement at each sensor over the load above the plate, m/N.
+    """Return displacement at each sensor over the load above the plate, m/N.
 
     Parameters
     ----------
+    surrogate : PlateResponse
+    instrument : Instrument
     s : (n,) ndarray of complex, Laplace variables, Re s > 0, 1/s
     grounds : Grounds of m grounds
+    single : bool, True: single precision within the surrogate
 
     Returns
     -------
@@ -213,9 +222,9 @@ def transfer_slopes(
     grounds: Grounds,
     fields: Sequence[str],
 ) -> tuple[ComplexArray, ComplexArray]:
-    r"""Return the transfer function and its derivatives by fields of the grounds.
+    r"""Return the transfer function and its derivatives with respect to fields of the grounds.
 
-    With :math:`C = \Phi/(G^* a)` and p as above
+    With :math:`C = \Phi/(G^* a)` and :math:`p = s a \sqrt{\rho / G^*}`
 
     .. math:: \frac{\partial C}{\partial G^*} = -\frac{C + p \, \partial_p C / 2}{G^*}, \quad
               \frac{\partial E^*}{\partial \alpha} = E (s/\omega_0)^\alpha \ln(s/\omega_0), \quad
@@ -224,8 +233,8 @@ def transfer_slopes(
 
     Parameters
     ----------
-    s, grounds : as for :func:`transfer_function`
-    fields : sequence of str, fields of `Grounds`
+    surrogate, instrument, s, grounds : as for :func:`transfer_function`
+    fields : sequence of str, names of fields of `Grounds`
 
     Returns
     -------
@@ -268,7 +277,7 @@ def transfer_slopes(
 def _shear_and_frequency(
     surrogate: PlateResponse, instrument: Instrument, s: ComplexArray, grounds: Grounds
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Complex shear modulus, Pa, and p, each (m, n)."""
+    """Return the complex shear modulus, Pa, and the dimensionless p, each (m, n)."""
     complex_modulus = grounds.modulus[:, None] * _power(grounds, s)
     complex_modulus = complex_modulus + grounds.viscosity[:, None] * s
     shear = complex_modulus * (0.5 / (1.0 + surrogate.problem.poisson_ratio))

@@ -8,7 +8,7 @@ For loading :math:`R = K w_r P(w / w_r; 1/(1-n), x_0)`, which follows from a mod
 \sigma^n` for the secant stiffness. The reference :math:`w_r` is the static displacement under the
 largest load of the point, to which the modulus refers.  The ground is under stress before the drop,
 by its weight, that of the instrument and its suction. With :math:`x_0` the ratio of that stress to
-that of the reference, both on linear ground,
+that under the largest load, both on linear ground,
 
 .. math:: P(x; p, x_0) = \frac{(x + x_0)^p - x_0^p}{(1 + x_0)^p - x_0^p}
 
@@ -43,14 +43,14 @@ _TOLERANCE_OVER_PEAK = 1e-6
 # After a full step below this limit the next step, about its square, would be below the tolerance,
 # unless a power below 1 is infinitely steep at rest.
 _QUADRATIC_TOLERANCE_OVER_PEAK = 1e-4
-# Largest step to a nearby ground over the largest displacement.
+# Largest Newton step from one ground to a similar one, over the largest displacement.
 _MAX_NEARBY_STEP_OVER_PEAK = 0.5
 # The turning point is the largest displacement while the load is above this fraction of its peak.
 _LOADED_FRACTION = 0.2
-# Fraction of the stress at rest below which the power continues along its tangent. Of values from
+# Below this fraction of the stress at rest the power is continued along its tangent. Of values from
 # 0.45 to 1, those from 0.5 to 0.75 predict held-out drops of measured points best.
 _TANGENT_BELOW = 0.75
-# Ratio below which a power is a straight line, so that its slope at rest stays finite.
+# Below this ratio a power is replaced by a straight line, so that its slope at 0 stays finite.
 _LINEAR_BELOW = 1e-6
 # Largest ratio of stress at rest to that of the peak: unloading is then linear to a thousandth.
 _MAX_REST = 1e3
@@ -58,13 +58,13 @@ _MAX_REST = 1e3
 
 @dataclass(frozen=True)
 class NonlinearStiffness:
-    """Nonlinearity of the static resistance.
+    """Law of the ground's static resistance.
 
     Parameters
     ----------
     stress_exponent : float, n in E ~ stress^n
     unloading_exponent : float, q; 1: as in loading
-    unrecovered : float, u; 0: full recovery
+    unrecovered : float, u, fraction of the peak displacement; 0: full recovery
     tension_share : float, t; 1: the same resistance in tension as in compression
     rest : float, x_0: displacement of the linear ground by the stress at rest, over the reference
     """
@@ -89,12 +89,13 @@ class NonlinearStiffness:
 
 
 def secant(law: NonlinearStiffness, force: float) -> float:
-    """Return the static secant stiffness in loading over that at the reference force.
+    """Return the static secant stiffness in loading, over that at the reference force.
 
     Parameters
     ----------
     law : NonlinearStiffness
-    force : float, over the reference force, > 0
+    force : float, > 0
+        Force over the reference force, the largest of the point.
     """
     power = 1.0 / (1.0 - law.stress_exponent)
     below, above = law.rest**power, (1.0 + law.rest) ** power
@@ -103,14 +104,15 @@ def secant(law: NonlinearStiffness, force: float) -> float:
 
 
 def hat_response(ramp_response: FloatArray, step: float) -> FloatArray:
-    """Return the displacement (k, n) after a force that is a hat function of one sample, m/N.
+    """Return the displacement (k, n) under a force that is a hat function of one sample, m/N.
 
     Parameters
     ----------
-    ramp_response : (k, n) ndarray
+    ramp_response : (k, n) ndarray of float
         Displacement under a force that grows by 1 N/s from time 0, the inverse transform of
         compliance(s) / s^2.
     step : float, s
+        Sampling interval.
     """
     ramp = (ramp_response - ramp_response[:, :1]) / step
     result = np.empty_like(ramp)
@@ -128,16 +130,20 @@ def effective_force(
     reference: float,
     start: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the force on linear ground equivalent to the load on nonlinear ground, (n,), N.
+    """Return the force on linear ground that has the same effect as the load on nonlinear ground.
 
     Parameters
     ----------
-    plate : (n,) ndarray, hat response of the plate, m/N
-    load : (n,) ndarray, N
+    plate : (n,) ndarray of float, m/N
+        Response of the plate to a hat function, see `hat_response`.
+    load : (n,) ndarray of float, N
     law : NonlinearStiffness
-    stiffness : float, N/m, static, of the linear ground
+    stiffness : float, N/m
+        Static stiffness of the linear ground.
     reference : float, m
-    start : (n,) ndarray, m, displacement of similar ground; None: that of the linear ground
+        Static displacement of the linear ground under the largest load of the point.
+    start : (n,) ndarray of float, m, optional
+        Displacement of similar ground, the starting point; None: that of the linear ground.
 
     Returns
     -------
@@ -161,15 +167,19 @@ def forces_nearby(
     displacement: FloatArray,
     nearby: Sequence[tuple[FloatArray, NonlinearStiffness, float, float]],
 ) -> FloatArray:
-    """Return `effective_force` of nearby grounds, (m, n), N, by one Newton step for all.
+    """Return `effective_force` of grounds similar to a solved one, (m, n), N, by one Newton step.
 
     Parameters
     ----------
-    plate : (n,) ndarray, hat response of the plate, m/N
-    load : (n,) ndarray, N
-    solved : law, static stiffness (N/m) and reference (m) of the solved ground
-    displacement : (n,) ndarray, m, its solution
-    nearby : hat response, law, stiffness and reference of each of the m grounds
+    plate : (n,) ndarray of float, m/N
+        Response of the plate to a hat function, see `hat_response`.
+    load : (n,) ndarray of float, N
+    solved : tuple
+        Law, static stiffness (N/m) and reference (m) of the solved ground.
+    displacement : (n,) ndarray of float, m
+        Solution for that ground.
+    nearby : sequence
+        Hat response, law, static stiffness and reference of each of the m grounds.
     """
     w, turn = displacement, _turning_point(displacement, _loaded(load))
 
@@ -187,11 +197,11 @@ def forces_nearby(
     )
     hats = np.stack([plate, *(hat for hat, *_ in nearby)])
     residuals = residual(hats, nonlinear_forces)
-    # The residual of the solution itself is subtracted, as it is no step.
+    # The residual of the solved ground, which is not exactly zero, is subtracted from the others.
     changes = residuals[1:] - residuals[0]
     steps = _newton_step(toeplitz, slope - solved[1], turn, in_peak, changes.T).T
-    # On nearly unstable ground a small change has no small effect. The step is limited, so that the
-    # powers below stay defined.
+    # On nearly unstable ground a small change may have a large effect. The step is limited, so that
+    # the powers below stay defined.
     max_step = _MAX_NEARBY_STEP_OVER_PEAK * float(np.abs(w).max())
     steps = np.minimum(np.maximum(np.nan_to_num(steps), -max_step), max_step)
     displacements = w - steps
@@ -200,7 +210,9 @@ def forces_nearby(
 
 
 def convolve_rows(kernels: FloatArray, rows: FloatArray) -> FloatArray:
-    """Return the causal convolution of rows (..., n) with kernels (..., n), row by row."""
+    """Return the causal convolution of rows (..., n) with kernels (..., n), row by row, (...,
+    n).
+    """
     n = rows.shape[-1]
     if rows.size == kernels.size == n:
         single: FloatArray = np.convolve(kernels.ravel(), rows.ravel())[:n]
@@ -220,7 +232,7 @@ def _solve(
     stiffness: float,
     reference: float,
 ) -> tuple[FloatArray, bool]:
-    """Return the displacement of the plate, (n,), m, and whether Newton's method converged."""
+    """Return the displacement of the plate, (n,), m, and True if Newton's method converged."""
     scale = float(np.abs(linear).max())
     w, loaded = guess.copy(), _loaded(load)
     power = 1.0 / (1.0 - law.stress_exponent)
@@ -270,8 +282,8 @@ def _march(
 ) -> FloatArray:
     """Return the displacement of the plate, (n,), m, solved sample by sample.
 
-    Each sample is the only root of a rising function. This is slower than Newton's method on all
-    samples, but it always terminates.
+    Each sample is the only root of an increasing function. This is slower than Newton's method on
+    all samples, but it always terminates.
     """
     power = 1.0 / (1.0 - law.stress_exponent)
     back = power * law.unloading_exponent
@@ -325,7 +337,7 @@ def _march(
 
 
 def _power_of(ratio: float, exponent: float, rest: float) -> tuple[float, float]:
-    """Return `_power` and its slope for one number."""
+    """Return the value and the slope of `_power` for one number."""
     tangent_start, total = _TANGENT_BELOW * rest, ratio + rest
     relieved = rest > 0.0 and total < tangent_start
     value, slope = _odd_power_of(tangent_start if relieved else total, exponent)

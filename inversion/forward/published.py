@@ -1,4 +1,4 @@
-r"""The published method, equation by equation: a reference, and the benchmark's baseline.
+r"""The published method, equation by equation, as a reference for comparison.
 
 Subgrade of one Kelvin-Voigt layer over a rigid base, or of infinite depth, under the half-sine
 pressure of a static rigid plate; double transform (Hankel, Laplace), 20-node Gauss segments,
@@ -17,10 +17,10 @@ Four things differ from the printed page in form, none in value:
 - The paper gives no layerless form; :func:`surface_compliance` without a depth is Eq. 10 and 12
   with the decaying terms alone.
 
-What the paper leaves open (upper limit of Eq. 14, number of segments and of frequencies) is a
-parameter here, its default chosen by measurement: the centre's trace stays within 0.2 % of its
-peak from the same equations refined, for bedrock deeper than two plate radii, damped or not. The
-rest is the method's own: the integrand's slow tail is cut off, and the equations cancel for very
+What the paper does not state (upper limit of Eq. 14, number of segments and of frequencies) is a
+parameter here. With the defaults the trace of the centre differs from that of much finer sums by
+less than 0.2 % of its peak, for bedrock deeper than two plate radii, damped or not. Two errors are
+part of the method: the slow tail of the integrand is cut off, and the equations cancel for very
 slow loads (relative rounding about :math:`10^{-16} \xi^2 |G / (\rho s^2)|`).
 """
 
@@ -51,16 +51,16 @@ DEFAULT_FREQUENCIES = 128
 DEFAULT_TOTAL_TIME = 0.08  # s; twice the usual record, whose second half is not used
 DEFAULT_A_T = 6.0  # a T, the paper's range is 5 to 10
 
-# x_s a = 9.5 pi. The paper gives no x_s. At the centre the part cut off, that of sin(x)/x, is
-# smallest at odd multiples of pi/2 (1/x^2 instead of 1/x: 7e-4 of the static deflection), and up to
-# here 800 nodes stand close enough together for the resonances of undamped soil too.
+# x_s a = 9.5 pi. The paper gives no x_s. At the centre the tail that is cut off, that of sin(x)/x,
+# is smallest at odd multiples of pi/2 (1/x^2 instead of 1/x: 7e-4 of the static deflection). Up to
+# this limit 800 nodes are dense enough for the resonances of undamped soil too.
 DEFAULT_UPPER_LIMIT = 9.5 * math.pi
 
 
 def lame_parameters(
     modulus: ComplexArray, poisson_ratio: float
 ) -> tuple[ComplexArray, ComplexArray]:
-    r"""Lame's parameters of a solid of complex modulus and real, constant Poisson's ratio.
+    r"""Return Lame's parameters of a solid of complex modulus and real, constant Poisson's ratio.
 
     .. math:: \lambda = \frac{\nu E(s)}{(1+\nu)(1-2\nu)}, \qquad G = \frac{E(s)}{2(1+\nu)}
 
@@ -85,7 +85,7 @@ def lame_parameters(
 def half_sine_transform(
     s: ComplexArray, peak_pressure: float, pulse_duration: float
 ) -> ComplexArray:
-    r"""Laplace transform of the half-sine pulse, first factor of Eq. 3.
+    r"""Return the Laplace transform of the half-sine pulse, first factor of Eq. 3.
 
     .. math:: \bar p(s) = p_{max} \frac{\pi T_0 (1 + e^{-s T_0})}{s^2 T_0^2 + \pi^2}
 
@@ -108,10 +108,10 @@ def half_sine_transform(
 
 
 def plate_transform(xi: FloatArray, plate_radius: float) -> FloatArray:
-    r"""Hankel transform of the static rigid plate's pressure, second factor of Eq. 3.
+    r"""Return the Hankel transform of the static rigid plate's pressure, second factor of Eq. 3.
 
     .. math:: \int_0^a \frac{r J_0(\xi r) \, dr}{2 \sqrt{1 - r^2/a^2}}
-        = \frac{a \sin(\xi a)}{2 \xi}
+         = \frac{a \sin(\xi a)}{2 \xi}
 
     Eq. 2 with m = 1/2 and unit mean pressure: half the mean at the centre, infinite at the edge.
 
@@ -268,7 +268,9 @@ def invert_laplace(transform: ComplexArray, total_time: float, a_t: float) -> Fl
 
 
 def _bessel_j0(x: FloatArray) -> FloatArray:
-    """Bessel's J0 by the midpoint rule in his integral, exact to rounding; NumPy has none."""
+    """Return Bessel's J0 by the midpoint rule in his integral, exact to rounding; numpy has no
+    J0.
+    """
     points = 16 + math.ceil(float(np.max(x)) / 2)  # the rule's error is 2 J_(4 points)(x)
     angle = (np.arange(points) + 0.5) * (math.pi / (2 * points))
     values: FloatArray = np.cos(x[..., None] * np.sin(angle)).mean(axis=-1)
@@ -301,7 +303,7 @@ def published_transfer(
     modulus : float, Pa
         E, the static Young's modulus.
     viscosity : float, Pa s
-        Of Young's modulus: E(s) = E + eta s, Eq. 1.
+        eta, of Young's modulus: E(s) = E + eta s, Eq. 1.
     density : float, kg/m3
         rho.
     poisson_ratio : float, 0 <= value < 0.5
@@ -311,8 +313,8 @@ def published_transfer(
     bedrock_depth : float, m, or None
         None is the half-space.
     offset : float, m
-        r, from the plate's centre. The tail cut off falls slowest at the plate's edge (5 % of the
-        deflection there, up to 1 % at 2 to 6 radii).
+        r, from the plate's centre. The error due to the upper limit is largest at the plate's edge
+        (5 % of the deflection; up to 1 % at 2 to 6 radii).
     segments : int
         Of 20 nodes each.
     upper_limit : float, 1/m, or None

@@ -1,9 +1,9 @@
-r"""Sums of damped resonances, the form of the surrogate.
+r"""Sums of damped resonances, the form in which a surrogate approximates the plate's compliance.
 
 .. math:: f(y) = \sum_k \frac{|q_k|^2 (a_k + b_k y / |q_k|)}{y^2 - 2 \Re(q_k) y + |q_k|^2}
 
-with the poles :math:`q_k` (and their conjugates) in the left half plane.  ``y`` is proportional
-to :math:`s \sqrt{\rho / G^*(s)}`; for a Kelvin-Voigt solid Re s > 0 implies Re y > 0, so such a
+with the poles :math:`q_k` (and their conjugates) in the left half plane. ``y`` is proportional to
+:math:`s \sqrt{\rho / G^*(s)}`. For a Kelvin-Voigt solid Re s > 0 implies Re y > 0, so that such a
 sum is the transform of a real, causal and stable response for any coefficients.
 """
 
@@ -22,7 +22,9 @@ _CHUNK_ELEMENTS = 32_000
 
 
 def basis(y: ComplexArray, poles: ComplexArray) -> ComplexArray:
-    """Return basis functions at ``y`` (n,) for ``poles`` (k,): (n, 2k), of a_k, then of b_k."""
+    """Return the basis functions at ``y`` (n,) for ``poles`` (k,), (n, 2k): those of a_k, then of
+    b_k.
+    """
     size = np.abs(poles)
     resonance = size**2 / (y[:, None] ** 2 - 2.0 * poles.real * y[:, None] + size**2)
     return np.hstack([resonance, resonance * (y[:, None] / size)])
@@ -105,7 +107,8 @@ def evaluate_with_slope(
     weights: FloatArray,
     extra_weights: FloatArray | None = None,
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray | None]:
-    r"""Return the values of the sums, their derivatives by y, and values for more numerators.
+    r"""Return the values of the sums, their derivatives with respect to y, and values for more
+    numerators.
 
     With the resonances :math:`r_k = 1/(y^2 + d_k y + s_k)` and the numerators A + B y
 
@@ -119,7 +122,7 @@ def evaluate_with_slope(
     Returns
     -------
     values, slopes : (m, channels, n) ndarray of complex
-    other_values : the same, or None without `extra_weights`
+    extra_values : the same, or None without `extra_weights`
     """
     squared = np.concatenate([weights, (-2.0 * poles.real)[:, None] * weights], axis=-1)
     first = weights if extra_weights is None else np.concatenate([weights, extra_weights], axis=-1)

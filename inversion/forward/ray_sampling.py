@@ -1,9 +1,10 @@
 r"""Converged compliances of one plate along rays in the complex plane, for many depths at once.
 
-A surrogate is fitted to some thousand values of :math:`\Phi(p; h_0/a)`.  Two properties make them
-cheap.  On a ray of constant :math:`|p| / \Re p` the singularities have a known distance from the
-wavenumbers' axis, which sets the width of the panels.  Only the difference between the layer and
-the half-space depends on the depth, and it vanishes at wavenumbers without an echo.
+A surrogate is fitted to some thousand values of :math:`\Phi(p; h_0/a)`. Two properties reduce their
+cost. On a ray of constant :math:`|p| / \Re p` the distance of the singularities from the axis of
+the wavenumbers is known, and determines the width of the panels. Only the difference between the
+layer and the half-space, the echo of the base, depends on the depth, and it vanishes at large
+wavenumbers.
 
 :func:`inversion.forward.contact.plate_compliance` is the reference of the tests.
 """

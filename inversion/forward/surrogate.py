@@ -1,18 +1,18 @@
-r"""Fast approximation of the plate's compliance, for one bedrock depth or for all of them.
+r"""Surrogate: a fast approximation of the plate's compliance, for one or for all bedrock depths.
 
 With :math:`p = s a \sqrt{\rho / G^*}` (so z = p^2) and :math:`y = p h_0 / a`
 
 .. math:: \Phi = \Phi_\infty(p) + \frac{a}{h_0} \, e(y; a / h_0)
 
-The half-space :math:`\Phi_\infty` is one sum of damped resonances in p.  The echo of the base ``e``
-is singular only at the resonances of the layer, which have fixed values of y. Therefore one set of
-poles in y fits every depth, and the coefficients are polynomials in a/h0 (Chebyshev nodes, from
-infinite depth up).  All poles lie in the left half plane, hence each response is causal and stable
-by construction (see :mod:`inversion.forward.rational`).
+The half-space :math:`\Phi_\infty` is one sum of damped resonances in p. The echo ``e`` of the rigid
+base is singular only at the resonances of the layer, which have fixed values of y. Therefore one
+set of poles in y fits every depth, and the coefficients are polynomials in a/h0 (Chebyshev nodes,
+from infinite depth up). All poles are in the left half plane, hence each response is causal and
+stable by construction (see :mod:`inversion.forward.rational`).
 
-Poles on the negative axis of z alone (a Stieltjes sum) would be passive by construction as well,
-but undamped oscillators must then be as dense as the record is long: 600 and more, where about
-200 damped ones do.
+Poles on the negative axis of z alone (a Stieltjes sum) would be passive by construction as well.
+But undamped oscillators must then be as dense as the record is long: 600 and more of them are
+needed, in place of about 200 damped ones.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ _RELATIVE_DEPTH_STEP = 1e-5
 
 
 class PlateResponse(Protocol):
-    """Compliance of a plate on a family of grounds with one free number.
+    """Protocol of the compliance of a plate on a family of grounds with one free number.
 
-    The number is one over the depth of rock (`Surrogate`) or one over the depth in which the
+    The number is one over the bedrock depth (`Surrogate`), or one over the depth z0 in which the
     modulus grows (:class:`inversion.forward.growth.GrowthSurrogate`).
     """
 
@@ -49,17 +49,17 @@ class PlateResponse(Protocol):
     def compliance(
         self, p: ComplexArray, inverse_depth: FloatArray | None, single: bool = False
     ) -> ComplexArray:
-        """See :meth:`Surrogate.compliance`."""
+        """Return the dimensionless compliance, see :meth:`Surrogate.compliance`."""
 
     def compliance_slopes(
         self, p: ComplexArray, inverse_depth: FloatArray, by_depth: bool
     ) -> tuple[ComplexArray, ComplexArray, ComplexArray | None]:
-        """See :meth:`Surrogate.compliance_slopes`."""
+        """Return the compliance and its derivatives, see :meth:`Surrogate.compliance_slopes`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Surrogate:
-    """Coefficients of the half-space and of the echo.
+    """Fast approximation of the plate's compliance: poles and coefficients of half-space and echo.
 
     Parameters
     ----------
@@ -165,7 +165,8 @@ class Surrogate:
     def compliance_slopes(
         self, p: ComplexArray, inverse_depth: FloatArray, by_depth: bool
     ) -> tuple[ComplexArray, ComplexArray, ComplexArray | None]:
-        r"""Return the dimensionless compliance and its derivatives by p and, by request, a/h0.
+        r"""Return the dimensionless compliance, its derivative with respect to p and, by request,
+        to a/h0.
 
         With :math:`\kappa = a/h_0`, y = p / kappa and the echo :math:`\kappa e(y; \kappa)`
 
@@ -175,7 +176,7 @@ class Surrogate:
         ----------
         p : (m, n) ndarray of complex, s a sqrt(rho / G*), Re p > 0
         inverse_depth : (m,) ndarray of float, a/h0; zero: the half-space
-        by_depth : bool, True: differentiate by a/h0 too
+        by_depth : bool, True: differentiate with respect to a/h0 too
 
         Returns
         -------

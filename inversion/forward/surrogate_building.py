@@ -1,4 +1,7 @@
-"""Building of surrogates: poles are chosen and coefficients fitted to converged compliances."""
+"""Building of surrogates: poles are chosen, and coefficients fitted to converged compliances.
+
+See :mod:`inversion.forward.surrogate` for the form of a surrogate.
+"""
 
 from __future__ import annotations
 
@@ -23,15 +26,16 @@ Progress = Callable[[float], None]
 def build_surrogate(
     problem: PlateProblem, depth: float | None = None, progress: Progress | None = None
 ) -> Surrogate:
-    """Fit the sums to converged values of the compliance.
+    """Fit a surrogate to converged values of the compliance.
 
     Parameters
     ----------
     problem : PlateProblem
     depth : float, optional
-        Bedrock depth over plate radius, inf: half-space; None: all depths from SHALLOWEST on.
+        Bedrock depth over plate radius, inf: half-space; None: all depths from `MIN_DEPTH_RADII`
+        on.
     progress : callable, optional
-        Called with the fraction done.
+        Called with the fraction done, 0 to 1.
     """
     progress = progress or (lambda fraction: None)
     with single_threaded_blas():
@@ -59,11 +63,11 @@ _CHECK_BAND_HZ = 800.0
 
 
 def check_surrogate(surrogate: Surrogate) -> float:
-    """Return the largest error of displacement histories over their peak.
+    """Return the largest error of a surrogate's displacement histories, over their peak.
 
-    The reference is the converged rule. The peak of a distant sensor counts as at least a tenth of
-    the plate's.  The loads are half-sines of 8 ms on stiff and soft, damped and undamped ground;
-    the histories last 100 ms, and the depths lie between the nodes.
+    The reference is the converged computation. The peak of a distant sensor counts as at least a
+    tenth of the plate's. The loads are half-sines of 8 ms on stiff and soft, damped and undamped
+    ground; the histories last 100 ms, and the depths are between the nodes.
     """
     problem = surrogate.problem
     transform = DampedTransform(_CHECK_DURATION_S, _CHECK_BAND_HZ)
@@ -93,9 +97,10 @@ def check_surrogate(surrogate: Surrogate) -> float:
 
 @dataclass(frozen=True)
 class _Ray:
-    """Samples of constant kappa = abs(y)/Re y, which is omega/sigma of a damped transform.
+    """Samples with constant kappa = abs(y)/Re y, which is omega/sigma of a damped transform.
 
-    ``weight`` is about the spectrum of a pulse of 8 ms there, for a record of 100 ms.
+    ``weight`` is about the amplitude of the spectrum of an 8 ms pulse there, for a record of 100
+    ms.
     """
 
     kappa: float
@@ -131,7 +136,8 @@ def _rays(poisson_ratio: float, depths: int) -> tuple[_Ray, ...]:
 
 # Range of abs(p) of the fit of the half-space.
 _MIN_P, _MAX_P = 0.003, 40.0
-# tau sigma of 5 MPa under a plate of 0.15 m (tau = 6 ms) and a damping of 50 1/s.
+# Largest abs(p)/kappa of a drop: ground of 5 MPa under a plate of 0.15 m (a sqrt(rho/G) = 6 ms),
+# at a damping of 50 1/s.
 _MAX_P_OVER_KAPPA = 0.3
 
 HalfSpace = tuple[ComplexArray, FloatArray]
@@ -161,7 +167,7 @@ class _Values:
 
 
 def _sample(problem: PlateProblem, inverse_depths: FloatArray, progress: Progress) -> _Values:
-    """Return values on all rays, with an echo and of the half-space only."""
+    """Return the converged compliances on all rays, for the half-space and for layers."""
     depths = 1.0 / inverse_depths[inverse_depths > 0.0]
     rays = _rays(problem.poisson_ratio, depths.size)
     parts = []
@@ -232,9 +238,9 @@ _NODE_FRACTION = 0.15
 
 
 class _Echo:
-    """Fits of the echo e = (Phi - Phi of the fitted half-space) h0/a at each depth.
+    """Fits of the echo e = (Phi - Phi of the fitted half-space) h0/a, for each depth.
 
-    The *fitted* half-space is subtracted, so that the echo includes the error of that fit.
+    The *fitted* half-space is subtracted, so that the echo compensates the error of that fit.
     """
 
     def __init__(

@@ -1,1 +1,1 @@
-"""Quantities of a recorded drop that need no model of the ground."""
+"""Evaluation of a recorded drop without a model of the ground: preparation, faults, peaks."""

@@ -30,31 +30,33 @@ from inversion.measured.record import PreparedDrop, Quantity, Record, prepare
 Fault = Literal["drift", "against the others", "no contact"]
 
 CENTRE_RADIUS_M = 1e-3
-"""Sensors nearer to the plate's centre than this are the centre sensor."""
+"""Distance from the plate centre, m, below which a sensor is the centre sensor."""
 
 END_SHARE = 0.05
-"""Part of the record, at its end, over which the remaining displacement is averaged."""
+"""Fraction of the record, at its end, over which the remaining displacement is averaged."""
 
 MAX_END_OVER_PLATE_PEAK = 0.6
-"""End of a sensor over the plate's peak. Loose geophones of a trailer ended at 0.7 to 16, sound
-ones at up to 0.14; on soft ground that did come back the worst ended at 0.5."""
+"""Largest remaining displacement of a sensor over the plate's peak. Loose geophones of a trailer
+had 0.7 to 16, sound ones at most 0.14; on soft ground that did recover the largest was 0.5."""
 
 MAX_MEDIAN_END_OVER_PEAK = 0.2
-"""Median of the sensors' ends over their own peaks: up to here the sensors return together. Sound
-trailers leave 0.11, with four of nine sensors loose as well; a plate that is pushed into soft
-ground, or integrated velocities that drift together, leave 0.3 to 0.6."""
+"""Largest median, over the sensors, of remaining displacement over peak, up to which the sensors
+return together. Sound trailers have 0.11, also with four of nine sensors loose. A plate that is
+pushed into soft ground, or integrated velocities that drift together, give 0.3 to 0.6."""
 
 MAX_OVER_INNER_SENSORS = 1.25
 """Largest motion over that of all sensors nearer to the plate. Beside a plate that punches into
-soft ground the surface moved 1.11 times as much as it, loose geophones 1.4 to 17 times."""
+soft ground the surface moved 1.11 times as much as the plate, loose geophones 1.4 to 17 times."""
 
 MIN_OVER_NEIGHBOURS = 0.1
-"""Largest motion over that of either neighbour; of sound sensors above 0.18 of one of them."""
+"""Smallest motion over that of either neighbour; sound sensors have more than 0.18 of one of
+them."""
 
 MIN_MOTION_STEP_DEVIATIONS, MIN_LOAD_STEP_DEVIATIONS = 8.0, 25.0
-"""Height of a step in standard deviations. Real sensors show 6 at most; loads, where a buffer meets
-the plate, 15, and 44 where a tenth of them is added within a sample."""
-# Samples on either side of a step, and the cubic with a step that is fitted to them.
+"""Smallest height of a step, in standard deviations, in a motion and in a load. Sound sensors show
+at most 6. Loads show 15 where a buffer meets the plate, and 44 where a tenth of the load is added
+within a sample."""
+# Samples on either side of a step, and the matrices of the fit of a cubic with a step to them.
 _N_SIDE_SAMPLES = 7
 _SIDE_TIMES = (np.arange(2 * _N_SIDE_SAMPLES) - _N_SIDE_SAMPLES + 0.5) / _N_SIDE_SAMPLES
 _SHAPES = np.column_stack(
@@ -82,7 +84,7 @@ class BadSensor:
 
 
 def bad_sensors(record: Record) -> tuple[BadSensor, ...]:
-    """Return the sensors of a drop with a fault, from the plate outward.
+    """Return the faulty sensors of a drop, from the plate outward.
 
     Raises
     ------
@@ -93,7 +95,7 @@ def bad_sensors(record: Record) -> tuple[BadSensor, ...]:
     drop = prepare(ordered)
     outer = [i for i, offset in enumerate(drop.offsets) if offset >= CENTRE_RADIUS_M]
     if len(outer) == drop.offsets.size:
-        return ()  # nothing is known of the plate
+        return ()  # without a centre sensor the motion of the plate is unknown
     largest = np.abs(_until_tail_end(drop)).max(axis=1)
     faults: dict[int, Fault] = dict.fromkeys(_drifting(drop, outer), "drift")
     for index in outer:
@@ -110,7 +112,9 @@ def bad_sensors(record: Record) -> tuple[BadSensor, ...]:
 
 
 def _until_tail_end(drop: PreparedDrop) -> FloatArray:
-    """Displacements to a second contact, or to the end of the record, (n_sensors, n), m."""
+    """Return the displacements up to a second contact or the end of the record, (n_sensors, n),
+    m.
+    """
     return drop.displacement[:, : round(drop.tail_end / drop.step) + 1]
 
 
@@ -129,7 +133,7 @@ def _drifting(drop: PreparedDrop, candidates: list[int]) -> list[int]:
 def _exceeds_inner(
     index: int, offsets: FloatArray, largest: FloatArray, faults: dict[int, Fault]
 ) -> bool:
-    """Return True if a sensor moves more than all good ones that are nearer to the plate."""
+    """Return True if a sensor moves more than all sound ones that are nearer to the plate."""
     nearer = [i for i in range(offsets.size) if offsets[i] < offsets[index] and i not in faults]
     return bool(largest[index] > MAX_OVER_INNER_SENSORS * largest[nearer].max())
 
@@ -137,7 +141,7 @@ def _exceeds_inner(
 def _without_contact(
     offsets: FloatArray, largest: FloatArray, faults: dict[int, Fault]
 ) -> list[int]:
-    """Return the sensors that stand still between two that move."""
+    """Return the indices of sensors that stand still between two that move."""
     good = [i for i in range(offsets.size) if i not in faults]
     at_rest = []
     for index in good:
@@ -154,19 +158,21 @@ def _without_contact(
 def find_step(
     values: FloatArray, first: int, end: int, min_deviations: float = MIN_MOTION_STEP_DEVIATIONS
 ) -> int | None:
-    """Return the first sample after the highest step between two places, or None.
+    """Return the index of the first sample after the highest step in a trace; None: there is no
+    step.
 
     Lost samples and a switched range leave a step between two samples that the samples around it do
-    not announce.  Around each place a cubic with a step is fitted to as many samples on either
-    side; the height counts over the residual of that fit, or the residual before the pulse if that
-    is larger.
+    not announce. Around each place a cubic with a step is fitted to seven samples on either side.
+    The height of the step is measured in units of the residual of that fit, or of the residual
+    before the pulse if that is larger.
 
     Parameters
     ----------
     values : (n,) ndarray of float
-    first, end : int, samples at which the pulse begins, before which nothing moves, and at which
-        the search ends
-    min_deviations : float, least height of a step in standard deviations
+    first, end : int
+        Sample at which the pulse begins, and sample at which the search ends.
+    min_deviations : float
+        Smallest height of a step, in standard deviations.
     """
     if values.size < 2 * _N_SIDE_SAMPLES:
         return None

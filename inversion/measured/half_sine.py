@@ -15,14 +15,14 @@ from inversion.errors import RecordError
 
 @dataclass(frozen=True)
 class HalfSineFit:
-    """A half-sine with its misfit to the load.
+    """Half-sine with its misfit to the load.
 
     Parameters
     ----------
     peak_load : float, N
     duration : float, s
     start : float, s, on the time axis of the load
-    rms_over_peak : float, rms misfit over the half-sine's own duration, over the peak load
+    rms_over_peak : float, root mean square misfit over the pulse, over the peak load
     """
 
     peak_load: float
@@ -31,31 +31,34 @@ class HalfSineFit:
     rms_over_peak: float
 
     def load(self, time: FloatArray) -> FloatArray:
-        """Load (n,) N at ``time`` (n,) s."""
+        """Return the load of the half-sine, (n,), N, at ``time``, (n,), s."""
         phase = (time - self.start) / self.duration
         inside = (phase > 0.0) & (phase < 1.0)
         return np.where(inside, self.peak_load * np.sin(np.pi * phase), 0.0)
 
 
 def fit_half_sine_equal_area(time: FloatArray, load: FloatArray) -> HalfSineFit:
-    r"""Half-sine with the measured peak and the measured area (paper, note of Fig. 2).
+    r"""Return the half-sine with the measured peak and the measured area under the load.
+
+    This is the one of the published method (doi 10.11835/j.issn.2096-6717.2022.021, note of Fig.
+    2).
 
     .. math:: T_0 = \frac{\pi}{2 F_{max}} \int F \, dt
 
-    over the contact.  It is centred on the pulse's centre of area.
+    over the contact. It is centred on the pulse's centre of area.
     """
     part = _contact(load)
     peak = float(load[part].max())
     area = float(np.trapezoid(load[part], time[part]))
     if not (peak > 0.0 and area > 0.0):
-        raise RecordError("half-sine: expected a positive load pulse, found none")
+        raise RecordError("half-sine: expected a positive load pulse, got none")
     duration = np.pi * area / (2.0 * peak)
     centre = float(np.trapezoid(load[part] * time[part], time[part])) / area
     return _with_misfit(time, load, peak, duration, centre - 0.5 * duration)
 
 
 def fit_half_sine(time: FloatArray, load: FloatArray) -> HalfSineFit:
-    """Half-sine by least squares in peak, duration and start, from the equal-area one."""
+    """Return the half-sine of least squares in peak, duration and start."""
     first = fit_half_sine_equal_area(time, load)
     scale = np.array([first.peak_load, first.duration, first.duration])
     x = np.array([1.0, 1.0, first.start / first.duration])
@@ -67,7 +70,7 @@ def fit_half_sine(time: FloatArray, load: FloatArray) -> HalfSineFit:
         inside = (phase > 0.0) & (phase < 1.0)
         return np.where(inside, values[0] * np.sin(np.pi * phase), 0.0)
 
-    # Gauss-Newton with halved steps: three smooth parameters, started close by.
+    # Gauss-Newton with halved steps; the equal-area half-sine is near the minimum.
     cost = float(np.sum((curve(x) - target) ** 2))
     for _ in range(30):
         base = curve(x)

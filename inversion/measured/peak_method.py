@@ -8,14 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import pi
 
-# Plate factors by the assumed distribution of the contact pressure.  pi/2 instead of 2 changes E by
-# -21 %.
+# Plate factor f by the assumed distribution of the contact pressure. pi/2 in place of 2 changes the
+# modulus by -21 %.
 PLATE_FACTORS: dict[str, float] = {"rigid": pi / 2.0, "uniform": 2.0, "parabolic": 8.0 / 3.0}
 
 
 @dataclass(frozen=True)
 class PeakModulus:
-    """A modulus from peak values with the quantities that it depends on.
+    """Modulus from peak values, with the quantities that it depends on.
 
     Parameters
     ----------
@@ -37,14 +37,18 @@ def peak_modulus(
     poisson_ratio: float,
     factor: float = PLATE_FACTORS["rigid"],
 ) -> PeakModulus:
-    r"""Modulus of a half-space from the largest load and the largest deflection.
+    r"""Return the modulus of a half-space from the largest load and the largest deflection.
 
-    Boussinesq with plate factor ``factor``.  Two peaks that are not simultaneous are taken for a
-    static pair, so that inertia, viscosity and bedrock all bias it.
+    The formula of Boussinesq is for a static load. The two peaks are not simultaneous, so that
+    inertia, viscosity and bedrock bias the modulus.
 
     Parameters
     ----------
     peak_load, peak_deflection : float, N and m, > 0
+    plate_radius : float, m
+    poisson_ratio : float
+    factor : float
+        Plate factor, see `PLATE_FACTORS`.
     """
     pressure = peak_load / (pi * plate_radius**2)
     value = factor * (1.0 - poisson_ratio**2) * pressure * plate_radius / peak_deflection
@@ -52,14 +56,16 @@ def peak_modulus(
 
 
 def dynamic_modulus_evd(settlement: float) -> float:
-    r"""E_vd of the German light drop-weight test, Pa.
+    r"""Return E_vd of the German light drop-weight test, Pa.
 
     .. math:: E_{vd} = 1.5 \, r \, \sigma / s = 22.5 \, \mathrm{MPa\,mm} / s
 
-    with r = 0.15 m and the assumed (not measured) sigma = 0.1 MPa (7.07 kN on the 0.3 m plate).
+    with r = 0.15 m and the assumed (not measured) pressure sigma = 0.1 MPa (7.07 kN on a plate of
+    0.3 m diameter).
 
     Parameters
     ----------
-    settlement : float, m, > 0: mean of three peaks
+    settlement : float, m, > 0
+        Mean of the peaks of three drops.
     """
     return 1.5 * 0.15 * 0.1e6 / settlement

@@ -21,30 +21,31 @@ _SECOND_CONTACT_FRACTION = 0.08
 # The pulse starts where the load last passed this fraction of the peak before it.
 _ONSET_FRACTION = 0.01
 _MARGIN_BEFORE_ONSET_S = 1.0e-3
-# A channel moves that exceeds this number of deviations of its baseline, and this part of its
-# largest value, for this number of samples: fewer are a spike.
+# A channel moves if it exceeds this number of standard deviations of its baseline, and this
+# fraction of its largest value, for at least this number of samples; fewer are a spike.
 _MIN_MOTION_DEVIATIONS, _MIN_MOTION_OVER_PEAK, _MIN_MOVING_SAMPLES = 8.0, 0.01, 3
-# Trailing samples in which every channel is constant are padding of a recorder whose filter looks
-# ahead: at least this number of them, after a last step of more than this number of the smallest.
+# Trailing samples in which every channel is constant are padding of the recorder, if there are at
+# least this number of them, after a last step of more than this multiple of the smallest step.
 _MIN_PADDING_SAMPLES, _MAX_QUANTA_AT_REST = 5, 3.0
 _MIN_BASELINE_SAMPLES = 8
 # The zero of a displacement channel is its mean over this time before the start.
 _ZERO_S = 2.0e-3
-# Two sides whose distances differ by less than this are at one distance: positions are given to the
-# millimetre, and at 2 radii from a plate of 0.15 m a deflection changes by 0.4 % within one.
+# Sensors on two sides whose distances differ by less than this count as at one distance. Positions
+# are given to the millimetre; at 2 radii of a plate of 0.15 m a deflection changes by 0.4 % in
+# 1 mm.
 MAX_SIDE_DIFFERENCE_M = 1.0e-3
-# A sensor whose downward motion is less than this part of its largest is one that rises.
+# A sensor rises if its largest downward motion is less than this fraction of its largest motion.
 _MIN_DOWNWARD_SHARE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """One motion channel.
+    """One motion channel of a drop.
 
     Parameters
     ----------
-    offset : float, m, distance from the plate centre; negative: the other side of the plate. The
-        ground is the same on all sides, so that the model depends on the distance only
+    offset : float, m, distance from the plate centre; negative: on the other side of the plate. The
+    model depends on the distance only
     quantity : "velocity" (m/s) or "displacement" (m), downward positive
     values : (n,) ndarray of float
     """
@@ -56,7 +57,7 @@ class Sensor:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """One recorded drop with the declared values of device and ground.
+    """One recorded drop with the declared values of device and ground: the input of the inversion.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ class Record:
     poisson_ratio : float, 0 <= value < 0.5
     density : float, kg/m3, or None: fitted
     bedrock_depth : float, m; inf: none; None: unknown
-    model_floor : float, m, or None: declared displacement error of the model
+    model_floor : float, m, or None: declared error of the model's displacement
     """
 
     time: FloatArray
@@ -102,7 +103,8 @@ class Record:
     def nearest_first(self) -> Record:
         """Return the same drop with its sensors from the plate centre outward.
 
-        At one distance the negative side comes last. Predictions have this order.
+        Of two sensors at one distance that on the negative side comes last. Predictions have this
+        order.
         """
         return replace(
             self, sensors=tuple(sorted(self.sensors, key=lambda s: (abs(s.offset), s.offset < 0)))
@@ -111,26 +113,27 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class PreparedDrop:
-    """A record prepared for the fit.
+    """Record prepared for the fit.
 
     Parameters
     ----------
-    time : (n,) ndarray of float, s, from 0 at the start (a little before the pulse)
-    start : float, s, recorded time of that start
+    time : (n,) ndarray of float, s, from 0 at a start shortly before the pulse
+    start : float, s, of that start on the time axis of the record
     load : (n,) ndarray of float, N, without offset
     displacement : (n_sensors, n) ndarray of float, m, zero before the pulse
     offsets : (n_sensors,) ndarray of float, m, >= 0: distances from the plate centre
     positions : (n_sensors,) ndarray of float, m: the same, negative on the other side of the plate
-    noise : (n_sensors,) ndarray of float, m: rms of the displacement noise over the window,
-        from the record before the pulse (integrated and correlated as it is)
-    quantisation : (n_sensors,) ndarray of float, m: rms error of the displacement from it
+    noise : (n_sensors,) ndarray of float, m: root mean square noise of the displacement over the
+    window, estimated before the pulse and integrated like the signal
+    quantisation : (n_sensors,) ndarray of float, m: root mean square error of the displacement due
+    to the resolution of the channel
     peak_load, peak_displacement : float N and (n_sensors,) ndarray m, largest downward
     contact_end : float, s, on ``time``: the load has fallen to 3 % of its peak
-    window_end : float, s, on ``time``: last sample the fit uses
-    tail_end : float, s, on ``time``: last sample before a second contact, before the padding of
-        all channels, or the record's end
+    window_end : float, s, on ``time``: last sample that is fitted
+    tail_end : float, s, on ``time``: last sample before a second contact, before the padding of all
+    channels, or of the record
     trigger : float, s, on ``time``
-    channels : tuple of the native channels with their noise, for the uncertainty
+    channels : tuple of ChannelNoise, noise of the channels as recorded, for the uncertainty
     load_noise : NoiseModel of the load, N
     """
 
@@ -157,10 +160,10 @@ class PreparedDrop:
         return float(self.time[1] - self.time[0])
 
     def with_tail(self) -> PreparedDrop:
-        """Return the same drop with the fit's window to the end of the record or a second contact.
+        """Return the same drop, fitted up to a second contact or the end of the record.
 
-        The window of the fit ends with the contact otherwise: later, real plates bounce and tip,
-        and the load cell does not measure that.
+        Otherwise the fit ends with the contact, because real plates then bounce and tip, and the
+        load cell does not measure that.
         """
         count = int(np.searchsorted(self.time, self.tail_end * (1 + 1e-9)))
         noise = np.array([displacement_rms(c, count, self.step) for c in self.channels])
@@ -168,15 +171,17 @@ class PreparedDrop:
 
     @property
     def side_floor(self) -> FloatArray:
-        r"""Error of each sensor by the sensor on the other side of the plate, (n_sensors,), m.
+        r"""Error of each sensor, estimated from the sensor on the other side of the plate,
+        (n_sensors,), m.
 
         .. math:: \sigma = \mathrm{rms}(w_+ - w_-) / \sqrt 2
 
-        over the fit's window; 0 where there is no sensor on the other side. Ground and plate are
-        the same on all sides in the model, so that a difference of two sides at one distance is no
-        effect that it lacks: it is tilt, uneven contact, or an error of the sensors. With
+        over the fitted window; 0 where there is no sensor on the other side. In the model ground
+        and plate are the same on all sides. Hence a difference of two sides at one distance is due
+        to tilt, uneven contact, or errors of the sensors, and not to a missing effect. With
         independent errors of equal size on each side the difference has twice the variance of one.
-        The model that fits two sides best, their mean, leaves at least half of the difference.
+        The model that fits two sides best is their mean, and leaves at least half of the
+        difference.
         """
         result = np.zeros(self.positions.size)
         moved = self.displacement[:, self.window]
@@ -189,18 +194,18 @@ class PreparedDrop:
 
     @property
     def window(self) -> slice:
-        """Samples of the fit: from the start to the end of the usable window."""
+        """Samples of the fit, from the start to the end of the fitted window."""
         return slice(1, int(np.searchsorted(self.time, self.window_end * (1 + 1e-9))))
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """Autocovariance of a channel before the pulse.
+    """Autocovariance of the noise of a channel, estimated before the pulse.
 
     Parameters
     ----------
     autocovariance : (m,) ndarray, lag 0 first, in the channel's unit squared
-    samples : int, number of samples it was estimated from; 0: none, the noise is not known
+    samples : int, number of samples it was estimated from; 0: the noise is unknown
     """
 
     autocovariance: FloatArray
@@ -208,15 +213,15 @@ class NoiseModel:
 
     @property
     def rms(self) -> float:
-        """Root of the variance, in the channel's unit."""
+        """Root mean square of the noise, in the channel's unit."""
         return float(np.sqrt(self.autocovariance[0]))
 
     @classmethod
     def pooled(cls, models: Sequence[NoiseModel]) -> NoiseModel:
-        """Return first-order autoregressive noise of several quiet parts of one channel.
+        """Return first-order autoregressive noise, estimated from several drops of one channel.
 
-        The time before one pulse holds a few periods of slow noise; correlation and variance are
-        therefore those of all drops, weighted by their samples.
+        The record before one pulse holds only a few periods of slow noise. Correlation and variance
+        are therefore averaged over all drops, weighted by their samples.
         """
         estimated = [model for model in models if model.samples]
         if len(estimated) < 2:
@@ -230,7 +235,7 @@ class NoiseModel:
         return _autoregressive(variance, correlation, int(counts.sum()))
 
     def quadratic_form(self, rows: FloatArray) -> FloatArray:
-        """Covariance rows C rows^T, (k, k), for ``rows`` (k, n) applied to the noise."""
+        """Return the covariance (k, k) of ``rows`` (k, n) applied to the noise: rows C rows^T."""
         size = 1 << int(np.ceil(np.log2(rows.shape[1] + self.autocovariance.size)))
         circulant = np.zeros(size)
         lags = min(self.autocovariance.size, size // 2)
@@ -244,13 +249,13 @@ class NoiseModel:
 
 @dataclass(frozen=True, eq=False)
 class ChannelNoise:
-    """Noise of one native channel, and the way it enters the displacement.
+    """Noise of one channel as recorded, and how it enters the displacement.
 
     Parameters
     ----------
     model : NoiseModel in m/s or m
     integrates : bool, True for a velocity channel
-    baseline_samples : int, samples before the pulse whose mean was taken off
+    baseline_samples : int, samples before the pulse whose mean was subtracted
     """
 
     model: NoiseModel
@@ -259,7 +264,7 @@ class ChannelNoise:
 
 
 def prepare(record: Record) -> PreparedDrop:
-    """Return the drop with offsets removed, velocities integrated, noise and windows estimated.
+    """Remove offsets, integrate velocities, and estimate noise and windows of a drop.
 
     Raises
     ------
@@ -271,7 +276,7 @@ def prepare(record: Record) -> PreparedDrop:
     load = record.load - (record.load[:baseline].mean() if baseline else 0.0)
     peak = int(np.argmax(load))
     if not load[peak] > 0.0:
-        raise RecordError("load: expected a positive pulse (downward is positive), found none")
+        raise RecordError("load: expected a positive pulse (downward is positive), got none")
     first = _start_index(load, peak, step)
     if baseline:
         first = min(
@@ -286,7 +291,7 @@ def prepare(record: Record) -> PreparedDrop:
     count = max(2, int(np.searchsorted(drop_time, contact_end)))
     channels = tuple(
         ChannelNoise(
-            # Nothing moves before the pulse: the more of it, the better known is slow noise.
+            # All samples before the pulse are used: slow noise needs a long time.
             noise_before(s.values[: max(baseline, first) if baseline else 0]),
             s.quantity == "velocity",
             baseline if s.quantity == "velocity" else _settled_samples(first, step),
@@ -308,7 +313,7 @@ def prepare(record: Record) -> PreparedDrop:
         noise=noise,
         quantisation=quantum / np.sqrt(12.0),
         peak_load=float(load[peak]),
-        # Downward and before a second contact; a far sensor peaks after the load has ended.
+        # Peaks are taken up to a second contact: distant sensors peak after the end of the load.
         peak_displacement=_peaks(displacement[:, : round(tail_end / step) + 1]),
         contact_end=contact_end,
         window_end=contact_end,
@@ -320,10 +325,10 @@ def prepare(record: Record) -> PreparedDrop:
 
 
 def displacement_rms(channel: ChannelNoise, count: int, step: float) -> float:
-    """Rms displacement noise over ``count`` samples, m, of the native noise.
+    """Return the root mean square noise of the displacement over ``count`` samples, m.
 
-    A velocity is integrated by trapezoids after its mean over the baseline was taken off, so
-    white noise becomes a random walk and the error of the mean a ramp.
+    A velocity is integrated by the trapezoidal rule after its mean over the baseline was
+    subtracted. White noise then becomes a random walk, and the error of the mean a ramp.
     """
     if channel.model.samples == 0:
         return 0.0
@@ -335,13 +340,13 @@ def displacement_rms(channel: ChannelNoise, count: int, step: float) -> float:
 
 
 def native_rows(rows: FloatArray, channel: ChannelNoise, step: float) -> FloatArray:
-    """Weights on the native samples for weights ``rows`` (k, n) on the displacement.
+    """Return weights on the samples as recorded, from weights ``rows`` (k, n) on the displacement.
 
-    The adjoint of baseline removal and trapezoidal integration: (k, baseline + n).
+    It is the adjoint of baseline removal and trapezoidal integration, (k, baseline + n).
     """
     weights = rows
     if channel.integrates:
-        # w_j = step * (v_0/2 + v_1 + ... + v_j/2): each v_i has the weights of all later w_j.
+        # w_j = step * (v_0/2 + v_1 + ... + v_j/2), so each v_i contributes to all later w_j.
         later = np.cumsum(rows[:, ::-1], axis=1)[:, ::-1]
         weights = step * (later - 0.5 * rows)
         weights[:, 0] = 0.5 * step * (later[:, 0] - rows[:, 0])
@@ -354,9 +359,9 @@ def native_rows(rows: FloatArray, channel: ChannelNoise, step: float) -> FloatAr
 
 
 def _baseline_samples(time: FloatArray, load: FloatArray) -> int:
-    """Number of samples before the pulse that are quiet: the first half of the pre-trigger.
+    """Return the number of samples for the baseline: the first half of those before the trigger.
 
-    The trigger is a threshold, so the pulse itself begins some milliseconds before time 0.
+    The trigger is a threshold, so that the pulse begins some milliseconds before time 0.
     """
     before = int(np.searchsorted(time, 0.0))
     quiet = before // 2
@@ -371,7 +376,7 @@ def _start_index(load: FloatArray, peak: int, step: float) -> int:
 
 def _displacement(sensor: Sensor, baseline: int, first: int, step: float) -> FloatArray:
     if sensor.quantity == "displacement":
-        # An integrated channel may have drifted: it is zero just before the pulse begins.
+        # An integrated channel may have drifted: its zero is taken just before the pulse.
         settled = _settled_samples(first, step)
         rest = sensor.values[first - settled : first].mean() if settled else sensor.values[first]
         return np.asarray(sensor.values[first:] - rest)
@@ -383,12 +388,15 @@ def _displacement(sensor: Sensor, baseline: int, first: int, step: float) -> Flo
 
 
 def _settled_samples(first: int, step: float) -> int:
-    """Number of samples before the start over which a displacement's zero is averaged."""
+    """Return the number of samples before the start over which a displacement's zero is
+    averaged.
+    """
     return min(first, max(1, round(_ZERO_S / step)))
 
 
 def _peaks(displacement: FloatArray) -> FloatArray:
-    """Largest downward displacement of each sensor, or the largest of any sign where it rises.
+    """Return the largest downward displacement of each sensor, m; of a sensor that rises the
+    largest one.
 
     At a distance from the plate, on shallow rock, the ground rises and hardly sinks.
     """
@@ -398,7 +406,9 @@ def _peaks(displacement: FloatArray) -> FloatArray:
 
 
 def _contact_and_tail(load: FloatArray, peak: int) -> tuple[int, int]:
-    """Return the last samples of the contact, and before a second contact or the record's end."""
+    """Return the last sample of the contact, and the last before a second contact or of the
+    record.
+    """
     after = np.flatnonzero(load[peak:] <= CONTACT_END_FRACTION * load[peak])
     end = peak + int(after[0]) if after.size else load.size - 1
     second = np.flatnonzero(load[end:] > _SECOND_CONTACT_FRACTION * load[peak])
@@ -406,7 +416,7 @@ def _contact_and_tail(load: FloatArray, peak: int) -> tuple[int, int]:
 
 
 def _recorded_samples(record: Record) -> int:
-    """Return the number of samples without the padding of the recorder at the record's end."""
+    """Return the number of samples without the recorder's padding at the end of the record."""
     size = record.time.size
     ends = []
     for values in (record.load, *(sensor.values for sensor in record.sensors)):
@@ -415,13 +425,13 @@ def _recorded_samples(record: Record) -> int:
         if moving.size == 0 or steps[moving[-1]] <= _MAX_QUANTA_AT_REST * _quantum(values):
             return size
         ends.append(int(moving[-1]) + 1)
-    # The first sample of the padding repeats the last recorded one, in one channel or another.
+    # The padding repeats the last recorded sample, so that the ends may differ by one.
     is_padded = max(ends) - min(ends) <= 1 and size - max(ends) >= _MIN_PADDING_SAMPLES
     return max(ends) if is_padded else size
 
 
 def _start_of_motion(values: FloatArray, baseline: int, first: int, step: float) -> int:
-    """Return the sample before a channel moves, if it moves before the load is recorded to rise."""
+    """Return the sample before a channel begins to move, or ``first`` if the load rises earlier."""
     moved = np.abs(values - values[:baseline].mean())
     threshold = max(
         _MIN_MOTION_DEVIATIONS * float(values[:baseline].std()),
@@ -436,13 +446,13 @@ def _start_of_motion(values: FloatArray, baseline: int, first: int, step: float)
 
 
 def noise_before(quiet: FloatArray) -> NoiseModel:
-    r"""First-order autoregressive noise :math:`\gamma_k = \sigma^2 \rho^k` of the quiet part.
+    r"""Return first-order autoregressive noise :math:`\gamma_k = \sigma^2 \rho^k` of quiet samples.
 
-    A straight line is subtracted first, because drift is an effect, not noise.  That removes slow
+    A straight line is subtracted first, because drift is an effect and not noise. This removes slow
     noise as well, so that variance and correlation are corrected for it (Kendall's bias of a
     detrended series, :math:`\rho - (2 + 4 \rho)/n`; variance lost to two parameters that average
-    :math:`(1 + \rho)/(1 - \rho)` correlated samples).  A sample autocovariance instead would lose
-    the slow part that integration raises most.
+    :math:`(1 + \rho)/(1 - \rho)` correlated samples). A sample autocovariance would lose the slow
+    part, which integration amplifies most.
     """
     count = quiet.size
     if count < _MIN_BASELINE_SAMPLES:
@@ -465,7 +475,7 @@ def _autoregressive(variance: float, correlation: float, samples: int) -> NoiseM
 
 
 def _quantum(values: FloatArray) -> float:
-    """Smallest step between values of the channel: the resolution of the converter or text."""
+    """Return the smallest step between values of a channel: the resolution of converter or text."""
     distinct = np.unique(values)
     if distinct.size < 3:
         return 0.0

@@ -233,8 +233,8 @@ _REMEDY_OPEN = (
 )
 _REMEDY_WIDE = "measure again with one more sensor beside the plate"
 _REMEDY_UNEXPLAINED = (
-    "seat the plate and the sensors again and repeat the measurement; if as much stays "
-    "unexplained, add a sensor beside the plate"
+    "measure again with the plate and the sensors newly seated; if as much stays unexplained, with "
+    "one more sensor beside the plate"
 )
 _REMEDY_DECLARATION = "correct the declaration that the warning names and diagnose again"
 _REMEDY_GAPS = "measure again: samples of the record are missing, or its range was switched"

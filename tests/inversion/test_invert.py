@@ -152,7 +152,7 @@ def test_centre_sensor_alone(bench: Bench) -> None:
     alone = bench.invert(both, replace(LEAST_SQUARES, all_sensors=False))
     assert alone.history.offsets == pytest.approx([0.0])
     assert alone.modulus_pa == bench.invert(record).modulus_pa
-    with pytest.raises(RecordError, match=r"centre sensor alone: .*nearest is at 0\.3 m"):
+    with pytest.raises(RecordError, match=r"centre sensor: .*nearest one at 0\.3 m"):
         bench.invert(replace(record, sensors=(far,)), replace(LEAST_SQUARES, all_sensors=False))
 
 

@@ -49,13 +49,13 @@ class Medium:
 
 @dataclass(frozen=True)
 class LayeredGround:
-    """Media from the surface down, the lowest on rock or infinitely deep.
+    """Layers from the surface down; the lowest one is on rock or infinitely deep.
 
     Parameters
     ----------
     media : tuple of Medium, at least one
     rock : bool
-        True: a rigid base under the last medium, whose thickness is then finite.  False: the last
+        True: a rigid base under the last medium, whose thickness is then finite. False: the last
         medium is a half-space, its thickness infinite.
     """
 
@@ -95,13 +95,13 @@ class MediumParameter(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LayeredGrounds:
-    """Parameters of m grounds of N media each, arrays (m, N).
+    """Parameters of m grounds of N media each, as arrays (m, N).
 
     Parameters
     ----------
     modulus : Pa, viscosity : Pa s, density : kg/m3, poisson_ratio : -
-    thickness : m; the last column is not read where ``rock`` is False
-    rock : bool, a rigid base under the last medium
+    thickness : m; the last column is not used if ``rock`` is False
+    rock : bool, True: a rigid base under the last medium
     """
 
     modulus: FloatArray
@@ -135,7 +135,9 @@ class LayeredGrounds:
 
     @classmethod
     def of(cls, grounds: Sequence[LayeredGround]) -> LayeredGrounds:
-        """Return grounds as arrays; all have as many media, and rock under all or none."""
+        """Return grounds as arrays; all must have the same number of media, and all or none
+        rock.
+        """
         kinds = {(len(ground.media), ground.rock) for ground in grounds}
         _require(
             len(kinds) == 1,
@@ -161,7 +163,7 @@ class LayeredGrounds:
         return int(self.modulus.shape[0])
 
     def take(self, places: Sequence[int] | NDArray[np.intp]) -> LayeredGrounds:
-        """Return the grounds at some places."""
+        """Return the grounds with these indices."""
         rows = np.asarray(places)
         columns = {name: getattr(self, name)[rows] for name in FIELDS}
         return LayeredGrounds(**columns, rock=self.rock)
@@ -182,7 +184,9 @@ class LayeredGrounds:
         )
 
     def at(self, s: ComplexArray, radius: float) -> Media:
-        """Return the media at Laplace variables (n,), ground by ground: arrays (N, m n, 1)."""
+        """Return the properties of the media at Laplace variables (n,), ground by ground: (N, m n,
+        1).
+        """
         allowed = (s.real > 0.0) | (s == 0.0)
         _require(bool(np.all(allowed)), "Laplace variables", "Re s > 0, or s = 0", s[~allowed])
         nu = np.repeat(self.poisson_ratio.T, s.size, axis=1)

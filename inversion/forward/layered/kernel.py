@@ -120,7 +120,7 @@ def solve_layers(xi: FloatArray, media: Media, rock: bool, negligible: float = 3
     ----------
     xi : (n,) ndarray of float, wavenumber times plate radius, > 0, ascending
     media : Media of N media at k points, from the surface down
-    rock : bool, a rigid base under the last medium, which otherwise is a half-space
+    rock : bool, True: a rigid base under the last medium, which otherwise is a half-space
     negligible : float, attenuation of a wave down and back, nepers, from which it is neglected
     """
     waves, lower_node_counts = _waves_that_reach(xi, media, rock, negligible)
@@ -295,11 +295,11 @@ def _inverse(matrix: Symmetric) -> Symmetric:
 
 
 class Slopes(NamedTuple):
-    """Derivatives of the surface's compliance by the properties of one medium.
+    """Derivatives of the surface compliance with respect to the properties of one medium.
 
-    By the shear modulus at constant z, by z, by c, and by the thickness over the radius; each is
-    (1, k, n) complex with those of F_ww or (3, k, n) with F_ww, F_uu and F_wu.  ``ratio`` is None
-    unless requested, ``thickness`` is None for a half-space.
+    With respect to the shear modulus at constant z, to z, to c, and to the thickness over the
+    radius; each is (1, k, n) complex with those of F_ww or (3, k, n) with F_ww, F_uu and F_wu.
+    ``ratio`` is None unless requested, ``thickness`` is None for a half-space.
     """
 
     shear: ComplexArray
@@ -322,7 +322,7 @@ class _Layer(NamedTuple):
 
 
 class _Tangent(NamedTuple):
-    """Derivatives of one medium's waves by z or by c."""
+    """Derivatives of one medium's waves with respect to z or to c."""
 
     half_space: Symmetric
     alpha: ComplexArray
@@ -339,16 +339,19 @@ def compliance_slopes(
     ratio: bool = True,
     single: bool = False,
 ) -> list[Slopes]:
-    """Return the derivatives of the surface's compliance by the properties of every medium.
+    """Return the derivatives of the surface compliance with respect to the properties of every
+    medium.
 
     Each medium has values at the first nodes, those that its waves reach; media that no wave
     reaches are omitted.
 
     Parameters
     ----------
+    xi, media : as for :func:`solve_layers`
+    solution : Solution
     shear : bool, True: the derivatives of F_uu and F_wu too
-    ratio : bool, True: the derivatives by c (Poisson's ratio) too
-    single : bool, True: single precision, with an error of some 1e-5
+    ratio : bool, True: the derivatives with respect to c (Poisson's ratio) too
+    single : bool, True: single precision, with a relative error of some 1e-5
 
     Returns
     -------
@@ -400,7 +403,7 @@ def compliance_slopes(
 
 
 def _in_single(value: Any) -> Any:
-    """Return the structure with its arrays in single precision."""
+    """Return a structure of arrays with its arrays in single precision."""
     if isinstance(value, np.ndarray):
         return value.astype(np.complex64 if np.iscomplexobj(value) else np.float32)
     if isinstance(value, _Waves | _Passage):
@@ -413,7 +416,7 @@ def _in_single(value: Any) -> Any:
 
 
 def _separated(forms: ComplexArray) -> ComplexArray:
-    """Return F_ww, F_uu, F_wu from the forms under pressure, shear and both, in place."""
+    """Return F_ww, F_uu, F_wu from the quadratic forms under pressure, shear and both, in place."""
     if forms.shape[0] == 3:
         forms[2] -= forms[0]
         forms[2] -= forms[1]
@@ -443,7 +446,7 @@ def _tangent_part(tangent: _Tangent, count: int) -> _Tangent:
 def _tangents(
     xi: FloatArray, waves: _Waves, z: ComplexArray, c: FloatArray, ratio: bool
 ) -> tuple[_Tangent, ...]:
-    """Return the derivatives of the half-space by z and, by request, by c."""
+    """Return the derivatives of the half-space with respect to z and, by request, to c."""
     square = xi * xi
     half_space = waves.half_space
     scaled = half_space.uu / waves.beta  # 1/(R G)
@@ -480,7 +483,9 @@ def _half_space_slopes(
     traction: _Traction | None,
     both: bool,
 ) -> Slopes:
-    """Return the derivatives of H itself, or of its form under tractions at its surface."""
+    """Return the derivatives of H itself, or of its quadratic form under tractions at its
+    surface.
+    """
 
     def of(matrix: Symmetric) -> ComplexArray:
         if traction is None:
@@ -502,7 +507,8 @@ def _layer_slopes(
     x_slopes: list[ComplexArray],
     traction: _Traction,
 ) -> tuple[Slopes, _Traction]:
-    r"""Return the derivatives by the properties of one layer, and tractions at its lower face.
+    r"""Return the derivatives with respect to one layer's properties, and tractions at its lower
+    face.
 
     With y = Q^-1 2D t, v = M y and t' = P'^-1 2D v, the traction at the lower face,
 
@@ -579,10 +585,11 @@ def _apply(matrix: Symmetric, first: ComplexArray, second: ComplexArray) -> _Tra
 def _x_slopes(
     waves: _Waves, passage: _Passage, layer: _Layer, tangents: tuple[_Tangent, ...]
 ) -> list[ComplexArray]:
-    r"""Return the derivatives of X = difference/R by z and by c, without the pole at z = 0.
+    r"""Return the derivatives of X = difference/R with respect to z and to c, without the pole at z
+    = 0.
 
-    The difference is :math:`f e^{-\alpha h} E(x)`, f = (c - 1) h/(alpha + beta), x = -f z,
-    E(x) = (1 - e^-x)/x.
+    The difference is :math:`f e^{-\alpha h} E(x)`, f = (c - 1) h/(alpha + beta), x = -f z, E(x) =
+    (1 - e^-x)/x.
     """
     _, z, c, h = layer
     wave_sum = waves.alpha + waves.beta

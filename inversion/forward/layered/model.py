@@ -61,7 +61,7 @@ class LayeredForwardModel:
         self.instrument = instrument
         self.rule = rule
         if instrument.load_filter is not None:
-            # Beyond twice its corner a low-pass leaves too little to compare with a model.
+            # Above twice its corner frequency the filter leaves too little signal for a comparison.
             band = min(band, 2.0 * instrument.load_filter)
         transform = DampedTransform(float(times[-1]), min(band, 0.5 / (time[1] - time[0])))
         self.s = transform.s
@@ -71,21 +71,22 @@ class LayeredForwardModel:
         self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
 
     def transfer(self, grounds: LayeredGrounds) -> ComplexArray:
-        """Displacement over load at every sensor, (m, n_sensors, n_frequencies), m/N."""
+        """Return displacement over load at every sensor, (m, n_sensors, n_frequencies), m/N."""
         return layered_transfer(self.setup, self.instrument.plate_mass, self.s, grounds, self.rule)
 
     def displacement(self, grounds: LayeredGrounds) -> FloatArray:
-        """Displacement at the times, (m, n_sensors, n_times), m."""
+        """Return the displacement at ``times``, (m, n_sensors, n_times), m."""
         return self._in_time(self.transfer(grounds))
 
     def displacement_slopes(
         self, grounds: LayeredGrounds, parameters: Sequence[MediumParameter]
     ) -> tuple[FloatArray, FloatArray]:
-        """Return :meth:`displacement` and its derivatives by the parameters.
+        """Return :meth:`displacement` and its derivatives with respect to parameters of the media.
 
         Returns
         -------
         (m, n_sensors, n_times) and (m, len(parameters), n_sensors, n_times), m and m over the unit
+        of the parameter
         """
         transfer, slopes = layered_transfer_slopes(
             self.setup, self.instrument.plate_mass, self.s, grounds, parameters, self.rule
@@ -107,7 +108,15 @@ def layered_transfer(
     grounds: LayeredGrounds,
     rule: WavenumberRule = FAST,
 ) -> ComplexArray:
-    """Displacement at the sensors over the load above a plate of ``plate_mass`` kg, m/N.
+    """Return the displacement at the sensors over the load above a plate of ``plate_mass`` kg, m/N.
+
+    Parameters
+    ----------
+    setup : PlateSetup
+    plate_mass : float, kg
+    s : (n,) ndarray of complex, Laplace variables, 1/s
+    grounds : LayeredGrounds of m grounds
+    rule : WavenumberRule
 
     Returns
     -------
@@ -133,7 +142,7 @@ def layered_transfer_slopes(
     parameters: Sequence[MediumParameter],
     rule: WavenumberRule = FAST,
 ) -> tuple[ComplexArray, ComplexArray]:
-    r"""Return :func:`layered_transfer` and its derivatives by the parameters.
+    r"""Return :func:`layered_transfer` and its derivatives with respect to parameters of the media.
 
     .. math:: d \frac{C_r}{1 + m s^2 C_0} = \frac{d C_r - m s^2 \, w_r \, d C_0}{1 + m s^2 C_0}
 
@@ -162,10 +171,10 @@ def layered_transfer_slopes(
 def _groups_of_similar_cost(
     setup: PlateSetup, grounds: LayeredGrounds, s: ComplexArray, rule: WavenumberRule
 ) -> list[NDArray[np.intp]]:
-    """Return groups of grounds (indices) that need about as many wavenumbers.
+    """Return groups of grounds (indices) that need similar numbers of wavenumbers.
 
-    All grounds of a call share their wavenumbers. A single ground with little viscosity needs many
-    and would make the others as slow.
+    All grounds of one call share their wavenumbers. A single ground with little viscosity needs
+    many, and would slow down the others.
     """
     if len(grounds) == 1:
         return [np.zeros(1, dtype=np.intp)]

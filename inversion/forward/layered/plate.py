@@ -53,7 +53,7 @@ _POINTS_PER_GROUP = 64
 
 @dataclass(frozen=True)
 class PlateSetup:
-    """Plate on the ground, and positions of the sensors.
+    """Plate on layered ground, and positions of the sensors.
 
     Parameters
     ----------
@@ -61,8 +61,9 @@ class PlateSetup:
         Models of the homogeneous ground, or ``uniform``: constant pressure under a segmented plate,
         and the displacement at each offset, also under the plate.
     radius : float, m, > 0
-    offsets : tuple of float, m, >= 0, distances from the centre; up to the radius a sensor
-        measures the displacement of a rigid plate
+    offsets : tuple of float, m, >= 0
+        Distances from the centre; up to the radius a sensor measures the displacement of a rigid
+        plate.
     """
 
     plate: LayeredPlateModel
@@ -99,7 +100,7 @@ class PlateSetup:
 
 @dataclass(frozen=True, eq=False)
 class _Tables:
-    """Part of the integrals that depends only on nodes, plate and offsets.
+    """Factors of the integrals that depend only on nodes, plate and offsets.
 
     ``even`` and ``odd``: weight xi j_k at the nodes, (nodes, terms); ``pressure``, ``coupling``,
     ``radial``: weight xi j_k j_l, (nodes, pairs), as in :mod:`inversion.forward.contact`;
@@ -205,7 +206,8 @@ def displacement_slopes(
     parameters: Sequence[MediumParameter],
     rule: WavenumberRule = CONVERGED,
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Return :func:`displacement_per_force` and its derivatives by parameters of the media.
+    """Return :func:`displacement_per_force` and its derivatives with respect to parameters of the
+    media.
 
     Returns
     -------
@@ -235,7 +237,7 @@ def displacement_slopes(
     return np.swapaxes(result.reshape(shape), 1, 2) / setup.radius, slopes / setup.radius
 
 
-# Variables by which the kernel differentiates, in this order.
+# Variables with respect to which the kernel differentiates, in this order.
 _LOCAL = Slopes._fields
 
 
@@ -247,7 +249,10 @@ def _chained(
     local: ComplexArray,
     parameter: MediumParameter,
 ) -> ComplexArray:
-    """Return the derivative by a parameter, (m n, n_sensors), from those by G, z, c and h/a."""
+    """Return the derivative with respect to a parameter, (m n, n_sensors), by the chain rule.
+
+    ``local`` holds the derivatives with respect to G, z, c and h/a.
+    """
     field, j = parameter
     shear, z = media.shear[j], media.z[j]
     by_shear, by_z, by_ratio, by_thickness = local[j]
@@ -276,7 +281,7 @@ def _chunks(count: int) -> Iterator[slice]:
 
 @dataclass(frozen=True, eq=False)
 class _Contact:
-    """Integrals of one group of points, and the traction of a unit force that results."""
+    """Wavenumber integrals at one group of points, and the traction under a unit force."""
 
     setup: PlateSetup
     tables: _Tables
@@ -322,7 +327,7 @@ class _Contact:
         return _Contact(setup, tables, normal, tangential, ww, wu, system, traction)
 
     def sensors(self) -> ComplexArray:
-        """Displacement over force times the radius, 1/Pa, (k, n_sensors)."""
+        """Return displacement over force, times the radius, 1/Pa, (k, n_sensors)."""
         t = self.tables
         result = np.empty((self.ww.shape[0], len(self.setup.offsets)), dtype=np.complex128)
         if self.system is not None:
@@ -341,18 +346,20 @@ class _Contact:
         single: bool,
         result: ComplexArray,
     ) -> None:
-        r"""Write the derivatives of :meth:`sensors` by the properties of all media into ``result``.
+        r"""Write the derivatives of :meth:`sensors` with respect to the properties of all media.
 
-        Galerkin's conditions make the plate's displacement stationary, so that with the traction
-        X of a unit force :math:`d\Phi_0 = 2 \pi \int \xi \, X \cdot dF \, X \, d\xi`, and for a
+        Galerkin's conditions make the plate's displacement stationary. With the traction X of a
+        unit force therefore :math:`d\Phi_0 = 2 \pi \int \xi \, X \cdot dF \, X \, d\xi`. For a
         sensor at r the same integral holds with one X replaced by the traction of a unit force
         there while the plate is fixed (reciprocity).
 
         Parameters
         ----------
-        ratio : bool, True: differentiate by c too
+        media : Media
+        solution : Solution
+        ratio : bool, True: differentiate with respect to c too
         single : bool, True: single precision
-        result : (N, 4, k, n_sensors) ndarray of complex, by G, z, c and h over the radius
+        result : (N, 4, k, n_sensors) ndarray of complex, written; by G, z, c and h over the radius
         """
         t = self.tables
         n = t.even.shape[1]
@@ -443,7 +450,7 @@ class _Contact:
     def _adjoint(self) -> ComplexArray:
         """Return the traction under the fixed plate for a unit force at each sensor outside.
 
-        (k, sensors outside, unknowns); without unknowns if the pressure is prescribed.
+        The shape is (k, sensors outside, unknowns); without unknowns if the pressure is prescribed.
         """
         count, rings = self.ww.shape[0], len(self.tables.outside)
         if self.system is None:
@@ -473,12 +480,12 @@ class _Contact:
 
 
 def _spread(coefficients: ComplexArray, columns: FloatArray) -> ComplexArray:
-    """Return coefficients (k, n) complex times columns (nodes, n) real: (k, nodes)."""
+    """Return complex coefficients (k, n) times real columns (nodes, n), (k, nodes)."""
     return times_real(coefficients, columns.T)
 
 
 def _uniform_tail(offset: float) -> float:
-    r"""Closed form of :math:`\int_0^\infty (2 J_1(\xi)/\xi) J_0(\xi r) d\xi`.
+    r"""Return :math:`\int_0^\infty (2 J_1(\xi)/\xi) J_0(\xi r) d\xi` in closed form.
 
     Weber and Schafheitlin's integral: complete elliptic integrals in hypergeometric form.
     """

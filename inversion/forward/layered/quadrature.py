@@ -25,7 +25,7 @@ _ROUNDING_FACTOR = 1.25
 
 @dataclass(frozen=True)
 class WavenumberRule:
-    """Density of the wavenumbers, and limits beyond which waves are neglected."""
+    """Density of the wavenumber nodes, and limits beyond which waves are neglected."""
 
     order: int
     """Number of Gauss nodes per panel."""
@@ -58,7 +58,7 @@ class WavenumberRule:
 
 @dataclass(frozen=True)
 class Layout:
-    """Parameters of the nodes; equal layouts share their nodes."""
+    """Parameters that determine the wavenumber nodes; equal layouts share their nodes."""
 
     rule: WavenumberRule
     width: float
@@ -70,7 +70,7 @@ class Layout:
 
     @staticmethod
     def of(rule: WavenumberRule, media: Media, rock: bool, largest_offset: float) -> Layout:
-        """Return the layout for all points of the media."""
+        """Return the layout that is sufficient for all points of the media."""
         root = np.sqrt(media.z)
         size = np.abs(root)
         interfaces = media.thickness if rock else media.thickness[:-1]
@@ -106,8 +106,8 @@ class Layout:
         )
 
 
-# Ground without viscosity needs some hundred panels at the damping of a record. A hundred times as
-# many is a mistake of the caller and would fill the memory.
+# Ground without viscosity needs some hundred panels at the damping of a usual record. A hundred
+# times that number is a mistake of the caller and would fill the memory.
 _MAX_PANELS = 20000
 
 # Largest change of the argument of two spherical Bessel functions in a panel, radians.
@@ -116,7 +116,7 @@ _PLATE_RADIANS_PER_PANEL = 8.0
 
 @lru_cache(maxsize=64)
 def nodes(layout: Layout) -> tuple[FloatArray, FloatArray]:
-    """Return nodes and weights, each (n,), ascending."""
+    """Return the wavenumber nodes of a layout, ascending, and their weights, each (n,)."""
     rule = layout.rule
     max_resolved_width = rule.turn / (2.0 + layout.largest_offset)
     max_width = max(max_resolved_width, 0.5 * _PLATE_RADIANS_PER_PANEL)
@@ -143,7 +143,7 @@ def nodes(layout: Layout) -> tuple[FloatArray, FloatArray]:
 
 
 def _rounded(value: float, direction: int) -> float:
-    """Return the next power of the factor, up for direction 1 and down for -1."""
+    """Return the next power of `_ROUNDING_FACTOR`, up for direction 1 and down for -1."""
     power = math.log(value) / math.log(_ROUNDING_FACTOR)
     return float(_ROUNDING_FACTOR ** (math.ceil(power) if direction > 0 else math.floor(power)))
 

@@ -1,7 +1,7 @@
 r"""Static equivalents of layered ground: effective modulus and effective depth.
 
-The effective modulus is that of a single medium with the same static deflection of the plate. At
-the effective depth a rigid base would reduce that deflection by a tenth, so that 90 % of it arises
+The effective modulus is that of homogeneous ground with the same static deflection of the plate. A
+rigid base at the effective depth would reduce that deflection by a tenth, so that 90 % of it arises
 above.
 """
 
@@ -34,9 +34,10 @@ def static_compliance(plate: LayeredPlateModel, radius: float, ground: LayeredGr
 
 
 def effective_modulus(plate: LayeredPlateModel, radius: float, ground: LayeredGround) -> float:
-    """Return Young's modulus, Pa, of the single medium with the same static deflection.
+    """Return Young's modulus, Pa, of homogeneous ground with the same static deflection of the
+    plate.
 
-    Its Poisson's ratio is that of the lowest medium. On rock it reaches down to the same rock.
+    Its Poisson's ratio is that of the lowest medium, and its rock is at the same depth.
     """
     depth = ground.rock_depth
     unit = Medium(1.0, 0.0, 1.0, ground.media[-1].poisson_ratio, depth)

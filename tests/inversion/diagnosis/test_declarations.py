@@ -124,7 +124,7 @@ def test_a_doubt_that_makes_no_drop_of_the_records_is_none(
         records: PointRecords, *_: Any, compare_declarations: bool, predict_last: bool
     ) -> PointDiagnosis:
         asked.append(compare_declarations)
-        raise RecordError("centre sensor: expected a downward deflection, found none")
+        raise RecordError("centre sensor: expected a downward deflection, got none")
 
     monkeypatch.setattr(module, "diagnose_point", again)
     point = Point(PointRecords("test", (too_shallow(record),), (1,)), library)

@@ -109,5 +109,5 @@ def test_load_is_zero_outside_of_the_pulse() -> None:
 
 @pytest.mark.parametrize("load", [np.zeros(550), np.full(550, -5.0)])
 def test_no_pulse(load: Array) -> None:
-    with pytest.raises(RecordError, match="half-sine: expected a positive load pulse, found none"):
+    with pytest.raises(RecordError, match="half-sine: expected a positive load pulse, got none"):
         fit_half_sine(TIME[:550], load[: TIME.size])

@@ -431,12 +431,12 @@ def test_time_steps_must_be_even() -> None:
 
 @pytest.mark.parametrize("level", [0.0, -3.0])
 def test_load_without_a_pulse(level: float) -> None:
-    with pytest.raises(RecordError, match=r"load: expected a positive pulse .*found none"):
+    with pytest.raises(RecordError, match=r"load: expected a positive pulse .*got none"):
         prepare(make_record(load=np.full(500, level)))
 
 
 def test_load_of_the_wrong_polarity() -> None:
-    with pytest.raises(RecordError, match=r"load: expected a positive pulse .*found none"):
+    with pytest.raises(RecordError, match=r"load: expected a positive pulse .*got none"):
         prepare(make_record(load=-PEAK * half_sine(time_axis())))
 
 
