@@ -1,1 +1,1 @@
-"""One ground fitted to drops: its parameters, their misfit, the fit and how well it is known."""
+"""Fit of a ground to the drops of a point: parameters, misfit, optimisation, uncertainty."""

@@ -1,4 +1,7 @@
-"""Unknowns of the inference: numbers with normal priors, on scales where absence is zero."""
+"""Coordinates: the unknowns of the inference, with normal priors. For most effects 0 means absent.
+
+A coordinate is a parameter itself, or its logarithm.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,13 @@ from dataclasses import dataclass
 
 from inversion.fitting.parameters import Parameter
 
-# Prior deviation of a parameter without a prior, as a part of its range.
+# Prior standard deviation of a parameter without a prior, as a fraction of its range.
 _VAGUE_DEVIATION_SHARE = 0.25
 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One unknown number with its prior.
+    """One unknown number of the inference, with its prior.
 
     Parameters
     ----------
@@ -31,16 +34,20 @@ class Coordinate:
     starts: tuple[float, ...] = ()
 
     def start(self, variant: int) -> float:
-        """Return the starting point of a number; numbers beyond the last return the last."""
+        """Return the starting point with index ``variant``, or the last one if there are fewer.
+
+        Without starting points it is the mean of the prior, within the bounds.
+        """
         if not self.starts:
             return min(max(self.mean, self.lower), self.upper)
         return self.starts[min(variant, len(self.starts) - 1)]
 
 
 def coordinate_of(parameter: Parameter) -> Coordinate:
-    """Return the coordinate of a parameter: its logarithm or itself, with the parameter's prior.
+    """Return the coordinate of a parameter, with the parameter's prior.
 
-    A parameter with a prior near the value at which its effect is absent starts there.
+    If the parameter has a prior and a value at which its effect is absent, fits start at that
+    value.
     """
 
     def scaled(value: float) -> float:
@@ -60,5 +67,5 @@ def coordinate_of(parameter: Parameter) -> Coordinate:
 
 
 def parameter_value(parameter: Parameter, coordinate: float) -> float:
-    """Return the value of a parameter at its coordinate."""
+    """Return the value of a parameter at its coordinate, in the parameter's unit."""
     return math.exp(coordinate) if parameter.logarithmic else coordinate

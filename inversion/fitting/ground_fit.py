@@ -1,4 +1,8 @@
-"""Result of a fit: the best ground, and the other grounds that fit the drops about as well."""
+"""Result of a fit: the best ground, and alternatives that fit the drops about as well.
+
+Grounds are points of the unit cube, onto which the ranges of the parameters are scaled. The cost is
+the mean square of the weighted residuals.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +18,11 @@ from inversion.fitting.parameters import ParameterSpace
 
 Window = Literal["contact", "whole"]
 
-# 95 % points of chi-square with one and with two degrees of freedom: by these the misfit rises at
-# the end of an interval, in units of independent errors (Wilks 1938, Ann. Math. Statist. 9, 60-62).
+# 95 % quantiles of chi-square with one and with two degrees of freedom. At the end of an interval
+# the misfit has risen by this number of independent errors (Wilks 1938, Ann. Math. Statist. 9,
+# 60-62).
 CHI_SQUARE_1_95, CHI_SQUARE_2_95 = 3.84, 6.0
-# Minima closer than this, in units of the box, are one.
+# Minima that are closer than this distance in the unit cube count as one.
 _SAME_MINIMUM_DISTANCE = 0.02
 
 
@@ -27,7 +32,7 @@ class Minimum:
 
     Parameters
     ----------
-    point : (d,) ndarray of float in the unit box
+    point : (d,) ndarray of float in the unit cube
     cost : float, mean square of the weighted residuals
     """
 
@@ -37,14 +42,14 @@ class Minimum:
 
 @dataclass(frozen=True)
 class AlternativeRule:
-    """Rule for the other minima that the data do not exclude, and for intervals around them.
+    """Rule that decides which other minima are alternatives, and how they widen intervals.
 
     Parameters
     ----------
-    max_rise : float, rise of the misfit over the best, in units of one independent error, up to
-        which a minimum is an alternative
-    is_widened : bool, True: an interval reaches as far beyond an alternative as beyond the best
-        ground; False: it ends at the alternative
+    max_rise : float, largest rise of the misfit over the best, in units of one independent error,
+    of an alternative
+    is_widened : bool, True: an interval extends as far beyond an alternative as beyond the best
+    ground; False: it ends at the alternative
     """
 
     max_rise: float
@@ -53,22 +58,22 @@ class AlternativeRule:
 
 @dataclass(frozen=True, eq=False)
 class GroundFit:
-    """The best ground for some drops, with the alternatives that the search met.
+    """Best ground for some drops, with the alternatives that the search came across.
 
     Parameters
     ----------
-    best : Minimum, at the full band; its cost is that of the data, without priors
+    best : Minimum, fitted to the full frequency band; its cost does not include the priors
     others : tuple of Minimum, further minima, best first
     converged : bool
-    solves : int, forward solves, everything included
-    misfit : Misfit at the full band
+    solves : int, number of evaluations of the model, in all steps
+    misfit : Misfit at the full frequency band
     drops : tuple of WeightedDrop, with the window that was fitted
     rule : AlternativeRule
-    profile : tuple of Minimum, best fits at fixed depths; empty where the depth is not fitted
-    off_bounds : tuple of Minimum, alternatives with a parameter fixed inside the bound on which it
-        ended
-    coarse : Misfit or None, of the same window at the band of the search, if ``others`` are minima
-        of it and intervals are to be profiled; None: ``others`` are minima of ``misfit``
+    profile : tuple of Minimum, best fits at fixed bedrock depths; empty if the depth is not fitted
+    off_bounds : tuple of Minimum, best fits with a parameter fixed inside of the bound that it had
+    reached
+    coarse : Misfit or None, for the same window at the band of the search, if ``others`` are minima
+    of it and intervals need profiles; None: ``others`` are minima of ``misfit``
     """
 
     best: Minimum
@@ -84,7 +89,7 @@ class GroundFit:
 
     @property
     def space(self) -> ParameterSpace:
-        """Unknowns of the fit."""
+        """Parameter space of the fit: unknowns with their bounds."""
         return self.misfit.space
 
     @property
@@ -94,13 +99,13 @@ class GroundFit:
 
     @property
     def window(self) -> Window:
-        """Part of the record that was fitted."""
+        """ "contact" if the record was fitted up to the end of the contact, else "whole"."""
         is_short = all(item.drop.window_end <= item.drop.contact_end for item in self.drops)
         return "contact" if is_short else "whole"
 
     @property
     def max_cost(self) -> float:
-        """Cost up to which the data do not exclude a minimum."""
+        """Largest cost of a minimum that the data do not exclude."""
         reference = self.best.cost
         if self.coarse is not None:
             reference = min((minimum.cost for minimum in self.others), default=0.0)
@@ -114,7 +119,7 @@ class GroundFit:
 
 
 def distinct(points: FloatArray, cost: FloatArray) -> NDArray[np.intp]:
-    """Return the indices of the minima, best first, without those that ended at a better one."""
+    """Return the indices of the minima, best first, without those near a better one."""
     indices: list[int] = []
     for index in np.argsort(cost):
         distances = (np.max(np.abs(points[index] - points[better])) for better in indices)
@@ -124,5 +129,5 @@ def distinct(points: FloatArray, cost: FloatArray) -> NDArray[np.intp]:
 
 
 def distinct_minima(points: FloatArray, cost: FloatArray) -> tuple[Minimum, ...]:
-    """Return the minima at points (k, d), best first, each once."""
+    """Return the distinct minima among points (k, d), best first."""
     return tuple(Minimum(points[i].copy(), float(cost[i])) for i in distinct(points, cost))

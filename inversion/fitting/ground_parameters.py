@@ -1,8 +1,9 @@
-"""Parameter spaces of homogeneous and of layered ground: what is fitted, its bounds and priors.
+"""Parameter spaces of homogeneous and of layered ground: unknowns, their bounds and priors.
 
-One medium is searched around its modulus by the peak method.  Layers differ from one another by
-orders of magnitude, so that their bounds are wider, all of them have priors, and the dashpot of
-each is described by its relaxation time, viscosity over modulus.
+A medium is a layer or the half-space below. Homogeneous ground is searched around its modulus from
+the peak method. The moduli of layers differ by orders of magnitude, so that their bounds are wider,
+all of them have priors, and the viscosity of each is described by its relaxation time, viscosity
+over modulus.
 """
 
 from __future__ import annotations
@@ -16,41 +17,40 @@ from inversion.forward.surrogate import MIN_DEPTH_RADII
 
 MODULUS, VISCOSITY, DENSITY, DEPTH = "modulus", "viscosity", "density", "bedrock_depth"
 
-# Bounds of one medium.  The modulus lies within a factor of the peak-method value (which inertia,
-# viscosity and rock bend by less), the density within that of soils and granular fills, the
-# viscosity below what would leave no deflection within a pulse, and rock below 60 plate radii sends
-# no echo.
+# Bounds of homogeneous ground. Modulus: factors of that from the peak method, which inertia,
+# viscosity and rock change by less. Density: that of soils and granular fills. Viscosity: with a
+# larger one there is no deflection within a pulse. Rock below 60 plate radii causes no echo.
 _MODULUS_FACTORS = (0.12, 6.0)
 _DENSITY_BOUNDS_KG_M3 = (1000.0, 2800.0)
 _MIN_VISCOSITY_BOUND_PA_S = 4.0e5
 _MAX_RELAXATION_S = 0.012
 _MAX_DEPTH_RADII = 60.0
 
-# Priors of one medium, centre and standard deviation: density of soils and granular fills from
-# loose and dry to dense and wet (the logarithm, kg/m3), and viscosity over modulus.
+# Priors of homogeneous ground, mean and standard deviation: logarithm of the density, kg/m3, of
+# soils and granular fills from loose and dry to dense and wet; viscosity over modulus, s.
 LOG_DENSITY_PRIOR = (math.log(1900.0), 0.12)
 RELAXATION_PRIOR_S = (1.0e-3, 1.5e-3)
-# Standard deviation of one over the depth of rock: what is called a subgrade has rarely rock within
-# a few decimetres, and often none within reach.
+# Prior standard deviation of one over the depth of rock: a subgrade rarely has rock within a few
+# decimetres, and often none near enough for an echo.
 INVERSE_DEPTH_SD_PER_M = 1.25
 
-# Bounds of layers.  From slurry to sound asphalt; the plate feels nothing thinner than a fifth of
-# its radius and no change below twenty radii; a relaxation time of 12 ms leaves no deflection in a
-# pulse.
+# Bounds of layers. Modulus: from slurry to sound asphalt. Thickness: layers thinner than a fifth of
+# the plate radius, or deeper than twenty radii, do not change the deflection. Relaxation time: with
+# more than 12 ms there is no deflection within a pulse.
 _LAYER_MODULUS_BOUNDS_PA = (1.0e6, 3.0e10)
 _LAYER_THICKNESS_BOUNDS_RADII = (0.2, 20.0)
 _LAYER_RELAXATION_BOUNDS_S = (1e-4, _MAX_RELAXATION_S)
 _LAYER_DENSITY_BOUNDS_KG_M3 = (1200.0, 2700.0)
-# Rock: between half a plate radius below the lowest boundary and where no echo returns.
+# Rock is at least half a plate radius below the lowest boundary, and near enough for an echo.
 _LOWEST_THICKNESS_BOUNDS_RADII = (0.5, _MAX_DEPTH_RADII)
 _MAX_LAG_S = 4.0e-3
 _NATURAL_FREQUENCY_BOUNDS_HZ = (0.2, 30.0)
 _DAMPING_BOUNDS = (0.1, 2.0)
 
-# Priors of layers, centre and standard deviation (of the natural logarithm where logarithmic).
-# Densities of soils, granular fills and asphalt; moduli within two orders of magnitude of the
-# deflection's own; a layer between a third of the radius and ten radii; a lag as converters and
-# filters have.
+# Priors of layers, mean and standard deviation (of the natural logarithm where logarithmic).
+# Density: soils, granular fills and asphalt. Modulus: within two orders of magnitude of that from
+# the deflection. Thickness: a third of the plate radius to ten radii. Lag: that of converters and
+# filters.
 _LAYER_LOG_DENSITY_PRIOR = (math.log(2000.0), 0.08)
 _LAYER_LOG_MODULUS_SD = 2.0
 _LAYER_THICKNESS_PRIOR_RADII, _LAYER_LOG_THICKNESS_SD = 1.7, 1.0
@@ -61,7 +61,9 @@ _DAMPING_PRIOR = (0.7, 0.3)
 
 
 def depth_parameter(plate_radius: float) -> Parameter:
-    """Return the depth of rock (m), within the range of the tables and of an echo."""
+    """Return the parameter of the bedrock depth, m, bounded by the response tables and by the
+    echo.
+    """
     return Parameter(
         DEPTH,
         "m",
@@ -81,12 +83,13 @@ def homogeneous_space(
     rock_depth: float | None = None,
     elastic: bool = False,
 ) -> ParameterSpace:
-    """Return the unknowns of one medium: the modulus, and everything else that is not given.
+    """Return the parameter space of homogeneous ground: the modulus, and all that is not declared.
 
     Parameters
     ----------
-    peak_modulus : float, Pa, modulus by the peak method, the centre of the search
+    peak_modulus : float, Pa, from the peak method, the centre of the search
     plate_radius : float, m
+    poisson_ratio : float
     density : float, kg/m3; None: fitted
     rock_depth : float, m; inf: half-space; None: fitted
     elastic : bool, True: no viscosity
@@ -137,17 +140,22 @@ def layered_space(
     lag: bool = False,
     sensor_lags: Sequence[int] = (),
 ) -> ParameterSpace:
-    """Return the unknowns of a ground of ``media`` media under one plate.
+    """Return the parameter space of a ground of ``media`` media under one plate.
 
     Parameters
     ----------
-    surface_modulus : Pa, of a homogeneous ground with the deflection of the plate
-    density : kg/m3, of all media, or None: fitted
-    thickness : media - 1 values from the top, m, or None: fitted
-    rock_depth : m; inf: none; None: fitted
-    separate_relaxation : True: a relaxation time for each medium, False: one for all of them
-    geophone, lag : fit the natural frequency and damping of the geophones, a lag of all sensors
-    sensor_lags : sensors with a lag of their own
+    media : int
+    surface_modulus : Pa, of homogeneous ground with the same deflection of the plate
+    plate_radius : m
+    poisson_ratio : float
+    density : kg/m3, of all media; None: fitted
+    thickness : media - 1 values from the top, m; None: fitted
+    rock_depth : m; inf: no rock; None: fitted
+    elastic : True: no viscosity
+    separate_relaxation : True: a relaxation time for each medium; False: one for all of them
+    geophone : True: natural frequency and damping of the geophones are fitted
+    lag : True: a lag of all sensors is fitted
+    sensor_lags : indices of sensors with a lag of their own
     """
     if media < 1:
         raise ModelError(f"layers: expected at least 1, got {media}")

@@ -1,4 +1,8 @@
-"""Fit of one medium to the drops of a point: search, profile over the depth of rock, polish."""
+"""Fit of homogeneous ground to the drops of a point.
+
+The steps are a coarse search, fits at fixed depths of rock (the profile), and refinement at the
+full frequency band. The contact is fitted first, then the whole record if the model explains it.
+"""
 
 from __future__ import annotations
 
@@ -26,37 +30,39 @@ from inversion.search.multi_population import MultiPopulationSearch, SearchSetti
 
 Method = Literal["mpga", "least-squares", "published"]
 
-# Samples of the window for the search, for rough fits of the whole record, and for the polish.
+# Largest number of samples in the search, in rough fits of the whole record, and in the refinement.
 _MAX_SEARCH_SAMPLES, _MAX_ROUGH_SAMPLES, _MAX_FULL_SAMPLES = 64, 128, 400
-# Starts (unit values): modulus around that of the peak method, and little or much viscosity.
+# Starting points in the unit cube: modulus near that of the peak method, little and much viscosity.
 _START_MODULUS, _START_VISCOSITY, _START_DENSITY_AND_DEPTH = (0.5, 0.4), (0.06, 0.25), 0.6
-# Depths, at even steps of the unit box, at which the other parameters are fitted: the misfit has a
-# minimum for every few of them, most of all for shallow ones.
+# Number of depths, at even steps of the unit interval, at which the other parameters are fitted:
+# the misfit has several minima over the depth, most of them at small depths.
 _N_PROFILE_DEPTHS = 14
 _PROFILE_ENDS = (0.02, 0.98)
-# Steps of the fits of a profile, and of the refinement of guesses at the band of the search.
+# Number of steps of the fits of a profile, and of the refinement at the band of the search.
 _N_PROFILE_STEPS, _N_REFINE_STEPS = 7, 12
-# Depths are given up whose cost after the first steps is more than this multiple of the best one's.
+# A depth is dropped if its cost after the first steps exceeds this multiple of the best cost.
 _N_FIRST_STEPS, _N_FURTHER_STEPS, _MAX_COST_RATIO = 4, 4, 30.0
-# Distances from a bound, in units of the box, at which the other parameters are fitted again.
+# Distances from a bound, in the unit interval, at which the other parameters are fitted again.
 _DISTANCES_FROM_BOUND = np.array([0.03, 0.1, 0.25, 0.5, 1.0])
-# Minima that are refined further: at most this number, those that may still become the best.
+# Minima that are refined further: at most this number, and only those whose cost is within this
+# factor or this difference of the best.
 _N_PROMISING, _PROMISING_RATIO, _PROMISING_RISE = 3, 4.0, 2.0
-# Grounds that fit the contact within the model's error of the best one are tried on the whole
-# record; the best of them there are refined.  The whole record is fitted where its mean square
-# residual is at most 2.25 (1.5 times the model's error), and rejected before the polish above 9.
+# Grounds that fit the contact about as well as the best one are tried on the whole record; the best
+# of them there are refined. The whole record is fitted if its mean square residual is at most 2.25
+# (1.5 times the error of the model), and is not tried further above 9.
 _MAX_CONTACT_RISE = 1.0
 _N_TAIL_CANDIDATES, _N_TAIL_STEPS = 3, 8
 _MAX_POLISHED_TAIL_COST, _MAX_TAIL_COST = 9.0, 2.25
-# A depth is an alternative up to about twice the best cost; twice that for the coarser fit.  The
-# cost that a linear record predicts was up to 10 times too large.
+# Largest cost over the best cost at which a depth is kept: alternatives have up to about twice the
+# best cost, and the coarse fit doubles that. The linear prediction of a cost was up to 10 times too
+# large.
 _MAX_PROFILE_COST_RATIO, _MAX_LINEAR_COST_RATIO = 4.0, 8.0
 _HOMOGENEOUS_RULE = AlternativeRule(max_rise=CHI_SQUARE_2_95, is_widened=True)
-# The same beside the most natural ground: the tails of what nature gives are longer than those of
-# a normal distribution.
+# Largest rise of the misfit of an alternative, compared with the most probable ground: properties
+# of soils have longer tails than a normal distribution.
 _MAX_NATURAL_RISE = 12.0
-# Depths at least this far apart, in units of the box, are different; of the grounds that fit alike
-# this number is refined beside the priors.
+# Depths at least this far apart in the unit interval are different. Number of equally good grounds
+# that are refined with the priors.
 _MIN_DEPTH_SPREAD, _N_NATURAL_STARTS = 0.1, 4
 
 
@@ -69,10 +75,19 @@ def fit_homogeneous(
     *,
     priors: bool = True,
 ) -> GroundFit:
-    """Return the medium that fits the drops best, searched coarsely and polished at the full band.
+    """Return the homogeneous ground that fits the drops best.
 
-    Where the drops leave the depth of rock open, the ground is the one with the most probable
-    parameters among those that fit alike, unless ``priors`` is False.
+    If the drops do not determine the depth of rock, it is the most probable ground, by the priors,
+    among those that fit equally well, unless ``priors`` is False.
+
+    Parameters
+    ----------
+    drops : tuple of WeightedDrop
+    space : ParameterSpace
+    plate : Plate
+    method : "mpga" (genetic search and least squares), "least-squares" or "published"
+    rng : numpy Generator, for the genetic search
+    priors : bool
     """
     if method == "published":
         return _fit_published(drops, space, plate, rng)
@@ -83,10 +98,10 @@ def fit_homogeneous(
 
 
 def _with_fits_off_bounds(fit: GroundFit) -> GroundFit:
-    """Add a profile over each parameter that ended on a bound, except the modulus.
+    """Add fits at fixed values of each parameter that ended on a bound, except the modulus.
 
-    The misfit still falls towards the bound, so that its curvature does not show how far inside
-    the parameter may lie.
+    The misfit still decreases towards the bound, so that its curvature does not show how far inside
+    the parameter may be.
     """
     misfit, best = fit.misfit, fit.best.point
     alternatives: list[Minimum] = []
@@ -103,7 +118,7 @@ def _with_fits_off_bounds(fit: GroundFit) -> GroundFit:
             tolerance=1e-3,
             frozen=int(column),
         )
-        # Priors count in both costs, but not in the best one's that is compared later.
+        # Both of these costs include the priors; the cost of the best ground does not.
         rises = fixed.cost - misfit.objective(best[None])[0]
         alternatives += [
             Minimum(point, fit.best.cost + float(rise))
@@ -121,8 +136,8 @@ class _PriorFit:
     Parameters
     ----------
     misfit : Misfit, with the priors
-    points : (k, d) ndarray of float in the unit box, the minima first, then fits at fixed depths
-    cost : (k,) ndarray of float, mean square of the residuals, the priors' among them
+    points : (k, d) ndarray of float in the unit cube, the minima first, then fits at fixed depths
+    cost : (k,) ndarray of float, mean square of the residuals, those of the priors included
     converged : (n_minima,) ndarray of bool
     """
 
@@ -138,10 +153,12 @@ class _PriorFit:
 
 
 def _with_priors(fit: GroundFit) -> GroundFit:
-    """Replace the best ground by the most probable one among those that fit alike.
+    """Replace the best ground by the most probable one, by the priors, among those that fit equally
+    well.
 
-    The others that fit alike become the profile.  Ground without rock is one of them where it
-    fits.  Where only one depth fits nothing is changed: priors do not bend what the data show.
+    The other grounds that fit equally well become the profile. Ground without rock is one of them
+    if it fits. If only one depth fits, nothing is changed: priors do not alter what the data
+    determine.
     """
     column = fit.space.depth_column
     assert column is not None
@@ -155,7 +172,7 @@ def _with_priors(fit: GroundFit) -> GroundFit:
     solves += on_rock.misfit.solves
     candidates = [on_rock] if bare is None else [on_rock, bare]
     chosen = min(candidates, key=lambda candidate: float(candidate.cost[candidate.best]))
-    # What does not fit as well as the most natural ground is no alternative any more.
+    # Only grounds that fit about as well as the most probable one remain alternatives.
     rise = _MAX_NATURAL_RISE / on_rock.misfit.n_independent * fit.level
     limit = float(chosen.cost[chosen.best]) + rise
     size = chosen.misfit.space.size
@@ -179,7 +196,9 @@ def _with_priors(fit: GroundFit) -> GroundFit:
 
 
 def _fit_with_rock(fit: GroundFit, points: FloatArray, column: int) -> _PriorFit:
-    """Fit grounds that fit alike (k, d) with their priors, free and at their depths."""
+    """Fit grounds that fit equally well (k, d) again with priors, with free and with fixed
+    depths.
+    """
     misfit = _full_misfit(fit, fit.space, prior_level=fit.level)
     starts = points[np.argsort(misfit.objective(points))[:_N_NATURAL_STARTS]]
     free = fit_batch(misfit.linearise, starts, iterations=15)
@@ -195,10 +214,11 @@ def _fit_with_rock(fit: GroundFit, points: FloatArray, column: int) -> _PriorFit
 
 
 def _fit_without_rock(fit: GroundFit) -> tuple[_PriorFit | None, int]:
-    """Return the best ground without rock with its priors, None if none fits, and the solves.
+    """Return the best ground without rock, with priors, or None if none fits, and the number of
+    solves.
 
-    Whether one fits is decided without the priors.  A fit whose cost is far too large after the
-    first steps is given up.
+    The decision whether one fits is made without the priors. A fit whose cost is far too large
+    after the first steps is stopped.
     """
     space = fit.space.without_rock()
     coarse = Misfit(fit.drops, space, fit.misfit.plate, SEARCH_BAND_HZ, _MAX_ROUGH_SAMPLES)
@@ -218,7 +238,7 @@ def _fit_without_rock(fit: GroundFit) -> tuple[_PriorFit | None, int]:
 
 
 def _full_misfit(fit: GroundFit, space: ParameterSpace, *, prior_level: float = 0.0) -> Misfit:
-    """Return the misfit of a fit's drops at the full band."""
+    """Return the misfit of a fit's drops at the full frequency band."""
     return Misfit(
         fit.drops,
         space,
@@ -263,7 +283,7 @@ def _fit_without_priors(
 
 
 def _refine(fit: GroundFit) -> GroundFit:
-    """Bring guesses to their minima at the band of the search."""
+    """Refine a fit's starting points to minima at the frequency band of the search."""
     guesses = np.stack([m.point for m in (fit.best, *fit.others)])
     rough = fit_batch(fit.misfit.linearise, guesses, iterations=_N_REFINE_STEPS, tolerance=1e-3)
     minima = distinct_minima(rough.points, rough.cost)
@@ -271,7 +291,7 @@ def _refine(fit: GroundFit) -> GroundFit:
 
 
 def _polish(fit: GroundFit) -> GroundFit:
-    """Refine the best ground of a fit, and its alternatives, at the full band."""
+    """Refine the best ground of a fit, and its alternatives, at the full frequency band."""
     fine = _full_misfit(fit, fit.space)
     starts = np.stack([m.point for m in _promising((fit.best, *fit.others))])
     polished = fit_batch(fine.linearise, starts, iterations=20)
@@ -287,11 +307,12 @@ def _polish(fit: GroundFit) -> GroundFit:
 
 
 def _with_tail(fit: GroundFit) -> GroundFit:
-    """Return the fit of the whole record where the model explains all of it, else of the contact.
+    """Return the fit of the whole record if the model explains all of it, else of the contact.
 
     After the contact the plate of a real device may bounce and tip, which the load cell does not
-    measure; so the tail is not fitted blindly.  But where one of the grounds that fit the contact
-    also predicts the tail, the tail decides between them: a deep base shows itself late.
+    measure; so the record after the contact is not always fitted. But if one of the grounds that
+    fit the contact also predicts the rest of the record, the rest decides between them: the echo of
+    deep rock comes late.
     """
     longer = tuple(item.with_tail(reweigh=True) for item in fit.drops)
     if all(a.drop.window_end == b.drop.window_end for a, b in zip(longer, fit.drops, strict=True)):
@@ -302,10 +323,10 @@ def _with_tail(fit: GroundFit) -> GroundFit:
     rough = Misfit(longer, space, plate, SEARCH_BAND_HZ, _MAX_ROUGH_SAMPLES)
     limit = fit.best.cost + _MAX_CONTACT_RISE
     candidates = [m for m in (fit.best, *fit.others, *fit.profile) if m.cost <= limit]
-    # The best ones of a profile are in it as well.
+    # The best points of the profile are among the minima too; duplicates are removed.
     points = np.unique(np.stack([m.point for m in candidates]), axis=0)
     order = np.argsort(rough.objective(points))[:_N_TAIL_CANDIDATES]
-    # A single candidate at a known depth has been refined already: it is polished at once.
+    # A single candidate at a known depth has been refined already.
     is_refined = order.size == 1 and space.depth_column is None
     refined = fit_batch(
         rough.linearise,
@@ -339,10 +360,10 @@ def _with_tail(fit: GroundFit) -> GroundFit:
 
 
 def _longer_profile(fit: GroundFit, misfit: Misfit, best_cost: float) -> tuple[Minimum, ...]:
-    """Fit the depths of a profile to a longer window, which may allow other ones.
+    """Fit the depths of a profile to a longer window, in which other depths may fit.
 
-    A depth misses the whole record by at least what it misses of the contact, and by about what
-    remains where the record is taken for linear in the other parameters; depths that cannot come
+    A depth misses the whole record by at least what it misses of the contact, and by about the
+    residual that remains if the record is linear in the other parameters. Depths that cannot come
     near the best cost are left out.
     """
     limit = _MAX_PROFILE_COST_RATIO * max(1.0, best_cost)
@@ -371,7 +392,9 @@ def _fit_published(
     plate: Plate,
     rng: np.random.Generator,
 ) -> GroundFit:
-    """Search as in the paper: its operators, its fitness (Eq. 16), no polish."""
+    """Search as in the published method: its operators and its fitness (Eq. 16), without
+    refinement.
+    """
     misfit = Misfit(drops, space, plate, FULL_BAND_HZ, _MAX_FULL_SAMPLES)
 
     def inverse_fitness(points: FloatArray) -> FloatArray:
@@ -408,7 +431,9 @@ def _genetic_optimum(misfit: Misfit, size: int, rng: np.random.Generator) -> Flo
 
 
 def _two_starts(space: ParameterSpace) -> FloatArray:
-    """Return starts (2, d) around the peak-method modulus, with little and with much viscosity."""
+    """Return two starting points (2, d) near the modulus of the peak method, with little and much
+    viscosity.
+    """
     starts = np.full((2, space.size), _START_DENSITY_AND_DEPTH)
     for column, values in (
         (space.index("modulus"), _START_MODULUS),
@@ -452,6 +477,6 @@ def _local_minima(profile: tuple[Minimum, ...]) -> tuple[Minimum, ...]:
 
 
 def _promising(minima: tuple[Minimum, ...]) -> tuple[Minimum, ...]:
-    """Return the minima, best first, that may become the best or remain alternatives of it."""
+    """Return the minima, best first, that may become the best or remain alternatives."""
     limit = max(_PROMISING_RATIO * minima[0].cost, minima[0].cost + _PROMISING_RISE)
     return tuple(m for m in minima if m.cost <= limit)[:_N_PROMISING]

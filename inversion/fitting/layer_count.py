@@ -1,9 +1,11 @@
-r"""Number of layers that a record determines, by evidence and by held-out sensors together.
+r"""Choice of the number of layers, by the evidence of the fits and by the prediction of held-out
+sensors.
 
-Evidence is the Bayesian information criterion (Schwarz 1978, Ann. Statist. 6(2), 461-464) over
-independent errors: :math:`n \ln \max(c, f) + k \ln n`, with c the mean square of the weighted
-residual and f the least that counts.  A small residual proves nothing by itself: a further medium
-also has to predict held-out sensors about as well as the ground without it does.
+The evidence is the Bayesian information criterion (Schwarz 1978, Ann. Statist. 6(2), 461-464) over
+independent errors, :math:`n \ln \max(c, f) + k \ln n`, with the mean square c of the weighted
+residual, a lower limit f, the number k of parameters and the number n of independent errors. A
+small residual alone does not justify a further medium: the model with it also has to predict
+held-out sensors about as well as the model without it.
 """
 
 from __future__ import annotations
@@ -20,14 +22,14 @@ from inversion.fitting.layered_fit import fit_layers
 from inversion.fitting.misfit import Misfit
 
 MAX_LAYERS = 4
-# Mean square below which residuals do not differ: the layered model agrees with finite elements
-# within a third of its stated error (docs/layers.md).
+# Lower limit f of the mean square residual: the layered model agrees with finite elements within a
+# third of its stated error (docs/layers.md), so that smaller residuals are equally good.
 _MIN_COST = 0.1
-# Gain of evidence that a further medium needs ("strong" in Kass and Raftery 1995, J. Am. Stat.
-# Assoc. 90, 773-795), and the largest ratio by which it may predict held-out sensors worse.
+# Smallest decrease of the criterion for a further medium ("strong" in Kass and Raftery 1995, J. Am.
+# Stat. Assoc. 90, 773-795), and largest ratio by which the error at held-out sensors may grow.
 MIN_BIC_GAIN = 6.0
 _MAX_HELD_OUT_RATIO = 1.1
-# With fewer sensors than this those that are not held out do not determine the ground.
+# Smallest number of sensors for holding out one: fewer remaining ones do not determine the ground.
 MIN_SENSORS_TO_HOLD_OUT = 3
 _MAX_HELD_OUT_SENSORS = 4
 
@@ -40,7 +42,8 @@ class Candidate:
     ----------
     fit : GroundFit
     evidence : float, information criterion; smaller is better
-    held_out_error : float or None, median over held-out sensors of the error over the sensor's peak
+    held_out_error : float or None, median over the held-out sensors of the prediction error over
+    the sensor's peak
     """
 
     fit: GroundFit
@@ -54,26 +57,35 @@ class Candidate:
 
 
 def information(fit: GroundFit) -> float:
-    """Bayesian information criterion; smaller is better. Fits of one window are comparable."""
+    """Return the Bayesian information criterion of a fit; smaller is better.
+
+    Only fits of the same window are comparable.
+    """
     count = fit.misfit.n_independent
     return count * math.log(max(fit.best.cost, _MIN_COST)) + fit.space.size * math.log(count)
 
 
 def max_layers(sensors: int) -> int:
-    """Return the largest number of media for some sensors: as many, and one with the centre."""
+    """Return the largest number of media for a number of sensors: the same, but at most 4."""
     return max(1, min(MAX_LAYERS, sensors))
 
 
 def held_out_errors(
     fit: GroundFit, rng: np.random.Generator, sensors: Sequence[int] | None = None
 ) -> FloatArray:
-    """Error of each held-out sensor over its own peak, rms over the record, (k,).
+    """Return the prediction error of each held-out sensor over its own peak, root mean square,
+    (k,).
 
-    Each is predicted by the ground that fits the others, starting from the fit of all.
+    Each sensor is predicted by the ground that fits the others; its fit starts at the fit of all
+    sensors.
 
     Parameters
     ----------
-    sensors : those that are held out in turn; None: at most four, spread over the offsets
+    fit : GroundFit
+    rng : numpy Generator
+    sensors : sequence of int, optional
+        Indices of the sensors that are held out in turn; None: at most four, spread over the
+        offsets.
     """
     fitted_sensors = fit.misfit.sensors
     if sensors is None:
@@ -96,7 +108,7 @@ def held_out_errors(
 
 
 def _prediction_error(fit: GroundFit, point: FloatArray, sensor: int) -> float:
-    """Return the error of one sensor at a ground, over its own peak, rms over the fit's window."""
+    """Return the root mean square error at one sensor over its own peak, in the fitted window."""
     misfit = Misfit(
         fit.drops,
         fit.space,
@@ -115,7 +127,7 @@ def _prediction_error(fit: GroundFit, point: FloatArray, sensor: int) -> float:
 
 
 def is_better(fewer: Candidate, more: Candidate) -> bool:
-    """Return True if the ground with more media explains more and predicts no worse."""
+    """Return True if the ground with more media fits clearly better and does not predict worse."""
     if more.evidence > fewer.evidence - MIN_BIC_GAIN:
         return False
     if fewer.held_out_error is None or more.held_out_error is None:

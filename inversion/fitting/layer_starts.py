@@ -1,8 +1,8 @@
-"""Starting points of the diagnosis on layered ground.
+"""Starting points for layered ground in the diagnosis.
 
-The diagnosis fits layers together with other effects, one prediction at a time.  Finding the right
-minimum among several would take it long, so that the fit of batches does it beforehand: for the
-variants of the ground (rock or none) and of the instrument (geophone, lag) in a set of effects.
+The diagnosis fits layers together with other effects, one prediction at a time, and would take long
+to find the right minimum among several. A fit of many points at once finds it beforehand, for each
+variant of the ground (with or without rock) and of the instrument (geophone, lag).
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from inversion.fitting.layer_count import MIN_BIC_GAIN, information
 from inversion.fitting.layered_fit import fit_layers
 from inversion.fitting.misfit import WeightedDrop
 
-# Number of distances of sensors that determine two layers on the ground below.
+# Smallest number of sensor distances that determine two layers on the ground below.
 _MIN_DISTANCES_FOR_TWO_LAYERS = 4
 
 
 class LayerStarts:
-    """Layered grounds that fit the drops of a point, each computed at its first request.
+    """Layered grounds that fit the drops of a point, each computed when it is first requested.
 
     Parameters
     ----------
     drops : sequence of WeightedDrop
     poisson_ratio : float
-    density : float or None, kg/m3, where it is declared
-    rock_depth : float or None, m, where it is declared; inf: none
-    elastic : bool
-    peak_modulus : float, Pa, by the peak method
+    density : float, kg/m3; None: not declared
+    rock_depth : float, m; inf: no rock; None: not declared
+    elastic : bool, True: no viscosity
+    peak_modulus : float, Pa, from the peak method
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class LayerStarts:
 
     @property
     def n_distances(self) -> int:
-        """Number of distances of the sensors from the plate's centre."""
+        """Number of different distances of the sensors from the plate's centre."""
         return self.drops[0].n_distances
 
     @property
@@ -65,19 +65,27 @@ class LayerStarts:
         if self._has_second_layer is None:
             self._has_second_layer = False
             if self.n_distances >= _MIN_DISTANCES_FOR_TWO_LAYERS:
-                # The richer ground decides which part of the record is explained.
+                # The ground with more media is fitted first: it determines the part of the record
+                # that is used.
                 three, two = (self._fit(media, True, True, True) for media in (3, 2))
                 gain = information(two) - information(three)
                 self._has_second_layer = gain > MIN_BIC_GAIN
         return self._has_second_layer
 
     def values(self, *, rock: bool, geophone: bool, lag: bool) -> dict[str, float]:
-        """Return the unknowns of the best ground of a variant, by name, SI.
+        """Return the parameters of the best ground of a variant, by name, in SI units.
 
-        ``modulus``, ``relaxation`` and ``density`` are those of the ground below; of the top and,
-        where there is one, the middle: ``modulus_ratio``, ``relaxation_ratio``, ``density_ratio``,
-        ``thickness`` and the same with ``middle_``; ``depth`` of the rock from the surface; of the
-        instrument ``natural_frequency``, ``damping`` and ``lag``.
+        ``modulus``, ``relaxation`` (time) and ``density`` are those of the ground below the layers.
+        ``modulus_ratio``, ``relaxation_ratio``, ``density_ratio`` and ``thickness`` are those of
+        the top layer; with the prefix ``middle_`` of the second layer, if there is one. ``depth``
+        is that of the rock below the surface. ``natural_frequency``, ``damping`` and ``lag`` are
+        those of the instrument.
+
+        Parameters
+        ----------
+        rock : bool, True: the ground has rock at an unknown depth
+        geophone : bool, True: the response of the geophones is fitted
+        lag : bool, True: a lag of the sensors is fitted
         """
         fit = self.fit(rock=rock, geophone=geophone, lag=lag)
         ground = fit.space.grounds(fit.best.point[None])
@@ -104,7 +112,7 @@ class LayerStarts:
         return values
 
     def fit(self, *, rock: bool, geophone: bool, lag: bool) -> GroundFit:
-        """Return the best layered ground of a variant of ground and instrument."""
+        """Return the best layered ground of a variant, see `values`."""
         return self._fit(3 if self.has_second_layer else 2, rock, geophone, lag)
 
     def _fit(self, media: int, rock: bool, geophone: bool, lag: bool) -> GroundFit:
@@ -124,7 +132,7 @@ class LayerStarts:
                 geophone=geophone and instrument.geophone_natural_frequency is None,
                 lag=lag,
             )
-            # The same starts for every variant.
+            # The seed is fixed, so that every variant has the same starting points.
             rng = np.random.default_rng(0)
             fit = fit_layers(self.drops, space, "rigid-rough", rng, window=self._window)
             self._window = self._window or fit.window

@@ -1,10 +1,11 @@
-"""Fit of layered ground to the drops of a point: a sample of starts, then least squares.
+"""Fit of layered ground to the drops of a point: a sample of starting points, then least squares.
 
 The misfit of layered ground has several minima, because a thickness and a modulus can replace one
-another.  A scrambled Sobol sequence of starts lies within what the deflections allow; the genetic
-search adds the best of its populations.  All starts are followed for some steps, the best of them
-to their minima, and those are polished at the full band.  The contact is fitted first, then the
-whole record where the model explains it (see :mod:`inversion.fitting.homogeneous_fit`).
+another. A scrambled Sobol sequence of starting points lies within the range that the deflections
+allow; the genetic search adds the best of its populations. All starting points are followed for
+some steps, the best of them to their minima, and those are refined at the full frequency band. The
+contact is fitted first, then the whole record if the model explains it (see
+:mod:`inversion.fitting.homogeneous_fit`).
 """
 
 from __future__ import annotations
@@ -31,32 +32,33 @@ from inversion.fitting.transfer import Plate
 from inversion.search.least_squares import BatchFit, fit_batch
 from inversion.search.multi_population import MultiPopulationSearch, SearchSettings
 
-# Bands, as multiples of one over the contact: a half-sine has 1.5 % of its spectrum left at 5 over
-# its duration and 0.3 % at 13.  A pulse of 8 ms then gets the bands of homogeneous ground.
+# Highest frequencies of search and refinement, as multiples of one over the contact time. The
+# spectrum of a half-sine has fallen to 1.5 % at 5 over its duration, and to 0.3 % at 13. For a
+# pulse of 8 ms these are the bands of homogeneous ground.
 _SEARCH_BAND_CONTACTS, _FULL_BAND_CONTACTS = 5.2, 12.8
 _MAX_SEARCH_SAMPLES, _MAX_FULL_SAMPLES = 64, 160
-# Number of starts (a power of two, for the balance of the sequence) and the steps of all of them;
-# number of minima that are followed to the end and polished, each with its steps.
+# Number of starting points (a power of two, as the Sobol sequence needs) and of their first steps;
+# number of minima that are followed to the end, and that are refined, with the numbers of steps.
 _N_STARTS, _N_FIRST_STEPS = 16, 6
 _N_FOLLOWED, _N_FOLLOWED_STEPS = 5, 25
 _N_POLISHED, _N_POLISH_STEPS = 2, 15
-# The genetic search: evaluations of a coarse misfit that cost about as much as the starts do.
+# Settings of the genetic search, which then costs about as much as the starting points do.
 _GENETIC_SETTINGS = SearchSettings(
     individuals=48, generations=12, sample_factor=2, scout_evaluations=0, polish_evaluations=0
 )
-# Level of the residual by which priors are weighed before any fit, when it is not yet known.
+# Mean square residual that determines the weight of the priors before the first fit.
 _FIRST_LEVEL = 100.0
-# The whole record is fitted where its mean square residual is at most 2.25 (1.5 times the model's
-# error), or its root at most 1.3 times that of the contact.
+# The whole record is fitted if its mean square residual is at most 2.25 (1.5 times the error of the
+# model), or its root at most 1.3 times that of the contact.
 _MAX_EXPLAINED_COST, _MAX_RESIDUAL_OVER_CONTACT = 2.25, 1.3
 _LAYERED_RULE = AlternativeRule(max_rise=CHI_SQUARE_1_95, is_widened=False)
-# Starts: moduli over those of the deflections (natural logarithms of the ratio, for the top,
-# between and the bottom), thicknesses in plate radii, relaxation times.
+# Ranges of the starting points: natural logarithm of the modulus over that from the deflection
+# (top, inner and lowest medium), thickness in plate radii, relaxation time.
 _TOP_LOG_RATIOS, _INNER_LOG_RATIOS, _BOTTOM_LOG_RATIOS = (-1.0, 2.7), (-1.2, 1.8), (-1.0, 0.3)
 _THICKNESS_RADII, _LAST_THICKNESS_RADII = (0.5, 4.0), (2.0, 40.0)
 _RELAXATION_S = (0.2e-3, 2.0e-3)
 _NATURAL_FREQUENCY_HZ = (1.0, 8.0)
-# A sensor at more than this distance is deflected mainly by the ground below the layers.
+# The deflection at more than this distance is determined mainly by the ground below the layers.
 _MIN_OUTER_RADII = 1.5
 
 
@@ -75,10 +77,17 @@ def fit_layers(
 
     Parameters
     ----------
-    genetic : whether a genetic search adds starts
-    sensors : sensors that count; None: all
-    start : (d,) ndarray of float, one start instead of the sample
-    window : part of the record; None: the whole record where the model explains it
+    drops : sequence of WeightedDrop
+    space : ParameterSpace
+    plate : Plate
+    rng : numpy Generator
+    genetic : bool, True: a genetic search adds starting points
+    sensors : sequence of int, optional
+        Indices of the sensors that are fitted; None: all.
+    start : (d,) ndarray of float, optional
+        One starting point in place of the sample.
+    window : "contact", "whole" or None
+        Part of the record; None: the whole record if the model explains it.
     """
     longer = tuple(item.with_tail(reweigh=False) for item in drops)
     if all(a.drop.window_end == b.drop.window_end for a, b in zip(drops, longer, strict=True)):
@@ -103,7 +112,7 @@ def fit_layers(
 
 
 class _Stage:
-    """Search and polish of the fit to one window.
+    """Search and refinement of the fit to one window.
 
     Parameters
     ----------
@@ -134,7 +143,9 @@ class _Stage:
         )
 
     def search(self, starts: FloatArray) -> BatchFit:
-        """Bring starts to their minima at the band of the search; return them best first."""
+        """Follow starting points to their minima at the band of the search; return them best
+        first.
+        """
         coarse = self.coarse
         coarse.prior_level = _FIRST_LEVEL
         first = fit_batch(coarse.linearise, starts, iterations=_N_FIRST_STEPS, tolerance=1e-3)
@@ -148,7 +159,7 @@ class _Stage:
         return BatchFit(fit.points[order], fit.cost[order], fit.converged[order], fit.solves)
 
     def polish(self, minima: BatchFit) -> GroundFit:
-        """Refine the best minima at the full band."""
+        """Refine the best minima at the full frequency band."""
         fine = self._misfit(_FULL_BAND_CONTACTS, _MAX_FULL_SAMPLES)
         fine.prior_level = _level(self.coarse, minima.points[0])
         best = distinct(minima.points, minima.cost)[:_N_POLISHED]
@@ -181,14 +192,14 @@ def starting_points(
     rng: np.random.Generator,
     stage: _Stage | None = None,
 ) -> FloatArray:
-    r"""Return starts within what the deflections at rest allow, (k, d) points of the unit box.
+    r"""Return starting points within the range that the deflections allow, (k, d) in the unit cube.
 
-    The deflection of the plate bounds a mean of all moduli, that of the farthest sensor the
-    modulus below (Boussinesq: :math:`E_0(r) = (1 - \nu^2) F / (\pi r w_r)`).  A stage adds
-    candidates of the genetic search on its misfit.
+    The deflection of the plate bounds a mean of all moduli, that of the farthest sensor the modulus
+    below the layers (Boussinesq: :math:`E_0(r) = (1 - \nu^2) F / (\pi r w_r)`). With a stage,
+    candidates of a genetic search on its misfit are added.
     """
     low, high = _start_box(space, item)
-    # A third of the time that importing the project takes, for layers only.
+    # Imported here: it takes a third of the time of importing the project, and only layers need it.
     from scipy.stats import qmc
 
     starts: FloatArray = low + (high - low) * qmc.Sobol(space.size, rng=rng).random(_N_STARTS)
@@ -203,7 +214,7 @@ def starting_points(
 
 
 def _start_box(space: ParameterSpace, item: WeightedDrop) -> tuple[FloatArray, FloatArray]:
-    """Return the lower and upper ends (d,) of the starts, unit values."""
+    """Return the lower and the upper ends (d,) of the starting points in the unit cube."""
     drop, radius = item.drop, item.instrument.plate_radius
     offsets = np.abs(drop.offsets)
     centre, outer = int(np.argmin(offsets)), int(np.argmax(offsets))

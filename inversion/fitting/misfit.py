@@ -1,4 +1,7 @@
-"""Weighted residuals of drops against a batch of grounds."""
+"""Misfit: weighted residuals of drops for many grounds at once.
+
+A residual is predicted minus observed displacement, over the expected error of model and data.
+"""
 
 from __future__ import annotations
 
@@ -18,23 +21,23 @@ from inversion.forward.layered import FAST, WavenumberRule
 from inversion.forward.model import Instrument
 from inversion.measured.record import PreparedDrop
 
-# The model's own error, as a fraction of the peak displacement: what is left of the whole model
-# against finite elements at their true parameters (docs/validation.md).
+# Error of the model as a fraction of the peak displacement: its difference from finite elements
+# with the same parameters (docs/validation.md).
 MODEL_FLOOR_FRACTION = 0.003
-# The floor of an outer sensor that hardly moves is this fraction of the plate's instead.
+# An outer sensor that hardly moves has at least this fraction of the error at the plate.
 _OUTER_SENSOR_SHARE = 0.1
 # Sensors whose distances from the plate's centre differ by less count as one distance.
 _DISTANCE_GAP_M = 0.005
-# Errors of the model are smooth.  The fit of one medium counts this number of independent ones in a
-# drop; layers are told apart by each sensor, so that there the errors of each are counted, which
-# are correlated over a third of the contact.
+# Errors of the model are smooth, hence few of them are independent. For homogeneous ground this
+# number is counted for each drop. For layers, which are distinguished by single sensors, the errors
+# of each sensor are counted; they are correlated over a third of the contact.
 _N_INDEPENDENT_PER_DROP = 6.0
 ERROR_CORRELATION_CONTACTS = 1.0 / 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class WeightedDrop:
-    """A prepared drop with the load and the errors that its fit is based on.
+    """Prepared drop with the load that drives the model and the errors that weight its residuals.
 
     Parameters
     ----------
@@ -42,7 +45,7 @@ class WeightedDrop:
     instrument : Instrument
     model_load : (n,) ndarray of float, N: the load of the model, measured or a half-sine
     model_floor : (n_sensors,) ndarray of float, m: error of the model, see :func:`model_floor`
-    noise : (n_sensors,) ndarray of float, m, or None: noise in the weights; None: of ``drop``
+    noise : (n_sensors,) ndarray of float, m, or None: noise in the weights; None: that of ``drop``
     """
 
     drop: PreparedDrop
@@ -59,36 +62,44 @@ class WeightedDrop:
         load: FloatArray,
         declared_floor: float | None,
     ) -> WeightedDrop:
-        """Return the drop under a load, with the model's error as declared (m) or by default."""
+        """Return a drop with a load (n,), N, and with the declared (m) or the default error of the
+        model.
+        """
         return cls(drop, instrument, load, model_floor(drop, declared_floor))
 
     def with_tail(self, *, reweigh: bool) -> WeightedDrop:
-        """Return the drop with the fit's window to the end of the record or a second contact.
+        """Return the drop with the fitted window up to a second contact or the end of the record.
 
-        The noise of an integrated velocity grows with the window.  ``reweigh`` takes that into the
-        weights; otherwise they stay those of the contact.
+        The noise of an integrated velocity grows with the window. With ``reweigh`` the weights
+        include that; otherwise they remain those of the contact.
         """
         noise = None if reweigh else self.drop.noise
         return replace(self, drop=self.drop.with_tail(), noise=noise)
 
     @cached_property
     def scale(self) -> FloatArray:
-        """Unit of the residuals of each sensor, (n_sensors,), m: noise and errors as squares."""
+        """Expected error of each sensor, (n_sensors,), m: root of the squares of noise and
+        errors.
+        """
         noise = self.drop.noise if self.noise is None else self.noise
         result: FloatArray = np.sqrt(noise**2 + self.drop.quantisation**2 + self.model_floor**2)
         return result
 
     @property
     def n_distances(self) -> int:
-        """Number of distances of the sensors from the plate's centre; both sides count once."""
+        """Number of different distances of the sensors from the plate's centre; both sides count
+        once.
+        """
         offsets = np.sort(np.abs(self.drop.offsets))
         return 1 + int(np.count_nonzero(np.diff(offsets) > _DISTANCE_GAP_M))
 
 
 def model_floor(drop: PreparedDrop, granted: float | None) -> FloatArray:
-    """Displacement error of the model per sensor, m: as granted, or the default fraction.
+    """Return the error of the model's displacement for each sensor, (n_sensors,), m.
 
-    At least what the two sides of the plate differ by: no model alike on all sides has both.
+    It is the declared value ``granted`` for the plate, or the default fraction of the peak. It is
+    at least the difference of the two sides of the plate: a model that is equal on all sides cannot
+    fit both.
     """
     plate = float(drop.peak_displacement[int(np.argmin(drop.offsets))])
     share = np.hypot(drop.peak_displacement, _OUTER_SENSOR_SHARE * plate)
@@ -99,7 +110,8 @@ def model_floor(drop: PreparedDrop, granted: float | None) -> FloatArray:
 def independent_errors(drops: Sequence[WeightedDrop], sensors: int) -> float:
     """Return the number of independent errors of the model in the windows of all drops.
 
-    A Gaussian correlation over `ERROR_CORRELATION_CONTACTS` leaves one for each of its lengths.
+    With a Gaussian correlation over `ERROR_CORRELATION_CONTACTS` of the contact there is one for
+    each correlation length.
     """
     total = 0.0
     for item in drops:
@@ -109,21 +121,21 @@ def independent_errors(drops: Sequence[WeightedDrop], sensors: int) -> float:
 
 
 class Misfit:
-    """Residuals (predicted - observed over the scale) of the drops of one point on one ground.
+    """Weighted residuals of the drops of one point, as a function of the ground.
 
     Parameters
     ----------
     drops : sequence of WeightedDrop with the same sensors and instrument
     space : ParameterSpace
-    plate : Plate, whose table, if it is one, is of offset 0 first and then of every sensor
-    band : float, Hz
-    max_samples : int, samples of the window kept per drop (an even stride)
-    prior_level : float, mean square of the residuals of the data that one standard deviation from
-        a prior outweighs as one independent error; 0: priors do not count
+    plate : Plate; a table must have offset 0 first and then every sensor
+    band : float, Hz, highest frequency
+    max_samples : int, largest number of samples of each drop (an even stride)
+    prior_level : float, mean square of the data's residuals at which one standard deviation from a
+    prior counts like one independent error; 0: priors are not used
     n_independent : float, number of independent errors in the data; None: six for each drop
-    sensors : sequence of int or None, those that count; None: all
-    single : bool, single precision in the tables: for the search
-    rule : WavenumberRule, of layers
+    sensors : sequence of int or None, indices of the sensors that are fitted; None: all
+    single : bool, True: single precision in the tables, for the search
+    rule : WavenumberRule, for layers
     """
 
     def __init__(
@@ -172,7 +184,7 @@ class Misfit:
         """Number of residuals without those of the priors."""
 
     def predicted(self, points: FloatArray) -> list[FloatArray]:
-        """Displacement of each drop at its `rows`, (m, n_sensors, n), m."""
+        """Return the displacement of each drop at its `rows`, (m, n_sensors, n), m."""
         self.solves += points.shape[0]
         transfer = self.transfer.values(self.transform.s, self.space.grounds(points))
         if self.space.instrument_columns:
@@ -182,14 +194,16 @@ class Misfit:
     def response(
         self, points: FloatArray, s: ComplexArray
     ) -> tuple[ComplexArray, dict[int, ComplexArray]]:
-        """Response of the fitted instrument at the sensors that count; see `ParameterSpace`."""
-        # A lag of one sensor names its place among all of them.
+        """Return the response of the fitted instrument at the fitted sensors; see
+        `ParameterSpace.response`.
+        """
+        # The lag of one sensor refers to its index among all sensors.
         response, slopes = self.space.response(points, s, self.drops[0].drop.offsets.size)
         counting = {column: slope[:, self.sensors] for column, slope in slopes.items()}
         return response[:, self.sensors], counting
 
     def residual(self, points: FloatArray) -> FloatArray:
-        """Weighted residuals (m, n) at points (m, d), those of the priors last."""
+        """Return the weighted residuals (m, n) at points (m, d); those of the priors come last."""
         parts = [
             ((predicted - observed) * weight).reshape(points.shape[0], -1)
             for predicted, observed, weight in zip(
@@ -203,7 +217,9 @@ class Misfit:
     def linearise(
         self, points: FloatArray, free: NDArray[np.intp]
     ) -> tuple[FloatArray, FloatArray]:
-        """Weighted residuals (m, n) at points (m, d), and derivatives (m, n, free) by columns."""
+        """Return weighted residuals (m, n) at points (m, d), and their derivatives (m, n, free) by
+        columns.
+        """
         count = points.shape[0]
         self.solves += count
         grounds = self.space.grounds(points)
@@ -244,7 +260,9 @@ class Misfit:
 
     @property
     def prior_scale(self) -> float:
-        """Residual of one standard deviation from a prior."""
+        """Factor from a deviation from a prior, in standard deviations, to its weighted
+        residual.
+        """
         return math.sqrt(self.prior_level * self.count / self.n_independent)
 
     def prior_covariance(self, pseudo: FloatArray) -> FloatArray:
@@ -256,30 +274,36 @@ class Misfit:
         return np.asarray(by_priors @ by_priors.T)
 
     def objective(self, points: FloatArray) -> FloatArray:
-        """Mean square of the weighted residuals, the priors among them, (m,)."""
+        """Return the mean square of the weighted residuals, those of the priors included, (m,)."""
         residual = self.residual(points)
         result: FloatArray = np.einsum("mn,mn->m", residual, residual) / residual.shape[1]
         return result
 
     def data_cost(self, points: FloatArray) -> FloatArray:
-        """`objective` without the priors, (m,)."""
+        """Return the mean square of the weighted residuals of the data, without the priors,
+        (m,).
+        """
         return np.asarray(np.mean(self.residual(points)[:, : self.count] ** 2, axis=1))
 
     def centre(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Observed (n,) and predicted (m, n) displacement of the first sensor and drop, m."""
+        """Return the observed (n,) and the predicted (m, n) displacement of the first sensor and
+        drop, m.
+        """
         return self._observed[0][0], self.predicted(points)[0][:, 0]
 
 
 def _even_rows(window: slice, max_samples: int) -> NDArray[np.intp]:
-    """Return the fewest even strides of the window's samples that end with its last."""
+    """Return the indices of evenly spaced samples of a window, with its last one, at most
+    max_samples.
+    """
     stride = max(1, -(-(window.stop - window.start) // max_samples))
     return np.arange(window.start, window.stop)[::-stride][::-1]
 
 
 def transform_of(item: WeightedDrop, duration: float, band: float) -> DampedTransform:
-    """Return the transform of a drop's histories up to ``duration`` (s) and ``band`` (Hz).
+    """Return the transform of a drop's histories up to ``duration``, s, and ``band``, Hz.
 
-    Beyond twice its corner a low-pass of the load has taken what no model can put back.
+    Above twice the corner of a filter in the load channel, the load has lost what the model needs.
     """
     if item.instrument.load_filter is not None:
         band = min(band, 2.0 * item.instrument.load_filter)
@@ -287,7 +311,7 @@ def transform_of(item: WeightedDrop, duration: float, band: float) -> DampedTran
 
 
 class DropHistory:
-    """Displacement of one drop at some times, of the transfer functions to its sensors.
+    """Displacement of one drop at given times, computed from transfer functions.
 
     Parameters
     ----------
@@ -304,7 +328,7 @@ class DropHistory:
         self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
 
     def of(self, transfer: ComplexArray) -> FloatArray:
-        """Histories (..., n_times), m, of transfer functions (..., n_frequencies), m/N."""
+        """Return histories (..., n_times), m, from transfer functions (..., n_frequencies), m/N."""
         parts = np.concatenate([transfer.real, transfer.imag], axis=-1)
         flat = parts.reshape(-1, parts.shape[-1]) @ self._synthesis
         return np.asarray(flat.reshape(*transfer.shape[:-1], -1))

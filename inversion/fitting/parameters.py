@@ -1,8 +1,9 @@
-"""Fitted numbers with their bounds and priors, and the grounds that they describe.
+"""Fitted parameters with their bounds and priors, and the grounds that they describe.
 
-Every unknown is a `Parameter` between bounds, together with the medium or sensor on which it acts.
-What soils and instruments are like is a normal prior: a record that determines a parameter is not
-bent by it, and a record that does not determine it returns the prior.
+Every unknown is a `Parameter` between bounds, together with the medium (layer or half-space) or the
+sensor on which it acts. Knowledge of soils and instruments enters as a normal prior: a parameter
+that the record determines is hardly changed by it, and one that the record does not determine is
+set by it. Fits use the unit cube, onto which the ranges of all parameters are scaled.
 """
 
 from __future__ import annotations
@@ -30,31 +31,32 @@ Quantity = Literal[
     "geophone_damping",
 ]
 INSTRUMENT_QUANTITIES: tuple[Quantity, ...] = ("lag", "natural_frequency", "geophone_damping")
-# Numbers of a medium that make up a ground, relaxation time beside viscosity.
+# Properties of a medium; the relaxation time is an alternative to the viscosity.
 _MEDIUM_QUANTITIES = ("modulus", "relaxation", "viscosity", "density", "poisson_ratio", "thickness")
 
-# A fitted value this close to a bound, as a fraction of the range, is on it.
+# A fitted value counts as on a bound if it is closer than this fraction of the range.
 _BOUND_MARGIN = 1e-3
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number that is fitted between bounds: of the ground or of an effect.
+    """One number that is fitted between bounds: a property of the ground or a parameter of an
+    effect.
 
     Parameters
     ----------
     name : str, as in the result's keys (modulus, mass, natural_frequency, ...)
     unit : str, SI; "-": none
     lower, upper : float, bounds
-    starts : tuple of float, starting points of a fit; of an effect: large enough to have a
-        visible influence
+    starts : tuple of float, starting points of a fit; for an effect large enough to have a visible
+    influence
     logarithmic : bool, True: the unit interval is linear in the logarithm
-    natural : bool, True: the bounds are those of nature, so that a value on one is no warning
-    prior : (float, float) or None, centre and standard deviation of a normal prior, of the natural
-        logarithm for a logarithmic parameter
+    natural : bool, True: the bounds are physical limits, so that a value on one causes no warning
+    prior : (float, float) or None, mean and standard deviation of a normal prior, of the natural
+    logarithm for a logarithmic parameter
     inverse_prior : float or None, standard deviation of a normal prior of one over the value,
-        around 0; in place of ``prior``
-    absent : float or None, value at which the parameter's effect changes nothing, or nearly
+    around 0; in place of ``prior``
+    absent : float or None, value at which the parameter's effect changes nothing, or almost nothing
     """
 
     name: str
@@ -69,13 +71,13 @@ class Parameter:
     inverse_prior: float | None = None
 
     def value(self, unit_value: FloatArray | float) -> FloatArray:
-        """Physical value of points (...,) of the unit interval."""
+        """Return the physical values of points (...,) of the unit interval."""
         if self.logarithmic:
             return np.asarray(self.lower * (self.upper / self.lower) ** unit_value)
         return np.asarray(self.lower + (self.upper - self.lower) * unit_value)
 
     def unit_value(self, value: float) -> float:
-        """Inverse of `value`, clipped to the unit interval."""
+        """Return the point of the unit interval for a physical value, clipped to the interval."""
         if self.logarithmic:
             unit_value = np.log(value / self.lower) / np.log(self.upper / self.lower)
         else:
@@ -83,13 +85,15 @@ class Parameter:
         return float(np.clip(unit_value, 0.0, 1.0))
 
     def slopes(self, unit_value: FloatArray | float) -> FloatArray:
-        """Derivatives (...,) of the physical value with respect to the unit value."""
+        """Return the derivatives (...,) of the physical value with respect to the unit value."""
         if self.logarithmic:
             return np.asarray(self.value(unit_value) * math.log(self.upper / self.lower))
         return np.full(np.shape(unit_value), self.upper - self.lower)
 
     def prior_distance(self, unit_value: FloatArray | float) -> tuple[FloatArray, FloatArray]:
-        """Distances (...,) from the prior's centre in its standard deviations, and their slopes."""
+        """Return the distances (...,) from the prior's mean in standard deviations, and their
+        derivatives.
+        """
         shape = np.shape(unit_value)
         if self.inverse_prior is not None:
             value = self.value(unit_value)
@@ -108,20 +112,22 @@ class Parameter:
 def on_bound(
     unit_values: FloatArray, low: FloatArray | float = 0.0, high: FloatArray | float = 1.0
 ) -> NDArray[np.bool_]:
-    """Return True for unit values (...,) on a bound, by default of the unit interval."""
+    """Return True for each unit value (...,) that is on a bound, by default of the unit
+    interval.
+    """
     return np.asarray((unit_values < low + _BOUND_MARGIN) | (unit_values > high - _BOUND_MARGIN))
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """A fitted parameter and the medium or sensor on which it acts.
+    """Fitted parameter, and the medium or sensor on which it acts.
 
     Parameters
     ----------
     parameter : Parameter
     quantity : Quantity
-    place : int or None, number of the medium from the top (ground) or of the sensor (lag), from 0;
-        None: all of them
+    place : int or None, index of the medium from the top (ground) or of the sensor (lag); None: all
+    of them
     """
 
     parameter: Parameter
@@ -130,7 +136,7 @@ class Unknown:
 
     @property
     def name(self) -> str:
-        """The parameter's name."""
+        """Name of the parameter."""
         return self.parameter.name
 
 
@@ -151,9 +157,9 @@ def _negative_unit(_: LayeredGrounds, __: int) -> float:
 
 @dataclass(frozen=True)
 class ParameterSpace:
-    """Unknowns of a ground of N media and of its instrument, and the values of everything else.
+    """Unknowns of a ground of N media and of its instrument, and the values of what is not fitted.
 
-    A point of the space is a point of the unit box, with one unit value for each unknown.
+    A point of the space is a point of the unit cube, with one unit value for each unknown.
 
     Parameters
     ----------
@@ -162,8 +168,8 @@ class ParameterSpace:
     poisson_ratio : float
     density : float, kg/m3, of media whose density is not fitted
     thickness : tuple of N floats, m, of media whose thickness is not fitted; the last: inf
-    rock : bool
-    rock_depth : float or None, m: the last thickness is what the others leave of it
+    rock : bool, True: a rigid base under the last medium
+    rock_depth : float or None, m: the thickness of the last medium is this depth minus the others
     """
 
     unknowns: tuple[Unknown, ...]
@@ -185,7 +191,9 @@ class ParameterSpace:
         return tuple(u.name for u in self.unknowns)
 
     def index(self, quantity: Quantity, place: int = 0) -> int | None:
-        """Column of the unknown that acts on a medium or sensor, or None."""
+        """Return the column of the unknown for a quantity of a medium or sensor; None: it is not
+        fitted.
+        """
         for column, unknown in enumerate(self.unknowns):
             if unknown.quantity == quantity and unknown.place in (place, None):
                 return column
@@ -193,7 +201,9 @@ class ParameterSpace:
 
     @property
     def depth_column(self) -> int | None:
-        """Column of the lowest medium's thickness, and so of the rock's depth, or None."""
+        """Column of the lowest medium's thickness, which determines the bedrock depth; None: not
+        fitted.
+        """
         return self.index("thickness", self.media - 1)
 
     def without_rock(self) -> ParameterSpace:
@@ -208,17 +218,17 @@ class ParameterSpace:
         )
 
     def values(self, points: FloatArray) -> FloatArray:
-        """Physical values (m, d) of points (m, d) of the unit box."""
+        """Return the physical values (m, d) of points (m, d) of the unit cube."""
         columns = [u.parameter.value(points[:, i]) for i, u in enumerate(self.unknowns)]
         return np.stack(columns, axis=1)
 
     def point(self, values: Sequence[float]) -> FloatArray:
-        """Point (d,) of the unit box at physical values, clipped to the bounds."""
+        """Return the point (d,) of the unit cube for physical values, clipped to the bounds."""
         pairs = zip(self.unknowns, values, strict=True)
         return np.array([u.parameter.unit_value(float(v)) for u, v in pairs])
 
     def grounds(self, points: FloatArray) -> LayeredGrounds:
-        """Grounds of points (m, d) of the unit box."""
+        """Return the grounds of points (m, d) of the unit cube."""
         fields = np.empty((len(_MEDIUM_QUANTITIES), points.shape[0], self.media))
         fields[:] = self._fixed_fields[:, None]
         for column, (field, media) in enumerate(self._targets):
@@ -233,13 +243,13 @@ class ParameterSpace:
 
     @cached_property
     def _fixed_fields(self) -> FloatArray:
-        """Values (field, medium) of what is not fitted."""
+        """Values (field, medium) of the properties that are not fitted."""
         fixed = (math.nan, 0.0, 0.0, self.density, self.poisson_ratio, self.thickness)
         return np.array([np.broadcast_to(value, self.media) for value in fixed])
 
     @cached_property
     def _targets(self) -> tuple[tuple[int | None, slice], ...]:
-        """Field and media of each unknown; None: the instrument."""
+        """Field and media on which each unknown acts; the field is None for the instrument."""
         return tuple(
             (
                 _MEDIUM_QUANTITIES.index(u.quantity) if u.quantity in _MEDIUM_QUANTITIES else None,
@@ -251,17 +261,18 @@ class ParameterSpace:
     def ground_slopes(
         self, points: FloatArray, grounds: LayeredGrounds, columns: NDArray[np.intp]
     ) -> tuple[tuple[MediumParameter, ...], list[list[tuple[int, FloatArray]]]]:
-        """Return the quantities of the media that some unknowns change, and by how much.
+        """Return the properties of the media that some unknowns change, and their derivatives.
 
         Parameters
         ----------
-        points : (m, d) ndarray of float in the unit box, and their grounds
+        points : (m, d) ndarray of float in the unit cube
+        grounds : LayeredGrounds of these points
         columns : (k,) ndarray of int, of the unknowns
 
         Returns
         -------
         tuple of n MediumParameter
-        list for each of the columns, of (i, derivative): those (m,) of quantity i
+        list for each of the columns, of (i, derivative): the derivative (m,) of property i
         """
         rows: dict[MediumParameter, int] = {}
         derivatives: list[list[tuple[int, FloatArray]]] = []
@@ -277,7 +288,8 @@ class ParameterSpace:
 
     @cached_property
     def _changes(self) -> tuple[tuple[tuple[MediumParameter, _Factor | None], ...], ...]:
-        """Quantities of the media that each unknown changes, and their derivatives by it.
+        """Properties of the media that each unknown changes, and their derivatives with respect to
+        it.
 
         The derivative is a function of the grounds and the medium; None: 1.
         """
@@ -299,13 +311,14 @@ class ParameterSpace:
 
     @cached_property
     def instrument_columns(self) -> tuple[int, ...]:
-        """Columns of the instrument's unknowns."""
+        """Columns of the unknowns of the instrument."""
         return tuple(i for i, u in enumerate(self.unknowns) if u.quantity in INSTRUMENT_QUANTITIES)
 
     def response(
         self, points: FloatArray, s: ComplexArray, sensors: int
     ) -> tuple[ComplexArray, dict[int, ComplexArray]]:
-        r"""Response of the fitted instrument at each sensor, and its logarithmic slopes.
+        r"""Return the response of the fitted instrument at each sensor, and its logarithmic
+        derivatives.
 
         :math:`R = \frac{s^2}{s^2 + 2 h \omega s + \omega^2} e^{-s \tau}`
 
@@ -342,13 +355,17 @@ class ParameterSpace:
         return result * np.exp(logarithm), slopes
 
     def prior_distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Distances (m, d) from the priors in standard deviations, and their slopes (m, d)."""
+        """Return the distances (m, d) from the priors in standard deviations, and their derivatives
+        (m, d).
+        """
         pairs = [u.parameter.prior_distance(points[:, i]) for i, u in enumerate(self.unknowns)]
         distances, slopes = zip(*pairs, strict=True)
         return np.stack(distances, axis=1), np.stack(slopes, axis=1)
 
     def at_bound(self, point: FloatArray) -> tuple[str, ...]:
-        """Names of the unknowns that lie on a bound at one point (d,), except bounds of nature."""
+        """Return the names of the unknowns that are on a bound at a point (d,), except physical
+        limits.
+        """
         return tuple(
             u.name
             for u, hit in zip(self.unknowns, on_bound(point), strict=True)

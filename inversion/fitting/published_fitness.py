@@ -1,6 +1,6 @@
-r"""Fitness of an individual in the published method: Eq. 16 and 17, without their misprints.
+r"""Fitness in the published method: Eq. 16 and 17, without their misprints.
 
-The paper is named in :mod:`inversion.forward.published`, which holds its forward model.
+The paper is cited in :mod:`inversion.forward.published`, which has its forward model.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ def published_fitness(
     relative_floor: float = 1e-6,
     tempered: bool = False,
 ) -> FloatArray:
-    r"""Fitness of predicted displacements, Eq. 16, the larger the better.
+    r"""Return the fitness of predicted displacements, Eq. 16; larger is better.
 
     .. math::
         Q = \frac{1}{\sqrt{\frac1n \sum_j (\bar w(t_j) - w(t_j))^2}}
-          + \frac{1}{|\max \bar w - \max w|}
+         + \frac{1}{|\max \bar w - \max w|}
 
-    As printed it is infinite whenever the two peaks agree, however bad the shape. Both
+    As printed it is infinite whenever the two peaks agree, however different the shapes are. Both
     denominators are therefore at least `relative_floor` times the measured peak. The default is far
-    below the noise of a measurement, so that the published weighting is kept, its flaw with it: an
+    below the noise of a measurement, which keeps the published weighting with its flaw: an
     accidental agreement of the peaks outweighs any misfit of shape.
 
     Parameters
@@ -38,11 +38,11 @@ def published_fitness(
     predicted : (..., n) array_like of float, m
         One row for each individual.
     relative_floor : float, > 0
-        Least difference that counts, over the measured peak.
+        Lower limit of both differences, over the measured peak.
     tempered : bool
-        Let the difference of the peaks count as no smaller than that of the shapes. A search
-        needs it: with the flaw, 8,000 evaluations on a clean drop of 35 MPa ended at 23 MPa with
-        the right peak and 19 % of it left as residual.
+        True: the difference of the peaks counts as at least that of the shapes. A search needs
+        this: without it, 8,000 evaluations on a clean drop of 35 MPa ended at 23 MPa, with the
+        right peak and a residual of 19 % of it.
 
     Returns
     -------
@@ -77,17 +77,17 @@ def published_fitness(
 
 
 def published_score(fitness: ArrayLike) -> FloatArray:
-    r"""Linear scaling of a population's fitness to 0 ... 100, Eq. 17.
+    r"""Return the fitness of a population scaled linearly to 0 ... 100, Eq. 17.
 
     .. math:: 100 (Q_i - Q_{min}) / (Q_{max} - Q_{min})
 
-    As printed it is 0/0 for a population of equal individuals; here each of them then gets 100,
-    the best's score.
+    As printed it is 0/0 for a population of equal individuals; here each of them gets 100, the
+    score of the best.
 
     Parameters
     ----------
     fitness : (n,) array_like of float
-        Of one population, finite.
+        Fitness of one population, finite.
 
     Returns
     -------

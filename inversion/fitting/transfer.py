@@ -1,8 +1,9 @@
-"""Transfer functions from the load above the plate to the sensors, of one medium or of layers.
+"""Transfer functions from the load above the plate to the sensors, for homogeneous or layered
+ground.
 
-The response of one medium is interpolated in tables (`inversion.forward.surrogate`), that of layers
-is computed for each ground (`inversion.forward.layered`).  Both are functions of `LayeredGrounds`,
-so that a homogeneous ground is fitted as one medium.
+The response of homogeneous ground is interpolated in tables (`inversion.forward.surrogate`), that
+of layers is computed for each ground (`inversion.forward.layered`). Both are functions of
+`LayeredGrounds`, in which homogeneous ground is a single medium.
 """
 
 from __future__ import annotations
@@ -29,31 +30,32 @@ from inversion.forward.model import Grounds, Instrument, transfer_function, tran
 from inversion.forward.surrogate import PlateResponse
 
 Plate = LayeredPlateModel | PlateResponse
-"""Plate whose response to layers is computed, or table of its responses to one medium."""
+"""Contact of plate and ground for which layers are computed, or a table of responses of homogeneous
+ground."""
 
 
 class Transfer(Protocol):
-    """Displacement of some sensors over the load above the plate."""
+    """Displacement of the fitted sensors over the load above the plate."""
 
     def values(self, s: ComplexArray, grounds: LayeredGrounds) -> ComplexArray:
-        """Transfer function at Laplace variables (n,), (m, n_sensors, n), m/N."""
+        """Return the transfer function at Laplace variables (n,), (m, n_sensors, n), m/N."""
 
     def slopes(
         self, s: ComplexArray, grounds: LayeredGrounds, varied: Sequence[MediumParameter]
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Transfer function as of `values`, and its derivatives (m, len(varied), n_sensors, n)."""
+        """Return the transfer function and its derivatives (m, len(varied), n_sensors, n)."""
 
 
 @dataclass(frozen=True, eq=False)
 class TableTransfer:
-    """Transfer function of one medium, interpolated in tables.
+    """Transfer function of homogeneous ground, interpolated in tables.
 
     Parameters
     ----------
     table : PlateResponse, for offset 0 first and then for the sensors
     instrument : Instrument
-    rows : slice or (n_sensors,) ndarray of int, places of the sensors among the table's offsets
-    single : bool, single precision inside `values`: for a search
+    rows : slice or (n_sensors,) ndarray of int, indices of the sensors among the table's offsets
+    single : bool, True: single precision in `values`, for a search
     """
 
     table: PlateResponse
@@ -62,7 +64,7 @@ class TableTransfer:
     single: bool = False
 
     def values(self, s: ComplexArray, grounds: LayeredGrounds) -> ComplexArray:
-        """See `Transfer.values`."""
+        """Return the transfer function, see `Transfer.values`."""
         homogeneous = _homogeneous_grounds(grounds)
         transfer = transfer_function(self.table, self.instrument, s, homogeneous, self.single)
         return transfer[:, self.rows]
@@ -70,7 +72,7 @@ class TableTransfer:
     def slopes(
         self, s: ComplexArray, grounds: LayeredGrounds, varied: Sequence[MediumParameter]
     ) -> tuple[ComplexArray, ComplexArray]:
-        """See `Transfer.slopes`."""
+        """Return the transfer function and its derivatives, see `Transfer.slopes`."""
         homogeneous = _homogeneous_grounds(grounds)
         fields = ["inverse_depth" if v.field == "thickness" else v.field for v in varied]
         transfer, slopes = transfer_slopes(self.table, self.instrument, s, homogeneous, fields)
@@ -105,13 +107,13 @@ class LayerTransfer:
     rule: WavenumberRule = FAST
 
     def values(self, s: ComplexArray, grounds: LayeredGrounds) -> ComplexArray:
-        """See `Transfer.values`."""
+        """Return the transfer function, see `Transfer.values`."""
         return layered_transfer(self.setup, self.plate_mass, s, grounds, self.rule)
 
     def slopes(
         self, s: ComplexArray, grounds: LayeredGrounds, varied: Sequence[MediumParameter]
     ) -> tuple[ComplexArray, ComplexArray]:
-        """See `Transfer.slopes`."""
+        """Return the transfer function and its derivatives, see `Transfer.slopes`."""
         return layered_transfer_slopes(self.setup, self.plate_mass, s, grounds, varied, self.rule)
 
 
@@ -128,10 +130,12 @@ def transfer_of(
 
     Parameters
     ----------
+    plate : Plate
+    instrument : Instrument
     offsets : (n,) ndarray of float, m, of all sensors
-    sensors : (n_sensors,) ndarray of int, places of those that count
-    single : bool, single precision, of a table
-    rule : WavenumberRule, of layers
+    sensors : (n_sensors,) ndarray of int, indices of the fitted ones
+    single : bool, True: single precision in a table
+    rule : WavenumberRule, for layers
     """
     if isinstance(plate, str):
         distances = tuple(float(offset) for offset in np.abs(offsets[sensors]))

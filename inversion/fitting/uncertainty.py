@@ -1,18 +1,18 @@
-r"""Covariance of the fitted parameters, and their intervals.
+r"""Covariance of the fitted parameters, and their 95 % intervals.
 
-With weighted residuals r, their Jacobian J and :math:`P = (J^T J)^{-1} J^T`, an error n of the
-data moves the parameters by P n.  The random part takes n from the noise before the pulse with
-its own correlation, carried through baseline and integration (:func:`record.native_rows`), and
-from the noise of the load, carried through the model.  The model's part takes n of the size of
-its stated error, correlated over a third of the pulse, because an error of the model is a
-smooth history.  Where the residual is larger than noise and model error together, the model's
-error is taken to be as large as the residual says.  The rows of the priors belong to P: what a
-record does not determine has the spread of its prior.
+With the weighted residuals r, their Jacobian J and :math:`P = (J^T J)^{-1} J^T`, an error n of the
+data changes the parameters by P n. The random part of the covariance uses the noise before the
+pulse with its own correlation, carried through baseline and integration
+(:func:`record.native_rows`), and the noise of the load, carried through the model. The part of the
+model uses errors of its stated size, correlated over a third of the pulse, because an error of the
+model is smooth in time. If the residual is larger than noise and model error together, the error of
+the model is taken to be as large as the residual. The rows of the priors are part of P: a parameter
+that a record does not determine has the spread of its prior.
 
-The interval of a modulus or a thickness also covers the alternatives that the search met.  Layers
-are far from linear, so that there it is read off its profile as well: the parameter is fixed at
-values on both sides, everything else fitted again, and the interval ends where the misfit has
-risen by 3.84 in units of independent errors.
+The interval of a modulus or a thickness also covers the alternatives that the search came across.
+For layers, whose misfit is far from quadratic, it also follows from a profile: the parameter is
+fixed at values on both sides, all others are fitted again, and the interval ends where the misfit
+has risen by 3.84 independent errors.
 """
 
 from __future__ import annotations
@@ -36,26 +36,29 @@ NORMAL_95 = 1.96
 _PROFILE_DEVIATIONS = (1.0, 1.7, 2.4, 4.0, 8.0)
 _N_PROFILE_STEPS = 5
 # A value with at most this relative standard deviation needs no profile, unless an unknown of the
-# fit ended on a bound: the misfit still falls there, so that its curvature does not show how far
-# the others follow when that unknown moves inside.
+# fit ended on a bound: the misfit still decreases towards the bound, so that its curvature does not
+# show how the other unknowns change when that one moves inside.
 _MAX_LINEAR_DEVIATION = 0.02
-# A depth is unique if its interval reaches less than this far, and all alternatives are within 1.5
-# times its reach, or times the distance between two depths of the profile, in units of the box.
+# A depth is unique if the half-width of its interval is less than the first number, in the unit
+# interval, and all alternatives are within 1.5 times that half-width, or 1.5 times the distance
+# between two depths of the profile.
 _MAX_UNIQUE_REACH, _MAX_ALTERNATIVE_REACHES, _PROFILE_DISTANCE = 0.25, 1.5, 1.0 / 14.0
 
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """Standard deviations and intervals of the unknowns of a fit, by their columns.
+    """Standard deviations and intervals of the unknowns of a fit, in the order of its columns.
 
     Parameters
     ----------
-    deviation : (d,) ndarray, SI, from the noise of the record
-    spread : (d,) ndarray, standard deviations of the unit values, model's error and priors included
+    deviation : (d,) ndarray, SI, from the noise of the record only
+    spread : (d,) ndarray, standard deviations of the unit values, with the model's error and the
+    priors
     correlation : (d, d) ndarray, of all parts together
-    intervals : tuple of (low, high), SI, 95 %, all parts and the alternatives
-    open_ends : tuple of (bool, bool), whether an interval ends on a bound for want of data
-    depth_unique : bool, False: alternatives have other depths of rock, or any depth fits
+    intervals : tuple of (low, high), SI, 95 %, from all parts and the alternatives
+    open_ends : tuple of (bool, bool), True: the interval ends on a bound because the data do not
+    limit it
+    depth_unique : bool, False: alternatives have other bedrock depths, or any depth fits
     """
 
     deviation: FloatArray
@@ -94,7 +97,9 @@ def estimate_uncertainty(fit: GroundFit) -> Uncertainty:
 def _covariances(
     fit: GroundFit, pseudo: FloatArray, values: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the random covariance of the unit values, and that of model's error and priors."""
+    """Return the covariance of the unit values due to noise, and that due to model error and
+    priors.
+    """
     size = pseudo.shape[0]
     random, model = np.zeros((size, size)), fit.misfit.prior_covariance(pseudo)
     transfer = _instrument_transfer(fit.misfit, fit.best.point)
@@ -124,9 +129,9 @@ def _sensor_noise(
     weights: FloatArray,
     residual: FloatArray,
 ) -> FloatArray:
-    """Return the covariance (d, d) from a sensor's noise, for weights (d, n) at ``rows``.
+    """Return the covariance (d, d) due to a sensor's noise, for weights (d, n) at ``rows``.
 
-    ``residual`` (n,) of the fit there, m, serves where the record begins with the pulse.
+    ``residual`` (n,), m, of the fit at these rows is used if the record begins with the pulse.
     """
     channel = drop.channels[sensor]
     covariance: FloatArray = weights @ weights.T * drop.quantisation[sensor] ** 2
@@ -135,15 +140,15 @@ def _sensor_noise(
     if channel.model.samples:
         covariance += channel.model.quadratic_form(native_rows(full, channel, drop.step))
         return covariance
-    # No record before the pulse: the roughness of the channel's own residual is taken for white
-    # noise. Second differences of white noise have 6 times its variance. A velocity over k steps
-    # is a mean by trapezoids that shares its ends with the next: (6 k - 5) / k^2 times.
+    # Without a record before the pulse the noise is estimated from the roughness of the residual,
+    # as white noise. Second differences of white noise have 6 times its variance. A velocity over k
+    # steps is a trapezoidal mean that shares its ends with the next one: (6 k - 5) / k^2 times.
     stride = int(rows[1] - rows[0])
     native = np.diff(residual) / (stride * drop.step) if channel.integrates else residual
     factor = (6.0 * stride - 5.0) / stride**2 if channel.integrates else 6.0
     white = float(np.mean(np.diff(native, 2) ** 2)) / factor
     model = NoiseModel(np.array([white]), native.size)
-    # The zero of a displacement is at least the first sample, with its noise.
+    # The zero of a displacement is the mean of at least one sample, with its noise.
     before = channel.baseline_samples if channel.integrates else max(1, channel.baseline_samples)
     covariance += model.quadratic_form(
         native_rows(full, replace(channel, baseline_samples=before), drop.step)
@@ -152,7 +157,9 @@ def _sensor_noise(
 
 
 def _instrument_transfer(misfit: Misfit, point: FloatArray) -> ComplexArray:
-    """Return the transfer function (n_sensors, n) from load to sensors with all responses."""
+    """Return the transfer function (n_sensors, n) from load to sensors, with all instrument
+    responses.
+    """
     s = misfit.transform.s
     transfer = misfit.transfer.values(s, misfit.space.grounds(point[None]))
     response = misfit.response(point[None], s)[0] * misfit.instrument.response(s)
@@ -166,7 +173,7 @@ def _load_noise(
     weights: FloatArray,
     transfer: ComplexArray,
 ) -> FloatArray:
-    """Return the covariance (d, d) from the load's noise, carried through a transfer function.
+    """Return the covariance (d, d) due to the load's noise, carried through a transfer function.
 
     ``weights`` (d, n_sensors, n) act on the displacement at ``rows``; ``transfer`` (n_sensors,
     n_frequencies) leads from the load to the sensors.
@@ -184,7 +191,7 @@ def _load_noise(
 def _interval(
     fit: GroundFit, column: int, covariance: FloatArray, spread: float
 ) -> tuple[float, float]:
-    """Return the ends of the interval of one unit value, within the box."""
+    """Return the ends of the 95 % interval of one unit value, within the unit interval."""
     place, reach = float(fit.best.point[column]), NORMAL_95 * spread
     low, high = place - reach, place + reach
     unknown = fit.space.unknowns[column]
@@ -205,7 +212,9 @@ def _interval(
 def _profile_ends(
     fit: GroundFit, misfit: Misfit, column: int, covariance: FloatArray, spread: float
 ) -> tuple[float, float]:
-    """Return where the profile of one unit value ends; the bound where it never rises enough."""
+    """Return the ends of the profile of one unit value: a bound if the misfit never rises
+    enough.
+    """
     point = fit.best.point
     direction = covariance[:, column] / covariance[column, column]
     steps = np.array([*(-s for s in _PROFILE_DEVIATIONS[::-1]), *_PROFILE_DEVIATIONS]) * spread
@@ -218,7 +227,7 @@ def _profile_ends(
         cost = fit_batch(
             misfit.linearise, starts, iterations=_N_PROFILE_STEPS, tolerance=1e-3, frozen=column
         ).cost
-    # The profile is measured from the best ground at the band of the search.
+    # The reference of the profile is the best ground at the band of the search.
     reference = min(float(misfit.objective(point[None])[0]), float(cost.min()))
     rise = (cost - reference) * fit.misfit.n_independent / fit.level
     half = len(_PROFILE_DEVIATIONS)
@@ -228,11 +237,13 @@ def _profile_ends(
 
 
 def _crossing(start: float, fixed: FloatArray, rise: FloatArray) -> float | None:
-    """Return where a profile without rise at ``start`` first reaches the threshold, or None."""
+    """Return the value at which the rise of a profile first reaches the threshold; None: it does
+    not.
+    """
     before, before_rise = start, 0.0
     for place, value in zip(fixed, rise, strict=True):
         if value >= CHI_SQUARE_1_95:
-            # A profile rises with the square of the distance: its root is nearly straight.
+            # The root of the rise is interpolated: a profile rises with the square of the distance.
             from_root, to_root = math.sqrt(max(0.0, before_rise)), math.sqrt(value)
             share = (math.sqrt(CHI_SQUARE_1_95) - from_root) / max(to_root - from_root, 1e-12)
             return float(before + min(max(share, 0.0), 1.0) * (place - before))

@@ -1,1 +1,3 @@
-"""Searching a box for the least misfit of whatever kind; nothing here knows of the ground."""
+"""Search for the smallest misfit within bounds. Nothing in this package depends on the model of the
+ground.
+"""

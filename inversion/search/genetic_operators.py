@@ -1,9 +1,9 @@
-r"""Operators of the multi-population search: pure functions on arrays.
+r"""Operators of the multi-population genetic search, as functions of arrays.
 
-Genes live in the unit box.  ``genes`` is (p, n, d): p populations of n individuals of d genes;
-``misfit`` is (p, n), smaller is better, infinite where the objective could not be evaluated.
-Every function returns new arrays and draws only from the generator passed to it, so the seed alone
-reproduces a run.
+Individuals are points of the unit cube, and genes are their coordinates. ``genes`` is (p, n, d): p
+populations of n individuals of d genes; ``misfit`` is (p, n), smaller is better, infinite where the
+objective could not be evaluated. Every function returns new arrays and draws only from the
+generator passed to it, so that the seed reproduces a run.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from inversion.errors import ModelError
 # Score of the fittest individual of a population, the 100 of Eq. 17.
 _FULL_SCORE = 100.0
 
-# Floor of the contrast fitness over the median; values from 0.003 to 0.3 perform alike.
+# Constant c of `contrast_fitness`; values from 0.003 to 0.3 perform equally well.
 _CONTRAST = 0.03
 
-# A differential child is made from its parent, the selected one and two others.
+# Smallest population: a differential child needs its parent, the selected one and two others.
 SMALLEST_POPULATION = 4
 
-# Breeder mutation: steps of range * 2^(-20 u), from half of the box down to 5e-7 of it.
+# Breeder mutation: steps of range * 2^(-20 u), from half of the unit interval down to 5e-7.
 _MUTATION_RANGE = 0.5
 _MUTATION_HALVINGS = 20.0
 
-# Reach of intermediate recombination beyond the two parents. Without it (0) every crossover shrinks
-# the population.
+# Extension of intermediate recombination beyond the two parents, over their distance. With 0 every
+# crossover would shrink the population.
 _CROSSOVER_REACH = 0.25
 
 
 @dataclass(frozen=True)
 class PopulationRole:
-    """Rule by which one population makes its differential children.
+    """Parameters with which one population makes its differential children.
 
-    With different roles, several populations search better than one large one.
+    Several populations with different roles search better than one large one.
 
     Parameters
     ----------
@@ -46,8 +46,8 @@ class PopulationRole:
     weight : pair of float, lowest and highest
         Each child draws the weight of its difference vector between these.
     crossover_rate : float, 0 < value <= 1
-        Probability that a gene comes from the mutant.  Small values search along coordinates,
-        values near one are nearly invariant to a rotation of the axes.
+        Probability that a gene comes from the mutant. Small values search along coordinates, values
+        near one are nearly invariant to a rotation of the axes.
     """
 
     pull: float = 0.5
@@ -55,7 +55,8 @@ class PopulationRole:
     crossover_rate: float = 0.9
 
     def __post_init__(self) -> None:
-        # Within these, children leave the box by less than its width, which reflect() undoes.
+        # With these limits children are less than one width outside of the unit cube, as reflect()
+        # needs.
         if not 0.0 <= self.pull <= 1.0:
             raise ModelError(f"role: expected 0 <= pull <= 1, got {self.pull}")
         if not 0.0 <= self.weight[0] <= self.weight[1] <= 1.0:
@@ -86,7 +87,7 @@ def _column(values: list[float]) -> FloatArray:
 
 
 def stratified_sample(count: int, size: int, rng: np.random.Generator) -> FloatArray:
-    """Return points (count, size) of the unit box, one in each of ``count`` slices of every gene.
+    """Return points (count, size) of the unit cube, one in each of ``count`` slices of every gene.
 
     Latin hypercube sampling; McKay, Beckman and Conover (1979), Technometrics 21.
     """
@@ -95,10 +96,10 @@ def stratified_sample(count: int, size: int, rng: np.random.Generator) -> FloatA
 
 
 def nearest_better_distance(points: FloatArray, misfit: FloatArray) -> FloatArray:
-    """Return the distance (n,) of each point to the nearest of lower misfit, inf for the best.
+    """Return the distance (n,) of each point to the nearest one of lower misfit, inf for the best.
 
-    A large value marks an isolated point at the bottom of its basin: the idea of nearest-better
-    clustering, Preuss (2010), GECCO companion.
+    A large distance marks an isolated point near a local minimum. This is the idea of
+    nearest-better clustering, Preuss (2010), GECCO companion.
     """
     order = np.argsort(misfit, kind="stable")
     ranked = points[order]
@@ -111,27 +112,27 @@ def nearest_better_distance(points: FloatArray, misfit: FloatArray) -> FloatArra
 
 
 def reciprocal_fitness(misfit: FloatArray, floor: float = 1e-12) -> FloatArray:
-    r"""Fitness :math:`Q = 1/(f + \epsilon)` of misfits f >= 0, the form of Eq. 16.
+    r"""Return the fitness :math:`Q = 1/(f + \epsilon)` of misfits f >= 0, the form of Eq. 16.
 
-    The floor keeps a perfect fit finite. For Eq. 16 itself, with its peak term, pass its reciprocal
-    as the misfit.
+    The equations are those of doi 10.11835/j.issn.2096-6717.2022.021. The floor keeps a perfect fit
+    finite. For Eq. 16 itself, with its peak term, pass its reciprocal as the misfit.
     """
     return np.asarray(1.0 / (misfit + floor))
 
 
 def contrast_fitness(misfit: FloatArray) -> FloatArray:
-    r"""Fitness (p, n) that separates the best individuals at every stage of a search.
+    r"""Return a fitness (p, n) that separates the best individuals at every stage of a search.
 
     .. math:: Q = \frac{1}{(f - f_{\min}) / m + c}, \quad c = 0.03
 
-    within each population, m the median of :math:`f - f_{\min}`.  The form of Eq. 16 with a
-    floor that follows the population, so that neither an offset nor the unit of the misfit
-    changes the selection.  With Q = -f instead, which favours the best less, the rotated
-    Rastrigin function in four genes is found 68 instead of 105 times in 200 searches.
+    within each population, with the median m of :math:`f - f_{\min}`. It has the form of Eq. 16
+    with a floor that follows the population, so that neither an offset nor the unit of the misfit
+    changes the selection. With Q = -f instead, which favours the best less, the rotated Rastrigin
+    function in four genes is found in 68 instead of 105 of 200 searches.
     """
     finite = np.isfinite(misfit)
     if not finite.all():
-        # An infinite median would make all equal.
+        # An infinite median would make all individuals equal.
         worst = np.where(finite, misfit, -np.inf).max(axis=1, keepdims=True)
         misfit = np.where(finite, misfit, np.where(np.isfinite(worst), worst, 0.0))
     excess = misfit - misfit.min(axis=1, keepdims=True)
@@ -140,12 +141,12 @@ def contrast_fitness(misfit: FloatArray) -> FloatArray:
 
 
 def scale_fitness(fitness: FloatArray) -> FloatArray:
-    r"""Scores (p, n) from 0 to 100 within each population.
+    r"""Return scores (p, n) from 0 to 100 within each population.
 
     .. math:: \xi_i = 100 \, \frac{Q_i - Q_{\min}}{Q_{\max} - Q_{\min}}
 
-    Eq. 17 of doi 10.11835/j.issn.2096-6717.2022.021.  It is 0/0 for equal individuals, who all
-    get 100 here.  Individuals that could not be evaluated score 0.
+    Eq. 17 of doi 10.11835/j.issn.2096-6717.2022.021. It is 0/0 for equal individuals, who all get
+    100 here. Individuals that could not be evaluated have a score of 0.
     """
     usable = np.isfinite(fitness)
     if not usable.all():
@@ -192,14 +193,14 @@ def take(values: FloatArray, index: IntArray) -> FloatArray:
 
 
 def reflect(genes: FloatArray) -> FloatArray:
-    """Return genes between -1 and 2 reflected into the unit box at its faces."""
+    """Return genes between -1 and 2 reflected into the unit cube at its faces."""
     return np.asarray(1.0 - np.abs(1.0 - np.abs(genes)))
 
 
 def cross_intermediate(
     parents: FloatArray, probability: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
-    r"""Children of neighbouring parents by real crossover, :math:`x + \lambda (y - x)`.
+    r"""Return children of neighbouring parents by real crossover, :math:`x + \lambda (y - x)`.
 
     One :math:`\lambda` per gene, uniform on [-1/4, 5/4]: extended intermediate recombination,
     Muehlenbein and Schlierkamp-Voosen (1993), Evolutionary Computation 1.
@@ -207,9 +208,10 @@ def cross_intermediate(
     Parameters
     ----------
     parents : (p, n, d) ndarray of float
-        Individuals 0 and 1 mate, 2 and 3, and so on; an odd last one is unchanged.
+        Individuals 0 and 1 are a pair, 2 and 3, and so on; an odd last one is unchanged.
     probability : (p,) ndarray of float
         Probability that a pair crosses.
+    rng : numpy Generator
     """
     populations, count, size = parents.shape
     pairs = count // 2
@@ -224,15 +226,17 @@ def cross_intermediate(
 
 
 def mutate(genes: FloatArray, probability: FloatArray, rng: np.random.Generator) -> FloatArray:
-    r"""Genes moved with the given probability by :math:`\pm 0.5 \cdot 2^{-20 u}`, u uniform.
+    r"""Return genes, each changed with a probability by :math:`\pm 0.5 \cdot 2^{-20 u}`, u uniform.
 
-    Steps of every size are equally likely on a logarithmic scale, which suits both the start and
-    the end of a search: the mutation of the breeder genetic algorithm, Muehlenbein
-    and Schlierkamp-Voosen (1993), Evolutionary Computation 1, with steps drawn continuously.
+    Steps of every size are equally probable on a logarithmic scale, which suits both the start and
+    the end of a search: the mutation of the breeder genetic algorithm, Muehlenbein and
+    Schlierkamp-Voosen (1993), Evolutionary Computation 1, with steps drawn continuously.
 
     Parameters
     ----------
-    probability : (p,) ndarray of float, of each gene
+    genes : (p, n, d) ndarray of float
+    probability : (p,) ndarray of float, that a gene changes
+    rng : numpy Generator
     """
     step = _MUTATION_RANGE * np.exp2(-_MUTATION_HALVINGS * rng.random(genes.shape))
     draw = rng.random(genes.shape)
@@ -294,9 +298,10 @@ def keep_elite(
 def immigrate(
     genes: FloatArray, misfit: FloatArray, first: int, second: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Replace the worst of each of two populations by a copy of the other's best.
+    """Replace the worst individual of each of two populations by a copy of the other's best one.
 
-    Sizes do not change and no best is lost: in a population of one the better of the two remains.
+    Sizes do not change and no best individual is lost: in a population of one the better of the two
+    remains.
     """
     genes, misfit = genes.copy(), misfit.copy()
     best = misfit.argmin(axis=1)

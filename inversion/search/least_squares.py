@@ -1,4 +1,6 @@
-"""Bounded least squares from several starts at once (Levenberg-Marquardt on a batch model)."""
+"""Bounded least squares from several starting points at once, by Levenberg and Marquardt's
+method.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +12,8 @@ from numpy.typing import NDArray
 
 from inversion.arrays import FloatArray
 
-# Function of points (m, d) of the unit box and of the free columns that returns weighted residuals
-# (m, n) and their derivatives (m, n, free).
+# Function of points (m, d) of the unit cube and of the columns that are fitted; it returns weighted
+# residuals (m, n) and their derivatives (m, n, free).
 Linearise = Callable[[FloatArray, NDArray[np.intp]], tuple[FloatArray, FloatArray]]
 
 _LARGEST_DAMPING = 1e9
@@ -21,14 +23,14 @@ _MIN_RELATIVE_GAIN = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class BatchFit:
-    """Results of a fit from several starts.
+    """Results of least squares from several starting points.
 
     Parameters
     ----------
-    points : (k, d) ndarray of float in the unit box
+    points : (k, d) ndarray of float in the unit cube
     cost : (k,) ndarray of float, mean square of the weighted residuals
     converged : (k,) ndarray of bool
-    solves : int, forward solves used
+    solves : int, number of evaluations of the model
     """
 
     points: FloatArray
@@ -38,7 +40,7 @@ class BatchFit:
 
     @property
     def best(self) -> int:
-        """Index of the start with the lowest cost."""
+        """Index of the result with the lowest cost."""
         return int(np.argmin(self.cost))
 
 
@@ -49,18 +51,25 @@ def fit_batch(
     tolerance: float = 1e-8,
     frozen: int | None = None,
 ) -> BatchFit:
-    """Levenberg-Marquardt within the unit box, all starts advanced together.
+    """Minimise the mean square of residuals within the unit cube from several starting points at
+    once.
 
-    A parameter on a bound whose gradient points outward is fixed there for the step. A start has
-    converged when a step moves it by less than ``tolerance`` of the box or cannot be improved. The
-    derivatives are computed with every trial, which costs less than a second call after success.
+    A parameter on a bound whose gradient points outward is fixed there for the step. A fit has
+    converged when a step moves it by less than ``tolerance`` of the unit interval, or cannot be
+    improved. The derivatives are computed with every trial, which costs less than a second call
+    after a success.
 
     Parameters
     ----------
     linearise : Linearise
     starts : (k, d) ndarray of float
-    iterations : int, trials of each start, including rejected ones
-    frozen : int, optional, column that is fixed at its start (for a profile)
+    iterations : int, number of trial steps of each fit, including rejected ones
+    tolerance : float
+    frozen : int, optional, column that stays at its starting value (for a profile)
+
+    Returns
+    -------
+    BatchFit
     """
     points = np.clip(np.array(starts, dtype=float), 0.0, 1.0)
     count, size = points.shape

@@ -9,10 +9,10 @@ crossover, mutation, elitism, immigration between two populations drawn at rando
     stochastic universal sampling, intermediate recombination and breeder mutation.
 ``SearchSettings()``
     The default. The first populations come from a stratified sample of four times as many points
-    as individuals. Isolated points at the bottom of a basin are polished briefly (scouts), which
-    finds narrow basins where no population would settle. Populations with different roles then
-    breed by differences. After all have collapsed, another round starts with a new sample if
-    enough evaluations remain. A local polish ends the search.
+    as individuals. Isolated points of low misfit are refined by a few steps (scouts), which finds
+    narrow minima that no population would find. Populations with different roles then breed by
+    differences. After all of them have collapsed to points, another round starts with a new sample
+    if enough evaluations remain. A local refinement (polish) ends the search.
 
 All evaluations, including sample, scouts and polish, count against individuals x generations.
 
@@ -64,12 +64,12 @@ Fitness = Callable[[FloatArray], FloatArray]
 # Yields points (n, d) of the unit box and is sent their misfits (n,).
 Batches = Generator[FloatArray, FloatArray, None]
 
-# Smallest number of generations of another round, for which its sample pays.
+# Another round starts only if at least this number of generations can follow its sample.
 _MIN_GENERATIONS_PER_ROUND = 20
 
-# Radii and separation are in box widths. Two iterations distinguish the floor of a basin from its
-# walls: the narrow basin of the benchmark is found in 98 % of runs, with one iteration in 84 %,
-# without scouts in 38 %. Minima closer than the separation count as one.
+# Radii and separation are in widths of the unit cube. With two iterations of the scouts the narrow
+# minimum of the benchmark is found in 98 % of runs, with one iteration in 84 %, without scouts in
+# 38 %. Minima closer than the separation count as one.
 _SCOUTS = 16
 _SCOUT_RADIUS = 0.02
 _SCOUT_ITERATIONS = 2
@@ -77,8 +77,8 @@ _CANDIDATE_ITERATIONS = 3
 _SEPARATION = 0.05
 _MIN_SCOUT_RADIUS = 1e-6
 
-# Without a polish, the misfit has settled if it fell by less than this fraction over the last fifth
-# of the history.
+# Without a final refinement, the search has succeeded if the misfit fell by less than this fraction
+# over the last fifth of its steps.
 _SETTLED = 0.01
 
 # Crossover rates from nearly rotation-invariant to nearly along the coordinates. Of 200 searches in
@@ -89,7 +89,7 @@ DEFAULT_ROLES = tuple(PopulationRole(crossover_rate=rate) for rate in (0.9, 0.7,
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """Budget and breeding of the multi-population search.
+    """Number of evaluations and methods of the multi-population search.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class SearchSettings:
     individuals : int
         Total over all populations; a multiple of ``populations``.
     generations : int, >= 1
-        The search spends at most individuals x generations evaluations, everything included.
+        The search makes at most individuals x generations evaluations, everything included.
     breeding : "differential" or "generational"
         Children by differences of individuals, each competing with its parent; or selection,
         crossover and mutation of entire generations, as in the paper.
@@ -108,18 +108,18 @@ class SearchSettings:
     immigration_interval : int, >= 1
         Generations from one immigration to the next.
     sample_factor : int, >= 1
-        Points of the start sample per individual.
+        Number of points of the first sample per individual.
     scout_evaluations : int, >= 0
-        Evaluations for polishing lonely points of the sample, 0 for none.
+        Evaluations for refining isolated points of the sample, 0 for none.
     polish_evaluations : int, >= 0
-        Reserved for the final polish, 0 for none (for callers with a better polish).
+        Evaluations reserved for the final refinement, 0 for none (for callers with a better one).
     polish_candidates : int, >= 1
-        Number of distinct minima at the start of the polish and in the result.
-    collapse_width : float, box widths
+        Number of distinct minima at the start of the refinement and in the result.
+    collapse_width : float, widths of the unit cube
         A population narrower than this in every gene has collapsed; 0 for never.
     rounds : int, >= 1
-        Largest number of rounds; another one starts after all populations have collapsed. One
-        round saves evaluations, more rounds find minima that the first start missed.
+        Largest number of rounds; another one starts after all populations have collapsed. One round
+        saves evaluations, more rounds find minima that the first sample missed.
     """
 
     populations: int = 4
@@ -199,14 +199,14 @@ class SearchResult:
     parameters : (d,) ndarray of float, the best that were evaluated
     misfit : float, their misfit; infinite if none could be evaluated
     evaluations : int, total number
-    generations : int, number of steps, i.e. batches of the objective
+    generations : int, number of steps, i.e. calls of the objective
     success : bool
-        The polish converged or, without one, the misfit had settled.
-    message : str, why the search stopped
+        True: the final refinement converged or, without one, the misfit no longer decreased.
+    message : str, reason why the search stopped
     history : (generations,) ndarray of float, best misfit after each step
     failed_evaluations : int, misfits that were infinite or not a number
     candidates : (k, d) ndarray of float
-        Distinct minima, best first, as starts for a polish with derivatives.
+        Distinct minima, best first, as starting points for a refinement with derivatives.
     candidate_misfits : (k,) ndarray of float
     """
 
@@ -290,12 +290,12 @@ class MultiPopulationSearch:
         self.evaluations = 0
         self.failed_evaluations = 0
         self._plan = self._batches()
-        # Always one batch ahead, so that has_next() needs no evaluation.
+        # The next batch is always prepared, so that has_next() needs no evaluation.
         self._batch: FloatArray | None = next(self._plan)
 
     @property
     def generation(self) -> int:
-        """Steps made so far."""
+        """Number of steps made so far."""
         return len(self._history)
 
     @property
@@ -313,7 +313,7 @@ class MultiPopulationSearch:
         return self._batch is not None
 
     def next(self) -> None:
-        """Make one step: evaluate one batch and decide on the next."""
+        """Make one step: evaluate one batch of points, and prepare the next one."""
         if self._batch is None:
             raise InversionError(
                 "search: expected next() only while has_next(), got one after the last of "
@@ -398,7 +398,7 @@ class MultiPopulationSearch:
         )
 
     def _scout(self, sample: FloatArray, misfit: FloatArray) -> Batches:
-        """Polish the most isolated points of a sample briefly."""
+        """Refine the most isolated points of a sample by a few steps."""
         budget = min(self.settings.scout_evaluations, self._remaining() // 4)
         count = min(_SCOUTS, self._affordable(_SCOUT_ITERATIONS, budget))
         lonely = np.argsort(-nearest_better_distance(sample, misfit), kind="stable")[:count]
@@ -407,7 +407,9 @@ class MultiPopulationSearch:
         yield from self._polish(scouts, _SCOUT_ITERATIONS, budget)
 
     def _final_polish(self) -> Batches:
-        """Polish each candidate by a few iterations, then the best with the remaining budget."""
+        """Refine each candidate by a few iterations, then the best one with the remaining
+        evaluations.
+        """
         budget = self._total_remaining() // 2
         count = self._affordable(_CANDIDATE_ITERATIONS, budget)
         work = QuadraticPolish(self._candidates(count))
@@ -421,7 +423,7 @@ class MultiPopulationSearch:
         return budget // (iterations * iteration_cost(self._lower.size))
 
     def _polish(self, work: QuadraticPolish, iterations: int, budget: int) -> Batches:
-        """Polish within a budget and store the minima."""
+        """Refine minima with a limited number of evaluations, and store them."""
         end = self.evaluations + budget
         for _ in range(iterations):
             if work.iteration_cost == 0 or self.evaluations + work.iteration_cost > end:
@@ -432,18 +434,20 @@ class MultiPopulationSearch:
                 work.tell((yield work.ask()))
         self._minima += work.minima
 
-    # Budgets on which the plan is based.
+    # Numbers of evaluations on which the plan is based.
 
     def _total_remaining(self) -> int:
         return self.settings.evaluations - self.evaluations
 
     def _remaining(self) -> int:
-        """Return the evaluations before the final polish, which takes at most half of them."""
+        """Return the number of evaluations before the final refinement, which has at most half of
+        them.
+        """
         budget = self.settings.evaluations
         return self._total_remaining() - min(self.settings.polish_evaluations, budget // 2)
 
     def _sample_size(self) -> int:
-        """Return the size of the start sample, at most a quarter of the remaining budget."""
+        """Return the size of the first sample, at most a quarter of the remaining evaluations."""
         individuals = self.settings.individuals
         return max(
             individuals, min(self.settings.sample_factor * individuals, self._remaining() // 4)
@@ -455,7 +459,9 @@ class MultiPopulationSearch:
         return batches * settings.individuals + settings.scout_evaluations
 
     def _create_populations(self, sample: FloatArray, misfit: FloatArray, n_start: int) -> None:
-        """Deal the start points and the best sampled points to the populations at random."""
+        """Distribute the starting points and the best sampled points to the populations at
+        random.
+        """
         ranked = n_start + np.argsort(misfit[n_start:], kind="stable")
         founders = np.concatenate([np.arange(n_start), ranked])[: self.settings.individuals]
         founders = self._rng.permutation(founders)
@@ -489,13 +495,13 @@ class MultiPopulationSearch:
             return True, f"the polish converged after {spent}"
         earlier = [np.inf, *self._history][-1 - max(1, len(self._history) // 5)]
         if not earlier - self.best_misfit <= _SETTLED * abs(earlier) < np.inf:
-            return False, f"still improving when {spent} were used up; allow more generations"
-        return True, f"the misfit had settled after {spent}"
+            return False, f"the misfit still decreased after {spent}; allow more generations"
+        return True, f"the misfit no longer decreased after {spent}"
 
     # Conversion between the unit box and the caller's parameters.
 
     def _evaluate(self, points: FloatArray) -> FloatArray:
-        """Return the misfit (n,) of points (n, d) of the unit box, infinite where it failed."""
+        """Return the misfit (n,) of points (n, d) of the unit cube, infinite where it failed."""
         misfit = np.asarray(self._objective(self._parameters(points)), dtype=np.float64)
         if misfit.shape != (len(points),):
             raise ModelError(
@@ -514,7 +520,7 @@ class MultiPopulationSearch:
         return misfit
 
     def _parameters(self, points: FloatArray) -> FloatArray:
-        # Rounding must not carry a gene of one past the upper bound.
+        # Rounding must not move a gene of 1 beyond the upper bound.
         return np.minimum(self._lower + self._span * points, self._upper)
 
     def _unit_start(self, start: ArrayLike | None) -> FloatArray:

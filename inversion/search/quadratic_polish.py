@@ -1,14 +1,15 @@
-r"""Local polish of minima by full quadratic models, in a few batches of evaluations.
+r"""Local refinement of minima by quadratic models, in a few batches of evaluations, without
+derivatives.
 
-One iteration evaluates a small design around the best point (batch one), computes gradient and
-Hessian from it, and tries Newton points at several lengths (batch two). Two models are made from
-the same values: one of f and one of f^2. A root-mean-square misfit without noise is a cone at its
-minimum, where a quadratic model of f^2 is exact and one of f is useless; with noise the reverse
+One iteration evaluates a small design of points around the best one (batch one), computes gradient
+and Hessian from it, and tries Newton points at several lengths (batch two). Two models are made
+from the same values: one of f and one of f^2. A root-mean-square misfit without noise is a cone at
+its minimum, where a quadratic model of f^2 is exact and one of f is useless; with noise the reverse
 holds. The directions of the next design are the principal axes of the model, so that the iterations
-follow a long curved valley along its bottom.
+follow a long curved valley.
 
-With three genes an iteration takes 16 evaluations; four to eight iterations reach machine
-precision on a smooth function, whatever its condition.
+With three genes an iteration takes 16 evaluations; four to eight iterations reach machine precision
+on a smooth function, whatever its condition number.
 """
 
 from __future__ import annotations
@@ -28,10 +29,11 @@ Objective = Callable[[FloatArray], FloatArray]
 _STEPS = np.array([1.0, 0.5, 0.2, 2.0])
 _STEPS_SQUARED = np.array([1.0, 0.5])
 
-# Longest step in design lengths: beyond it the model is not valid.
+# Longest step, in lengths of the design; beyond it the model is not valid.
 _LONGEST_STEP = 8.0
 
-# Next design: this fraction of the last move, within bounds, or a quarter if there was no progress.
+# Size of the next design: this fraction of the last step, within these limits; a quarter of the
+# present size if there was no progress.
 _DESIGN_PER_MOVE = 0.3
 _SMALLEST_DESIGN, _LARGEST_DESIGN = 0.05, 2.0
 _DESIGN_AFTER_FAILURE = 0.25
@@ -60,9 +62,10 @@ class Minima:
 
     Parameters
     ----------
-    points : (k, d) ndarray of float in the unit box
+    points : (k, d) ndarray of float in the unit cube
     misfits : (k,) ndarray of float, finite
-    radii : (k,) ndarray of float, half-width of the neighbourhood already searched, in box widths
+    radii : (k,) ndarray of float, half-width of the neighbourhood already searched, in widths of
+    the unit cube
     """
 
     points: FloatArray
@@ -71,7 +74,7 @@ class Minima:
 
     @classmethod
     def empty(cls, size: int) -> Minima:
-        """Return no candidates, of ``size`` genes."""
+        """Return a collection without candidates, for ``size`` genes."""
         return cls(np.empty((0, size)), np.empty(0), np.empty(0))
 
     @classmethod
@@ -93,7 +96,7 @@ class Minima:
     def separated(self, count: int, separation: float) -> Minima:
         """Return the best candidates, at most ``count``, each separated from every better one.
 
-        Two are separated if they differ by more than ``separation`` box widths in one gene.
+        Two are separated if they differ by more than ``separation`` in one gene.
         """
         order = np.argsort(self.misfits, kind="stable")
         chosen: list[int] = []
@@ -111,7 +114,7 @@ def iteration_cost(size: int) -> int:
 
 
 class QuadraticPolish:
-    """Polish of several minima of the unit box, which share the batches of the objective.
+    """Refinement of several minima in the unit cube, which share the batches of evaluations.
 
     The caller evaluates the points of `ask` and passes their misfits to `tell`.
 
@@ -124,7 +127,7 @@ class QuadraticPolish:
     ----------
     points, misfits : (k, d) and (k,) ndarray of float, best so far
     converged : (k,) ndarray of bool
-        The design has shrunk to nothing or is flat to rounding; it needs no more points.
+        True: the design has shrunk to a point, or is flat within rounding; it needs no more points.
     """
 
     def __init__(self, starts: Minima) -> None:
@@ -150,7 +153,7 @@ class QuadraticPolish:
 
     @property
     def iteration_cost(self) -> int:
-        """Evaluations of the next iteration, in its two batches."""
+        """Number of evaluations of the next iteration, in its two batches."""
         return iteration_cost(self.points.shape[1]) * int(np.count_nonzero(~self.converged))
 
     @property
@@ -165,7 +168,7 @@ class QuadraticPolish:
         self.converged, self._directions = self.converged[best], self._directions[best]
 
     def ask(self) -> FloatArray:
-        """Return the points (m, d) of the unit box to evaluate next."""
+        """Return the points (m, d) of the unit cube to evaluate next."""
         if self._iteration is None:
             self._active = np.flatnonzero(~self.converged)
             self._requested = self._design_points()
@@ -185,7 +188,8 @@ class QuadraticPolish:
 
     def _design_points(self) -> FloatArray:
         offsets = np.einsum("mj,kij->kmi", self._design, self._directions[self._active])
-        # The design moves away from a face that it would cross; a step may still end on the face.
+        # A design that would cross a face of the cube is moved inside; a step may still end on the
+        # face.
         margin = np.minimum(np.abs(offsets).max(axis=1), 0.5)
         centres = np.clip(self.points[self._active], margin, 1.0 - margin)
         points: FloatArray = np.clip(centres[:, None, :] + offsets, 0.0, 1.0)
@@ -254,7 +258,7 @@ class _Iteration:
         self.start_misfits = start_misfits
         self._centres = centres
         self.inverse = np.linalg.inv(directions)
-        # The square keeps its sign, so that lower stays lower below zero.
+        # The square has the sign of the value, so that the order is preserved below zero.
         both = np.stack([heights, heights * np.abs(heights)])
         self._gradients, self._hessians = _derivatives(both, pairs)
         self.axes = _principal_axes(directions, self._hessians[0])
@@ -321,10 +325,10 @@ def _principal_axes(directions: FloatArray, hessians: FloatArray) -> FloatArray:
 def bounded_newton_step(
     gradients: FloatArray, hessians: FloatArray, points: FloatArray
 ) -> FloatArray:
-    """Return steps (n, d) to the minima of quadratic models within the unit box.
+    """Return steps (n, d) to the minima of quadratic models within the unit cube.
 
     Negative curvature is replaced by its absolute value, so that a step always descends. If a step
-    leaves the box, the first gene to reach a face is fixed there and the others continue.
+    leaves the cube, the first gene to reach a face is fixed there and the others continue.
 
     Parameters
     ----------
@@ -371,7 +375,7 @@ def polish(
     evaluations: int,
     radius: float = 0.01,
 ) -> tuple[FloatArray, float, int]:
-    """Best point near a start, its misfit, and the number of evaluations used.
+    """Return the best point near a start, its misfit, and the number of evaluations used.
 
     Parameters
     ----------
@@ -381,13 +385,13 @@ def polish(
     lower, upper : (d,) ndarray of float
         Bounds, kept by every point that is evaluated.
     evaluations : int
-        At most this many; fewer when the minimum is found earlier.
-    radius : float, size of the first design in parts of the box
+        Largest number of evaluations; fewer are used when the minimum is found earlier.
+    radius : float, size of the first design as a fraction of the range
 
     Raises
     ------
     ModelError
-        If there are no evaluations to spend or the objective returns a wrong shape.
+        If ``evaluations`` is less than 1, or the objective returns a wrong shape.
     """
     if evaluations < 1:
         raise ModelError(f"polish: expected at least one evaluation, got {evaluations}")

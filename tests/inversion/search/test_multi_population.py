@@ -247,7 +247,7 @@ def test_a_search_that_still_improves_at_its_end_says_so() -> None:
     settings = replace(paper_settings(), generations=3)
     result = run(search_of(sphere, settings=settings))
     assert not result.success
-    assert "still improving" in result.message
+    assert "still decreased" in result.message
 
 
 @pytest.mark.parametrize("size", [1, 2, 6])
