@@ -1,4 +1,4 @@
-"""Command line of the benchmarks: one part, or `QUICK`."""
+"""Command line of the benchmarks: runs one part, or those in `QUICK`."""
 
 import sys
 from importlib import import_module
@@ -28,13 +28,14 @@ PARTS = {
     "validation": "the 48 cases of the published study by finite elements (some minutes)",
 }
 QUICK = ("speed",)
-"""Parts that run without arguments."""
+"""Names of the parts that run if the command has no arguments."""
 CAMPAIGNS = ("faults", "power_loss", "wire")
-"""Parts that inject faults; their code is in tests/campaigns, as the tests use it."""
+"""Names of the parts that inject faults; their code is in tests/campaigns, because the tests use
+it."""
 
 
 def main(arguments: list[str]) -> int:
-    """Run the part of the first argument, or the quick parts."""
+    """Run the part that the first argument names, or the quick parts; return the exit status."""
     if arguments and not arguments[0].startswith("-"):
         name, *rest = arguments
         if name not in PARTS:

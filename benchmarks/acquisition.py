@@ -1,4 +1,4 @@
-"""Cost of acquisition: the fastest instrument in real time, and 24 hours as fast as possible.
+"""Cost of acquisition: the fastest simulated instrument in real time, and 24 hours of recording.
 
 The driver runs in another process, records as ``pfwd log --no-invert`` does, and measures its own
 time and memory. The simulated instrument runs on the same machine.
@@ -23,7 +23,14 @@ DAY_S = 86_400.0
 
 
 def run(arguments: list[str]) -> int:
-    """Measure ``--seconds S`` of real time (30; documented for 600), and a day with ``--day``."""
+    """Measure ``--seconds S`` of real time (30; documented for 600), and a day with ``--day``.
+
+    Returns
+    -------
+    int
+        Exit status: 1 if samples were lost, drops are missing, or more than 30 % of a core were
+        used.
+    """
     parser = argparse.ArgumentParser(prog="pfwd bench acquisition")
     parser.add_argument("--seconds", type=float, default=30.0, help="of 8 channels at 50 kHz")
     parser.add_argument("--day", type=float, nargs="?", const=DAY_S, help="seconds of the day")
@@ -39,8 +46,8 @@ def run(arguments: list[str]) -> int:
         good &= figures["lost"] == 0 and figures["drops"] == drops and figures["core"] <= 0.30
     if args.day:
         report.title(f"{args.day / 3600:g} hours of 4 channels at 10 kHz, as fast as possible")
-        # A drop per minute; the first after five minutes, because a command (the check of the span)
-        # takes effect minutes later in the instrument's time.
+        # A drop per minute. The first one falls after five minutes: at this speed a command such as
+        # the check of the span takes effect minutes later in the instrument's time.
         drops_of_day = {"interval": 60.0, "first": 300.0, "knock_probability": 0.0}
         scenario = {"base": "typical", "drops": drops_of_day}
         drops = max(1, int((args.day - 300.0) / 60.0))
@@ -83,7 +90,9 @@ class _MemoryMeter(threading.Thread):
 
 
 def measure_in_this_process(url: str, folder: str, drops: int) -> dict[str, Any]:
-    """Record in this process and return its figures."""
+    """Record from an instrument in this process, and return processor time, memory and lost
+    samples.
+    """
     from pfwd.session.events import DropSaved, SessionEvent
     from pfwd.session.live import LiveFeed
     from pfwd.session.session import Session, SessionPlan

@@ -30,7 +30,7 @@ from pfwd.archive.work import Failure
 MILLION = 1_000_000
 _SAMPLING_S = 0.2
 _STARTING_S = 2.0
-"""Age below which a process is not counted, s: at first it may share its parent's memory."""
+"""Age below which the memory of a process is not counted, s: at first it may share its parent's."""
 _N_ROUNDS = 3
 _TARGETS = {
     "least-squares, depth declared": 40.0,
@@ -55,9 +55,9 @@ class RunFigures:
     other_cores: float
     """Average number of cores that other programs used."""
     steady_rate: float
-    """Drops per second of elapsed time after every worker has done a batch."""
+    """Drops per second of elapsed time, after every worker has done its first batch."""
     steady_seconds_per_drop: float
-    """Processor time of the workers per drop in that part, s."""
+    """Processor time of the workers per drop in that time, s."""
 
     @property
     def seconds_per_drop(self) -> float:
@@ -101,7 +101,20 @@ class _MemoryWatch:
 def measure(
     drops: Path, out: Path, options: AnalysisOptions, workers: int, kill_after: int | None = None
 ) -> RunFigures:
-    """Invert an archive; with `kill_after` a worker is killed after that number of drops."""
+    """Invert an archive and return the figures of the run.
+
+    Parameters
+    ----------
+    drops : Path
+        Folder with the trace files.
+    out : Path
+        Folder for the results.
+    options : AnalysisOptions
+    workers : int
+        Number of worker processes.
+    kill_after : int, optional
+        Number of drops after which one worker is killed.
+    """
     watch = _MemoryWatch()
     processor_start, start = time.process_time(), time.perf_counter()
     all_before = _busy()
@@ -143,7 +156,7 @@ def _busy() -> float:
 
 
 def run(arguments: list[str]) -> int:
-    """Print the figures; return 0, or 1 if a target is missed."""
+    """Print the figures; return the exit status: 0, or 1 if a target is missed."""
     parser = argparse.ArgumentParser(prog="pfwd bench archive", description=__doc__)
     parser.add_argument("--short", action="store_true", help="a twentieth of the drops")
     parser.add_argument("--drops", type=int, help="drops by least squares (20000; short: 1000)")

@@ -1,9 +1,9 @@
-"""Many simulated drops at little cost: finite-element ground, many hammers, heights and noises.
+"""Simulated drops in large numbers at little cost, on finite-element ground.
 
-The ground's response to a hat of force is computed once for each site (`simulators.effects`); other
-moduli, viscosities and densities follow from it exactly by similarity. A hammer and a plate are
-stepped through time on it for every variant; heights only scale a drop, and every drop has its
-own noise and converter. The model of the inversion is not used.
+The ground's response to a short force is computed once for each site (`simulators.effects`). The
+responses for other moduli, viscosities and densities follow from it exactly by similarity. Hammer
+and plate are computed in time for every variant. Other heights only scale a drop, and every drop
+has its own noise and converter. The model of the inversion is not used.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _FILES_PER_FOLDER = 200
 
 @dataclass(frozen=True)
 class Site:
-    """Ground of a finite-element run; SI units."""
+    """Ground of a finite-element run: modulus (Pa), viscosity (Pa s), depth of rock (m)."""
 
     modulus: float
     viscosity: float
@@ -60,9 +60,9 @@ def write_archive(
 
     Parameters
     ----------
-    folder : contains a folder for every 200 files
+    folder : created with a folder for every 200 files
     drops : number of drops, > 0
-    cache : folder for the finite elements' responses
+    cache : folder for the responses of the finite elements
     depth_declared : True if the headers declare the bedrock depth; otherwise it is fitted
     sensors : number of sensors in every file; None: one in three files of four, otherwise three
     seed : seed of all random numbers

@@ -1,7 +1,7 @@
 """Figures of docs/closing-the-loop.md: finite-element drops, measured drops, blind campaign.
 
-The part with measured drops needs their folder (see `pfwd bench measured`), otherwise it is
-omitted.
+The part with measured drops needs a folder with files of real devices (``--measured``, see `pfwd
+bench measured`); otherwise it is omitted.
 """
 
 import argparse
@@ -19,7 +19,8 @@ from simulators.drop import Hammer, simulate_drop
 from simulators.mesh import Ground, Plate
 
 RADIUS, MASS, POISSON = 0.15, 12.0, 0.35
-# E (Pa), eta (Pa s), rho (kg/m3), depth (m), within the range of the paper's tables.
+# Modulus (Pa), viscosity (Pa s), density (kg/m3) and bedrock depth (m) of each ground, within the
+# range of the tables in doi 10.11835/j.issn.2096-6717.2022.021.
 GROUNDS = (
     (20e6, 40e3, 1800.0, 0.8),
     (30e6, 54e3, 1900.0, 1.2),
@@ -28,7 +29,7 @@ GROUNDS = (
     (60e6, 80e3, 1900.0, 1.0),
     (90e6, 60e3, 2000.0, 1.5),
 )
-# Corrections of the model, one after the other: settings, and the declared mass.
+# Corrections of the model, one after the other: title, settings, and declared plate mass, kg.
 STEPS = (
     (
         "the paper's model: half-sine, pressure of the static plate, force above the plate",

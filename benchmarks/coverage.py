@@ -1,9 +1,9 @@
-"""Coverage of the stated intervals on finite-element drops over the full parameter range.
+"""Coverage of the stated 95 % intervals, on finite-element drops over the full range of parameters.
 
 Every drop is simulated by axisymmetric finite elements, which share nothing with the forward model,
-written with noise as a trace file without the truth, read back and inverted by least squares.  The
-same drops without noise at their true parameters give the error of the forward model, which sets
-the error floor of the inversion.
+written with noise as a trace file without the true values, read again and inverted by least
+squares. The same drops without noise, at their true parameters, give the error of the forward
+model, which sets the error floor of the inversion.
 """
 
 import argparse
@@ -63,7 +63,7 @@ TARGET_COVERAGE, TARGET_HALF_WIDTH = 0.95, 0.03
 
 @dataclass(frozen=True)
 class Case:
-    """True values of one drop and its recording, SI units."""
+    """True values of one simulated drop and of its recording, SI units."""
 
     number: int
     group: Group
@@ -94,7 +94,7 @@ class Case:
 
     @property
     def hammer(self) -> Hammer:
-        """Hammer with this pulse and mean pressure on unyielding ground."""
+        """Hammer that has this pulse duration and mean pressure on rigid ground."""
         return hammer_of(self.pressure * math.pi * self.radius**2, self.pulse, _HAMMER_SPEED_M_S)
 
     @property
@@ -104,7 +104,7 @@ class Case:
 
     @property
     def problem(self) -> PlateProblem:
-        """Problem of the surrogate for the inversion."""
+        """Plate problem of the response table for the inversion."""
         return PlateProblem("rigid-rough", self.poisson_ratio, self._ratios)
 
     @property
@@ -114,21 +114,22 @@ class Case:
 
 @dataclass(frozen=True)
 class ModelDifference:
-    """Error of the forward model at the true parameters without noise, over the sensor's peak."""
+    """Error of the forward model at the true parameters, without noise, over the sensor's peak."""
 
     plate_rms: float
-    """Error of the plate until the end of the contact, rms."""
+    """Root mean square error of the plate up to the end of the contact."""
     plate_largest: float
     """Largest error of the plate over the full record."""
     far_rms: float | None
-    """Error of the worst sensor on the ground until the contact ends, rms; None: no sensor."""
+    """Root mean square error of the worst sensor on the ground up to the end of the contact; None:
+    no sensor."""
     far_largest: float | None
     """Largest error of the sensors on the ground over the full record; None: no sensor."""
 
 
 @dataclass(frozen=True)
 class CoverageResult:
-    """Result of the inversion of one case; SI units and fractions."""
+    """Result of the inversion of one case; SI units, relative errors as fractions."""
 
     case: Case
     modulus: float
@@ -149,7 +150,7 @@ class CoverageResult:
 
     @property
     def half_width(self) -> float:
-        """Half width of the interval over the fitted modulus."""
+        """Half-width of the 95 % interval over the fitted modulus."""
         return (self.high - self.low) / (2.0 * self.modulus)
 
     @property
@@ -159,7 +160,7 @@ class CoverageResult:
 
 
 def draw_case(number: int, seed: int = 0) -> Case:
-    """Draw one case; the groups alternate with the number."""
+    """Return a case with random values; the groups alternate with the number."""
     rng = np.random.default_rng([seed, number])
     while True:
         radius = round(float(rng.uniform(0.1, 0.3)), 2)
@@ -188,7 +189,7 @@ def draw_case(number: int, seed: int = 0) -> Case:
 
 
 def simulate(case: Case, resolution: Resolution | None = None) -> SimulatedDrop:
-    """Return the drop by finite elements without noise."""
+    """Simulate the drop of a case by finite elements, without noise."""
     pulse = case.hammer.pulse_duration
     simulator = DropSimulator(
         case.ground,
@@ -203,7 +204,7 @@ def simulate(case: Case, resolution: Resolution | None = None) -> SimulatedDrop:
 
 
 def recorded(case: Case, drop: SimulatedDrop) -> Record:
-    """Return the drop after writing and reading a trace file with noise, without the truth."""
+    """Return the drop with noise, as read from a trace file that does not state the true values."""
     motion = drop.ground_velocity if case.quantity == "velocity" else drop.ground_displacement
     recording = Recording(
         quantity=case.quantity,
@@ -235,7 +236,9 @@ def model_error(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> M
 
 
 def _difference(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> FloatArray:
-    """Return the model at the truth minus the simulated displacement, (n_sensors, n - 1), m."""
+    """Return the model at the true values minus the simulated displacement, (n_sensors, n - 1),
+    m.
+    """
     model = ForwardModel(
         library.get(case.problem, case.depth / case.radius),
         Instrument(case.radius, case.plate_mass),
@@ -251,7 +254,7 @@ def _difference(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> F
 
 
 def analyse(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> CoverageResult:
-    """Write, read and invert a drop, and compare with the truth."""
+    """Write, read and invert a drop, and compare the result with the true values."""
     error = model_error(case, drop, library)
     try:
         result = invert(recorded(case, drop), Settings(method="least-squares"), library)
@@ -290,7 +293,7 @@ def _build(problem: PlateProblem) -> None:
 
 
 def run(arguments: list[str]) -> int:
-    """Print coverage, widths and errors; return 0, or 1 if the target is missed."""
+    """Print coverage, widths and errors; return the exit status: 0, or 1 if a target is missed."""
     parser = argparse.ArgumentParser(prog="pfwd bench coverage", description=__doc__)
     parser.add_argument("--cases", type=int, default=100, help="number of drops (100)")
     parser.add_argument("--refined", type=int, default=0, help="cases on a halved mesh too (0)")
@@ -312,7 +315,7 @@ def run(arguments: list[str]) -> int:
 def summarise(
     report: Reporter, outcomes: Sequence[CoverageResult], refined: Sequence[dict[str, object]] = ()
 ) -> int:
-    """Print the tables of a campaign; return 0, or 1 if the target is missed."""
+    """Print the tables of a campaign; return the exit status: 0, or 1 if a target is missed."""
     report.title(f"{len(outcomes)} finite-element drops, least squares, 95 % intervals")
     for group in GROUPS:
         _summary(report, group, [o for o in outcomes if o.case.group == group])
@@ -386,7 +389,7 @@ def _failure(outcome: CoverageResult) -> dict[str, object]:
 
 
 def _cheapest(cases: Sequence[Case], count: int) -> list[Case]:
-    """Return the cases of three sensors with the smallest meshes."""
+    """Return the cases with three sensors that have the smallest meshes."""
 
     def waves(case: Case) -> float:
         speed = case.ground.layers[0].shear_speed(math.pi / case.pulse)
@@ -398,7 +401,9 @@ def _cheapest(cases: Sequence[Case], count: int) -> list[Case]:
 
 
 def _refinement(case: Case) -> dict[str, object]:
-    """Return the change by refinement, and the model's error before and after, over the peak."""
+    """Return the change of a drop by a finer mesh, and the model's error before and after, over the
+    peak.
+    """
     with single_threaded_blas():
         coarse, fine = simulate(case), simulate(case, Resolution().refined())
         library = SurrogateLibrary()

@@ -1,11 +1,11 @@
-"""Agreement of different devices on the modulus of one ground.
+"""Agreement of different devices on the modulus of the same ground.
 
 Ten uniform grounds, with and without rock below, are loaded by finite-element models of ten devices
-with different plates, masses, pulses and sensors, with a load cell or with an assumed load.  Every
-drop passes through a trace file, which declares plate, mass and Poisson's ratio and nothing of the
-ground.  It is inverted by the default method with an unknown and with a declared depth of rock.
-Moduli of the peak method and of the inversion are reported over the truth and over those of the
-first device.
+with different plates, masses, pulses and sensors, with a load cell or with an assumed load. Every
+drop passes through a trace file, which declares plate, mass and Poisson's ratio and nothing about
+the ground. It is inverted by the default method, with an unknown and with a declared depth of rock.
+Moduli of the peak method and of the inversion are reported relative to the true ones, and to those
+of the first device.
 
 The finite-element drops are cached (--cache), so that a second run takes a minute.
 """
@@ -38,7 +38,7 @@ from simulators.mesh import Ground, Plate
 from simulators.traces import Recording, write_traces
 
 TARGET = 0.03
-"""Largest deviation of a modulus on uniform ground, from the truth and from the first device."""
+"""Largest relative deviation of a modulus from the true one, and from that of the first device."""
 
 _TIME_STEP = 1e-4
 _HAMMER_SPEED_M_S = 3.0  # m/s, of the hammer
@@ -47,7 +47,10 @@ _CACHE_VERSION = 1
 
 
 def hammer_of(peak: float, pulse: float, speed: float) -> Hammer:
-    """Return the hammer with this peak (N) and pulse (s) on unyielding ground."""
+    """Return the hammer that has this peak force (N) and pulse duration (s) on rigid ground.
+
+    ``speed`` is its speed at the impact, m/s.
+    """
     mass = peak * pulse / (math.pi * speed)
     return Hammer(mass, mass * (math.pi / pulse) ** 2, speed)
 
@@ -62,20 +65,20 @@ class Device:
     plate_mass: float
     """Mass between load cell and ground, kg."""
     pulse: float
-    """Pulse of hammer and spring on unyielding ground, s."""
+    """Pulse duration of hammer and spring on rigid ground, s."""
     pressure: float = 100e3
-    """Mean pressure under the plate at the peak on unyielding ground, Pa."""
+    """Mean pressure under the plate at the peak, on rigid ground, Pa."""
     quantity: Literal["velocity", "displacement"] = "velocity"
     centre: Literal["plate", "ground"] = "plate"
     """Object under the centre sensor."""
     offsets: tuple[float, ...] = (0.0,)
     """Distances of the sensors from the centre, m."""
     load: Literal["cell", "assumed"] = "cell"
-    """Measured by a load cell, or assumed as the half-sine on unyielding ground."""
+    """"cell": measured by a load cell; "assumed": the half-sine on rigid ground."""
 
     @property
     def peak(self) -> float:
-        """Nominal peak force, N, on unyielding ground."""
+        """Nominal peak force on rigid ground, N."""
         return self.pressure * math.pi * self.radius**2
 
     @property
@@ -100,7 +103,9 @@ DEVICES = (
 
 @dataclass(frozen=True)
 class Site:
-    """Uniform ground; SI units."""
+    """Uniform ground: modulus (Pa), viscosity (Pa s), Poisson's ratio, density (kg/m3), depth of
+    rock (m).
+    """
 
     modulus: float
     viscosity: float
@@ -143,7 +148,7 @@ DEPTHS: tuple[Depth, ...] = ("unknown", "declared")
 
 @dataclass(frozen=True)
 class Case:
-    """One device on one ground, with the declaration of the rock."""
+    """One device on one ground, and whether the depth of rock is declared."""
 
     device: Device
     site: Site
@@ -154,15 +159,15 @@ class Case:
 
 @dataclass(frozen=True)
 class Reading:
-    """Result of one device on one ground; moduli in Pa, NaN without a result."""
+    """Moduli that one device gives for one ground, Pa; NaN: no result."""
 
     case: Case
     peak: float
-    """Modulus of the peak method."""
+    """Modulus of the peak method, Pa."""
     inverted: float
     low: float
     high: float
-    """Limits of the 95 % interval of the inverted modulus."""
+    """Ends of the 95 % interval of the inverted modulus, Pa."""
     explained: bool
     """True if the inversion reports that its model explains the record."""
 
@@ -173,7 +178,7 @@ class Reading:
 
 
 def simulate(case: Case) -> SimulatedDrop:
-    """Return the drop by finite elements without noise, from the cache if possible."""
+    """Return the finite-element drop of a case without noise, from the cache if it is there."""
     device, site = case.device, case.site
     hammer = device.hammer
     offsets = device.offsets[1:]
@@ -200,9 +205,10 @@ def simulate(case: Case) -> SimulatedDrop:
 
 
 def recorded(device: Device, drop: SimulatedDrop) -> SimulatedDrop:
-    """Return the drop as the device writes it, with the assumed load instead of the true one.
+    """Return the drop as the device records it; for an assumed load that one replaces the true
+    load.
 
-    The assumed pulse begins exactly at the first touch, although a device cannot know that time.
+    The assumed pulse begins exactly at the first contact, although a device cannot know that time.
     """
     if device.load == "cell":
         return drop
@@ -212,7 +218,7 @@ def recorded(device: Device, drop: SimulatedDrop) -> SimulatedDrop:
 
 
 def read(case: Case) -> Reading:
-    """Simulate, write, read and invert one case."""
+    """Simulate, write, read and invert the drop of one case."""
     device, site = case.device, case.site
     with single_threaded_blas():
         drop = recorded(device, simulate(case))
@@ -243,7 +249,7 @@ def read(case: Case) -> Reading:
 
 
 def run(arguments: list[str]) -> int:
-    """Print the spread; return 0, or 1 if the target is missed."""
+    """Print the deviations; return the exit status: 0, or 1 if a target is missed."""
     parser = argparse.ArgumentParser(prog="pfwd bench devices", description=__doc__)
     parser.add_argument("--short", action="store_true", help="three grounds, six devices")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
@@ -270,7 +276,9 @@ def run(arguments: list[str]) -> int:
 
 
 def summarise(report: Reporter, readings: Sequence[Reading]) -> int:
-    """Print the tables of one depth; 0, or 1 if a device with a load cell misses the target."""
+    """Print the tables for unknown or declared depth; return 1 if a device with a load cell misses
+    the target.
+    """
     depth = readings[0].case.depth
     devices = list(dict.fromkeys(reading.case.device for reading in readings))
     sites = list(dict.fromkeys(reading.case.site for reading in readings))

@@ -1,4 +1,4 @@
-"""Example files of `pfwd`, made from finite elements by one command.
+"""Example files of `pfwd.example`, simulated by finite elements.
 
 The true values are in ``pfwd/scripting/data/README.md`` and not in the headers of the files.
 """
@@ -27,7 +27,7 @@ FOLDER = Path(__file__).resolve().parents[1] / "pfwd" / "scripting" / "data"
 
 PLATE = Plate(radius=0.15, mass=10.6)
 HAMMER = Hammer(mass=10.0, stiffness=5.6e5, velocity=3.0)
-"""Hammer with a pulse of 13 ms and a peak of about 7 kN, as of a light deflectometer."""
+"""Hammer with a pulse of 13 ms and a peak of about 7 kN, like a light deflectometer."""
 POISSON_RATIO = 0.35
 DENSITY = 1900.0
 DURATION = 0.045
@@ -35,13 +35,13 @@ TIME_STEP = 2.5e-4
 NOISE_OVER_PEAK = 0.002
 """Root mean square of the noise over the peak of each channel."""
 RESOLUTION_OVER_PEAK = 2.0**-13
-"""Resolution over the peak, as of a converter of 14 bits; it keeps the files small."""
+"""Resolution over the peak, that of a converter of 14 bits; it keeps the files small."""
 SURVEY_TIME_STEP = 5e-4
 
 
 @dataclass(frozen=True)
 class Truth:
-    """Ground under one test point, which the files do not declare."""
+    """True properties of the ground under one test point, which the files do not declare."""
 
     modulus: float
     """Young's modulus, Pa."""
@@ -63,7 +63,7 @@ LAYER = Truth(45e6, 54e3, 0.9)
 THREE_SENSORS = Truth(80e6, 60e3, 1.4)
 UNEXPLAINED = Truth(50e6, 50e3)
 LAG_S = 5e-4
-"""Lag of the sensor in the example `unexplained`, s."""
+"""Lag of the sensor in the example file `unexplained`, s."""
 SURVEY = {
     "km 0+000": Truth(62e6, 55e3),
     "km 0+025": Truth(48e6, 50e3),
@@ -164,7 +164,7 @@ def make_survey(path: Path) -> None:
 def simulate(
     truth: Truth, offsets: tuple[float, ...], time_step: float = TIME_STEP
 ) -> SimulatedDrop:
-    """Return one drop of the hammer on the ground of a point."""
+    """Return one drop of the hammer on the ground of a point, by finite elements."""
     simulator = DropSimulator(
         truth.ground, PLATE, offsets, DURATION, time_step, HAMMER.pulse_duration
     )

@@ -1,4 +1,6 @@
-"""Sizes of the instrument's core on a Cortex-M3, for docs/build-an-instrument.md; fuzzing."""
+"""Size of the firmware's core on a Cortex-M3, for docs/build-an-instrument.md, and fuzzing of
+it.
+"""
 
 import argparse
 import tempfile
@@ -13,11 +15,13 @@ from simulators.emulated import build_emulated, section_sizes
 from simulators.firmware import FirmwareError, Played, play_scenario
 
 MAX_CODE_BYTES, MAX_MEMORY_BYTES = 24 * 1024, 16 * 1024
-"""Limits on a Cortex-M3, without the ring of samples."""
+"""Limits of code and memory on a Cortex-M3, without the ring buffer of samples."""
 
 
 def run(arguments: list[str]) -> int:
-    """Compile for a Cortex-M3 and print the sizes; 1 if a size is too large, 2 without zig."""
+    """Compile for a Cortex-M3 and print the sizes; return 1 if a size is too large, 2 without
+    zig.
+    """
     parser = argparse.ArgumentParser(prog="pfwd bench firmware")
     parser.add_argument("--fuzz", type=int, metavar="S", help="fuzz for so many seconds instead")
     parser.add_argument("--json", action="store_true")

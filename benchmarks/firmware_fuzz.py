@@ -1,4 +1,6 @@
-"""Fuzzing of the instrument's core by libFuzzer, with both sanitizers."""
+"""Fuzzing of the firmware's core by libFuzzer, with the address and undefined-behaviour
+sanitizers.
+"""
 
 import random
 import shutil
@@ -10,12 +12,13 @@ from pathlib import Path
 from simulators.firmware import COMPILER_FLAGS, FirmwareError, core_sources, firmware_folder
 
 _FRAMED, _LETTERS = 1, "BTLPRWEDNT"
-"""A first byte below 128 is a message that gets its frame; others stand for these steps."""
+"""A first byte below 128 starts a message that is put into a frame; other bytes select one of these
+steps of the test program."""
 LONGEST_INPUT = 4000
 
 
 def fuzz(seconds: int, folder: Path | None = None) -> tuple[bool, int, str]:
-    """Fuzz for so many seconds.
+    """Fuzz the core for a number of seconds.
 
     Returns
     -------
@@ -25,7 +28,7 @@ def fuzz(seconds: int, folder: Path | None = None) -> tuple[bool, int, str]:
     Raises
     ------
     FirmwareError
-        Without a clang that has libFuzzer.
+        If there is no clang with libFuzzer.
     """
     clang = shutil.which("clang")
     if clang is None:
@@ -63,7 +66,9 @@ def fuzz(seconds: int, folder: Path | None = None) -> tuple[bool, int, str]:
 
 
 def seeds(count: int = 200) -> list[bytes]:
-    """Return sequences of valid messages in random order, as a fuzzer does not guess a greeting."""
+    """Return sequences of valid messages in random order: a fuzzer would not guess the first
+    message.
+    """
     generator = random.Random(1)
     hello = b"\x01PFWD\x01\x02"
     armed = b"\x06" + struct.pack("<BBIHIII", 1, 0, 5000, 3, 100, 400, 100)

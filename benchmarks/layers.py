@@ -1,4 +1,4 @@
-"""Layered ground: accuracy, and cost of a solve and its derivatives on one core.
+"""Layered ground: accuracy of the fast computation, and its cost with and without derivatives.
 
 Times are the smallest processor time of many repetitions with one thread in the linear algebra,
 which depends least on other programs.
@@ -47,11 +47,11 @@ _RADIUS = 0.15
 # Nine sensors of a trailer, four of a portable device, m.
 _TRAILER = (0.0, 0.203, 0.305, 0.457, 0.610, 0.914, 1.219, 1.524, 1.829)
 _PORTABLE = (0.0, 0.3, 0.6, 0.9)
-# 41 frequencies: a record of 60 ms up to 533 Hz.
+# Transform with 41 frequencies: a record of 60 ms up to 533 Hz.
 _TRANSFORM = DampedTransform(0.06, 533.0)
 _TIME = np.linspace(0.0, 0.06, 241)[1:]
-# ViscoWave, another layered program, with nine sensors: measured once together with an earlier
-# solver of this project, and not run here.
+# Time of one solve by ViscoWave, another program for layered ground, with nine sensors, ms. It was
+# measured once, together with an earlier solver of this project, and is not run here.
 _VISCOWAVE_MS = 50.9
 
 
@@ -148,7 +148,9 @@ def _nodes(setup: PlateSetup, ground: LayeredGrounds) -> int:
 
 
 def _pavement(media: int) -> LayeredGround:
-    """Return asphalt, base, subbase and subgrade, or fewer of them."""
+    """Return a ground of asphalt, base, subbase and subgrade, or of the first and the last of
+    them.
+    """
     above = (
         Medium(4e9, 4e6, 2350.0, 0.35, 0.15),
         Medium(4e8, 3e5, 2100.0, 0.35, 0.30),
@@ -158,7 +160,7 @@ def _pavement(media: int) -> LayeredGround:
 
 
 def _milliseconds(action: Callable[[], Any]) -> float:
-    """Return the smallest processor time of one call during at least a second, ms."""
+    """Return the smallest processor time of one call, over at least a second of calls, ms."""
     action()
     shortest, start, count = math.inf, time.perf_counter(), 0
     while count < 20 or time.perf_counter() - start < 1.0:
@@ -230,7 +232,9 @@ def _accuracy(report: Reporter, cases: int) -> None:
 
 
 def _drawn(rng: np.random.Generator, firm: bool, damped: bool) -> LayeredGround:
-    """Return two to four media with or without rock: a pavement, or soft layers in any order."""
+    """Return a random ground of two to four media: a pavement (``firm``), or soft layers in any
+    order.
+    """
 
     def between(low: float, high: float) -> float:
         return math.exp(rng.uniform(math.log(low), math.log(high)))

@@ -1,7 +1,7 @@
 """Inversion of layered ground from simulated drops: errors, intervals, processor time.
 
 The drops are finite-element drops on random grounds with noise. The inversion is that of ``pfwd
-invert --layers`` and has only the traces.
+invert --layers`` and uses only the traces.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from simulators.mesh import Ground, Layer, Plate
 
 _RADIUS, _MASS = 0.15, 5.0
 _STEP = 2e-4
-# Rms of the velocity's noise over its peak, and of the load's.
+# Root mean square noise of velocity and load, over their peaks.
 _NOISE, _LOAD_NOISE = 0.002, 0.002
 _BEFORE_S = 0.012
 
 
 @dataclass(frozen=True)
 class Case:
-    """Ground with its sensors."""
+    """Layered ground, with the distances of the sensors, m."""
 
     number: int
     layers: tuple[Layer, ...]
@@ -46,7 +46,7 @@ class Case:
 
     @property
     def moduli(self) -> list[float]:
-        """Moduli from the top, Pa."""
+        """Moduli of the layers from the top, Pa."""
         return [layer.modulus for layer in self.layers]
 
     @property
@@ -56,7 +56,11 @@ class Case:
 
 
 def cases(count: int, seed: int) -> list[Case]:
-    """Return crusts, soft tops and three layers, half of them on declared rock; four sensors."""
+    """Return random grounds for four sensors: a stiff or soft top, or three layers; half of them on
+    rock.
+
+    The depth of the rock is declared.
+    """
     rng = np.random.default_rng(seed)
 
     def between(low: float, high: float) -> float:
@@ -82,7 +86,9 @@ def cases(count: int, seed: int) -> list[Case]:
 
 
 def record_of_case(case: Case, seed: int = 5) -> Record:
-    """Return the record of an instrument with noise, without the truth."""
+    """Return the record with noise, as input of the inversion, which does not state the true
+    values.
+    """
     drop = simulate_drop(
         Ground(case.layers, "rigid" if case.rock else "none"),
         Plate(_RADIUS, _MASS, "rough"),
@@ -186,7 +192,9 @@ def _fraction(holds: Sequence[bool]) -> float:
 
 
 def speed(report: Reporter) -> None:
-    """Report the time of an inversion over that of homogeneous ground in the same run."""
+    """Report the time of a layered inversion as a ratio to that of homogeneous ground in the same
+    run.
+    """
     report.title("an inversion, as a ratio to that of homogeneous ground (processor time)")
     portable = replace(cases(3, 7)[2], offsets=(0.0, 0.3, 0.6, 0.9))
     trailer = replace(portable, offsets=(0.0, 0.2, 0.3, 0.45, 0.6, 0.9, 1.2, 1.5, 1.8))
@@ -210,7 +218,7 @@ def _shortest(action: Any) -> float:
 
 
 def records(report: Reporter, folder: Path) -> None:
-    """Report errors over drops of another program, whose truth is in ``truth.json``."""
+    """Report errors for drops that another program simulated; true values are in ``truth.json``."""
     report.title(f"drops of {folder.name}: found over true (%), and whether the interval holds it")
     for name, truth in json.loads((folder / "truth.json").read_text()).items():
         point = read_traces(folder / f"{name}.csv")

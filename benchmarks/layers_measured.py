@@ -36,11 +36,14 @@ LADDER: tuple[tuple[str, tuple[tuple[str, ...], ...]], ...] = (
         ),
     ),
 )
-"""Steps with their sets of effects; the set with the largest evidence represents its step."""
+"""Steps of models, each with its sets of effects; the set with the largest evidence represents the
+step."""
 
 
 def measured(report: Reporter, files: Sequence[Path], header: Path | None, jobs: int) -> None:
-    """Report the ladder of every point in files, and the prediction of held-out sensors."""
+    """Report the residual of each step of models at every point, and the prediction of held-out
+    sensors.
+    """
     options = AnalysisOptions(header=None if header is None else str(header))
     points = [
         entry.records

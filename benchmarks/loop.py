@@ -1,9 +1,10 @@
-"""Blind campaign: diagnose drops with undeclared effects, then compare with the truth.
+"""Blind campaign: diagnose drops with undeclared effects, then compare with the true effects.
 
-The trace files are from `simulators.campaign`: finite elements and operators in time, without code
-of the inversion.  They are diagnosed from their folder before the truth is read.  Some grounds have
-constant-Q damping or a modulus that grows with depth instead of Kelvin-Voigt soil.  With --short
-every kind has a few drops of random strength, which takes about ten minutes on two cores.
+The trace files are made by `simulators.campaign`: finite elements and operators in time, without
+code of the inversion. They are diagnosed from their folder before the true values are read. Some
+grounds have constant-Q damping or a modulus that grows with depth in place of Kelvin-Voigt soil.
+With --short every kind has a few drops of random strength, which takes about ten minutes on two
+cores.
 """
 
 import argparse
@@ -41,11 +42,11 @@ CURVE_POINTS = 6
 
 @dataclass(frozen=True)
 class Judged:
-    """Truth and diagnosis of one point."""
+    """True values and diagnosis of one point."""
 
     case: Case
     record: DiagnosisRecord | None
-    """Diagnosis; None: the file was refused."""
+    """Diagnosis; None: the file was not valid."""
 
     @property
     def verdict(self) -> str:
@@ -62,7 +63,7 @@ class Judged:
 
     @property
     def named(self) -> set[str]:
-        """Names of the effects and of their alternatives."""
+        """Names of the detected effects and of their alternatives."""
         names: set[str] = set()
         for effect in self.record["effects"] if self.record else []:
             names |= {effect["name"], *effect["alternatives"]}
@@ -75,7 +76,10 @@ class Judged:
         return names
 
     def signed_error(self, when: str) -> float | None:
-        """Return the relative error of the modulus `before` or `after`; None without a modulus."""
+        """Return the relative error of the modulus before or after the diagnosis; None: no modulus.
+
+        ``when`` is "before" or "after".
+        """
         state = self.record[when] if self.record else None
         modulus = state["modulus_pa"] if state else None
         if modulus is None or math.isnan(modulus) or self.case.modulus_pa is None:
@@ -83,13 +87,17 @@ class Judged:
         return float(modulus) / self.case.modulus_pa - 1
 
     def error(self, when: str) -> float | None:
-        """Return the absolute value of `signed_error`."""
+        """Return the absolute relative error of the modulus before or after the diagnosis; None: no
+        modulus.
+        """
         signed = self.signed_error(when)
         return None if signed is None else abs(signed)
 
     @property
     def held(self) -> bool | None:
-        """True if the interval after contains the truth; None if either is missing."""
+        """True if the 95 % interval after the diagnosis contains the true modulus; None: one of
+        them is missing.
+        """
         interval = self._interval
         if interval is None or self.case.modulus_pa is None:
             return None
@@ -97,7 +105,9 @@ class Judged:
 
     @property
     def half_width(self) -> float | None:
-        """Half-width of the interval after over the modulus, or over its geometric centre."""
+        """Half-width of the interval after the diagnosis, over the modulus or over its geometric
+        centre.
+        """
         interval = self._interval
         if interval is None or self.record is None:
             return None
@@ -114,12 +124,14 @@ class Judged:
 
     @property
     def unexplained_or_held(self) -> bool:
-        """True if the verdict is `unexplained` or `refused`, or the interval contains the truth."""
+        """True if the verdict is `unexplained` or `refused`, or the interval contains the true
+        modulus.
+        """
         return self.verdict in ("unexplained", "refused") or bool(self.held)
 
     @property
     def visible(self) -> bool:
-        """True if the base model leaves more than noise."""
+        """True if the residual of the base model is larger than noise."""
         before = self.record["before"] if self.record else None
         if before is None:
             return True  # no fit was possible
@@ -128,23 +140,27 @@ class Judged:
 
     @property
     def matters(self) -> bool:
-        """True if effect or noise changed the modulus, or the effect is visible."""
+        """True if effect or noise changed the modulus by more than 1 %, or the effect is
+        visible.
+        """
         shift = self.error("before")
         return self.visible or (shift is not None and shift > MODULUS_SHIFT)
 
     @property
     def right(self) -> bool:
-        """True if the effect is among the named ones."""
+        """True if the true effect is among the named ones."""
         return self.case.effect in self.named
 
     @property
     def alarmed(self) -> bool:
-        """True if the verdict is not clean."""
+        """True if the verdict is not `clean`."""
         return self.verdict != "clean"
 
 
 def run(arguments: list[str]) -> int:
-    """Build, diagnose and compare a campaign; return 0, or 2 for wrong usage."""
+    """Simulate, diagnose and compare a campaign; return the exit status: 0, or 2 for wrong
+    options.
+    """
     parser = argparse.ArgumentParser(prog="pfwd bench loop", description=__doc__)
     parser.add_argument(
         "--cases", type=int, help="drops per kind and strength (8), with --short per kind (4)"
@@ -185,7 +201,7 @@ def run(arguments: list[str]) -> int:
 def _campaign(
     report: Reporter, options: argparse.Namespace, folder: Path, **choices: Any
 ) -> list[Judged]:
-    """Build and diagnose one campaign."""
+    """Simulate and diagnose one campaign."""
     begin = time.perf_counter()
     cache = options.cache or user_cache_path("pfwd", appauthor=False) / "finite-elements"
     default_drops = 8 if not options.short else 2 if options.strengths else 4
@@ -211,7 +227,7 @@ def _campaign(
 
 
 def by_library(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
-    """Return diagnoses by file name, without those of refused files."""
+    """Return the diagnoses as JSON by file name, made by the library; invalid files are omitted."""
     from pfwd.analysis.diagnosis.diagnose import diagnose_files
 
     diagnoses = diagnose_files([str(file) for file in files], jobs=jobs)
@@ -223,7 +239,9 @@ def by_library(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
 
 
 def by_command(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
-    """Diagnose by ``pfwd diagnose --json`` in another process."""
+    """Return the diagnoses as JSON by file name, made by ``pfwd diagnose --json`` in another
+    process.
+    """
     program = "import sys; from tui.cli import main; sys.exit(main())"
     command = [sys.executable, "-c", program, "diagnose", "--json", "--jobs", str(jobs)]
     completed = subprocess.run(
@@ -236,7 +254,9 @@ def by_command(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
 
 
 def summarise(report: Reporter, judged: Sequence[Judged]) -> None:
-    """Report by point (JSON only), kind, strength and group, then the totals and confusions."""
+    """Print the results by point (JSON only), kind, strength and group, then totals and
+    confusions.
+    """
     if report.as_json:
         for point in judged:
             report.record(**_point(point))
@@ -287,7 +307,9 @@ def _point(point: Judged) -> dict[str, Any]:
 
 
 def grouped(judged: Sequence[Judged]) -> dict[str, list[Judged]]:
-    """Return the points by group; those on other than Kelvin-Voigt soil in groups of their own."""
+    """Return the points by group; those on soil other than Kelvin-Voigt have groups of their
+    own.
+    """
     common = [point for point in judged if point.case.soil == "kelvin-voigt"]
     other_soil = [point for point in judged if point.case.soil != "kelvin-voigt"]
     parts = {
@@ -314,7 +336,7 @@ def _of_group(judged: Sequence[Judged], group: str) -> list[Judged]:
 
 
 def _proportions(part: Sequence[Judged]) -> dict[str, Any]:
-    """Return the figures of a kind or group; each point is one case."""
+    """Return the figures of a kind or group; each point counts as one case."""
     return {
         "points": len(part),
         "drops": _drops(part),
@@ -333,7 +355,7 @@ def _held(part: Sequence[Judged]) -> Proportion:
 
 
 def _half_width(part: Sequence[Judged]) -> float | None:
-    """Return the median half-width of the intervals, % of the modulus; none without intervals."""
+    """Return the median half-width of the intervals, % of the modulus; None: no intervals."""
     widths = [width for point in part if (width := point.half_width) is not None]
     return 100 * float(np.median(widths)) if widths else None
 
@@ -351,7 +373,9 @@ def _by_strength(report: Reporter, judged: Sequence[Judged]) -> None:
 
 
 def covered(judged: Sequence[Judged]) -> dict[str, list[Judged]]:
-    """Return the points with an interval and a truth: all of them, by verdict and by group."""
+    """Return the points with an interval and a true modulus: all of them, by verdict and by
+    group.
+    """
     closed = [point for point in judged if point.held is not None]
     verdicts = ("clean", "explained", "unexplained")
     parts = {"all": closed} | {v: [p for p in closed if p.verdict == v] for v in verdicts}
@@ -364,7 +388,7 @@ def covered(judged: Sequence[Judged]) -> dict[str, list[Judged]]:
 
 
 def totals(judged: Sequence[Judged]) -> dict[str, float | int | None]:
-    """Return the main figures of the campaign, of points on Kelvin-Voigt soil."""
+    """Return the main figures of the campaign, for points on Kelvin-Voigt soil."""
     common = [point for point in judged if point.case.soil == "kelvin-voigt"]
     harmless = [point for point in common if point.case.effect in HARMLESS]
     real = [point for point in common if point.case.effect not in HARMLESS and point.matters]
@@ -428,12 +452,12 @@ def _drops(part: Iterable[Judged]) -> int:
 
 
 def _share(part: Sequence[Judged], holds: Callable[[Judged], bool]) -> float | None:
-    """Return the share of the drops whose point fulfils a condition; none without points."""
+    """Return the fraction of the drops whose point meets a condition; None: no points."""
     return _drops(point for point in part if holds(point)) / _drops(part) if part else None
 
 
 def _strengths(report: Reporter, options: argparse.Namespace, folder: Path) -> None:
-    """Report how often each effect is named, by strength and noise."""
+    """Report how often each effect is named, by strength of the effect and noise."""
     points = 3 if options.short else CURVE_POINTS
     for noise in NOISE_LEVELS:
         judged = _campaign(

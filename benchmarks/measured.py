@@ -1,9 +1,9 @@
 """Fit and held-out prediction of measured drops by ``pfwd diagnose``.
 
-Files of real devices are required, which are not part of the project.  Files of one device are one
-survey, as for the command.  By default the last drop of each point is predicted from its load, by a
-diagnosis of the survey without the last drops. It is compared with the preceding record, scaled by
-the peak loads.  Errors are root mean squares over the peak, in %.
+Files of real devices are required, which are not part of the project. Files of one device are one
+survey, as for the command. By default the last drop of each point is predicted from its load, by a
+diagnosis of the survey without the last drops. The prediction is compared with the preceding
+record, scaled by the peak loads. Errors are root mean squares over the peak, in %.
 """
 
 import argparse
@@ -26,7 +26,9 @@ from pfwd.errors import SurveyError
 
 
 def run(arguments: list[str]) -> int:
-    """Diagnose and print; return 0, or 1 without readable files."""
+    """Diagnose files and print the errors; return the exit status: 0, or 1 if no file has measured
+    drops.
+    """
     parser = argparse.ArgumentParser(prog="pfwd bench measured", description=__doc__)
     parser.add_argument("paths", nargs="+", type=Path, help="files of real devices, or folders")
     parser.add_argument("--header", type=Path, help="what the files do not declare")
@@ -69,7 +71,7 @@ def run(arguments: list[str]) -> int:
 
 
 def find_points(paths: Sequence[Path], options: AnalysisOptions) -> dict[str, list[DiagnosisPoint]]:
-    """Return measured points by device; errors of unreadable files are printed."""
+    """Return the measured points by device; errors of invalid files are printed."""
     files: list[Path] = []
     for path in paths:
         files += sorted(path.glob("*.csv")) if path.is_dir() else [path]
@@ -92,7 +94,20 @@ def report_survey(
     diagnoses: Sequence[tuple[PointDiagnosis, HeldOut | None]],
     seconds: float,
 ) -> dict[str, float | None]:
-    """Report every point of a survey, then the medians."""
+    """Report every point of a survey, then the medians.
+
+    Parameters
+    ----------
+    report : Reporter
+    name : str, of the device
+    diagnoses : sequence of (PointDiagnosis, HeldOut or None)
+    seconds : float, s, duration of the diagnoses
+
+    Returns
+    -------
+    dict
+        Medians of the errors, %, by name.
+    """
     report.title(f"{name}: {len(diagnoses)} points; rms over the peak in %, E in MPa")
     points = [point for point, _ in diagnoses]
     rows = [_row(point, held_out) for point, held_out in diagnoses]
@@ -149,7 +164,7 @@ def _median(values: Sequence[Any]) -> float | None:
 
 
 def draw(medians: Mapping[str, Mapping[str, float | None]], file: Path) -> None:
-    """Draw the residual of each device's points in the fit and in the held-out prediction."""
+    """Draw the median residual of each device, in the fit and in the held-out prediction."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.4, 3.0), layout="constrained")

@@ -1,8 +1,8 @@
-"""Random part of the uncertainty, tested with many noisy copies of one finite-element drop.
+"""Test of the stated random uncertainty, with many noisy copies of one finite-element drop.
 
-The drop is recorded without noise once and with noise many times.  If the stated standard
-deviations are right and errors are normal, 68 and 95 % of the copies lie within one and two of
-their own deviations from the modulus of the clean record.
+The drop is recorded without noise once and with noise many times. If the stated standard deviations
+are right and errors are normal, 68 and 95 % of the copies are within one and two of their own
+deviations from the modulus of the record without noise.
 """
 
 import argparse
@@ -35,7 +35,7 @@ Quantity = Literal["velocity", "displacement"]
 
 @dataclass(frozen=True)
 class NoiseCase:
-    """Setup of one row of the result."""
+    """Kind of noise, sensors and declaration for one row of the result."""
 
     noise: Literal["white", "correlated"]
     quantity: Quantity
@@ -59,7 +59,7 @@ SETUPS = (
 
 
 def clean_record(quantity: Quantity) -> Record:
-    """Return the record of all sensors without noise."""
+    """Return the record of all sensors without noise, of velocity or displacement."""
     ground = Ground.uniform(45e6, 54e3, 1900.0, _POISSON_RATIO, _DEPTH)
     simulator = DropSimulator(
         ground, _PLATE, _OFFSETS, _DURATION, _TIME_STEP, _HAMMER.pulse_duration
@@ -83,7 +83,7 @@ def clean_record(quantity: Quantity) -> Record:
 def noise_of(
     rng: np.random.Generator, kind: Literal["white", "correlated"], count: int
 ) -> FloatArray:
-    """Return unit noise, white or autoregressive of first order."""
+    """Return noise (count,) of unit variance, white or autoregressive of first order."""
     white = rng.standard_normal(count)
     if kind == "white":
         return white
@@ -95,7 +95,7 @@ def noise_of(
 
 
 def noisy(record: Record, kind: Literal["white", "correlated"], rng: np.random.Generator) -> Record:
-    """Return a copy with noise on the load and on every sensor."""
+    """Return a copy of a record with noise on the load and on every sensor."""
     count = record.time.size
     level = _NOISE_OVER_PEAK * float(np.max(np.abs(record.sensors[0].values)))
     return replace(
@@ -110,7 +110,7 @@ def noisy(record: Record, kind: Literal["white", "correlated"], rng: np.random.G
 
 
 def run(arguments: list[str]) -> int:
-    """Print the fractions within one and two standard deviations; return 0."""
+    """Print the fractions within one and two standard deviations; return the exit status 0."""
     parser = argparse.ArgumentParser(prog="pfwd bench noise", description=__doc__)
     parser.add_argument("--cases", type=int, default=200, help="noisy copies of the drop (200)")
     parser.add_argument("--seed", type=int, default=0, help="of the noise (0)")

@@ -26,7 +26,7 @@ MAX_PAINT_S, MAX_RESPONSE_S = 1.0, 0.050
 QUIET_S = 0.15
 """Time without a byte after which a response has ended, s."""
 READY_TIMEOUT_S = 120.0
-"""Time within which all points must be judged, s."""
+"""Time within which all points must have a verdict, s."""
 
 KEYS: dict[str, tuple[str, bytes, str]] = {
     "down": ("\x1b[B", b"", ""),
@@ -47,7 +47,9 @@ the key to return, which is not measured."""
 
 
 def run(arguments: list[str]) -> int:
-    """Measure ``--points N`` (5000) with ``--repeats N`` of every key (5)."""
+    """Measure ``--points N`` (5000) with ``--repeats N`` of every key (5); return the exit
+    status.
+    """
     parser = argparse.ArgumentParser(prog="pfwd bench opened")
     parser.add_argument("--points", type=int, default=POINTS)
     parser.add_argument("--repeats", type=int, default=5)
@@ -106,7 +108,7 @@ def build(survey: Path, points: int, templates: list[Template]) -> None:
 
 
 def opening(survey: Path, points: int, size: tuple[int, int]) -> tuple[float, float, float]:
-    """Return the times until the frame, the first points, and all verdicts are shown, s."""
+    """Return the times until the frame, the first points, and all verdicts are on the screen, s."""
     terminal = _opened(survey, size)
     times: list[float] = []
     try:
@@ -124,7 +126,7 @@ def opening(survey: Path, points: int, size: tuple[int, int]) -> tuple[float, fl
 def response_times(
     survey: Path, size: tuple[int, int], repeats: int
 ) -> dict[str, list[tuple[float, float]]]:
-    """Return the times from a key to its page and to the last byte, s, by name of the key."""
+    """Return, by name of the key, the times from the key to its page and to the last byte, s."""
     responses: dict[str, list[tuple[float, float]]] = {name: [] for name in KEYS}
     terminal = _opened(survey, size)
     try:

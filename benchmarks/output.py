@@ -1,4 +1,4 @@
-"""Output of benchmarks as text or as JSON."""
+"""Output of the benchmarks as text or as JSON."""
 
 import json
 import math
@@ -28,12 +28,12 @@ class Proportion:
 
     @property
     def share(self) -> float | None:
-        """Fraction, 0 to 1; None without cases."""
+        """Fraction, 0 to 1; None: there are no cases."""
         return self.count / self.of if self.of else None
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Lower and upper limit, 0 to 1."""
+        """Lower and upper 95 % limit of the fraction, 0 to 1."""
         if not self.of:
             return 0.0, 1.0
         p, n, z = self.count / self.of, self.of, 1.96
@@ -50,13 +50,13 @@ class Proportion:
         return f"{self.count}/{self.of} = {self.share:.0%} ({low:.0%} to {high:.0%})"
 
     def to_json(self) -> dict[str, float | None]:
-        """Return counts, fraction and limits."""
+        """Return counts, fraction and limits as values that JSON can hold."""
         low, high = self.limits
         return {"count": self.count, "of": self.of, "share": self.share, "low": low, "high": high}
 
 
 class Reporter:
-    """Printer of records as text, or with ``--json`` as one object per line."""
+    """Printer of results, as text or with ``--json`` as one object per line."""
 
     def __init__(self, arguments: list[str]) -> None:
         self.as_json = "--json" in arguments
@@ -67,7 +67,7 @@ class Reporter:
             print(f"\n{text}\n{'-' * len(text)}", flush=True)
 
     def record(self, **values: Any) -> None:
-        """Print one record; text has four significant digits."""
+        """Print one result; in text numbers have four significant digits."""
         if self.as_json:
             print(json.dumps({key: _as_json(value) for key, value in values.items()}), flush=True)
         else:

@@ -31,20 +31,22 @@ from tui.screen.settings import ScreenSettings
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 POINTS = {"km 12+300": 58e6, "km 12+325": 39e6, "km 12+350": 47e6}
-"""Names of the points and moduli of their ground, Pa."""
+"""Moduli of the ground, Pa, by the name of the point."""
 TARGET = 45e6
 DROPS = 6
 RATE = 8.0
-"""Speed over real time; the simulated drops do not depend on it."""
+"""Speed of the simulated instrument over real time; the simulated drops do not depend on it."""
 QUIET_S = 160.0
-"""Time that the instrument streams after the last drop, s, longer than SAFE is shown."""
+"""Time that the instrument streams after the last drop, s, longer than the screen shows SAFE."""
 READY_TIMEOUT_S = 180.0
-"""Time for one replay with all its searches, s."""
+"""Time within which one replay with all its inversions must be complete, s."""
 CLOCK = datetime.datetime(2026, 5, 4, 14, 32, 7)
 
 
 def run(arguments: list[str]) -> int:
-    """Draw into ``--output FOLDER`` (docs/pictures) with ``--format`` svg or png."""
+    """Draw into ``--output FOLDER`` (docs/pictures) with ``--format`` svg or png; return the exit
+    status.
+    """
     parser = argparse.ArgumentParser(prog="pfwd bench pictures")
     parser.add_argument("--output", type=Path, default=FOLDER)
     parser.add_argument("--format", choices=["svg", "png"], default="svg")

@@ -3,8 +3,8 @@
 The survey is written by the project's writer from recorded drops of a simulated instrument, without
 waiting for the disk; this time is not part of the figures. A figure is the smallest of several
 runs. The processor time of a command and its children is reported too, as it depends less on other
-programs. The limits are those of an idle machine. POSIX only: Windows does not report the resources
-of children.
+programs. The limits are those of an idle computer. POSIX only: Windows does not report the
+resources of child processes.
 """
 
 import argparse
@@ -32,32 +32,34 @@ SHORT = (250, 1_000)
 DROPS_PER_POINT = 10_000 / 1_700
 REPEATS = 3
 DROPS_PER_NOTE = 50
-"""Number of drops between two notes."""
+"""Every drop of this number gets a note."""
 
 MAX_RATIO = 1.3
-"""Largest ratio of the cost per drop between the surveys, after subtracting that of one drop."""
+"""Largest ratio of the cost per drop of the larger survey to that of the smaller one. The cost of a
+survey with one drop is subtracted first."""
 
 SPARE_BYTES = 2 * 10**9
-"""Free space on the disk that must remain, bytes."""
+"""Free space that must remain on the disk, bytes."""
 
 BYTES_OF_A_DROP = 200_000
-"""Space of one drop on the disk, bytes: record, file and result, and as much for exports."""
+"""Space that one drop needs on the disk, bytes: record, file and result, and the same for
+exports."""
 
 TIMEOUT_S = 600.0
-"""Time for one command, s."""
+"""Time limit of one command, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Command with its limits."""
+    """Command to be measured, with its limits."""
 
     name: str
     arguments: Callable[[Path, Path], list[str]]
-    """Arguments from the survey and a folder for exports."""
+    """Returns the arguments from the path of the survey and a folder for exports."""
     seconds: float
     """Longest time for the larger survey, s."""
     megabytes: float | None = None
-    """Largest memory of a process; None: no limit."""
+    """Largest memory of one process, MB; None: no limit."""
     repeats: int = REPEATS
 
 
@@ -82,7 +84,7 @@ def _export(survey: Path, out: Path, form: str) -> list[str]:
 
 
 def run(arguments: list[str]) -> int:
-    """Build, measure and compare; return 0 if all limits are met."""
+    """Build the surveys, measure and compare; return the exit status: 0 if all limits are met."""
     parser = argparse.ArgumentParser(prog="pfwd bench scale")
     parser.add_argument("--drops", type=int, nargs=2, metavar="N", help="of the two surveys")
     parser.add_argument("--repeats", type=int, default=REPEATS, help="of each command")
@@ -177,14 +179,14 @@ def _judge(
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Cost of a command."""
+    """Elapsed time, processor time and memory of a command."""
 
     seconds: float
     """Elapsed time, s."""
     processor: float
     """Processor time of the command and its children, user and system, s."""
     megabytes: float
-    """Largest memory of one of its processes."""
+    """Largest memory of one of its processes, MB."""
 
 
 def _best(costs: list[Cost]) -> Cost:
@@ -198,7 +200,7 @@ def _best(costs: list[Cost]) -> Cost:
 PFWD = [sys.executable, "-P", "-c", "from tui.cli import main; raise SystemExit(main())"]
 
 
-# A small process in between, as the reported memory of a child is at least that of its parent.
+# A small process starts the command: the reported memory of a child is at least that of its parent.
 _MEASURING = """
 import json, os, subprocess, sys, time
 begun = time.monotonic()
@@ -212,7 +214,7 @@ print(json.dumps([child.returncode, seconds, processor, used.ru_maxrss]))
 
 
 def measure(arguments: list[str]) -> Cost:
-    """Run ``pfwd`` with arguments; raise RuntimeError if it fails."""
+    """Run ``pfwd`` with these arguments and return the cost; RuntimeError if it fails."""
     command = [sys.executable, "-I", "-S", "-c", _MEASURING, *PFWD, *arguments]
     completed = subprocess.run(
         command, capture_output=True, text=True, timeout=TIMEOUT_S, check=True
@@ -227,7 +229,7 @@ def measure(arguments: list[str]) -> Cost:
 
 
 def paints(survey: Path) -> dict[str, list[str]]:
-    """Return the commands with a screen, by name."""
+    """Return the commands that open a screen, by name."""
     return {
         # No instrument is at this address; the time is that of reading the survey.
         "first paint of live": ["live", "socket://127.0.0.1:9", "-o", str(survey)],
@@ -236,7 +238,7 @@ def paints(survey: Path) -> dict[str, list[str]]:
 
 
 def first_paint(arguments: list[str]) -> float:
-    """Return the time from the command to a readable page, s."""
+    """Return the time from the start of a command to a readable page, s."""
     from benchmarks.screen import PAINTED, Terminal
 
     terminal = Terminal([*PFWD, *arguments], (120, 40))
@@ -280,23 +282,23 @@ class UnsyncedStorage(Storage):
     """Storage that does not wait for the disk."""
 
     def sync(self, descriptor: int) -> None:
-        """Do not wait."""
+        """Return at once, without waiting for the disk."""
 
     def sync_directory(self, path: Path) -> None:
-        """Do not wait."""
+        """Return at once, without waiting for the disk."""
 
 
 class QuickPublisher:
-    """Publisher that writes the files of drops without reading them back."""
+    """Writer of the files of drops that does not read them back, which the real one does."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self.records: dict[int, DropRecord] = {}
-        """Records without a file, by their number in the survey."""
+        """Records whose files are not written yet, by their number in the survey."""
         self.survey = b""
 
     def ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Write the file of a drop."""
+        """Write the file of a drop; return its path, size and SHA-256."""
         number = int(request["number"])
         layout = Layout(self._folder)
         path = layout.drop_file(number)
@@ -307,16 +309,16 @@ class QuickPublisher:
         return {**facts, "number": number}
 
     def close(self) -> None:
-        """Nothing has to be closed."""
+        """Do nothing: there is nothing to close."""
 
 
 def point_number(number: int) -> int:
-    """Return the number of the point, from 1, of a drop by its number in the survey."""
+    """Return the number, from 1, of the point that a drop is at, by the number of the drop."""
     return int((number - 1) / DROPS_PER_POINT) + 1
 
 
 def build(survey: Path, before: int, drops: int, templates: list[Template]) -> None:
-    """Continue a survey of `before` drops until it has `drops`."""
+    """Extend a survey of `before` drops to `drops` drops."""
     publisher = QuickPublisher(survey)
     with SurveyWriter.open(survey, storage=UnsyncedStorage(), publisher=publisher) as writer:
         publisher.survey = bytes.fromhex(writer.survey_id)

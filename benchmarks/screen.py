@@ -22,19 +22,21 @@ from simulators.instrument import serve
 
 CASES = {"8 x 50 kHz": "eight-channels", "4 x 10 kHz": "typical"}
 MIN_UPDATES_PER_S = 10.0
-"""Smallest number of updates per second."""
+"""Smallest accepted number of screen updates per second."""
 MAX_CORES = 0.25
-"""Largest processor time over elapsed time at 4 x 10 kHz."""
+"""Largest accepted processor time over elapsed time, with 4 channels at 10 kHz."""
 MAX_PAINT_S, MAX_MODULUS_DELAY_S = 1.0, 0.3
-"""Limits of the first paint and of the delay of a modulus, s."""
+"""Largest accepted times of the first paint, and from a drop to its modulus, s."""
 BUILD_TIMEOUT_S = 240.0
 """Time within which the response table of a new sensor layout is built, s."""
 WARM_UP_S = 5.0
-"""Time before the measurement, in which libraries and the response table are loaded, s."""
+"""Time before the measurement, s, in which libraries and the response table are loaded."""
 
 
 def run(arguments: list[str]) -> int:
-    """Measure ``--seconds S`` of each case (20) on ``--columns`` and ``--rows``."""
+    """Measure ``--seconds S`` of each case (20) on ``--columns`` and ``--rows``; return the exit
+    status.
+    """
     parser = argparse.ArgumentParser(prog="pfwd bench screen")
     parser.add_argument("--seconds", type=float, default=20.0, help="of each case")
     parser.add_argument("--columns", type=int, default=120)
@@ -63,7 +65,7 @@ def run(arguments: list[str]) -> int:
 
 
 class Terminal:
-    """Pseudo-terminal with a program, whose output is read and counted."""
+    """Pseudo-terminal in which a program runs; its output is read and counted."""
 
     def __init__(self, command: list[str], size: tuple[int, int]) -> None:
         import fcntl
@@ -71,7 +73,7 @@ class Terminal:
 
         self.master, slave = os.openpty()
         fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
-        # The size in a parent's variables would have priority over that of this terminal.
+        # These variables would override the size of this terminal.
         inherited = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES")}
         environment = {
             **inherited,
@@ -89,7 +91,7 @@ class Terminal:
         self.writes = 0
 
     def read(self, timeout: float) -> bool:
-        """Read output for up to a number of seconds; return whether there was any."""
+        """Read output for up to ``timeout`` seconds; return whether there was any."""
         if not select.select([self.master], [], [], timeout)[0]:
             return False
         try:
@@ -102,11 +104,11 @@ class Terminal:
         return bool(data)
 
     def press(self, keys: str) -> None:
-        """Type keys."""
+        """Send keys to the program."""
         os.write(self.master, keys.encode())
 
     def close(self) -> None:
-        """End the program if it still runs."""
+        """End the program if it is still running."""
         self.process.terminate()
         until = time.monotonic() + 30
         while self.process.poll() is None and time.monotonic() < until:
@@ -122,7 +124,7 @@ PAINTED = re.compile(rb"PFWD.*measured", re.DOTALL)
 
 
 def first_paint(size: tuple[int, int]) -> float:
-    """Return the time from the command to a readable page, s."""
+    """Return the time from the start of ``pfwd replay --live`` to a readable page, s."""
     with tempfile.TemporaryDirectory(prefix="pfwd-bench-") as folder:
         # The program checks for a recording only after the first paint.
         terminal = Terminal([*PFWD, "replay", folder, "--live"], size)
@@ -159,7 +161,7 @@ def measure_case(scenario: str, seconds: float, size: tuple[int, int]) -> dict[s
 
 
 def measure_in_this_process(url: str, folder: str, figures_file: str, seconds: float) -> None:
-    """Run the screen in this process for a while and write its figures."""
+    """Run the screen in this process for a number of seconds and write its figures to a file."""
     import asyncio
 
     from pfwd.session.plan import SessionPlan

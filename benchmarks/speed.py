@@ -1,4 +1,4 @@
-"""Analysis times on one core, and those of the published method in the same run."""
+"""Analysis times on one core, and the times of the published method in the same run."""
 
 import statistics
 import time
@@ -24,7 +24,7 @@ _BATCH = 80
 
 
 def run(arguments: list[str]) -> int:
-    """Print the times; return 0."""
+    """Print the times; return the exit status 0."""
     report = Reporter(arguments)
     record = _centre_record()
     library = SurrogateLibrary()
@@ -55,7 +55,7 @@ def run(arguments: list[str]) -> int:
 
 
 def _centre_record() -> Record:
-    """Return the centre sensor of a simulated drop (finite elements, noise)."""
+    """Return the record of the centre sensor of a finite-element drop with noise."""
     from simulators.demo import demo_drops
 
     with TemporaryDirectory() as folder:
@@ -75,7 +75,7 @@ def _analysis_time(
 
 
 def _surrogate_solves(record: Record, library: SurrogateLibrary) -> float:
-    """Return the time of 8,000 displacement histories in batches of 80, of any depth, s."""
+    """Return the time of 8,000 displacement histories, computed from tables in batches of 80, s."""
     drop = prepare(record)
     surrogate = library.get(PlateProblem("rigid-rough", record.poisson_ratio), None)
     times = drop.time[drop.window][::3]

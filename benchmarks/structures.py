@@ -1,9 +1,9 @@
-r"""Log evidence of ground structures at the points of an instrument, and of causes other than rock.
+r"""Log evidence of ground structures at the points of an instrument, and of other causes than rock.
 
-The log evidence of the candidate structures is summed over the points. With ``--hypotheses`` three
-causes in the instrument with an effect like rock are compared: a mass that swings on the plate, a
-resonance of the sensor's carrier, and a ringing load cell. Each is fitted to the last drop of each
-point with and without rock.
+A structure is a set of effects. The log evidence of the candidate structures is summed over the
+points. With ``--hypotheses`` three causes in the instrument whose effect resembles that of rock are
+compared: a mass that swings on the plate, a resonance of the sensor's carrier, and a ringing load
+cell. Each is fitted to the last drop of each point, with and without rock.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from inversion.threads import single_threaded_blas
 from pfwd.analysis.options import AnalysisOptions
 from pfwd.spawning import worker_pool
 
-# Effects of the published survey that are part of every fit.
+# Effects that a diagnosis of the published survey detected; part of every fit with --hypotheses.
 _COMMON_EFFECTS: Structure = frozenset(
     {"sensor_lag", "plate_inertia", "stress_dependence", "hysteretic_unloading"}
     | {"geophone_response", "rebound"}
@@ -48,7 +48,7 @@ _ITERATIONS = 8
 
 
 class _Resonance(Effect):
-    """Mode of the instrument between 15 and 200 Hz."""
+    """Resonance in the instrument between 15 and 200 Hz."""
 
     scope = "device"
     parameters = (
@@ -57,7 +57,7 @@ class _Resonance(Effect):
     )
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return the strength and the logarithms of frequency and damping."""
+        """Return strength, and logarithms of frequency and damping, as the unknowns."""
         strength = self.parameters[0]
         strength_coordinate = Coordinate(
             "strength", 0.0, 0.3, strength.lower, strength.upper, strength.starts
@@ -66,14 +66,14 @@ class _Resonance(Effect):
 
 
 class LoadCellResonance(_Resonance):
-    """Ringing of the load cell, so that the load on the ground differs from the recorded one."""
+    """Ringing of the load cell: the load on the ground differs from the recorded one."""
 
     name = "ringing_load_cell"
 
     def compliance(
         self, compliance: ComplexArray, s: ComplexArray, values: Values, drop: DropContext
     ) -> ComplexArray:
-        """Return displacement over recorded load."""
+        """Return displacement over recorded load, m/N."""
         omega, damping = 2.0 * math.pi * values["frequency"], values["damping"]
         mode = s**2 / (s**2 + 2.0 * damping * omega * s + omega**2)
         result: ComplexArray = compliance * (1.0 + values["strength"] * mode)
@@ -81,7 +81,7 @@ class LoadCellResonance(_Resonance):
 
 
 class SwingingMass(_Resonance):
-    """Mass on a spring on the plate, like a frame on its buffers; strength in 100 kg."""
+    """Mass on a spring on the plate, like a frame on its buffers; the strength is in 100 kg."""
 
     name = "swinging_mass"
     parameters = (
@@ -105,7 +105,9 @@ HYPOTHESES: tuple[Effect, ...] = (SwingingMass(), CarrierResonance(), LoadCellRe
 
 
 def hypothesis_evidence(records: PointRecords) -> dict[str, float]:
-    """Return the log evidence of rock, of each hypothesis, and of both, for the last drop."""
+    """Return the log evidence for the last drop of rock, of each hypothesis, and of both
+    together.
+    """
     point = Point(records, SurrogateLibrary())
     evidence = {}
     with single_threaded_blas():
@@ -131,7 +133,7 @@ def _best_of_starts(point: Point, effects: Sequence[Effect]) -> Posterior:
 
 
 def candidate_evidence(records: PointRecords) -> dict[str, float]:
-    """Return the log evidence of all candidate structures by their names."""
+    """Return the log evidence of all candidate structures for the last drop, by their names."""
     point = Point(records, SurrogateLibrary())
     candidates = candidate_structures([model.context for model in point.drops])
     fits = {s: fit_briefly(point, s, len(point.drops) - 1, {}) for s in candidates}
@@ -143,7 +145,9 @@ def candidate_evidence(records: PointRecords) -> dict[str, float]:
 
 
 def run(arguments: list[str]) -> int:
-    """Fit and print; return 0, or 1 without readable files."""
+    """Fit the points and print the evidence; return the exit status: 0, or 1 if no file has
+    measured drops.
+    """
     parser = argparse.ArgumentParser(prog="pfwd bench structures", description=__doc__)
     parser.add_argument("paths", nargs="+", type=Path, help="files of real devices, or folders")
     parser.add_argument("--header", type=Path, help="what the files do not declare")
@@ -170,7 +174,9 @@ def run(arguments: list[str]) -> int:
 
 
 def summed(rows: Sequence[Mapping[str, float]]) -> dict[str, dict[str, float]]:
-    """Return the evidence below the best and the number of points where it is best, by name."""
+    """Return, by structure, the loss of summed evidence to the best one, and at how many points it
+    is best.
+    """
     names = set.intersection(*(set(row) for row in rows))
     totals = {name: sum(row[name] for row in rows) for name in names}
     best = max(totals.values())

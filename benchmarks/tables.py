@@ -1,4 +1,4 @@
-"""Building of the surrogates in inversion/forward/tables, which are part of the package."""
+"""Building of the response tables in inversion/forward/tables, which are part of the package."""
 
 from pathlib import Path
 
@@ -10,8 +10,9 @@ from inversion.forward.surrogate_building import build_surrogate, check_surrogat
 
 _FOLDER = Path(__file__).resolve().parents[1] / "inversion" / "forward" / "tables"
 _CENTRE = (0.0,)
-# Poisson's ratios of the centre sensor, and the layouts with sensors at 2, 4 and 6 radii (0.3, 0.6
-# and 0.9 m for a plate of 0.15 m) for the default ratio.  Other tables are built in a second.
+# Tables for the centre sensor with usual Poisson's ratios, and for sensors at 2, 4 and 6 plate
+# radii (0.3, 0.6 and 0.9 m for a plate of 0.15 m) with the default ratio. Others are built in a
+# second.
 _PROBLEMS = (
     *(PlateProblem("rigid-rough", nu, _CENTRE) for nu in (0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.49)),
     PlateProblem("rigid-rough", 0.35, (0.0, 2.0, 4.0)),
@@ -22,7 +23,7 @@ _GROWTH_EXPONENTS = (0.5, 1.0)
 
 
 def run(arguments: list[str]) -> int:
-    """Write missing tables (all tables with ``--all``); return 0."""
+    """Write missing tables (all of them with ``--all``); return the exit status 0."""
     report = Reporter(arguments)
     _FOLDER.mkdir(exist_ok=True)
     problems = {f"{surrogate_key(problem, None)}.npz": problem for problem in _PROBLEMS}

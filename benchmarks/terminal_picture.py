@@ -1,7 +1,7 @@
-"""Picture of a terminal screen, drawn cell by cell and identical on every machine.
+"""Picture of a terminal screen, drawn cell by cell, identical on every computer.
 
-Letters are from the font in matplotlib. Dots, blocks and lines are drawn as shapes, since few fonts
-have the dots. Neither a browser nor a terminal is needed.
+Letters are from the font in matplotlib. Braille dots, blocks and lines are drawn as shapes, because
+few fonts have the dots. Neither a browser nor a terminal is needed.
 """
 
 import re
@@ -21,7 +21,7 @@ FONT_SIZE = CELL_WIDTH * 2048 / 1233
 
 DOTS = ((0x01, 0, 0), (0x02, 0, 1), (0x04, 0, 2), (0x40, 0, 3),
         (0x08, 1, 0), (0x10, 1, 1), (0x20, 1, 2), (0x80, 1, 3))  # fmt: skip
-"""Bit, column and row of the dots of a braille letter."""
+"""Bit, column and row of each dot of a braille character."""
 
 EIGHTHS = " ▁▂▃▄▅▆▇█"
 
@@ -31,14 +31,14 @@ STROKES = {
     "┤": (1, 0, 1, 1),
     "┼": (1, 1, 1, 1),
 }
-"""Directions of the lines from the centre (left, right, up, down), 1 if there is one."""
+"""Directions of the lines from the centre (left, right, up, down), 1 if there is a line."""
 
 FOREGROUND, BACKGROUND = "#e6e6e6", "#101418"
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Adjacent letters of one style in a line."""
+    """Adjacent characters of one style in a line of the screen."""
 
     column: int
     text: str
@@ -71,7 +71,7 @@ def _hex(color: Color | None, default: str) -> str:
 
 
 def save_picture(lines: Sequence[Sequence[Run]], columns: int, path: Path) -> None:
-    """Write a picture as .svg or .png, by the ending of its name."""
+    """Write a picture of the screen as .svg or .png, by the suffix of the path."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -99,7 +99,7 @@ def save_picture(lines: Sequence[Sequence[Run]], columns: int, path: Path) -> No
 
 
 def _shorter(svg: str) -> str:
-    """Return the picture with coordinates to a tenth and short names of letters."""
+    """Return the SVG text with coordinates rounded to a tenth, and short names of the letters."""
 
     def rounded(match: re.Match[str]) -> str:
         return re.sub(r"-?\d+\.\d+", _tenth, match[0])
@@ -122,7 +122,9 @@ def _commonest(lines: Sequence[Sequence[Run]]) -> str | None:
 
 
 class _Shapes:
-    """Rectangles by colour; each colour is drawn as one path, as a picture has thousands."""
+    """Rectangles by colour. Each colour is drawn as one path, because a picture has thousands of
+    them.
+    """
 
     def __init__(self, axes: Any) -> None:
         self._axes = axes
@@ -174,7 +176,7 @@ def _draw_run(shapes: _Shapes, axes: Any, run: Run, row: int, ground: Any) -> No
 
 
 def _words(shapes: _Shapes, run: Run, x: float, y: float) -> list[tuple[int, str]]:
-    """Return column and letters of the text in a run; other letters are drawn as shapes."""
+    """Return column and text of the letters in a run; other characters are drawn as shapes."""
     words: list[tuple[int, str]] = []
     for place, letter in enumerate(run.text):
         drawn = _shape(shapes, letter, run.foreground, x + place * CELL_WIDTH, y)
@@ -188,7 +190,7 @@ def _words(shapes: _Shapes, run: Run, x: float, y: float) -> list[tuple[int, str
 
 
 def _shape(shapes: _Shapes, letter: str, color: str, x: float, y: float) -> bool:
-    """Draw a letter as a shape; return whether it is one."""
+    """Draw a character as a shape; return False if it has to be drawn as a letter."""
     w, h = CELL_WIDTH, CELL_HEIGHT
     code = ord(letter)
     if 0x2800 <= code < 0x2900:
@@ -216,7 +218,7 @@ def _shape(shapes: _Shapes, letter: str, color: str, x: float, y: float) -> bool
 
 
 def runs_of_app(app: Any) -> list[list[Run]]:
-    """Return the lines on the screen of a Textual application."""
+    """Return the lines on the screen of a Textual application, as runs of one style."""
     lines = []
     for strip in app.screen._compositor.render_strips():
         lines.append(runs_of((segment.text, segment.style) for segment in strip))

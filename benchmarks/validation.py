@@ -1,9 +1,9 @@
-"""The 48 cases of the published study by finite elements, inverted by its method and this
-project's.
+"""The 48 cases of the published study, simulated by finite elements and inverted by both methods.
 
-Ground, hammer and plate are those of the study. Its errors are reported too if its transcribed
-tables are available.  A ladder of variants, each with one change, shows the parts of the systematic
-error of the published method.
+The study is doi 10.11835/j.issn.2096-6717.2022.021. Both its method and that of this project are
+used. Ground, hammer and plate are those of the study. Its errors are reported too if its
+transcribed tables are available. A ladder of variants, each with one change, shows the parts of the
+systematic error of the published method.
 """
 
 import argparse
@@ -56,8 +56,8 @@ PEAK, DEPTH_DECLARED, DEPTH_UNKNOWN = (
     "default, depth known",
     "default, depth unknown",
 )
-# The published method takes the load cell for the force on the ground. Variants with this suffix
-# have the true force on the ground, as the study may have had it from its finite elements.
+# The published method uses the reading of the load cell as the force on the ground. Variants with
+# this suffix use the true force on the ground, as the study may have done with its finite elements.
 ON_CONTACT = ", contact force"
 _PUBLISHED_OPTIONS: dict[str, dict[str, Any]] = {
     PUBLISHED: {},
@@ -71,7 +71,7 @@ METHODS = (
     DEPTH_DECLARED,
     DEPTH_UNKNOWN,
 )
-# Each rung has one change from the one above, with least squares from the second on.
+# Each step differs from the one before in one respect; from the second on least squares is used.
 LADDER = (
     "1 published (genetic search on its own fitness)",
     "2 least squares on the same model and data",
@@ -91,7 +91,7 @@ _PRINTED = {
 
 @dataclass(frozen=True)
 class Case:
-    """Ground of the study, SI units."""
+    """Ground of the study: modulus (Pa), viscosity (Pa s), depth of rock (m)."""
 
     modulus: float
     viscosity: float
@@ -99,13 +99,15 @@ class Case:
 
     @property
     def key(self) -> tuple[float, float, float]:
-        """Key of the case in the tables: kPa s, m, MPa."""
+        """Key of the case in the study's tables: viscosity (kPa s), depth (m), modulus (MPa)."""
         return self.viscosity / 1e3, self.depth, self.modulus / 1e6
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Modulus (Pa) with its relative error and the coefficient of determination."""
+    """Modulus (Pa), its relative error, the coefficient of determination, and whether the interval
+    is right.
+    """
 
     modulus: float
     error: float
@@ -130,7 +132,10 @@ def all_cases() -> list[Case]:
 
 
 def simulate(case: Case) -> SimulatedDrop:
-    """Return the finite-element drop of a bonded plate, Kelvin-Voigt in shear and volume."""
+    """Return the finite-element drop of a case, with a bonded plate.
+
+    The ground is a Kelvin-Voigt solid in shear and volume.
+    """
     ground = Ground.uniform(
         case.modulus, case.viscosity, poisson_ratio=POISSON_RATIO, bedrock_depth=case.depth
     )
@@ -178,7 +183,7 @@ def _published(
 
 
 def _steps(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> Iterable[InversionResult]:
-    """Yield rungs two to five of the ladder."""
+    """Yield the results of steps two to five of the ladder."""
     options = AnalysisOptions(published=True, bedrock_depth=case.depth)
     record, settings = _through_file(drop, PLATE, options, None)
     settings = replace(settings, method="least-squares")
@@ -205,7 +210,9 @@ def _invert(
 def _through_file(
     drop: SimulatedDrop, plate: Plate, options: AnalysisOptions, declared_depth: float | None
 ) -> tuple[Record, Settings]:
-    """Return record and settings of the command line."""
+    """Write a drop to a trace file and read it, as the command line does; return record and
+    settings.
+    """
     declared = {} if declared_depth is None else {"bedrock_depth_m": declared_depth}
     with TemporaryDirectory() as folder:
         path = Path(folder) / "drop.csv"
@@ -225,7 +232,9 @@ def _finding(case: Case, result: InversionResult) -> Finding:
 
 
 def run(arguments: list[str]) -> int:
-    """Print the errors of both sides and the ladder, draw figures by request; return 0."""
+    """Print the errors of both methods and the ladder, draw figures by request; return the exit
+    status 0.
+    """
     parser = argparse.ArgumentParser(prog="pfwd bench validation", description=__doc__)
     parser.add_argument("--cases", type=int, default=48, help="number of cases, spread (48)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
@@ -256,7 +265,9 @@ Printed = dict[str, dict[tuple[float, float, float], float]]
 
 
 def printed_errors(folder: Path) -> Printed:
-    """Return the study's errors (fractions) by method and case; empty without its tables."""
+    """Return the errors in the study's tables, as fractions, by method and case; empty without the
+    tables.
+    """
     errors: Printed = {}
     for method, (number, column) in _PRINTED.items():
         path = folder / f"table{number}.csv"
@@ -273,7 +284,7 @@ def _key(row: dict[str, str]) -> tuple[float, float, float]:
 
 
 def summarise(report: Reporter, reports: Sequence[CaseReport], printed: Printed) -> None:
-    """Print every case, then means by viscosity and depth, then the ladder."""
+    """Print the errors of every case, then means by viscosity and depth, then the ladder."""
     report.title("error of the modulus by case, %")
     for case_report in reports:
         viscosity, depth, modulus = case_report.case.key
@@ -338,7 +349,7 @@ def _rung(reports: Sequence[CaseReport], rung: str) -> dict[str, float]:
 
 
 def draw(folder: Path, reports: Sequence[CaseReport], printed: Printed) -> None:
-    """Write the two figures."""
+    """Draw the figures of the errors over depth, and of one fit, into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     _draw_depths(folder / "validation-depth.png", reports, printed)
     _draw_fits(folder / "validation-fits.png")
@@ -391,7 +402,7 @@ def _by_depth(
 
 
 def _draw_fits(path: Path, case: Case = Case(40e6, 54e3, 1.0)) -> None:
-    """Draw measured and fitted displacement of one case with the residuals of each method."""
+    """Draw measured and fitted displacement of one case, with the residuals of each method."""
     from matplotlib.figure import Figure
 
     library = SurrogateLibrary()

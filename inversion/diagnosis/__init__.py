@@ -1,6 +1,8 @@
-"""Diagnosis of points and surveys: the effects that explain a residual.
+"""Diagnosis of points and surveys: the effects that explain the residual of a fit.
 
-Each name is loaded when it is first used, so that a stored diagnosis is read without the solvers.
+An effect is a physical or instrumental cause that the base model (homogeneous ground under a plate)
+does not contain. A name is imported when it is first used, so that stored diagnoses can be read
+without scipy.
 """
 
 from typing import TYPE_CHECKING

@@ -1,8 +1,8 @@
-r"""Motion channel of the diagnosis, including the time before the pulse.
+r"""Motion channel of the diagnosis, including the record before the pulse.
 
 Only before the pulse can drift and hum be separated from the motion of ground and plate. The
-processing of the native samples and of their noise is linear, :math:`w = W v`: the offset is
-subtracted, velocity is integrated, and displacement is zero where the pulse begins.
+processing of the recorded samples and of their noise is linear, :math:`w = W v`: the offset is
+subtracted, velocity is integrated, and displacement is set to zero where the pulse begins.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ class MotionChannel:
     ----------
     sensor : Sensor
     noise : ChannelNoise
-    first : int, native sample where the pulse begins: displacement is zero there
-    samples : (m,) ndarray of int, native samples that are used, some of them before ``first``
-    step : float, s, of the native samples
+    first : int, index of the recorded sample where the pulse begins: displacement is zero there
+    samples : (m,) ndarray of int, indices of the recorded samples that are used, some of them
+    before ``first``
+    step : float, s, sampling interval of the record
     """
 
     def __init__(
@@ -38,7 +39,8 @@ class MotionChannel:
             before = noise.baseline_samples
             if before:
                 weights[:, :before] -= self._time[:, None] / before
-            # Each sample stands for the time from half a step before it to half a step after it.
+            # Each sample represents the interval from half a step before it to half a step after
+            # it.
             self._rest_interval = step * (np.array([-0.5, max(before, 1) - 0.5]) - first)
             self.ramps = before > 1
         else:
@@ -53,14 +55,17 @@ class MotionChannel:
         self.observed: FloatArray = weights @ sensor.values[: weights.shape[1]]
 
     def read(self, displacement: FloatArray) -> FloatArray:
-        """Return displacements (..., m) without their offset before the pulse, as recorded, m."""
+        """Return displacements (..., m), m, processed as the record is: without their offset before
+        the pulse.
+        """
         result: FloatArray = (
             displacement - displacement[..., self._offset_samples] @ self._offset_weights
         )
         return result
 
     def _offset_estimator(self) -> tuple[NDArray[np.intp], FloatArray]:
-        """Return the samples (k,) that give the offset before the pulse, and their weights (k, m).
+        """Return the samples (k,) that determine the offset before the pulse, and their weights (k,
+        m).
 
         For an integrated velocity the offset is a ramp that is zero where the pulse begins.
         """
@@ -82,7 +87,8 @@ class MotionChannel:
         Parameters
         ----------
         part : slice of the samples
-        steady : (n,) ndarray, m: rms of the model's error, independent at each sample
+        steady : (n,) ndarray of float, m
+            Root mean square error of the model, independent at each sample.
         """
         covariance: FloatArray = np.diag(steady**2)
         if self._noise.model.samples:

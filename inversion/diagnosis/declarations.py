@@ -1,9 +1,9 @@
-"""Declarations that the records contradict: a depth, a polarity, an order of sensors.
+"""Test of declarations that the records may contradict: bedrock depth, polarity, order of sensors.
 
 A diagnosis uses the declared values. It is repeated without a doubtful declaration if it cannot
-explain the records, does not determine the modulus, or needs effects above declared rock. If that
-halves the residual or is far likelier, a warning is given and the point counts as unexplained. The
-reported values stay those with the declarations.
+explain the records, does not determine the modulus, or needs effects above declared rock. If the
+repetition halves the residual, or is far more probable, a warning is given and the point counts as
+unexplained. The reported values remain those with the declarations.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from inversion.measured.record import MAX_SIDE_DIFFERENCE_M, Record
 from inversion.notices import Notice, Value
 from inversion.records import known
 
-# Duration of the comparison of sensors, in load pulses. Later the ground beside a plate oscillates
-# freely, and a drifting trace is far from rest.
+# Duration of the comparison of sensors, in contact times. Later the ground beside a plate
+# oscillates freely, and a drifting trace is no longer near zero.
 _N_PULSES = 2.0
-# Largest motion of an outer sensor over that of an inner one before their order is suspect.
+# Two sensors may be exchanged if the outer one moves more than this multiple of the inner one.
 _MAX_OUTER_OVER_INNER = 1.05
-# Smallest gain of log evidence without a declared depth that contradicts the depth.
+# A declared depth is contradicted if the log evidence without it is larger by at least this.
 _MIN_EVIDENCE_GAIN = 10.0
 # Relative difference up to which two depths are the same.
 _DEPTH_TOLERANCE = 0.05
@@ -37,14 +37,14 @@ _DEPTH_TOLERANCE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class SuspectDeclaration:
-    """A declaration that may be wrong.
+    """Declaration that may be wrong.
 
     Parameters
     ----------
     code : str, code of the warning if the records contradict it
     values : mapping, values of the warning that come from the declaration
     records : PointRecords, the point without the declaration
-    depth : float, m, suspect depth of the bedrock; NaN: another declaration is suspect
+    depth : float, m, suspect bedrock depth; NaN: another declaration is suspect
     """
 
     code: str
@@ -54,12 +54,14 @@ class SuspectDeclaration:
 
     @property
     def is_about_ground(self) -> bool:
-        """Return whether the suspect declaration concerns the ground and not a sensor."""
+        """True if the suspect declaration concerns the ground and not a sensor."""
         return math.isfinite(self.depth)
 
 
 def find_suspect_declarations(point: Point) -> Iterator[SuspectDeclaration]:
-    """Yield the declarations of a point that may be wrong, one at a time, quickest test first."""
+    """Yield the declarations of a point that may be wrong, one at a time, those that are quick to
+    test first.
+    """
     records = point.records
     positions = point.drops[0].drop.positions
     radius = records.records[0].instrument.plate_radius  # not under the plate, which may jump up
@@ -91,7 +93,7 @@ def find_suspect_declarations(point: Point) -> Iterator[SuspectDeclaration]:
 def contradiction(
     suspect: SuspectDeclaration, declared: PointDiagnosis, alternative: PointDiagnosis
 ) -> Notice | None:
-    """Return the warning about a declaration; None if the records do not contradict it.
+    """Return the warning about a declaration; None: the records do not contradict it.
 
     Parameters
     ----------
@@ -127,13 +129,15 @@ def contradiction(
 
 
 def _goes_up(model: DropModel, place: int) -> bool:
-    """Return whether a sensor moves up more than down while the load and its wave pass."""
+    """Return whether a sensor moves up more than down within two contact times."""
     soon = _during_pulse(model)[place]
     return bool(-soon.min() > soon.max())
 
 
 def _moves_more(model: DropModel, outer: int, inner: int) -> bool:
-    """Return whether the outer of two sensors moves more than the inner one in the pulse."""
+    """Return whether the outer of two sensors moves more than the inner one within two contact
+    times.
+    """
     inner_offset, outer_offset = (abs(model.context.offsets[place]) for place in (inner, outer))
     largest = np.abs(_during_pulse(model)).max(axis=1)
     return bool(

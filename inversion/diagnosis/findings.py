@@ -1,4 +1,7 @@
-"""Results of a diagnosis as plain data: effects, error before and after, curves for plots."""
+"""Results of a diagnosis as plain data: effects, residuals before and after, curves for plots.
+
+Before means the base model without effects, after the model with the detected effects.
+"""
 
 from __future__ import annotations
 
@@ -16,23 +19,24 @@ if TYPE_CHECKING:
 
 Verdict = Literal["clean", "explained", "unexplained"]
 LeaveOut = Literal["next", "drop", "sensor", "point"]
-# Residual over the peak up to which an unexplained point may still be corrected.
+# Largest residual over the peak of an unexplained point whose modulus may still be corrected.
 NEARLY_EXPLAINED = 0.02
-# Residual after over before, above which the effects are not the main cause of the residual.
+# Ratio of the residual after to that before, above which the effects are not its main cause.
 MAX_UNEXPLAINED_SHARE = 0.5
-# Relative error (95 %) of a modulus that no record can show: load cell and sensors with a gain
-# error, each within the 2 % that ASTM D4694 allows.
+# Relative error (95 %) of a modulus due to calibration, which no record can show: gain errors of
+# load cell and sensors, each of the 2 % that ASTM D4694 allows.
 CALIBRATION = 0.028
-# Ratio of the ends of an interval above which it does not determine a modulus.
+# Ratio of the ends of a 95 % interval above which the modulus counts as undetermined.
 MAX_INTERVAL_RATIO = 10.0
 DeviceValues = dict[str, dict[str, float]]
 CHOICE_OF_EFFECTS = "choice of effects"
-"""Entry in the list of what was fitted to held-out data if they were used to choose effects."""
+"""Entry in the list of what was fitted to held-out data, if these were used to choose the
+effects."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectParameter(JsonRecord):
-    """One number of an effect."""
+    """One number of an effect: a fitted, a fixed or a recorded one."""
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset({"drop", "spread"})
 
@@ -50,7 +54,7 @@ class EffectParameter(JsonRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectResult(JsonRecord):
-    """An effect that explains part of the residual."""
+    """Effect that explains part of the residual of a point."""
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset(
         {"scope", "probability", "advice", "residual_without_over_peak"}
@@ -76,29 +80,29 @@ class EffectResult(JsonRecord):
 
     @property
     def key(self) -> str:
-        """Name of the effect; an error if a stored result lacks it."""
+        """Name of the effect; raises ValueError if a stored result lacks it."""
         return known(self.name)
 
     @property
     def numbers(self) -> tuple[EffectParameter, ...]:
-        """Its parameters; empty if there are none."""
+        """Parameters of the effect; empty if there are none."""
         return self.parameters or ()
 
     @property
     def values_by_name(self) -> dict[str, float]:
-        """Values of its parameters by name."""
+        """Values of the parameters, in SI units, by name."""
         return {known(p.name): known(p.value) for p in self.numbers}
 
 
 def effect_result(
     name: str, scope: str, advice: str, parameters: Sequence[EffectParameter], **more: Any
 ) -> EffectResult:
-    """Return an effect whose value is the median over the drops of its first parameter.
+    """Return an effect; its value is the median over the drops of its first parameter.
 
     Parameters
     ----------
     name, scope, advice : str
-    parameters : sequence of EffectParameter, the most telling first
+    parameters : sequence of EffectParameter, the main one first
     more : further fields; evidence and residual are NaN, not determined, unless they are given
     """
     same = [p for p in parameters if p.name == parameters[0].name]
@@ -117,7 +121,7 @@ def effect_result(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FittedState(JsonRecord):
-    """A point before or after the effects were added."""
+    """Fit of a point before or after effects were added: modulus, interval and residuals."""
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset(
         {
@@ -166,23 +170,23 @@ class FittedState(JsonRecord):
     discrepancy_interval_over_peak: Interval | None = quantity("95 % interval of that")
 
     fitted_modulus: float = not_stored(math.nan)
-    """Modulus, also if the interval does not determine it, Pa; NaN without ground."""
+    """Modulus, Pa, also if the interval does not determine it; NaN: there is no ground."""
 
     @property
     def residual_over_peak(self) -> float:
-        """Rms residual over the peak, from the trigger to the end of the record."""
+        """Root mean square residual over the peak, from the trigger to the end of the record."""
         return known(self.residual_rms_over_peak)
 
     @property
     def is_undetermined(self) -> bool:
-        """Return whether the interval is too wide to determine a modulus."""
+        """True if the 95 % interval is too wide to determine a modulus: a ratio of more than 10."""
         low, high = self.modulus_interval_pa or (0.0, 0.0)
         return all(map(math.isfinite, (low, high))) and high > MAX_INTERVAL_RATIO * low
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOutPart(JsonRecord):
-    """Prediction errors of a held-out drop, sensor or point: rms over its peak."""
+    """Prediction errors of one held-out drop, sensor or point: root mean square over its peak."""
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset({"fitted"})
 
@@ -198,13 +202,13 @@ class HeldOutPart(JsonRecord):
     contact_scaled_record: float | None = quantity("The same in the contact")
 
     def to_json(self) -> dict[str, Any]:
-        """Return the record with the keys of its JSON, in their order."""
+        """Return the errors as values that JSON can hold, in the order of the keys."""
         return without_newer_keys(self, super(HeldOutPart, self).to_json())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOut(JsonRecord):
-    """Prediction errors of held-out drops, sensors or points: rms over the peak."""
+    """Prediction errors of held-out drops, sensors or points: root mean square over the peak."""
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset({"mode", "fitted", "by"})
 
@@ -222,7 +226,7 @@ class HeldOut(JsonRecord):
 
     @classmethod
     def of(cls, mode: str, parts: Sequence[HeldOutPart]) -> HeldOut | None:
-        """Return the root mean squares over parts; None: there are none."""
+        """Return the root mean square errors over parts; None: there are no parts."""
         if not parts:
             return None
         errors: dict[str, Any] = {
@@ -233,12 +237,12 @@ class HeldOut(JsonRecord):
         return cls(mode=mode, fitted=fitted, by=tuple(parts), **errors)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the record with the keys of its JSON, in their order."""
+        """Return the errors as values that JSON can hold, in the order of the keys."""
         return without_newer_keys(self, super(HeldOut, self).to_json())
 
     @property
     def is_prediction(self) -> bool:
-        """Return whether the held-out data were not used to choose the effects."""
+        """True if the held-out data were not used to choose the effects."""
         return self.fitted is not None and CHOICE_OF_EFFECTS not in self.fitted
 
 
@@ -250,11 +254,14 @@ HELD_OUT_ERRORS = (
     "scaled_record",
     "contact_scaled_record",
 )
-"""Errors of a held-out part; the first two are older than `HeldOut.fitted`."""
+"""Names of the errors of a held-out part; the first two existed before `HeldOut.fitted`."""
 
 
 def without_newer_keys(record: HeldOut | HeldOutPart, written: dict[str, Any]) -> dict[str, Any]:
-    """Return JSON without empty keys that are newer than a record that lacks ``fitted``."""
+    """Return the JSON of a record, without newer keys if the record is of an older version.
+
+    A record without ``fitted`` is of an older version; its newer keys are empty.
+    """
     newer = () if record.fitted is not None else HELD_OUT_ERRORS[2:]
     return {key: value for key, value in written.items() if key not in newer or value is not None}
 
@@ -267,14 +274,14 @@ def _root_mean_square(errors: Sequence[float | None]) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class DropCurves:
-    """One drop before and after, for plots.
+    """Measured and fitted traces of one drop, before and after, for plots.
 
     Parameters
     ----------
-    number : int
+    number : int, of the drop
     time : (n,) ndarray of float, s
     load : (n,) ndarray of float, N
-    observed, before, after : (n_sensors, n) ndarray of float, m
+    observed, before, after : (n_sensors, n) ndarray of float, m, displacement
     offsets : (n_sensors,) ndarray of float, m, negative on the other side of the plate
     contact_end : float, s
     """
@@ -291,15 +298,17 @@ class DropCurves:
 
 @dataclass(frozen=True)
 class PointSummary:
-    """Fitted values of a point, from which the priors of other points are made.
+    """Fitted values of a point, from which the priors for other points are made.
 
     Parameters
     ----------
     values : values of the unknowns that all drops share, by effect and coordinate
-    deviations : by effect and coordinate, deviations from the point by place of the drop
-    stiffness : ln of the modulus over that of the last drop, by place of the drop
-    peak_loads : N, by place of the drop
-    take_off_speeds : m/s, by place of the drop; empty: the plate stays on the ground
+    deviations : deviations of single drops from these, by effect and coordinate, then by index of
+    the drop
+    stiffness : logarithm of the modulus over that of the last drop, by index of the drop
+    peak_loads : N, by index of the drop
+    take_off_speeds : m/s, upward speed at which the plate leaves the ground, by index of the drop;
+    empty: it does not
     """
 
     values: dict[tuple[str, str], float]
@@ -317,17 +326,17 @@ class PointDiagnosis:
     ----------
     name : str
     numbers : tuple of int, of the drops
-    verdict : Verdict
+    verdict : "clean" (no effect is needed), "explained" or "unexplained"
     noise_rms : float, m
     before, after : FittedState
-    effects : tuple of EffectResult, strongest first
+    effects : tuple of EffectResult, the strongest first
     held_out : HeldOut or None
     warnings : tuple of Notice
     curves : tuple of DropCurves
     summary : PointSummary or None, for the priors of other points
-    structure : frozenset of str, names of the effects of the best structure
-    gains : log evidence of each effect in that structure, or with it
-    score : float, log evidence of that structure for one drop, with its prior odds; NaN: none
+    structure : frozenset of str, names of the effects in the best model
+    gains : mapping, change of the log evidence by each effect in the best model, or added to it
+    score : float, log evidence of the best model for one drop, with its prior odds; NaN: none
     elapsed : float, s, duration of the diagnosis; NaN: not measured
     """
 
@@ -349,18 +358,19 @@ class PointDiagnosis:
 
     @property
     def explains_majority(self) -> bool:
-        """Return whether the effects remove at least half of the residual over the peak."""
+        """True if the effects remove at least half of the residual over the peak."""
         return (
             self.after.residual_over_peak <= MAX_UNEXPLAINED_SHARE * self.before.residual_over_peak
         )
 
     @property
     def corrected(self) -> bool:
-        """Return whether the modulus after counts as corrected.
+        """True if the modulus after the diagnosis may replace the one before.
 
-        Three conditions hold. The point is explained, or its residual is at most `NEARLY_EXPLAINED`
-        of the peak with no effect on a bound. The interval determines the modulus and is narrower
-        than the change of the modulus. Held-out drops are predicted better than before.
+        Three conditions have to be met. The point is explained, or its residual is at most
+        `NEARLY_EXPLAINED` of the peak with no effect on a bound. The interval determines the
+        modulus and is narrower than the change of the modulus. Held-out drops are predicted better
+        than before.
         """
         before, after = self.before.fitted_modulus, self.after.modulus_pa
         interval = self.after.modulus_interval_pa
@@ -381,11 +391,11 @@ class PointDiagnosis:
 
 @dataclass(frozen=True, eq=False)
 class DeviceFindings:
-    """Device effects of a survey.
+    """Effects of a device, estimated from the points that it measured.
 
     Parameters
     ----------
-    values, deviations : by effect and parameter
+    values, deviations : values and standard deviations, by effect and parameter, in SI units
     drops : int, number of drops used
     spread : by effect and parameter, scatter between points that are fitted one by one
     """

@@ -1,7 +1,7 @@
-"""Detection of clipped records by flat tops with flanks steeper than those of a rounded top.
+"""Detection of clipped records by flat tops whose flanks are steeper than those of a rounded top.
 
-The clipping level of a channel is a property of the device. A record of the same channel above
-that level, in this drop or in another one, refutes it (`is_exceeded`).
+The clipping level of a channel is a property of the device. A record of the same channel above that
+level, in this drop or in another one, disproves the clipping (`is_exceeded`).
 """
 
 from __future__ import annotations
@@ -13,27 +13,36 @@ import numpy as np
 from inversion.arrays import FloatArray
 from inversion.measured.record import Quantity, Record, Sensor
 
-# Smallest number of samples of a flat top; its band, as a multiple of the noise or a fraction of
-# the level, whichever is larger; and the smallest slope of its flanks over that of a rounded top.
+# Smallest number of samples of a flat top. Height of the band in which a top is flat, as a multiple
+# of the noise and as a fraction of the level; the larger one applies. Smallest slope of the flanks
+# over that of a rounded top.
 _FLAT_SAMPLES = 4
 _FLAT_NOISE, _FLAT_FRACTION = 5.0, 0.015
 _MIN_SLOPE_RATIO = 2.5
-# s over which a displacement is differentiated.
+# Time difference over which a displacement is differentiated, s.
 _DIFFERENCE_S = 4e-4
 # Number of samples at the start whose median is the offset of a channel.
 REST_SAMPLES = 16
 
 Channel = tuple[float, Quantity] | None
-"""Offset (m) and quantity of a sensor; None: the load."""
+"""Offset (m) and quantity of a sensor; None: the load channel."""
 LargestValues = Mapping[Channel, float]
-"""Largest value of each channel: N of a load above its rest, m/s of a velocity either way."""
+"""Largest value of each channel: for the load, N above its value at rest; for a velocity, m/s in
+either direction."""
 
 
 def flat_velocity(sensor: Sensor, noise: float, step: float, largest: bool) -> float | None:
     """Return the level at which a velocity is clipped, m/s, also if its integral was recorded.
 
-    The difference of a displacement is too noisy to show a flat top. In the largest drop a level
-    just below its highest value is assumed.
+    None: it is not clipped. The derivative of a displacement is too noisy to show a flat top; in
+    the largest drop a level just below its highest value is assumed.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    noise : float, m/s or m, of the channel
+    step : float, s, sampling interval
+    largest : bool, True: the drop is the largest one of its point
     """
     if sensor.quantity == "velocity":
         return flat_level(sensor.values - np.median(sensor.values[:REST_SAMPLES]), noise)
@@ -63,7 +72,7 @@ def _velocity_noise(sensor: Sensor, noise: float, step: float) -> float:
 
 
 def largest_values(records: Sequence[Record]) -> dict[Channel, float]:
-    """Return the largest value that each channel shows in any of the records."""
+    """Return the largest value that each channel has in any of the records, see `LargestValues`."""
     largest: dict[Channel, float] = {}
     for record in records:
         step = float(record.time[1] - record.time[0])
@@ -81,7 +90,7 @@ def largest_values(records: Sequence[Record]) -> dict[Channel, float]:
 
 
 def merge_largest(first: LargestValues, second: LargestValues) -> dict[Channel, float]:
-    """Return the larger value of each channel of two."""
+    """Return, for each channel, the larger of two largest values."""
     return {
         channel: max(values[channel] for values in (first, second) if channel in values)
         for channel in {**first, **second}
@@ -89,7 +98,7 @@ def merge_largest(first: LargestValues, second: LargestValues) -> dict[Channel, 
 
 
 def is_exceeded(level: float, largest: float, noise: float) -> bool:
-    """Return whether the largest value of a channel refutes a clipping level.
+    """Return whether the largest value of a channel disproves a clipping level.
 
     Values within the band of a flat top do not exceed the level.
     """
@@ -97,7 +106,9 @@ def is_exceeded(level: float, largest: float, noise: float) -> bool:
 
 
 def flat_load_level(record: Record, noise: float, largest: LargestValues) -> float | None:
-    """Return the level at which the load is clipped, N; None: not clipped, or level exceeded."""
+    """Return the level at which the load is clipped, N; None: it is not, or another record exceeds
+    it.
+    """
     level = flat_level(record.load - np.median(record.load[:REST_SAMPLES]), noise, both=False)
     if level is None or is_exceeded(level, largest.get(None, level), noise):
         return None
@@ -107,20 +118,21 @@ def flat_load_level(record: Record, noise: float, largest: LargestValues) -> flo
 def flat_sensor_level(
     sensor: Sensor, noise: float, step: float, is_largest_drop: bool, largest: LargestValues
 ) -> float | None:
-    """Return the level at which a velocity is clipped, m/s; None: not clipped, or level exceeded.
+    """Return the level at which a velocity is clipped, m/s; None: it is not, or a record exceeds
+    it.
 
     Parameters
     ----------
     sensor : Sensor
     noise : float, m/s or m, of the channel
-    step : float, s
+    step : float, s, sampling interval
     is_largest_drop : bool, see `flat_velocity`
-    largest : mapping, of the drops of the device
+    largest : mapping, largest values in the drops of the device
     """
     level = flat_velocity(sensor, noise, step, is_largest_drop)
     if level is None:
         return None
-    # With an offset of the zero line the measuring range ends earlier on one side.
+    # With an offset of the zero line the measuring range is smaller on one side.
     rest = abs(float(np.median(sensor.values[:REST_SAMPLES])))
     margin = 2.0 * rest if sensor.quantity == "velocity" else 0.0
     highest = largest.get((sensor.offset, sensor.quantity), level) - margin
@@ -128,11 +140,12 @@ def flat_sensor_level(
 
 
 def flat_level(values: FloatArray, noise: float, *, both: bool = True) -> float | None:
-    """Return the level at which a record is clipped; None: it is not.
+    """Return the level at which a trace is clipped, in its unit; None: it is not.
 
-    A clipped record has many samples within a narrow band below the largest one, and leaves the
-    band much more steeply than a rounded top of that width. A parabola that falls by the band b
-    within half the width n leaves it with a slope of 4 b / n.
+    A clipped trace has many samples within a narrow band below the largest one, and leaves the band
+    much more steeply than a rounded top of that width. A parabola that falls by the band b within
+    half the width n leaves it with a slope of 4 b / n. With ``both`` downward tops are examined,
+    too.
     """
     for signed in (values, -values) if both else (values,):
         top = int(np.argmax(signed))

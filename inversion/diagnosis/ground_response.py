@@ -1,7 +1,7 @@
-"""Displacement over load of the ground of a point, cached, with derivatives for nearby grounds.
+"""Displacement over load of the ground under a point, cached, with derivatives for similar grounds.
 
-A fit needs the response of a ground and of grounds a small step from it, one step per parameter
-and drop. One call with derivatives gives all of them, for all drops of the point.
+A fit needs the response of a ground and of grounds that differ by a small step in one parameter or
+drop. One call with derivatives gives all of them, for all drops of the point.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from inversion.forward.model import (
 )
 from inversion.forward.surrogate import PlateResponse, Surrogate
 
-# Largest number of cached grounds: those of the drops of a point, and a few earlier ones.
+# Largest number of cached responses: those for the drops of a point, and a few earlier ones.
 _MAX_CACHED = 24
 _SOIL = ("modulus", "viscosity", "density")
 _HOMOGENEOUS = (*_SOIL, "inverse_depth", "inverse_growth_depth", "loss_exponent")
-# 1/s; smaller Laplace variables represent the ground at rest.
+# Laplace variables below this value, 1/s, represent static load.
 _STATIC_BELOW_PER_S = 0.1
 _MEDIUM_FIELDS: tuple[Field, ...] = ("modulus", "viscosity", "density", "thickness")
 _Key = tuple[int, complex, Ground]
@@ -48,12 +48,12 @@ _K = TypeVar("_K")
 
 
 class GroundResponse:
-    """Responses of grounds under one plate.
+    """Responses of grounds under one plate: displacement at the sensors over load.
 
     Parameters
     ----------
     surrogate : Surrogate, of homogeneous ground, for offset 0 and every sensor
-    instrument : Instrument, whose plate mass the ground's own replaces
+    instrument : Instrument; its plate mass is replaced by that of each ground
     offsets : sequence of float, m, of the sensors
     library : SurrogateLibrary, for surrogates of ground whose modulus grows with depth
     """
@@ -78,7 +78,9 @@ class GroundResponse:
         self._instruments: dict[float, Instrument] = {}
 
     def compliance(self, ground: Ground, s: ComplexArray) -> ComplexArray:
-        """Return displacement over load at every sensor, (n_sensors, n), m/N."""
+        """Return displacement over load at every sensor, (n_sensors, n), m/N, at ``s`` (n,),
+        1/s.
+        """
         key = _key(s, ground)
         response = self._cache.get(key)
         if response is None:
@@ -94,13 +96,17 @@ class GroundResponse:
         return response
 
     def solve_together(self, grounds: Sequence[Ground], s: ComplexArray, nearby: bool) -> None:
-        """Solve for the grounds of the drops of a point together, and cache the responses.
+        """Compute the responses of several grounds together, and cache them.
 
-        Layered grounds are skipped.
+        Layered grounds and those with partial contact are skipped.
 
         Parameters
         ----------
-        nearby : bool, whether grounds a small step from them will be needed, too
+        grounds : sequence of Ground
+            Grounds under the drops of a point.
+        s : (n,) ndarray of complex, 1/s
+        nearby : bool
+            True: derivatives are computed too, for grounds that differ by a small step.
         """
         new = [g for g in dict.fromkeys(grounds) if not g.above and g.contact_share == 1.0]
         for kind in dict.fromkeys(map(_kind, new)):
@@ -117,7 +123,9 @@ class GroundResponse:
                     _remember(self._cache, _key(s, ground), value)
 
     def _solve(self, grounds: Sequence[Ground], s: ComplexArray) -> ComplexArray:
-        """Return the responses (m, n_sensors, n) of grounds of one kind without layers, m/N."""
+        """Return the responses (m, n_sensors, n), m/N, of grounds without layers that have the same
+        kind.
+        """
         first = grounds[0]
         instrument, surrogate = self._with_mass(first.plate_mass), self._surrogate(first)
         parameters = _homogeneous(grounds)
@@ -129,7 +137,7 @@ class GroundResponse:
     def _solve_slopes(
         self, grounds: Sequence[Ground], s: ComplexArray, columns: Sequence[int]
     ) -> ComplexArray:
-        """Return the derivatives of the responses of such grounds, (m, fields, ...)."""
+        """Return the derivatives of the responses of such grounds, (m, fields, n_sensors, n)."""
         first = grounds[0]
         instrument, surrogate = self._with_mass(first.plate_mass), self._surrogate(first)
         names = [_HOMOGENEOUS[c].replace("inverse_growth", "inverse") for c in columns]
@@ -147,7 +155,9 @@ class GroundResponse:
         return self._library.growth(self.surrogate.problem, ground.growth_exponent)
 
     def _moving(self, ground: Ground) -> tuple[int, ...]:
-        """Return the columns of the fields that may change; a declared depth of rock may not."""
+        """Return the columns of the fields that a fit may change; a declared bedrock depth is not
+        among them.
+        """
         names = set(_SOIL)
         if ground.growth_exponent > 0.0:
             names.add("inverse_growth_depth")
@@ -158,7 +168,7 @@ class GroundResponse:
         return tuple(i for i, name in enumerate(_HOMOGENEOUS) if name in names)
 
     def _with_mass(self, mass: float) -> Instrument:
-        """Return the instrument with a plate of this mass."""
+        """Return the instrument with this plate mass, kg."""
         instrument = self._instruments.get(mass)
         if instrument is None:
             instrument = replace(self._instrument, plate_mass=mass)
@@ -166,10 +176,17 @@ class GroundResponse:
         return instrument
 
     def nearby(self, ground: Ground, moved: Sequence[Ground], s: ComplexArray) -> ComplexArray:
-        """Return the responses of a ground and of nearby grounds, (1 + m, n_sensors, n), m/N.
+        """Return the responses of a ground and of grounds near it, (1 + m, n_sensors, n), m/N.
 
-        Small steps are taken by derivatives. Steps of the mass, and those that add or remove rock
-        or loss, are solved for.
+        Small steps are computed from derivatives. Grounds with another plate mass, and those that
+        gain or lose rock or a loss exponent, are solved.
+
+        Parameters
+        ----------
+        ground : Ground
+        moved : sequence of m Ground
+            Grounds that differ by a small step.
+        s : (n,) ndarray of complex, 1/s
         """
         if ground.contact_share != 1.0 and all(
             moved_ground.contact_share != 1.0 for moved_ground in moved
@@ -191,7 +208,7 @@ class GroundResponse:
             steps = np.stack([self._fields(moved[place - 1]) for place in same_kind]) - start
             columns = np.flatnonzero(steps.any(axis=0))
             if not ground.above:
-                # The same columns as in `solve_together`, so that its cache is used.
+                # These are the columns of `solve_together`, so that its cache is used.
                 columns = np.array(self._moving(ground))
             slopes = self._slopes(ground, s, columns)
             changes = steps[:, columns] @ slopes.reshape(columns.size, -1)
@@ -199,12 +216,12 @@ class GroundResponse:
         return result
 
     def _under_part_of_plate(self, grounds: Sequence[Ground], s: ComplexArray) -> ComplexArray:
-        r"""Return the responses of nearby grounds under a plate in partial contact.
+        r"""Return the responses of similar grounds under a plate in partial contact.
 
         The response to a plate of radius :math:`f a` on a half-space is that of radius a on a
         ground of density :math:`f^2 \rho`, divided by f. Reflections from rock depend on the force
-        alone and do not change. Outside the plate the static ratio of a rigid plate's deflections
-        is used, :math:`\arcsin(f a/r)/(f \arcsin(a/r))`; its error is 5 % at f = 0.8 and 500 Hz.
+        only and do not change. Outside the plate the static ratio of a rigid plate's deflections is
+        used, :math:`\arcsin(f a/r)/(f \arcsin(a/r))`; its error is 5 % at f = 0.8 and 500 Hz.
         """
         shares = np.array([ground.contact_share for ground in grounds])[:, None, None]
         masses = np.array([ground.plate_mass for ground in grounds])[:, None, None]
@@ -227,7 +244,7 @@ class GroundResponse:
         return result / (1.0 + masses * s**2 * plate)
 
     def _fields(self, ground: Ground) -> FloatArray:
-        """Return the fields with respect to which `_slopes` differentiates, in its order."""
+        """Return the parameters with respect to which `_slopes` differentiates, in its order."""
         if not ground.above:
             return np.array([getattr(ground, name) for name in _HOMOGENEOUS])
         layered = self._layered(ground)
@@ -237,7 +254,9 @@ class GroundResponse:
         return np.array(values).ravel()
 
     def _slopes(self, ground: Ground, s: ComplexArray, columns: NDArray[np.intp]) -> ComplexArray:
-        """Return the derivatives of the response by some fields, (fields, n_sensors, n)."""
+        """Return the derivatives of the response with respect to some parameters, (fields,
+        n_sensors, n).
+        """
         key = _key(s, ground), tuple(columns.tolist())
         cached = self._slope_cache.get(key)
         if cached is not None:
@@ -270,7 +289,9 @@ class GroundResponse:
 
 
 def _kind(ground: Ground) -> tuple[object, ...]:
-    """Return the properties that a ground shares with those that its derivatives can reach."""
+    """Return the properties in which grounds must agree so that derivatives lead from one to
+    another.
+    """
     return (
         ground.plate_mass,
         ground.inverse_depth > 0.0,
@@ -282,9 +303,9 @@ def _kind(ground: Ground) -> tuple[object, ...]:
 
 
 def _stiffness_at_rest(loss_exponent: FloatArray, s: ComplexArray) -> FloatArray:
-    """Return factors (m, n) on responses so that ground at rest has the reference modulus.
+    """Return factors (m, n) on responses that give constant-Q ground its reference modulus at rest.
 
-    The stiffness of constant-Q ground would vanish at rest.
+    Without them the stiffness of constant-Q ground would vanish at rest.
     """
     still = np.where(np.abs(s) < _STATIC_BELOW_PER_S, np.abs(s) / REFERENCE_RAD_S, 1.0)
     result: FloatArray = still ** loss_exponent[:, None]
@@ -302,7 +323,7 @@ def _remember(memory: dict[_K, ComplexArray], key: _K, value: ComplexArray) -> N
 
 
 def _homogeneous(grounds: Sequence[Ground]) -> Grounds:
-    """Return the parameters of grounds of one kind without layers."""
+    """Return the parameters of grounds without layers that have the same kind."""
     growing = grounds[0].growth_exponent > 0.0
     names = (*_SOIL, "inverse_growth_depth" if growing else "inverse_depth", "loss_exponent")
     fields = np.array([[getattr(ground, name) for name in names] for ground in grounds]).T

@@ -1,7 +1,7 @@
 """Detection of mains hum before the pulse: a spectral line, which is an effect and not noise.
 
-The signal before the pulse is taken for noise. Hum would count as noise as slow as the pulse. No
-effect would be significant beside such noise, not even the hum itself.
+The signal before the pulse is used to estimate the noise. Hum in it would count as noise as slow as
+the pulse, compared with which no effect would be significant, not even the hum itself.
 """
 
 from __future__ import annotations
@@ -14,32 +14,32 @@ from numpy.typing import NDArray
 from inversion.arrays import FloatArray
 from inversion.measured.record import PreparedDrop, Record, noise_before
 
-# Hz: mains frequencies, with the deviations of generators.
+# Mains frequencies, Hz, and the frequencies that are tried, with the deviations of generators.
 _MAINS = (50.0, 60.0)
 _FREQUENCIES = np.concatenate([mains + np.arange(-1.0, 1.25, 0.25) for mains in _MAINS])
-# Shortest usable time before the pulse, in turns of the slowest line. A shorter one may be slow
-# noise.
+# Shortest usable record before the pulse, in periods of the lowest frequency. In a shorter one a
+# line cannot be distinguished from slow noise.
 _MIN_TURNS = 0.6
-# Rectifiers and transformers make odd harmonics.
+# Orders of the harmonics: rectifiers and transformers cause odd ones.
 _HARMONICS = (1, 3, 5)
-# Largest frequency over the sampling rate. Closer to one half, frequencies cannot be separated.
+# Largest frequency over the sampling rate; nearer to one half, frequencies cannot be separated.
 _MAX_FREQUENCY_RATIO = 0.45
-# Largest rms residual of a mains line over that of a straight line. With slow noise, which so many
-# parameters fit where it is smooth, the ratio falls to a fifth in one of a hundred records.
+# Largest root mean square residual of a mains line over that of a straight line. For slow noise,
+# which this number of parameters fits well, the ratio is below a fifth in one of a hundred records.
 _MAX_RESIDUAL_RATIO = 0.15
 
 
 @dataclass(frozen=True, eq=False)
 class MainsLine:
-    """Hum before the pulse.
+    """Mains hum before the pulse, with its harmonics.
 
     Parameters
     ----------
     amplitude : float, m/s, of the velocity of the fundamental
     frequency : float, Hz
-    phase : float, turns, of its sine in the middle of the time before the pulse
-    harmonics : tuple of (order, amplitude over the fundamental's, phase relative to that multiple
-        of the fundamental's phase, rad), of the velocity
+    phase : float, in turns, of its sine in the middle of the record before the pulse
+    harmonics : tuple of (order, amplitude over that of the fundamental, phase relative to that
+    multiple of the fundamental's phase, rad), of the velocity
     residual : (n,) ndarray of float, signal before the pulse without the line
     """
 
@@ -51,12 +51,14 @@ class MainsLine:
 
     @property
     def as_tuple(self) -> tuple[float, float, float]:
-        """Amplitude, m/s, frequency, Hz, and phase in the middle of that time, turns."""
+        """Amplitude, m/s, frequency, Hz, and phase in the middle of the record before the pulse,
+        turns.
+        """
         return self.amplitude, self.frequency, self.phase
 
 
 def without_mains_line(drop: PreparedDrop, record: Record) -> tuple[PreparedDrop, MainsLine | None]:
-    """Return a drop whose channel noise excludes hum, and the line of the first channel with hum.
+    """Return a drop whose noise excludes hum, and the line of the first channel with hum or None.
 
     Parameters
     ----------
@@ -79,14 +81,14 @@ def without_mains_line(drop: PreparedDrop, record: Record) -> tuple[PreparedDrop
 
 @dataclass(frozen=True)
 class Hum:
-    """Estimate of hum from the time before the pulse.
+    """Estimate of mains hum from the record before the pulse.
 
     Parameters
     ----------
-    max_amplitude : float, m/s, upper limit: the larger of the fitted amplitudes at 50 and 60 Hz,
-        each with its deviation; inf: no estimate
-    lines : per mains frequency the amplitude (m/s), frequency (Hz) and phase (turns) of the
-        velocity in the middle of that time
+    max_amplitude : float, m/s, upper limit: the largest of the fitted amplitudes at 50 and 60 Hz,
+    each with its standard deviation added; inf: no estimate
+    lines : for each mains frequency the amplitude (m/s), frequency (Hz) and phase (turns) of the
+    velocity in the middle of that record
     """
 
     max_amplitude: float = np.inf
@@ -94,13 +96,13 @@ class Hum:
 
 
 def hum_before(quiet: FloatArray, step: float, *, velocity: bool) -> Hum:
-    """Return the least-squares fit of hum at 50 and 60 Hz to the time before the pulse.
+    """Fit mains hum of 50 and 60 Hz to the record before the pulse, by least squares.
 
     Parameters
     ----------
     quiet : (n,) ndarray of float, m/s or m
-    step : float, s
-    velocity : bool, whether it is a velocity, else a displacement
+    step : float, s, sampling interval
+    velocity : bool, True: the channel is a velocity, else a displacement
     """
     time = step * (np.arange(quiet.size) - 0.5 * (quiet.size - 1))
     max_amplitude, lines = 0.0, []
@@ -124,17 +126,17 @@ def hum_before(quiet: FloatArray, step: float, *, velocity: bool) -> Hum:
 
 
 def find_line(quiet: FloatArray, step: float, *, velocity: bool) -> MainsLine | None:
-    """Return the mains line in the time before the pulse; None if there is none.
+    """Return the mains line in the record before the pulse; None: there is none.
 
     Parameters
     ----------
-    quiet : (n,) ndarray of float
-    step : float, s
-    velocity : bool, whether it is a velocity, else a displacement
+    quiet : (n,) ndarray of float, m/s or m
+    step : float, s, sampling interval
+    velocity : bool, True: the channel is a velocity, else a displacement
     """
     if quiet.size * step * _FREQUENCIES[0] < _MIN_TURNS:
         return None
-    # Time 0 is in the middle, where phases are best determined.
+    # Time 0 is in the middle of the record, where phases are determined best.
     time = step * (np.arange(quiet.size) - 0.5 * (quiet.size - 1))
     straight = np.stack([np.ones_like(time), time], axis=1)
     residual, _ = _fit_columns(straight, quiet)
@@ -158,7 +160,9 @@ def find_line(quiet: FloatArray, step: float, *, velocity: bool) -> MainsLine | 
 
 
 def _phasors(factors: FloatArray, frequency: float, velocity: bool) -> NDArray[np.complex128]:
-    """Return the phasors of the velocity from the factors of cosines and sines, (n,), m/s."""
+    """Return the complex amplitudes of the velocity, (n,), m/s, from factors of cosines and
+    sines.
+    """
     phasors = factors[1::2] + 1j * factors[::2]
     if not velocity:
         phasors = phasors * 2j * np.pi * frequency * np.array(_HARMONICS[: phasors.size])
@@ -166,7 +170,7 @@ def _phasors(factors: FloatArray, frequency: float, velocity: bool) -> NDArray[n
 
 
 def _harmonics(phasors: NDArray[np.complex128]) -> tuple[tuple[int, float, float], ...]:
-    """Return order, relative amplitude and relative phase of the harmonics of the fundamental."""
+    """Return order, relative amplitude and relative phase of each harmonic of the fundamental."""
     sizes, phases = np.abs(phasors), np.angle(phasors)
     return tuple(
         (order, float(size / sizes[0]), float(phase - order * phases[0]))

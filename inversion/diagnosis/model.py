@@ -1,4 +1,8 @@
-"""Model of a drop with effects: five stages, of which the slow ones are cached."""
+"""Model of a drop with effects. Of its five stages, the slow ones are cached.
+
+The stages are listed in :mod:`inversion.effects.base`. A hat response is the motion under a load
+that is a hat function over one sample; it is needed for nonlinear ground.
+"""
 
 from __future__ import annotations
 
@@ -37,21 +41,22 @@ from inversion.forward.surrogate import Surrogate
 from inversion.measured.half_sine import fit_half_sine
 from inversion.measured.record import PreparedDrop, Record, prepare
 
-# Largest number of samples of a record: enough for a pulse of 8 ms in a record of 0.1 s.
+# Largest number of samples of a record in the model: enough for a pulse of 8 ms in 0.1 s.
 MAX_SAMPLES = 180
-# Hz; at the first frequency a pulse of 8 ms has a two-hundredth of its spectrum. Above the second
-# a trailer's pulse of 30 ms has less than this fraction of it.
+# Highest frequency of the model, and the smallest it is reduced to, Hz. At 900 Hz the spectrum of a
+# pulse of 8 ms has fallen to a two-hundredth. Above 300 Hz that of a trailer's pulse of 30 ms is
+# below the negligible fraction.
 _BAND_HZ, _MIN_BAND_HZ = 900.0, 300.0
 _NEGLIGIBLE_SPECTRUM = 0.003
 _MAX_CACHED = 24
-# 1/s; Laplace variable at which the ground counts as at rest.
+# Laplace variable that represents static load, 1/s.
 _AT_REST_S = 1e-3
-# The first sample is zero by construction.
+# Fits begin with this sample: the first one is zero by construction.
 FROM_SAMPLE = 1
 # Latest time of the peak deflection, in contact times.
 _MAX_PEAK_TIME = 1.3
-# Smallest upward motion that counts as a rebound: fraction of the largest deflection, and multiple
-# of the noise.
+# Smallest upward motion that counts as a rebound, as a fraction of the largest deflection and as a
+# multiple of the noise.
 _MIN_REBOUND, _MIN_REBOUND_OVER_NOISE = 0.01, 3.0
 
 Active = Sequence[tuple[Effect, Values]]
@@ -61,14 +66,14 @@ _A = TypeVar("_A", FloatArray, ComplexArray)
 
 @dataclass(frozen=True)
 class _Stages:
-    """Ground of a drop with the effects that act on it.
+    """Ground of a drop, with the effects that act on it before the motion.
 
     Parameters
     ----------
     key : tuple, unique for the ground and its effects
     ground : Ground
     law : NonlinearStiffness
-    shaping : effects that shape the compliance, with their values
+    shaping : effects that change the compliance, with their values
     """
 
     key: tuple[object, ...]
@@ -79,16 +84,16 @@ class _Stages:
 
 @dataclass(frozen=True, eq=False)
 class PointRecords:
-    """Drops of a point, as they enter the diagnosis.
+    """Drops of a point, as input of the diagnosis.
 
     Parameters
     ----------
     name : str
     records : tuple of Record, measured drops in their order, all with the same declarations
     numbers : tuple of int, of the drops
-    elastic : bool, whether the base model has no dashpot
-    half_sine : bool, whether a half-sine replaces the measured load
-    device_largest : mapping, largest value of each channel in other points of the device
+    elastic : bool, True: the ground of the base model has no viscosity
+    half_sine : bool, True: a half-sine replaces the measured load
+    device_largest : mapping, largest value of each channel at other points of the device
     """
 
     name: str
@@ -100,21 +105,23 @@ class PointRecords:
 
     @cached_property
     def largest_values(self) -> LargestValues:
-        """Largest value of each channel in the drops of the point and of its device."""
+        """Largest value of each channel in the drops of the point, and at other points of its
+        device.
+        """
         return merge_largest(largest_values(self.records), self.device_largest)
 
 
 class DropModel:
-    """Model that predicts one record.
+    """Model that predicts the record of one drop from ground and effects.
 
     Parameters
     ----------
     record : Record
     surrogate : Surrogate, for offset 0 and every sensor; for all depths, or the declared one
     largest_load : float, N, of the point's drops
-    index : int, of the drop within the point
+    index : int, of the drop within the point, from 0
     point : PointRecords
-    layers : LayerStarts or None, the point's drops as layered ground
+    layers : LayerStarts or None, starting points for layered ground
     response : GroundResponse or None, which the drops of a point share
     duration : float or None, s, of the longest record of the point, so that drops share a response
     rest : PreTriggerNoise or None, the drop with its noise as estimated from all drops of the point
@@ -141,7 +148,7 @@ class DropModel:
         with_tail = at_rest.drop
         self.drop: PreparedDrop = with_tail
         self.record = record
-        # The geophone belongs to the record stage, after the motion of the ground in time.
+        # The geophone acts in the record stage, after the motion of the ground in time.
         self._instrument = replace(
             record.instrument, geophone_natural_frequency=None, geophone_damping=None
         )
@@ -179,31 +186,37 @@ class DropModel:
 
     @property
     def recorded_time(self) -> FloatArray:
-        """Time of the samples that `predict` returns, s, on the axis of the record."""
+        """Times of the samples that `predict` returns, s, on the time axis of the record."""
         return self.drop.start + self._recorded.time
 
     @property
     def min_band_hz(self) -> float:
-        """Hz above which the spectrum of the load is negligible, within the solved band."""
+        """Frequency, Hz, above which the spectrum of the load is negligible, within 300 to 900
+        Hz.
+        """
         reaches = band_of_load(self.drop.time, self._load, _NEGLIGIBLE_SPECTRUM)
         return min(max(reaches, _MIN_BAND_HZ), _BAND_HZ)
 
     def in_band(self, band: float) -> DropModel:
-        """Return the same drop, solved up to this frequency, Hz."""
+        """Return the same drop, modelled up to this frequency, Hz."""
         model = copy.copy(self)
         model._prepare_transform(band)
         model._motions, model._last_displacement, model._latest = {}, None, None
         return model
 
     def with_flat_tops(self, flat: tuple[float | None, ...]) -> DropModel:
-        """Return the same drop with these clipping levels of the sensors."""
+        """Return the same drop, with these clipping levels of the sensors, m/s; None: not
+        clipped.
+        """
         model = copy.copy(self)
         model.context = replace(self.context, flat=flat)
         model._recorded = replace(self._recorded, flat=flat)
         return model
 
     def _prepare_transform(self, band: float) -> None:
-        """Set the matrices from compliances to the motion under the load, and to hat responses."""
+        """Set the matrices that convert compliances to the motion under the load, and to hat
+        responses.
+        """
         load = self._load
         time = self.drop.time[self.rows]
         band = min(band, 0.5 / self.drop.step)
@@ -211,15 +224,15 @@ class DropModel:
             band = min(band, 2.0 * self.record.instrument.load_filter)
         transform = DampedTransform(self._duration or float(time[-1]), band)
         s = transform.s
-        # The last variable stands for the ground at rest: zero for layered ground, and a small
-        # value for homogeneous ground, whose solution is singular at zero.
+        # The last variable represents static load: zero for layered ground, and a small value for
+        # homogeneous ground, whose solution is singular at zero.
         self.s, self._s_layered = (np.append(s, still) for still in (_AT_REST_S, 0.0))
         spectrum = transform.of_samples(self.drop.time, load)
         spectrum = spectrum * self._instrument.response(s)
         synthesis = spectrum[:, None] * transform.synthesis(time)
         self._synthesis = np.vstack([synthesis.real, -synthesis.imag])
         ramp = transform.synthesis(time) / s[:, None] ** 2
-        # Response to a hat of 1 N over one sample, see `hat_response`.
+        # Response to a hat function of 1 N over one sample, see `hat_response`.
         self._hats = hat_response(np.vstack([ramp.real, -ramp.imag]), float(time[1] - time[0]))
 
     def _make_context(
@@ -273,7 +286,13 @@ class DropModel:
         )
 
     def predict(self, ground: Ground, active: Active) -> FloatArray:
-        """Return the recorded displacement, (n_sensors, n), m, from before the pulse on."""
+        """Return the recorded displacement, (n_sensors, n), m, from before the pulse to the end.
+
+        Parameters
+        ----------
+        ground : Ground
+        active : sequence of effects with the values of their parameters
+        """
         stages = self._stages(ground, active)
         motion = self._ground_motion(stages)
         for effect, values in active:
@@ -285,11 +304,15 @@ class DropModel:
         return displacements
 
     def ground_motion(self, ground: Ground, active: Active) -> FloatArray:
-        """Return the motion of the ground, (n_sensors, n), m, before the effects on motion."""
+        """Return the motion of the ground, (n_sensors, n), m, without the effects that act on the
+        motion.
+        """
         return self._ground_motion(self._stages(ground, active))
 
     def _padded(self, motions: FloatArray) -> FloatArray:
-        """Return motions (m, n_sensors, n) with the time before the pulse, after the geophone."""
+        """Return motions (m, n_sensors, n) extended by the time before the pulse, as a geophone
+        records them.
+        """
         records = np.zeros((*motions.shape[:2], self.before + motions.shape[2]))
         records[:, :, self.before :] = motions
         instrument, step = self.record.instrument, self.context.step
@@ -300,7 +323,7 @@ class DropModel:
         return records
 
     def _record(self, motions: FloatArray, active: Active) -> FloatArray:
-        """Return motions (m, n_sensors, n) after the record stage of the effects, m."""
+        """Return motions (m, n_sensors, n), m, with the effects of sensor and processing."""
         records = self._padded(motions)
         for effect, values in active:
             if "record" in _stages_of(effect):
@@ -308,7 +331,9 @@ class DropModel:
         return records
 
     def _recorded_by(self, effect: Effect, values: Values, records: FloatArray) -> FloatArray:
-        """Return records (m, n_sensors, n) with an effect, in one call if all sensors are alike."""
+        """Return records (m, n_sensors, n) with an effect, in one call if it treats all sensors
+        alike.
+        """
         if effect.is_identical_for_all_sensors:
             return effect.record(_rows(records), values, self._recorded).reshape(records.shape)
         return np.stack([effect.record(record, values, self._recorded) for record in records])
@@ -322,12 +347,19 @@ class DropModel:
     def predict_nearby(
         self, ground: Ground, active: Active, moved: Sequence[tuple[Ground, Active]]
     ) -> FloatArray:
-        """Return `predict` for grounds and effects a small step away, (m, n_sensors, n), m.
+        """Return `predict` for grounds and effects that differ by a small step, (m, n_sensors, n),
+        m.
 
-        Responses of the ground are found by derivatives (`GroundResponse.nearby`), nonlinear
+        Responses of the ground are computed from derivatives (`GroundResponse.nearby`), nonlinear
         resistance by one step of Newton's method. A stage is computed only for items that have
-        changed in it or before. All items have the same effects in the same order; unchanged
-        values should be the same objects.
+        changed in it or before.
+
+        Parameters
+        ----------
+        ground, active : as for `predict`
+        moved : sequence of m pairs of ground and effects
+            All have the same effects in the same order; unchanged values should be the same
+            objects.
         """
         steps = [
             [
@@ -363,11 +395,15 @@ class DropModel:
         moved: Sequence[tuple[Ground, Active]],
         steps: Sequence[Sequence[int]],
     ) -> tuple[FloatArray, list[int]]:
-        """Return the distinct motions (k, n_sensors, n), m, the unchanged first, and each index.
+        """Return the distinct motions (k, n_sensors, n), m, and the index of the motion of each
+        item.
+
+        The unchanged motion comes first.
 
         Parameters
         ----------
-        steps : per item, the indices of the effects whose values have changed
+        ground, active, moved : as for `predict_nearby`
+        steps : for each item, the indices of the effects whose values have changed
         """
         start = self._stages(ground, active)
         stages = {start: 0}
@@ -401,7 +437,7 @@ class DropModel:
     def _grounds_nearby(
         self, stages: Sequence[_Stages], forced: bool
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the motions of a ground and of nearby grounds, and their hat responses.
+        """Return the motions of a ground and of similar grounds, and their hat responses.
 
         Each is (m, n_sensors, n), m and m/N. Hat responses are computed if an effect applies a
         force (``forced``) or the resistance is nonlinear.
@@ -422,7 +458,9 @@ class DropModel:
         return motions, hats
 
     def _compliances_nearby(self, stages: Sequence[_Stages], s: ComplexArray) -> ComplexArray:
-        """Return displacement over load of a ground and of nearby grounds."""
+        """Return displacement over load, (m, n_sensors, n), m/N, of a ground and of similar
+        grounds.
+        """
         start, *moved = stages
         compliances = self.response.nearby(start.ground, [o.ground for o in moved], s)
         if not any(stage.shaping for stage in stages):
@@ -443,8 +481,8 @@ class DropModel:
     ) -> FloatArray:
         """Return the motions (m, n_sensors, n) with the nonlinear resistance of the ground.
 
-        The first ground is solved for, the others are near it. `hats` are hat responses and
-        `still` the compliances (m, n_sensors) at rest.
+        The first ground is solved; the others are obtained from it by one Newton step. `hats` are
+        hat responses and `still` the static compliances (m, n_sensors).
         """
         load, plate = self.context.load, self._plate
         self._ground_motion(stages[0])
@@ -468,7 +506,9 @@ class DropModel:
         return result
 
     def _stages(self, ground: Ground, active: Active) -> _Stages:
-        """Return the ground with its effects: parameters, law, and shaping of the compliance."""
+        """Return the ground with its effects: parameters, law of the resistance, changes of the
+        compliance.
+        """
         if self._latest is not None and self._latest[0] is ground and self._latest[1] is active:
             return self._latest[2]
         changed_ground, law = ground, NonlinearStiffness()
@@ -483,12 +523,13 @@ class DropModel:
                 shaping.append((effect, values))
         key = (changed_ground, law, *((e.name, *v.values()) for e, v in shaping))
         result = _Stages(key, changed_ground, law, shaping)
-        # Needed twice: before the grounds of all drops are solved for, and after.
+        # Cached, because it is needed before and after the grounds of all drops are solved.
         self._latest = ground, active, result
         return result
 
     def _ground_motion(self, stages: _Stages) -> FloatArray:
-        """Return the motion of the ground, whose static resistance may be nonlinear.
+        """Return the motion of the ground, (n_sensors, n), m, whose static resistance may be
+        nonlinear.
 
         It is cached, because later effects are tried many times on the same motion.
         """
@@ -517,7 +558,8 @@ class DropModel:
     def _nonlinear_motion(
         self, parts: FloatArray, law: NonlinearStiffness, still: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the change of motion by the nonlinear static resistance, and the plate's motion.
+        """Return the change of motion due to nonlinear static resistance, and the plate's
+        displacement.
 
         The change is for the sensors under the plate, (k, n), m: the ground outside depends on the
         force, not on the deflection under the plate. The plate's displacement is (n,), m.
@@ -526,7 +568,7 @@ class DropModel:
         ----------
         parts : real and imaginary parts of the compliance
         law : NonlinearStiffness
-        still : float, m/N, compliance under the plate at rest
+        still : float, m/N, static compliance under the plate
         """
         hats = parts @ self._hats
         load, reference = self.context.load, self.context.largest_load * still
@@ -534,11 +576,14 @@ class DropModel:
             hats[self._plate], load, law, 1.0 / still, reference, self._last_displacement
         )
         self._last_displacement = solution
-        # The load between its samples is small and acts linearly: its part of the motion stays.
+        # Only the change is returned: the linear motion already includes the load between the
+        # samples.
         return convolve_rows(hats[self._under_plate], force - load), solution
 
     def _variables(self, stages: _Stages) -> ComplexArray:
-        """Return the Laplace variables at which the ground is solved, the last of them at rest."""
+        """Return the Laplace variables, 1/s, at which the ground is solved; the last one is static
+        load.
+        """
         return self._s_layered if stages.ground.above else self.s
 
     def _compliance(self, stages: _Stages) -> ComplexArray:
@@ -547,25 +592,26 @@ class DropModel:
         return self._shaped(self.response.compliance(stages.ground, s), stages.shaping, s)
 
     def _shaped(self, compliance: ComplexArray, shaping: Active, s: ComplexArray) -> ComplexArray:
-        """Return the compliance of a ground with the effects that shape it."""
+        """Return a compliance with the effects that change it."""
         for effect, values in shaping:
             compliance = effect.compliance(compliance, s, values, self.context)
         return compliance
 
     @property
     def peak_in_contact(self) -> float:
-        """Largest deflection of the innermost sensor until shortly after the contact, m."""
+        """Largest deflection of the innermost sensor up to 1.3 contact times, m."""
         row = self.observed[int(np.argmin(self.context.offsets))]
         return float(row[self.context.time <= _MAX_PEAK_TIME * self.context.contact_end].max())
 
     def noise_covariance(self, sensor: int, floor: float) -> FloatArray:
-        """Return the covariance of the noise of a sensor, m2, at the samples that are used.
+        """Return the covariance of the noise of a sensor at the fitted samples, m2.
 
         It is cached, because all candidate models of a drop have the same noise.
 
         Parameters
         ----------
-        floor : float, m, error of the model itself, independent at each sample
+        sensor : int, index
+        floor : float, m, error of the model, independent at each sample
         """
         covariance = self._noise_covariances.get((sensor, floor))
         if covariance is None:
@@ -581,7 +627,14 @@ class DropModel:
     def residual_over_peak(
         self, predicted: FloatArray, *, contact_only: bool, sensors: Sequence[int] | None = None
     ) -> float:
-        """Return the rms residual of sensors (None: all) over their peaks, from the trigger on."""
+        """Return the root mean square residual of sensors over their peaks, from the trigger on.
+
+        Parameters
+        ----------
+        predicted : (n_sensors, n) ndarray of float, m
+        contact_only : bool, True: only up to the end of the contact
+        sensors : sequence of int, indices of the sensors; None: all
+        """
         part = self.context.time >= self.drop.trigger
         if contact_only:
             part &= self.context.time <= self.drop.contact_end * (1 + 1e-9)
@@ -597,7 +650,7 @@ def _stages_of_class(kind: Any) -> frozenset[str]:
 
 
 def _stages_of(effect: Effect) -> frozenset[str]:
-    """Return the stages in which an effect acts."""
+    """Return the names of the stages in which an effect acts."""
     kind: Any = type(effect)
     return _stages_of_class(kind)
 
@@ -608,7 +661,9 @@ def _shapes_ground(effect: Effect) -> bool:
 
 
 def _parts(compliances: ComplexArray) -> FloatArray:
-    """Return real and imaginary parts (k, 2 n) of compliances (k, n + 1), without that at rest."""
+    """Return real and imaginary parts (k, 2 n) of compliances (k, n + 1), without the static
+    one.
+    """
     return np.concatenate([compliances[:, :-1].real, compliances[:, :-1].imag], axis=1)
 
 

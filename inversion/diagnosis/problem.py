@@ -22,7 +22,7 @@ from inversion.measured.record import Record, prepare
 
 
 class Point:
-    """Test point with the models of its drops.
+    """Test point with the models of its drops, which share the response of the ground.
 
     Parameters
     ----------
@@ -58,11 +58,11 @@ class Point:
         layers.peak_modulus = self.peak_modulus
 
     def coarse(self) -> Point:
-        """Return the point with a narrower band, for fits that select effects.
+        """Return the point with a narrower frequency band, for the fits that select effects.
 
-        With sensors outside the plate layered ground is solved for, whose cost grows with the
-        number of frequencies. There the band ends where the spectrum of the loads is negligible.
-        The error, up to 2e-3 of the peak, is too large for the final fit.
+        With sensors outside the plate layered ground is solved, whose cost grows with the number of
+        frequencies. There the band ends where the spectrum of the loads is negligible. The error,
+        up to 2e-3 of the peak, is too large for the final fit.
         """
         if self.drops[0].context.offsets.size == 1:
             return self
@@ -73,10 +73,10 @@ class Point:
 
 
 def surrogate_of(record: Record, library: SurrogateLibrary) -> Surrogate:
-    """Return the surrogate for the plate, the sensors and the declared depth of a record."""
+    """Return the response table for plate, sensors and declared bedrock depth of a record."""
     from inversion.drop_inversion import Settings, surrogate_request
 
-    # A declared half-space may be wrong, so rock is a candidate there too.
+    # A declared half-space may be wrong, so rock is a candidate then, too.
     open_below = record.bedrock_depth is None or np.isinf(record.bedrock_depth)
     depth: Any = "unknown" if open_below else record.bedrock_depth
     problem, ratio = surrogate_request(record, Settings(bedrock_depth=depth))
@@ -84,18 +84,20 @@ def surrogate_of(record: Record, library: SurrogateLibrary) -> Surrogate:
 
 
 def response_of(record: Record, surrogate: Surrogate, library: SurrogateLibrary) -> GroundResponse:
-    """Return the response of the ground at the sensors of a record, without their geophones."""
+    """Return the response of the ground at the sensors of a record, without the geophones'
+    response.
+    """
     instrument = replace(record.instrument, geophone_natural_frequency=None, geophone_damping=None)
     offsets = [abs(sensor.offset) for sensor in record.nearest_first().sensors]
     return GroundResponse(surrogate, instrument, offsets, library)
 
 
 def _layered_first_estimate(records: PointRecords) -> LayerStarts:
-    """Return the drops of a point as needed for a first estimate of layers."""
+    """Return the drops of a point as input of a first fit of layered ground."""
     first = records.records[0]
     drops = []
     for record in records.records:
-        # The same order of sensors as in the models of the drops.
+        # The sensors have the same order as in the models of the drops.
         drop = prepare(record.nearest_first())
         load = drop.load
         if records.half_sine:

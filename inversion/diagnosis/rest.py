@@ -1,4 +1,6 @@
-"""Pre-trigger noise of the drops of a point: without hum, and pooled over the drops."""
+"""Noise of the drops of a point, estimated before the trigger: without hum, and pooled over
+drops.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +10,20 @@ from dataclasses import dataclass, replace
 from inversion.diagnosis.mains_line import hum_before, without_mains_line
 from inversion.measured.record import NoiseModel, PreparedDrop, Record, prepare
 
-# Largest ratio of the noise rms of two drops with the same noise. From a few tens of correlated
-# samples the rms is known to a third.
+# Largest ratio of the noise of two drops that are pooled. A few tens of correlated samples
+# determine the root mean square of the noise to a third.
 _SIMILAR_RMS_RATIO = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class PreTriggerNoise:
-    """Drop to the end of its record, with the pre-trigger noise of its channels.
+    """Drop to the end of its record, with the noise of its channels as estimated before the
+    trigger.
 
     Parameters
     ----------
     drop : PreparedDrop, sensors from the plate outward
-    hum, harmonics, max_hum : of the hum before the pulse, see `DropContext`
+    hum, harmonics, max_hum : mains hum before the pulse, see `DropContext`
     """
 
     drop: PreparedDrop
@@ -30,11 +33,11 @@ class PreTriggerNoise:
 
 
 def estimate_pre_trigger_noise(records: Sequence[Record]) -> list[PreTriggerNoise]:
-    """Return the drops of one point with their pre-trigger noise.
+    """Return the drops of one point with the noise of their channels.
 
-    The time before one pulse is short. It determines the rms of the noise well, but not its slow
-    part, which dominates after integration. Therefore the noise of a channel is pooled over the
-    drops with a similar rms.
+    The record before one pulse is short. It determines the root mean square of the noise well, but
+    not its slow part, which dominates after integration. Therefore the noise of a channel is pooled
+    over the drops with a similar root mean square.
 
     Raises
     ------
@@ -43,7 +46,7 @@ def estimate_pre_trigger_noise(records: Sequence[Record]) -> list[PreTriggerNois
     """
     estimates = []
     for record in records:
-        # Models return their sensors in this order, whatever order the record has.
+        # Models return the sensors in this order, whatever order the record has.
         ordered = record.nearest_first()
         drop = prepare(ordered).with_tail()
         channels = [
@@ -70,7 +73,9 @@ def estimate_pre_trigger_noise(records: Sequence[Record]) -> list[PreTriggerNois
 
 
 def _pool_noise(models: Sequence[NoiseModel]) -> list[NoiseModel]:
-    """Return the noise of one channel in each drop, pooled where the rms is near the median."""
+    """Return the noise of one channel in each drop, pooled over the drops whose noise is near the
+    median.
+    """
     loudness = [model.rms for model in models]
     median = sorted(loudness)[(len(models) - 1) // 2]
     is_similar = [

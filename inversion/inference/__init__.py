@@ -1,1 +1,5 @@
-"""Inference over the points of an instrument: one likelihood, priors from the other points."""
+"""Inference: choice of the effects of a point by Bayesian evidence, and prediction of further
+drops.
+
+The points of one instrument share a population, from which the priors of each point are made.
+"""

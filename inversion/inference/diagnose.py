@@ -1,4 +1,8 @@
-"""Diagnosis of a point: its error before and after, and the effects that explain the difference."""
+"""Diagnosis of a point: its residual before and after, and the effects that explain the difference.
+
+A structure is a set of effects that are added to the base model. The discrepancy is the model error
+beyond noise, see :mod:`inversion.inference.discrepancy`.
+"""
 
 from __future__ import annotations
 
@@ -48,27 +52,28 @@ from inversion.records import known
 from inversion.threads import single_threaded_blas
 
 EXPLAINED_TO = 5e-3
-"""Discrepancy over the peak up to which a record is explained."""
+"""Largest discrepancy over the peak at which a record counts as explained."""
 
-# Pa: the stress at which moduli of different drops are compared.
+# Contact pressure at which moduli of different drops are compared, Pa.
 _REFERENCE_PA = 100e3
 # Relative error (95 %) of the modulus over the discrepancy of an unexplained record. It exceeds 1
 # because parameters imitate part of the model error, and that part does not show as discrepancy.
 _MODULUS_ERROR_PER_DISCREPANCY = 2.0
-# Factor on the prior deviations for the base model: so wide that the priors have no effect.
+# Factor on the prior standard deviations in the base model: the priors then have no effect.
 _NO_PRIORS = 30.0
-# Limits of the residual over the noise and over the peak: above both, slow noise alone does not
-# explain the residual.
+# Residual over the noise, and over the peak, above both of which slow noise does not explain it.
 _MAX_RESIDUAL_OVER_NOISE, _MAX_NOISE_OVER_PEAK = 2.0, 0.02
-# Smallest weight relative to the best structure with which a structure enters the interval.
+# Smallest posterior probability, relative to the best structure, of a structure in the interval.
 _MIN_WEIGHT = 0.02
-# If the best structure is wrong, others count alike up to this multiple of its discrepancy.
+# If the best structure does not explain the record, structures with up to this multiple of its
+# discrepancy have equal weights.
 _SIMILAR_DISCREPANCY_RATIO = 1.5
 _SEATING_LOG_ODDS = -3.0
 _MAX_REFIT_ITERATIONS = 12
-# Base-model residual with a sensor turned or exchanged over that as declared, at most.
+# Largest ratio of the base model's residual with a sensor turned or exchanged to that as declared,
+# at which the full diagnosis is repeated.
 _MAX_CORRECTED_RESIDUAL_RATIO = 0.8
-# Ratio of the ends of the modulus interval above which a notice is given.
+# Ratio of the ends of the modulus interval from which a notice on ambiguous effects states it.
 _NOTICED_INTERVAL_RATIO = 1.1
 
 
@@ -85,10 +90,13 @@ def diagnose_point(
     Parameters
     ----------
     records : PointRecords
-    library : SurrogateLibrary
-    instrument : InstrumentKnowledge, from other points and declarations
-    compare_declarations : bool, whether to test declared values that look doubtful
-    predict_last : bool, whether the last of several drops is held out and predicted
+    library : SurrogateLibrary, optional
+    instrument : InstrumentKnowledge, optional
+        What other points and declarations say about the instrument.
+    compare_declarations : bool
+        True: declared values that look doubtful are tested.
+    predict_last : bool
+        True: the last of several drops is held out and predicted.
 
     Raises
     ------
@@ -101,8 +109,8 @@ def diagnose_point(
         point = Point(records, library)
         if all(map(_centre_rises, point.drops)):
             raise RecordError(
-                "centre sensor: expected a downward (positive) deflection, found none; check its "
-                "polarity and whether it is alive"
+                "centre sensor: expected a downward (positive) deflection, got none; check its "
+                "polarity and its cable"
             )
         base = fit_base(point)
         objections = _find_steps(point)
@@ -132,15 +140,16 @@ def diagnose_point(
 
 
 def _on_declared_rock(diagnosis: PointDiagnosis, point: Point) -> bool:
-    """Return whether effects were found above declared rock, whose depth may then be wrong."""
+    """Return whether effects were detected above declared rock, whose depth may then be wrong."""
     depth = point.records.records[0].bedrock_depth
     return bool(diagnosis.effects) and depth is not None and math.isfinite(depth)
 
 
 def fit_base(point: Point) -> Posterior:
-    """Return the fit of the base model: one ground under all drops, no effect and no prior.
+    """Fit the base model: one ground under all drops, without effects and priors.
 
-    Every sample has the same weight, as in least squares; the discrepancy is only for the interval.
+    Every sample has the same weight, as in least squares; the discrepancy is used for the interval
+    only.
     """
     model = PointModel(point, (), range(len(point.drops)), is_same_ground=True)
     model.deviation = _NO_PRIORS * model.deviation
@@ -153,11 +162,12 @@ def fit_base(point: Point) -> Posterior:
 def _choose_structure(
     point: Point, instrument: InstrumentKnowledge
 ) -> tuple[Selection, Posterior, float]:
-    """Return the structures of a drop, the fit of all drops by the best, and its seating evidence.
+    """Return the structures of a drop, the fit of all drops by the best one, and the evidence of
+    seating.
 
-    The structure is selected on the last drop. If all drops together have a much larger
-    discrepancy than that drop, the structure of the drop before is tried too. It is not where
-    other points give starting structures.
+    The structure is selected on the last drop. If all drops together have a much larger discrepancy
+    than that drop, the structure of the drop before is tried too, unless other points supply
+    starting structures.
     """
     coarse, last = point.coarse(), len(point.drops) - 1
     selection = select(coarse, last, instrument)
@@ -180,7 +190,7 @@ def _choose_structure(
 def fit_drops_of_selection(
     point: Point, selection: Selection, instrument: InstrumentKnowledge
 ) -> tuple[Posterior, float]:
-    """Return the fit of all drops by the best structure, and the log evidence of seating."""
+    """Return the fit of all drops with the best structure, and the log evidence of seating."""
     structure, declared = selection.best, instrument.declared_effects
     single_drop_fit = selection.fits[structure]
     fits = []
@@ -217,7 +227,8 @@ def _point_diagnosis(
     ----------
     point : Point
     base, best : Posterior, of the base model and of the chosen structure
-    choice : the structures among which the best was chosen, and the log evidence of seating
+    choice : the structures from which the best was chosen, and the log evidence of seating; None:
+    none
     objections : notices about the records that rule out any explanation
     """
     effects = effect_results(best, *choice) if choice else ()
@@ -257,13 +268,13 @@ def _point_diagnosis(
 def _fitted_state(
     posterior: Posterior, selection: Selection | None, *, with_drift: bool = True
 ) -> FittedState:
-    """Return the residuals of a fit, and its modulus with the interval.
+    """Return the residuals of a fit, and its modulus with the 95 % interval.
 
     Parameters
     ----------
     posterior : Posterior, of all drops
-    selection : structures over which the interval is taken; None: the fitted one alone
-    with_drift : bool, whether the prediction includes the drift of sensors
+    selection : structures that the interval covers; None: only the fitted one
+    with_drift : bool, True: the prediction includes the drift of sensors
     """
     model = posterior.model
     drops = [model.point.drops[drop] for drop in model.drops]
@@ -322,16 +333,17 @@ def _fitted_state(
 def _alternative_components(
     selection: Selection, log_modulus: float, stress: float
 ) -> list[Component]:
-    """Return the modulus by each of the other structures, with its weight.
+    """Return the modulus by each of the other structures, with its weight in the interval.
 
-    Evidence weighs structures correctly only if one of them is right. If even the best one is not
-    explained or overparameterised, others of similar discrepancy get the full weight.
+    Evidence weights structures correctly only if one of them is right. If even the best one does
+    not explain the record, or has too many effects, others of similar discrepancy get the full
+    weight.
 
     Parameters
     ----------
     selection : Selection, of one drop
     log_modulus : float, logarithm of the modulus by the best structure and all drops
-    stress : float, Pa
+    stress : float, Pa, contact pressure at which the moduli are compared
     """
     best = selection.fits[selection.best]
     weights = selection.weights()
@@ -356,7 +368,7 @@ def _without_modulus(state: FittedState) -> FittedState:
 
 
 def _with_discrepancy_error(state: FittedState) -> FittedState:
-    """Return a state whose modulus interval includes the error due to the discrepancy."""
+    """Return a state whose modulus interval includes the error that the discrepancy indicates."""
     if math.isnan(state.fitted_modulus):
         return state
     modulus = state.fitted_modulus
@@ -376,13 +388,13 @@ def _with_discrepancy_error(state: FittedState) -> FittedState:
 
 
 def _unexplained_reasons(posterior: Posterior) -> list[Notice]:
-    """Return the reasons why a fit does not explain its records."""
+    """Return the reasons why a fit does not explain its records; empty: it does."""
     reasons = []
     discrepancy = posterior.discrepancy.scale
     if discrepancy > EXPLAINED_TO:
         values: dict[str, Value] = {"discrepancy_over_peak": discrepancy, "limit": EXPLAINED_TO}
         reasons.append(Notice("discrepancy-remains", values))
-    # Only the last drop is judged: the first of several drops may have a larger residual.
+    # Only the last drop is judged, because the first of several drops may have a larger residual.
     model = posterior.model
     last = model.point.drops[model.last]
     residual = posterior.recorded[-1] - last.observed
@@ -429,10 +441,10 @@ def _find_contradicted_declaration(
     library: SurrogateLibrary,
     instrument: InstrumentKnowledge,
 ) -> Notice | None:
-    """Return the warning about a declaration that the records of a point contradict, or None."""
+    """Return the warning about a declaration that the records contradict; None: there is none."""
     for suspect in find_suspect_declarations(point):
         if not suspect.is_about_ground:
-            # The base model decides quickly whether the residual falls with the sensor changed.
+            # The base model shows quickly whether the residual decreases with the sensor changed.
             with single_threaded_blas():
                 changed = fit_base(Point(suspect.records, library))
             residual = known(_fitted_state(changed, None, with_drift=False).residual_rms_over_peak)
@@ -447,7 +459,7 @@ def _find_contradicted_declaration(
                 predict_last=False,
             )
         except RecordError:
-            continue  # not a valid record without the declaration, so the declaration stands
+            continue  # without the declaration the record is not valid, so the declaration is kept
         notice = contradiction(suspect, diagnosis, corrected)
         if notice is not None:
             return notice
@@ -455,7 +467,7 @@ def _find_contradicted_declaration(
 
 
 def _centre_rises(model: DropModel) -> bool:
-    """Return whether the innermost sensor, if it is under the plate, rises in the contact."""
+    """Return whether the innermost sensor, if it is under the plate, rises during the contact."""
     innermost = int(np.argmin(np.abs(model.context.offsets)))
     if abs(model.context.offsets[innermost]) > model.context.plate_radius:
         return False
@@ -464,7 +476,7 @@ def _centre_rises(model: DropModel) -> bool:
 
 
 def _find_steps(point: Point) -> list[Notice]:
-    """Return notices about steps in the contact that no motion or falling weight can produce."""
+    """Return notices about steps during the contact that no motion or falling weight can cause."""
     notices = []
     for number, model in zip(point.records.numbers, point.drops, strict=True):
         time = model.record.time

@@ -4,11 +4,11 @@ r"""Model error beyond noise (discrepancy), as a Gaussian process in the likelih
           \operatorname{cov}(\delta_d(t), \delta_e(t')) =
           \sigma^2 \, c_d c_e \, \rho_{de} \, e^{-|t - t'| / \tau}
 
-All traces are divided by the peak of their sensor. :math:`\rho_{de}` is 1 within a drop and less
+with the record y, the prediction f, the discrepancy delta and the noise epsilon of drop d. All
+traces are divided by the peak of their sensor. :math:`\rho_{de}` is 1 within a drop and less
 between two drops; :math:`c_d` is larger for the first of several drops. The drift of a sensor in a
 drop, a polynomial of second degree, is marginalised: its basis adds to the covariance. Kennedy and
-O'Hagan (2001),
-JRSS B 63, 425.
+O'Hagan (2001), JRSS B 63, 425.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from inversion.arrays import FloatArray
 from inversion.diagnosis.model import FROM_SAMPLE
 from inversion.inference.point_model import PointModel
 
-# Fraction of the peak: error of the forward model itself, independent from sample to sample.
+# Error of the forward model as a fraction of the peak, independent from sample to sample.
 FLOOR = 1e-3
 
 
@@ -37,7 +37,7 @@ class Discrepancy:
     ----------
     scale : float, standard deviation over the peak
     memory : float, s, correlation time
-    between_drops : float, correlation of two drops of a point
+    between_drops : float, correlation between two drops of a point
     first : float, factor on the scale for the first of several drops
     drift : float, standard deviation of the drift at the end of a record, over the peak
     """
@@ -50,12 +50,12 @@ class Discrepancy:
 
 
 class RecordedDrops:
-    """The fitted drops of a point over their peaks, with the covariance of their noise.
+    """Fitted drops of a point, divided by their peaks, with the covariance of their noise.
 
     Parameters
     ----------
     model : PointModel
-    thinning : int, stride of the samples that are used
+    thinning : int, only every n-th sample is used
     """
 
     def __init__(self, model: PointModel, thinning: int = 1) -> None:
@@ -70,7 +70,7 @@ class RecordedDrops:
         time = np.concatenate(times)
         drop = np.repeat(np.arange(len(models)), [time.size for time in times])
         self._is_seating = np.array([model.is_seating(drop) for drop in self.drops])[drop]
-        # Computed once, as it is independent of the discrepancy, of which a fit tries hundreds.
+        # Computed once: it does not depend on the discrepancy, of which a fit tries hundreds.
         self._time_differences = np.abs(time[:, None] - time)
         self._decay: tuple[float, FloatArray] = (math.nan, self._time_differences)
         self._same_drop = drop[:, None] == drop
@@ -92,7 +92,9 @@ class RecordedDrops:
         self._latest: tuple[Discrepancy, list[FloatArray]] | None = None
 
     def over_peak(self, traces: Sequence[FloatArray], sensor: int) -> FloatArray:
-        """Return traces (..., n_sensors, n_d) of all drops over the peak, (..., n)."""
+        """Return traces (..., n_sensors, n_d) of all drops at one sensor, over the peak, (...,
+        n).
+        """
         return np.concatenate(
             [
                 trace[..., sensor, part] / peak[sensor]
@@ -102,7 +104,7 @@ class RecordedDrops:
         )
 
     def covariances(self, discrepancy: Discrepancy) -> list[FloatArray]:
-        """Return the covariance of each sensor over all drops, (n, n)."""
+        """Return the covariance of each sensor over the samples of all drops, (n, n)."""
         shared = self._shared_covariance(discrepancy)
         return [shared + noise for noise in self._noise]
 
@@ -118,7 +120,7 @@ class RecordedDrops:
         return result
 
     def whiteners(self, discrepancy: Discrepancy) -> list[FloatArray]:
-        """Return the lower Cholesky factor of each sensor's covariance."""
+        """Return the lower Cholesky factor of each sensor's covariance, (n, n)."""
         if self._latest is None or self._latest[0] != discrepancy:
             factors = [np.linalg.cholesky(matrix) for matrix in self.covariances(discrepancy)]
             self._latest = discrepancy, factors
@@ -132,7 +134,7 @@ class RecordedDrops:
         Parameters
         ----------
         discrepancy : Discrepancy
-        predictions : of each drop, (n_sensors, n_d), m
+        predictions : for each drop, (n_sensors, n_d), m
         """
         models = self._models
         ramps = [m.context.time / m.context.time[-1] for m in models]
@@ -151,11 +153,11 @@ class RecordedDrops:
 
 def whitened(lower: FloatArray, rows: FloatArray) -> FloatArray:
     """Return the inverse of a lower Cholesky factor times rows (k, n), (k, n)."""
-    # Without the checks of scipy's own function, which take as long as the solution.
+    # LAPACK is called directly: the checks of scipy's function take as long as the solution.
     columns, _ = dtrtrs(lower.T, rows.T, lower=0, trans=1)
     return np.asarray(columns.T)
 
 
 def log_determinant(lower: FloatArray) -> float:
-    """Return the logarithm of the determinant of a Cholesky factor."""
+    """Return the logarithm of the determinant of a lower Cholesky factor."""
     return float(np.log(np.diag(lower)).sum())

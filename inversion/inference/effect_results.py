@@ -1,4 +1,4 @@
-"""The effects of a fitted structure as results: values with deviations, evidence, alternatives."""
+"""Effects of a fitted structure as results: values with deviations, evidence, alternatives."""
 
 from __future__ import annotations
 
@@ -16,31 +16,33 @@ from inversion.inference.posterior import Posterior
 from inversion.inference.selection import Selection
 from inversion.records import known
 
-# A number counts as not determined if its posterior deviation exceeds this fraction of its prior's.
+# A number is not determined by the data if its posterior standard deviation exceeds this fraction
+# of the prior one.
 _MAX_POSTERIOR_OVER_PRIOR = 0.8
-# Step of derivatives, in deviations of the posterior.
+# Step of numerical derivatives, in posterior standard deviations.
 _STEP_OVER_POSTERIOR_SD = 1e-3
-# Largest loss of log evidence with which another effect counts as an alternative, and the largest
-# number of alternatives that are named.
+# Largest loss of log evidence at which another effect counts as an alternative, and largest number
+# of alternatives that are named.
 _MAX_EVIDENCE_LOSS, _MAX_ALTERNATIVES = 5.0, 2
-# Distance to a bound, in prior deviations, at which a number is on it; and the multiple of that
-# distance within which the prior mean, the absence of the effect, lies on the bound too.
+# A number is on a bound if it is within this distance, in prior standard deviations. A bound is the
+# absence of the effect if the prior mean is within this multiple of that distance.
 _ON_BOUND, _ABSENCE_REACH = 1e-6, 2e5
-# Largest ratio of peak loads of drops from one height. Drops from several heights may differ by
-# seating or by stress.
+# Largest ratio of the peak loads of drops from one height. Drops from several heights may differ
+# because of seating or because of stress.
 _SAME_HEIGHT = 1.1
 
 
 def effect_results(
     posterior: Posterior, selection: Selection, seating_evidence: float
 ) -> tuple[EffectResult, ...]:
-    """Return the effects of a point, strongest first.
+    """Return the effects of a point, the strongest first.
 
     Parameters
     ----------
     posterior : Posterior, of all drops
-    selection : Selection, among which the structure was chosen
+    selection : Selection, from which the structure was chosen
     seating_evidence : float, log evidence of drops on different ground over drops on the same
+    ground
     """
     structure = selection.best
     weights = selection.weights()
@@ -48,7 +50,7 @@ def effect_results(
     results = []
     for effect in posterior.model.effects:
         if effect.name not in structure:
-            continue  # declared, and reported with the instrument
+            continue  # a declared effect is reported with the instrument
         parameters = _effect_parameters(posterior, effect)
         without = structure - {effect.name}
         result = effect_result(
@@ -73,12 +75,14 @@ def effect_results(
 
 
 def _sortable(evidence: float) -> float:
-    """Return the evidence, or infinity for an effect of the instrument."""
+    """Return the evidence for sorting; infinity for an effect of the instrument, which has none."""
     return math.inf if math.isnan(evidence) else evidence
 
 
 def _alternatives(selection: Selection, name: str) -> tuple[str, ...]:
-    """Return effects that explain the record nearly as well in place of one, likeliest first."""
+    """Return the effects that explain the record nearly as well in place of one, the most probable
+    first.
+    """
     best = selection.best
     min_evidence = selection.fits[best].log_evidence - _MAX_EVIDENCE_LOSS
     alternatives: dict[str, float] = {}
@@ -99,7 +103,9 @@ def _alternatives(selection: Selection, name: str) -> tuple[str, ...]:
 
 
 def _effect_parameters(posterior: Posterior, effect: Effect) -> list[EffectParameter]:
-    """Return the numbers read from the record, the fitted ones, and the fixed ones."""
+    """Return the numbers of an effect: those read from the record, the fitted ones, and the fixed
+    ones.
+    """
     model = posterior.model
     of_drops = any(u.effect == effect.name and u.drop is not None for u in model.unknowns)
     by_drop = effect.scope == "drop"
@@ -127,7 +133,7 @@ def _effect_parameters(posterior: Posterior, effect: Effect) -> list[EffectParam
 def _fitted_parameters(
     posterior: Posterior, effect: Effect, drop: int, number: int | None
 ) -> list[EffectParameter]:
-    """Return the fitted numbers of an effect in a drop."""
+    """Return the fitted numbers of an effect in a drop, with standard deviations."""
     model = posterior.model
     places = [
         place
@@ -185,7 +191,9 @@ def _fitted_parameters(
 
 
 def _is_on_bound(posterior: Posterior, place: int, natural: Collection[str]) -> bool:
-    """Return whether a number is on a bound that is neither natural nor the effect's absence."""
+    """Return whether a number is on a bound that is no physical limit, and not the effect's
+    absence.
+    """
     model, value = posterior.model, posterior.values[place]
     reach = _ON_BOUND * model.deviation[place]
     if model.unknowns[place].coordinate.name in natural:
@@ -197,7 +205,9 @@ def _is_on_bound(posterior: Posterior, place: int, natural: Collection[str]) -> 
 
 
 def _seating_result(posterior: Posterior, evidence: float) -> EffectResult:
-    """Return the effect of drops that met ground of another stiffness than the last one."""
+    """Return the seating effect: earlier drops had ground of another stiffness than the last
+    one.
+    """
     effect, model = BY_NAME["seating"], posterior.model
     parameters = []
     for place, unknown in enumerate(model.unknowns):

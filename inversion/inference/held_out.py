@@ -30,16 +30,22 @@ from inversion.measured.record import PreparedDrop, Record, prepare
 from inversion.threads import single_threaded_blas
 
 Allow = Literal["stiffness"]
-# Largest logarithm of the stiffness of a held-out drop over that of the fitted one.
+# Range of the logarithm of a held-out drop's stiffness over the predicted one, if it is fitted.
 _MAX_LOG_STIFFNESS_CHANGE = math.log(4.0)
 _BASE: Structure = frozenset()
 _MAX_REFIT_ITERATIONS = 12
 _Errors = tuple[float, float]
-"""Residual over the peak: whole record, contact phase."""
+"""Root mean square residual over the peak: of the whole record, and during the contact."""
 
 
 def count_held_out(records: PointRecords, mode: LeaveOut) -> int:
-    """Return how many parts of a point are held out in turn; 0: no part can be spared."""
+    """Return the number of parts of a point that are held out in turn; 0: there are too few.
+
+    Parameters
+    ----------
+    records : PointRecords
+    mode : "next" (the last drop), "drop" or "sensor"
+    """
     drops, sensors = len(records.records), len(records.records[0].sensors)
     counts = {"next": min(drops, 2), "drop": drops, "sensor": sensors}
     count = counts.get(mode, 0)
@@ -87,12 +93,12 @@ def held_out_error(
     Parameters
     ----------
     records : PointRecords, with the held-out part
-    structure : Structure of the other points; None: choose it on the rest of the point
+    structure : Structure of the other points; None: chosen on the rest of the point
     peer_points : summaries of the other points of the instrument
     mode : "next", "drop" or "sensor"
     place : int, index of the part, below `count_held_out`
     declared_effects : declared values of effects, by effect and parameter
-    allow : "stiffness": one number, that of the held-out drop, is fitted to it
+    allow : "stiffness": the stiffness of the held-out drop is fitted to it; None: nothing is
     library : SurrogateLibrary
     """
     library, declared_effects = library or SurrogateLibrary(), declared_effects or {}
@@ -119,9 +125,9 @@ def last_drop_error(
     instrument: InstrumentKnowledge,
     library: SurrogateLibrary,
 ) -> HeldOutPart:
-    """Fit the drops of a point without the last, predict that from its load; return the errors.
+    """Fit the drops of a point without the last one, predict that one, and return the errors.
 
-    The last drop was used in the choice of the effects only.
+    The last drop was used in the choice of the effects, but not in this fit.
 
     Parameters
     ----------
@@ -162,7 +168,8 @@ def _drop_error(
     errors = []
     for predictor in predictors:
         model = predictor.model_of(record, library)
-        # The first drop has no earlier one: extrapolate back from the drop that follows.
+        # The first drop has no earlier one: its stiffness is extrapolated from the drop that
+        # follows.
         expected = (
             predictor.stiffening_after(held_out - 1, model)
             if held_out
@@ -224,7 +231,8 @@ def _sensor_error(
 def scaled_record(preceding: Record, record: Record) -> FloatArray:
     """Return the preceding displacements times the ratio of the peak loads, (n_sensors, n), m.
 
-    They are interpolated at the times of the record; time 0 is the trigger of both.
+    They are interpolated at the times of the record; time 0 is the trigger of both. This is a
+    simple prediction with which that of the model is compared.
     """
     earlier = prepare(preceding).with_tail()
     ratio = prepare(record).peak_load / earlier.peak_load
@@ -235,7 +243,7 @@ def scaled_record(preceding: Record, record: Record) -> FloatArray:
 
 
 def _best_change(misfit: Callable[[float], float]) -> float:
-    """Return the logarithm of the stiffness ratio with the least misfit."""
+    """Return the logarithm of the stiffness ratio with the smallest misfit."""
     grid = np.linspace(-_MAX_LOG_STIFFNESS_CHANGE, _MAX_LOG_STIFFNESS_CHANGE, 9)
     nearest = int(np.argmin([misfit(float(change)) for change in grid]))
     ends = grid[max(nearest - 1, 0)], grid[min(nearest + 1, grid.size - 1)]
@@ -246,12 +254,14 @@ def _best_change(misfit: Callable[[float], float]) -> float:
 def _errors(
     record: Record, drop: PreparedDrop, trace: FloatArray, rows: Sequence[int] | None = None
 ) -> _Errors:
-    """Return the rms error over the peak of the record to the end of its tail, and of the contact.
+    """Return the root mean square error over the peak: of the whole record, and during the contact.
+
+    The whole record ends before a second contact.
 
     Parameters
     ----------
-    record, drop : as recorded, and prepared
-    trace : (n_sensors, n) ndarray of float, m, at the times of the record
+    record, drop : the drop as recorded, and prepared
+    trace : (n_sensors, n) ndarray of float, m, prediction at the times of the record
     rows : indices of the sensors; None: all
     """
     first = record.time.size - drop.time.size
@@ -269,5 +279,5 @@ def _held_out_drop(records: PointRecords, mode: LeaveOut, place: int) -> int:
 
 
 def _position(records: PointRecords, place: int) -> float:
-    """Return the position of a sensor, m, counted from the plate outward."""
+    """Return the offset of a sensor, m; sensors are counted from the plate outward."""
     return records.records[0].nearest_first().sensors[place].offset

@@ -1,4 +1,4 @@
-"""The points of one instrument: their structure, their fits, and predictors of next drops."""
+"""Points of one instrument: choice of their common structure, fits, prediction of further drops."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ from inversion.threads import single_threaded_blas
 
 # Number of points on which the structure is chosen. More points do not change the choice.
 MAX_RANKED_POINTS = 5
-# Largest log evidence that one point contributes, and smallest sum over all points for an effect.
+# Largest log evidence that one point contributes for or against an effect, and smallest sum over
+# all points for a shared effect.
 _MAX_POINT_EVIDENCE, _MIN_TOTAL_EVIDENCE = 10.0, 3.0
 
 
@@ -46,7 +47,14 @@ def structure_evidence(
 
 
 def choose_structure(evidence: Sequence[Mapping[Structure, float]]) -> Structure:
-    """Return the structure of the largest evidence summed over points, if all points have it."""
+    """Return the structure with the largest log evidence, summed over the points.
+
+    Only structures that every point has are compared.
+
+    Parameters
+    ----------
+    evidence : for each point, log evidence by structure
+    """
     common = frozenset.intersection(*(frozenset(of_point) for of_point in evidence))
     return max(sorted(common, key=sorted), key=lambda s: sum(of[s] for of in evidence))
 
@@ -57,7 +65,7 @@ def summarise_point(
     declared_effects: Mapping[str, Values],
     library: SurrogateLibrary,
 ) -> PointSummary:
-    """Return the summary of a point that is fitted without the others."""
+    """Fit a point without knowledge from other points, and return its summary."""
     point = Point(records, library)
     return summarise(fit_drops(point, structure, range(len(point.drops)), declared_effects))
 
@@ -69,14 +77,14 @@ def drop_predictor(
     declared_effects: Mapping[str, Values],
     library: SurrogateLibrary,
 ) -> DropPredictor:
-    """Return the predictor of drops of a point.
+    """Fit a point with priors from the other points, and return a predictor of its drops.
 
     Parameters
     ----------
     records : PointRecords, of the point
     structure : Structure
     peer_points : summaries of the other points of the instrument
-    declared_effects : values of effects that are known, by effect and parameter
+    declared_effects : declared values of effects, by effect and parameter
     library : SurrogateLibrary
     """
     point = Point(records, library)
@@ -95,11 +103,11 @@ def drop_predictor(
 
 
 def shared_effects(gains: Sequence[Mapping[str, float]]) -> tuple[Structure, Structure]:
-    """Return the device effects that points share, and those that only single points support.
+    """Return the device effects that the points share, and those that only single points support.
 
     Parameters
     ----------
-    gains : log evidence of each effect at each point, see `Selection.gains`
+    gains : for each point, log evidence of each effect, see `Selection.gains`
     """
     totals: dict[str, float] = {}
     candidates = set()
@@ -120,12 +128,12 @@ def shared_effects(gains: Sequence[Mapping[str, float]]) -> tuple[Structure, Str
 
 
 class Instrument:
-    """Points of one instrument, from each of which next drops are predicted.
+    """Points of one instrument, at each of which the next drop can be predicted.
 
     Parameters
     ----------
     points : sequence of PointRecords
-    declared_effects : values of effects that are known, by effect and parameter
+    declared_effects : declared values of effects, by effect and parameter
     """
 
     def __init__(
@@ -143,7 +151,7 @@ class Instrument:
 
         Parameters
         ----------
-        place : int, of the point
+        place : int, index of the point
         time, load : (n,) ndarray of float, s and N; time 0 is the trigger
         """
         last = self._points[place].records[-1]

@@ -1,4 +1,6 @@
-"""Modulus of a point with its interval, over all structures that fit nearly as well."""
+"""Modulus of a point with its 95 % interval, which covers all structures that fit nearly as
+well.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +18,15 @@ from inversion.fitting.uncertainty import NORMAL_95
 from inversion.inference.point_model import ActiveEffects, PointModel
 from inversion.inference.posterior import Posterior
 
-# Step of derivatives, in deviations of the posterior.
+# Step of numerical derivatives, in posterior standard deviations.
 _MODULUS_STEP_OVER_POSTERIOR_SD = 0.05
-# Tolerance of the ends of an interval and smallest deviation, both of ln of the modulus; and the
-# range that is searched about the moduli, in deviations.
+# Tolerance of the ends of an interval and smallest standard deviation, both of the logarithm of the
+# modulus. Half of the range that is searched, in standard deviations.
 _LOG_TOLERANCE, _MIN_DEVIATION, _SEARCH_DEVIATIONS = 1e-9, 1e-9, 9.0
 
 
 def ground_of(posterior: Posterior) -> Ground:
-    """Return the ground under the last drop, with layers and rock."""
+    """Return the ground under the last drop, including layers and rock from effects."""
     model = posterior.model
     ground, active = model.ground_and_effects(posterior.values, model.last)
     return _with_effects(ground, active, _context(model))
@@ -37,14 +39,16 @@ def mean_stress(model: PointModel) -> float:
 
 
 def secant_modulus(posterior: Posterior, stress: float) -> float:
-    """Return the secant modulus of the ground under the last drop at a stress, Pa."""
+    """Return the secant modulus, Pa, of the ground under the last drop at a contact pressure,
+    Pa.
+    """
     return math.exp(_log_modulus(posterior.model, posterior.values, stress))
 
 
 def log_deviation(posterior: Posterior, stress: float) -> float:
     """Return the standard deviation of the logarithm of the secant modulus.
 
-    It excludes the errors of calibration and of the effects' simplifications, see `model_error`.
+    It excludes the errors of calibration and of simplifications in effects, see `model_error`.
     """
     gradient = np.zeros(posterior.values.size)
     for place, variance in enumerate(np.diag(posterior.covariance)):
@@ -65,7 +69,9 @@ def log_deviation(posterior: Posterior, stress: float) -> float:
 
 
 def model_error(posterior: Posterior) -> float:
-    """Return the relative error (95 %) of the modulus due to calibration and simplified effects."""
+    """Return the relative error (95 %) of the modulus due to calibration and to simplified
+    effects.
+    """
     _, active = posterior.model.ground_and_effects(posterior.values, posterior.model.last)
     return math.hypot(CALIBRATION, *(effect.model_error(values) for effect, values in active))
 
@@ -90,12 +96,13 @@ def _context(model: PointModel) -> DropContext:
 
 @dataclass(frozen=True)
 class Component:
-    """Normal distribution of ln of the modulus by one structure.
+    """Normal distribution of the logarithm of the modulus according to one structure.
 
     Parameters
     ----------
-    weight : float
-    log_modulus, deviation : float, of the logarithm of the modulus
+    weight : float, relative to the other components
+    log_modulus, deviation : float, mean and standard deviation of the logarithm of the modulus in
+    Pa
     """
 
     weight: float
@@ -104,13 +111,15 @@ class Component:
 
 
 def interval(components: Sequence[Component]) -> tuple[float, float]:
-    """Return the 95 % interval of a modulus over structures, Pa."""
+    """Return the 95 % interval of a modulus, Pa, over a mixture of structures."""
     low, high = (math.exp(_quantile(components, part)) for part in (0.025, 0.975))
     return low, high
 
 
 def component(posterior: Posterior, weight: float, log_modulus: float, stress: float) -> Component:
-    """Return the component of a structure, with the errors of calibration and effects."""
+    """Return the component of a structure, including the errors of calibration and simplified
+    effects.
+    """
     deviation = math.hypot(
         log_deviation(posterior, stress), model_error(posterior) / NORMAL_95, _MIN_DEVIATION
     )
@@ -118,14 +127,14 @@ def component(posterior: Posterior, weight: float, log_modulus: float, stress: f
 
 
 def _quantile(components: Sequence[Component], part: float) -> float:
-    """Return the quantile of the mixture of components, a logarithm of the modulus."""
+    """Return the quantile ``part`` of the mixture of components, a logarithm of the modulus."""
     weights = np.array([c.weight for c in components])
     middles = np.array([c.log_modulus for c in components])
     deviations = np.array([c.deviation for c in components])
     low = float(np.min(middles - _SEARCH_DEVIATIONS * deviations))
     high = float(np.max(middles + _SEARCH_DEVIATIONS * deviations))
-    # Bisection, as the distribution function is monotonic. Importing the root finders of
-    # scipy.optimize would take a fifth of the start-up time.
+    # Bisection is sufficient, because the distribution function is monotonic. Importing the root
+    # finders of scipy.optimize would take a fifth of the start of a diagnosis.
     while high - low > _LOG_TOLERANCE:
         centre = 0.5 * (low + high)
         below = float(weights @ ndtr((centre - middles) / deviations)) / float(weights.sum())

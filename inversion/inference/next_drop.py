@@ -1,4 +1,7 @@
-"""Prediction of a drop from its load, by the fit of its point and the instrument's drop laws."""
+"""Prediction of a drop from its load, by the fit of its point and the instrument's laws of drops.
+
+The laws say how stiffness and take-off speed change from one drop to the next, see `NextDropLaw`.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +26,11 @@ from inversion.measured.record import Record, prepare
 
 @dataclass(frozen=True, eq=False)
 class DropPredictor:
-    """Predictor of the drops of a point. It reads only the load of a predicted drop.
+    """Predictor of further drops of a point. Of a predicted drop only the load is used.
 
     Parameters
     ----------
-    posterior : Posterior, of the point
+    posterior : Posterior, fit of the point
     after_first, after_later : NextDropLaw, for the drop after the first one and after later ones
     """
 
@@ -48,18 +51,18 @@ class DropPredictor:
         return self.next_drop(record, library, stiffening)
 
     def stiffening_after(self, place: int, model: DropModel) -> float:
-        """Return ln of the stiffness of a drop after another over that of the last fitted drop.
+        """Return the logarithm of a drop's stiffness over that of the last fitted drop.
 
         Parameters
         ----------
-        place : int, of the fitted drop that it follows
+        place : int, index of the fitted drop that it follows
         model : DropModel, of the predicted drop
         """
         stiffness, load = self._fitted(place)
         return stiffness + self._law(place).stiffening(model.drop.peak_load / load)
 
     def stiffening_before(self, place: int, model: DropModel) -> float:
-        """Return ln of that stiffness ratio for a drop before a fitted one."""
+        """Return the same logarithm for a drop that precedes the fitted drop ``place``."""
         stiffness, load = self._fitted(place)
         return stiffness - self.after_first.stiffening(load / model.drop.peak_load)
 
@@ -67,18 +70,20 @@ class DropPredictor:
         return self.after_first if place == 0 else self.after_later
 
     def _fitted(self, place: int) -> tuple[float, float]:
-        """Return ln of the stiffness of a fitted drop over that of the last one, and its load."""
+        """Return the logarithm of a fitted drop's stiffness over that of the last one, and its peak
+        load, N.
+        """
         summary = summarise(self.posterior)
         return summary.stiffness[place], summary.peak_loads[place]
 
     def next_drop(self, record: Record, library: SurrogateLibrary, stiffening: float) -> FloatArray:
-        """Return the displacements of a drop of given stiffness, (n_sensors, n), m.
+        """Return the displacements of a drop with a given stiffness, (n_sensors, n), m.
 
         Parameters
         ----------
         record : Record, of the drop
         library : SurrogateLibrary
-        stiffening : float, ln of the stiffness over that of the last fitted drop
+        stiffening : float, logarithm of its stiffness over that of the last fitted drop
         """
         model = self.posterior.model
         drop_model = self.model_of(record, library)
@@ -87,7 +92,9 @@ class DropPredictor:
         return _as_recorded(record, drop_model, drop_model.predict(ground, active))
 
     def fitted_drop(self, record: Record, place: int, library: SurrogateLibrary) -> FloatArray:
-        """Return the displacements of a fitted drop at all sensors of a record, m."""
+        """Return the displacements of a fitted drop at all sensors of a record, (n_sensors, n),
+        m.
+        """
         drop_model = self.model_of(record, library)
         ground, active = self.posterior.model.ground_and_effects(self.posterior.values, place)
         return _as_recorded(record, drop_model, drop_model.predict(ground, active))
@@ -108,13 +115,13 @@ class DropPredictor:
                 values["kick"] = effect.kick_for(speed, motion, values, model.context)
 
     def model_of(self, record: Record, library: SurrogateLibrary) -> DropModel:
-        """Return the model of a drop to the end of its record."""
+        """Return the model of a drop, up to the end of its record."""
         of_point = self.posterior.model
         fitted, records = of_point.point.drops[of_point.last], of_point.point.records
         silent = tuple(replace(s, values=np.zeros_like(record.load)) for s in record.sensors)
         record = replace(record, sensors=silent)
         drop = prepare(record.nearest_first())
-        # The load of a second contact is given, so the model extends to the end of the record.
+        # The load is known at a second contact too, so the model extends to the end of the record.
         drop = replace(drop, tail_end=float(drop.time[-1])).with_tail()
         surrogate = surrogate_of(record, library)
         model = DropModel(
@@ -133,7 +140,7 @@ class DropPredictor:
 
 
 def _as_recorded(record: Record, model: DropModel, predicted: FloatArray) -> FloatArray:
-    """Return a prediction at the samples of the record, with its sensors in their order."""
+    """Return a prediction at the samples of the record, with the sensors in the record's order."""
     time = model.recorded_time
     spline = CubicSpline(time, predicted, axis=1)
     traces = spline(np.minimum(record.time, time[-1]))

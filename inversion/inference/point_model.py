@@ -1,4 +1,8 @@
-"""Model of the drops of a point as functions of unknowns with normal priors."""
+"""Model of the drops of a point, as a function of unknowns with normal priors.
+
+Unknowns are properties of the ground and coordinates of effects. Each is either common to the drops
+of the point, or the deviation of one drop from the point.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +21,10 @@ from inversion.fitting.coordinates import Coordinate
 from inversion.fitting.ground_parameters import LOG_DENSITY_PRIOR, RELAXATION_PRIOR_S
 
 Name = tuple[str, str]
-"""Effect ("": the ground) and coordinate."""
+"""Name of the effect ("" for the ground), and name of the coordinate."""
 Key = tuple[str, str, int | None]
-"""Effect ("": the ground), coordinate, and drop counted from the last fitted one (None: all)."""
+"""Name of the effect ("" for the ground), name of the coordinate, and drop counted from the last
+fitted one (None: all drops)."""
 Prior = tuple[float, float]
 """Mean and standard deviation."""
 ActiveEffects = list[tuple[Effect, dict[str, float]]]
@@ -27,16 +32,17 @@ ActiveEffects = list[tuple[Effect, dict[str, float]]]
 GROUND_EFFECT = ""
 STIFFNESS: Name = (GROUND_EFFECT, "modulus")
 
-# Prior deviations of ln of the modulus about the peak method's, and of ln of the relaxation time.
+# Prior standard deviations of the logarithm of the modulus, about that of the peak method, and of
+# the logarithm of the relaxation time.
 _MODULUS_DEVIATION, _RELAXATION_DEVIATION = 0.8, 1.0
-# Prior deviations of ln of the modulus under the first of several drops, and under later ones,
-# from that under the last.
+# Prior standard deviations of the logarithm of the modulus over that under the last drop: for the
+# first of several drops, and for later ones.
 _SEATING_DEVIATION, _LATER_DEVIATION = 0.5, 0.1
 _DENSITY_DEVIATIONS = 4.0
-# Range of the starting values of ln of a stiffness ratio, and the fraction of the ratio of the
-# peaks at which later drops start.
+# Range of the starting value of the logarithm of a stiffness ratio. Later drops start at this
+# fraction of the logarithm of the ratio of the peak moduli.
 _STARTING_RATIOS, _LATER_SHARE = (-1.5, 0.5), 0.7
-# Step of the derivatives, in prior deviations of the coordinate.
+# Step of numerical derivatives, in prior standard deviations of the coordinate.
 _STEP_OVER_PRIOR_SD = 3e-4
 
 
@@ -48,7 +54,8 @@ class Unknown:
     ----------
     effect : str, name; "": the ground
     coordinate : Coordinate
-    drop : int or None, index of the drop whose deviation from the point this is; None: the point's
+    drop : int or None, index of the drop whose deviation from the point this is; None: common to
+    all drops
     key : Key
     """
 
@@ -64,17 +71,17 @@ class Unknown:
 
 
 class PointModel:
-    """Predictions of some drops of a point at values of the unknowns.
+    """Predictions of some drops of a point as a function of the unknowns.
 
     Parameters
     ----------
     point : Point
     effects : sequence of Effect, in the order in which they act; effects that no fitted drop can
-        show are omitted
+    show are omitted
     drops : sequence of int, indices of the drops that are fitted
     declared_effects : declared values of effects, by effect and parameter
     variant : int, index of the starting point of each coordinate
-    is_same_ground : bool, whether all drops have the same ground
+    is_same_ground : bool, True: all drops have the same ground
     """
 
     def __init__(
@@ -114,28 +121,32 @@ class PointModel:
         return self.drops[-1]
 
     def apply_priors(self, priors: Mapping[Key, Prior]) -> None:
-        """Replace the priors of the unknowns that are given, and start fits at their means."""
+        """Replace the priors of some unknowns, and start fits at the new means."""
         for place, key in enumerate(self.keys):
             if key in priors:
                 self.mean[place], self.deviation[place] = priors[key]
                 self.start[place] = np.clip(self.mean[place], self.lower[place], self.upper[place])
 
     def start_from(self, by_key: Mapping[Key, float]) -> FloatArray:
-        """Return the start, with the values of another fit for the unknowns that both have."""
+        """Return a starting point with the values of another fit for the unknowns that both
+        have.
+        """
         values = [by_key.get(key, start) for key, start in zip(self.keys, self.start, strict=True)]
         result: FloatArray = np.clip(values, self.lower, self.upper)
         return result
 
     def is_seating(self, drop: int) -> bool:
-        """Return whether a drop is the first of several fitted ones of its point."""
+        """Return whether a drop is the first of several fitted drops of its point."""
         return drop == 0 and len(self.drops) > 1
 
     def peak_ratio(self, drop: int) -> float:
-        """Return the logarithm of the peak modulus of a drop over that of the last one."""
+        """Return the logarithm of a drop's peak load over peak deflection, relative to the last
+        drop.
+        """
         return math.log(self._peak_modulus(drop) / self._peak_modulus(self.last))
 
     def _peak_modulus(self, drop: int) -> float:
-        """Return load over deflection at the peaks, a measure of the stiffness, N/m."""
+        """Return the peak load over the peak deflection, N/m, a measure of the stiffness."""
         model = self.point.drops[drop]
         return model.drop.peak_load / max(model.peak_in_contact, 1e-9)
 
@@ -153,12 +164,14 @@ class PointModel:
         ]
 
     def _context(self, effect: Effect) -> DropContext:
-        """Return the context of the last drop that shows an effect, else of the last drop."""
+        """Return the context of the last drop that shows an effect, or else of the last drop."""
         contexts = [self.point.drops[drop].context for drop in reversed(self.drops)]
         return next((c for c in contexts if effect.parameters_for(c)), contexts[0])
 
     def _soil(self) -> list[Coordinate]:
-        """Return the unknowns of the soil: ln of modulus ratio, relaxation time and density."""
+        """Return the unknowns of the soil: logarithms of modulus ratio, relaxation time and
+        density.
+        """
         start = self._reference_modulus_ratio()
         soil = [Coordinate("modulus", start, _MODULUS_DEVIATION)]
         if not self.point.records.elastic:
@@ -171,13 +184,15 @@ class PointModel:
         return soil
 
     def _reference_modulus_ratio(self) -> float:
-        """Return ln of the median stiffness of the fitted drops over that of the point's drops."""
+        """Return the logarithm of the median stiffness of the fitted drops over that of all
+        drops.
+        """
         fitted = np.median([math.log(self._peak_modulus(d)) for d in self.drops])
         every = np.median([math.log(self._peak_modulus(d)) for d in range(len(self.point.drops))])
         return float(fitted - every)
 
     def _drop_unknowns(self) -> list[Unknown]:
-        """Return the unknown deviations of single drops from the point."""
+        """Return the unknowns that are deviations of single drops from the point."""
         deviations = []
         for drop in self.drops:
             seating = self.is_seating(drop)
@@ -199,13 +214,13 @@ class PointModel:
     def ground_and_effects(
         self, values: FloatArray, drop: int | None, stiffening: float = 0.0
     ) -> tuple[Ground, ActiveEffects]:
-        """Return the ground and the effects of a drop.
+        """Return the ground and the effects of a drop, with the values of their parameters.
 
         Parameters
         ----------
         values : (k,) ndarray of float, of the unknowns
         drop : int or None, index of a fitted drop; None: a drop without deviations
-        stiffening : float, ln of its stiffness over that of the last fitted drop
+        stiffening : float, logarithm of its stiffness over that of the last fitted drop
         """
         by_effect: dict[str, dict[str, float]] = {}
         change = stiffening
@@ -246,14 +261,16 @@ class PointModel:
         )
 
     def starting_deviation(self, drop: int | None) -> float:
-        """Return the start of the deviation of a drop's modulus, near that of the peaks."""
+        """Return the starting value of the logarithm of a drop's modulus over that of the last
+        drop.
+        """
         if drop is None:
             return 0.0
         share = 1.0 if self.is_seating(drop) else _LATER_SHARE
         return share * float(np.clip(self.peak_ratio(drop), *_STARTING_RATIOS))
 
     def take_off_speed(self, values: FloatArray, drop: int) -> float | None:
-        """Return the upward speed at which the plate leaves the ground, m/s; None: it stays."""
+        """Return the upward speed at which the plate leaves the ground, m/s; None: it does not."""
         ground, active = self.ground_and_effects(values, drop)
         return take_off_speed(self.point.drops[drop], ground, active)
 
@@ -265,13 +282,14 @@ class PointModel:
     def linearise(
         self, values: FloatArray, drop: int, held: Collection[str] = ()
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the prediction of a drop, (n_sensors, n), and its slopes, (k, n_sensors, n).
+        """Return the prediction of a drop, (n_sensors, n), m, and its derivatives, (k, n_sensors,
+        n).
 
         Parameters
         ----------
         values : (k,) ndarray of float
-        drop : int
-        held : names of effects whose unknowns are fixed; their slopes are zero
+        drop : int, index of the drop
+        held : names of effects whose unknowns are fixed; their derivatives are zero
         """
         model = self.point.drops[drop]
         start = self.ground_and_effects(values, drop)
@@ -303,7 +321,7 @@ class PointModel:
     def residual_over_peak(
         self, values: FloatArray, drop: int, *, contact_only: bool = False
     ) -> float:
-        """Return the rms residual of a fitted drop over the peak."""
+        """Return the root mean square residual of a fitted drop over the peak."""
         model = self.point.drops[drop]
         return model.residual_over_peak(self.predict(values, drop), contact_only=contact_only)
 
@@ -311,7 +329,7 @@ class PointModel:
 def take_off_speed(
     model: DropModel, ground: Ground, active: Sequence[tuple[Effect, Values]]
 ) -> float | None:
-    """Return the upward speed at which the plate leaves the ground, m/s; None: it stays."""
+    """Return the upward speed at which the plate leaves the ground, m/s; None: it does not."""
     for effect, values in active:
         if isinstance(effect, Rebound):
             motion = model.ground_motion(ground, active)
@@ -322,7 +340,10 @@ def take_off_speed(
 def _share_unchanged(
     start: tuple[Ground, ActiveEffects], moved: tuple[Ground, ActiveEffects]
 ) -> tuple[Ground, ActiveEffects]:
-    """Return a ground and effects, with the objects of the start wherever they are equal to it."""
+    """Return a ground and effects, with the objects of the start where they are equal to them.
+
+    Equal objects tell `DropModel.predict_nearby` what has not changed.
+    """
     ground = start[0] if moved[0] == start[0] else moved[0]
     pairs = zip(start[1], moved[1], strict=True)
     return ground, [

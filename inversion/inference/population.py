@@ -1,8 +1,8 @@
-r"""Population of the points of an instrument, and the laws from one drop to the next.
+r"""Population of the points of an instrument, and laws for the change from one drop to the next.
 
-Points are draws from a population: each unknown except the modulus has a mean over the points and
-a spread, and these are the priors of a further point. Two laws lead from one drop to the next.
-They are learnt on the other points:
+Points are taken as draws from a population: each unknown except the modulus has a mean over the
+points and a spread, which are the prior of a further point. Two laws lead from one drop to the
+next. They are estimated from the other points:
 
 .. math:: \ln E_{d+1} - \ln E_d = a + b \ln (F_{d+1} / F_d) + \epsilon
 
@@ -25,12 +25,14 @@ from inversion.inference.point_model import GROUND_EFFECT, STIFFNESS, Key, Name,
 from inversion.inference.posterior import Posterior
 from inversion.inference.structures import Structure
 
-# Guess of the spread of a population, in prior deviations, and its weight in points.
+# Prior guess of the spread of a population, in prior standard deviations, and the number of points
+# that it counts as.
 _GUESSED_SPREAD, _GUESS_WEIGHT = 0.15, 1.0
 # Median absolute deviation over standard deviation of a normal distribution.
 _MEDIAN_DEVIATION = 0.6745
-# Law of hardening: prior deviations about zero of its constant after the first and after later
-# drops, and of its slope; guess of its scatter, and the weight of that guess in steps.
+# Law of stiffness: prior standard deviations, about zero, of its constant a after the first and
+# after later drops, and of its slope b; prior guess of its scatter, and the number of steps that
+# the guess counts as.
 _FIRST_STEP, _LATER_STEP = 0.4, 0.1
 _SLOPE_DEVIATION = 3.0
 _SCATTER, _SCATTER_WEIGHT = 0.05, 1.0
@@ -46,14 +48,14 @@ _SITE_EFFECTS = frozenset(
         "rough_contact",
     }
 )
-# Smallest deviation of a coordinate whose value is given with a deviation.
+# Smallest prior standard deviation of a coordinate that is declared with one.
 _MIN_DEVIATION = 1e-6
-# Prior deviation of the logarithm of the step of take-off speeds.
+# Prior standard deviation of the logarithm of the ratio of successive take-off speeds.
 _SPEED_STEP_DEVIATION = 0.05
 
 
 def summarise(posterior: Posterior) -> PointSummary:
-    """Return the summary of a fit."""
+    """Return the summary of a fit of a point, for the priors of other points."""
     model = posterior.model
     values: dict[Name, float] = {}
     deviations: dict[Name, dict[int, float]] = {}
@@ -73,7 +75,9 @@ def summarise(posterior: Posterior) -> PointSummary:
 
 
 def population_priors(peer_points: Sequence[PointSummary], model: PointModel) -> dict[Key, Prior]:
-    """Return priors for the unknowns of a point from the fits of other points."""
+    """Return priors, mean and standard deviation, for the unknowns of a point from other points'
+    fits.
+    """
     priors: dict[Key, Prior] = {}
     for unknown in model.unknowns:
         name, drop = unknown.name, unknown.drop
@@ -99,7 +103,7 @@ def population_priors(peer_points: Sequence[PointSummary], model: PointModel) ->
 
 @dataclass(frozen=True)
 class InstrumentKnowledge:
-    """Knowledge of an instrument from its other points and from declarations.
+    """What other points and declarations say about an instrument.
 
     Parameters
     ----------
@@ -107,9 +111,10 @@ class InstrumentKnowledge:
     effects : names of effects that all points of the instrument have
     absent : names of effects that the instrument does not have
     peer_points : summaries of other points
-    given_priors : means and deviations of the unknowns of effects, by effect and coordinate
-    starting_structures : structures at which the search starts, of the point itself and of other
-        points; empty: all single effects and candidates
+    effect_priors : means and standard deviations of the unknowns of effects, by effect and
+    coordinate
+    starting_structures : sets of effects at which the search starts, from the point itself and from
+    other points; empty: it starts at all single effects and candidates
     """
 
     declared_effects: DeviceValues = field(default_factory=dict)
@@ -121,7 +126,13 @@ class InstrumentKnowledge:
 
     @classmethod
     def from_values(cls, values: DeviceValues, spread: DeviceValues | None) -> InstrumentKnowledge:
-        """Return the knowledge from declared values; values with deviations become priors."""
+        """Return the knowledge from declared values; a value with a standard deviation becomes a
+        prior.
+
+        Parameters
+        ----------
+        values, spread : values and standard deviations, by effect and parameter, in SI units
+        """
         spread = spread or {}
         movable = frozenset(name for name in values if spread.get(name))
         effect_priors = {}
@@ -136,14 +147,14 @@ class InstrumentKnowledge:
         return cls(declared_effects=held, effects=movable, effect_priors=effect_priors)
 
     def priors(self, model: PointModel) -> dict[Key, Prior]:
-        """Return the priors from the other points for all unknowns except those of the ground."""
+        """Return the priors from the other points, for all unknowns except those of the ground."""
         priors = population_priors(self.peer_points, model) if self.peer_points else {}
         shared = {key: prior for key, prior in priors.items() if key[0] not in _SITE_EFFECTS}
         return shared | {(*name, None): prior for name, prior in self.effect_priors.items()}
 
 
 def _deviations(summary: PointSummary, name: Name, *, seating: bool) -> list[float]:
-    """Return the deviations of the first or of later drops from the mean of later drops."""
+    """Return the deviations of the first, or of later drops, from the mean of the later drops."""
     by_drop = summary.deviations.get(name, {})
     later = [value for drop, value in by_drop.items() if drop != 0]
     if not later:
@@ -156,6 +167,12 @@ def population_spread(sample: FloatArray, centre: float, guess: float) -> float:
     """Return the standard deviation of a further point about the centre of its population.
 
     The estimate is robust against outliers. With few points it stays near the guess.
+
+    Parameters
+    ----------
+    sample : (n,) ndarray of float, values at the points
+    centre : float
+    guess : float, prior standard deviation of the value
     """
     guessed = _GUESSED_SPREAD * guess
     if sample.size == 0:
@@ -175,14 +192,15 @@ def population_spread(sample: FloatArray, centre: float, guess: float) -> float:
 
 @dataclass(frozen=True)
 class NextDropLaw:
-    """Law by which the next drop of a point differs from the last one.
+    """Law for the difference of the next drop of a point from the last one.
 
     Parameters
     ----------
-    constant, slope : float, of ln of the stiffness ratio over ln of the peak-load ratio
-    reach : (float, float), range of ln of the peak-load ratio on which the law was learnt
-    scatter : float, standard deviation of ln of the stiffness
-    speed_step : float, ln of the ratio of take-off speeds
+    constant, slope : float, of the logarithm of the stiffness ratio as a function of that of the
+    peak loads
+    reach : (float, float), range of the logarithm of the peak-load ratio in the data of the law
+    scatter : float, standard deviation of the logarithm of the stiffness
+    speed_step : float, logarithm of the ratio of take-off speeds
     """
 
     constant: float
@@ -192,9 +210,10 @@ class NextDropLaw:
     speed_step: float
 
     def stiffening(self, load_ratio: float) -> float:
-        """Return ln of the stiffness over that of the last drop, at a ratio of the peak loads.
+        """Return the logarithm of the stiffness over that of the last drop, for a ratio of peak
+        loads.
 
-        A ratio outside the reach belongs to another drop height and carries no information on the
+        A ratio outside of the reach is due to another drop height and says nothing about the
         ground. It is clipped to the reach.
         """
         return self.constant + self.slope * float(np.clip(math.log(load_ratio), *self.reach))
@@ -202,7 +221,7 @@ class NextDropLaw:
 
 @dataclass(frozen=True)
 class _Steps:
-    """Steps from a drop to the next one: logarithms of load, stiffness and take-off speed."""
+    """Changes from a drop to the next one: logarithms of load, stiffness and take-off speed."""
 
     loads: FloatArray
     stiffness: FloatArray
@@ -210,7 +229,7 @@ class _Steps:
 
 
 def _steps(points: Sequence[PointSummary], *, first: bool) -> _Steps:
-    """Return the steps after the first drops of points, or after later ones."""
+    """Return the changes after the first drops of points, or after later ones."""
     loads, stiffness, speeds = [], [], []
     for point in points:
         for drop, value in point.stiffness.items():
@@ -226,7 +245,7 @@ def _steps(points: Sequence[PointSummary], *, first: bool) -> _Steps:
 
 
 def learn_next_drop(points: Sequence[PointSummary], *, first: bool) -> NextDropLaw:
-    """Return the law of the next drop after the first drops of points, or after later ones.
+    """Estimate the law for the drop after the first one of a point, or after later ones.
 
     The prior of the slope after later drops is the ratio of stiffness to load after first ones.
     """
@@ -263,7 +282,7 @@ def learn_next_drop(points: Sequence[PointSummary], *, first: bool) -> NextDropL
 
 
 def _speed_step(speeds: FloatArray) -> float:
-    """Return the common step of the take-off speeds, shrunk towards zero."""
+    """Return the common logarithmic change of the take-off speeds, shrunk towards zero."""
     if speeds.size == 0:
         return 0.0
     centre = float(np.median(speeds))

@@ -4,8 +4,8 @@ With residual r, its covariance C and priors :math:`x_k \sim N(m_k, s_k^2)` the 
 
 .. math:: r^T C^{-1} r + \sum_k (x_k - m_k)^2 / s_k^2
 
-by Levenberg and Marquardt's method. The discrepancy in C maximises the marginal likelihood, with
-the unknowns integrated out about the optimum. Laplace's evidence is
+by Levenberg and Marquardt's method. The discrepancy (model error beyond noise) in C maximises the
+marginal likelihood, with the unknowns integrated out about the optimum. Laplace's evidence is
 
 .. math:: \ln p(y) = -\tfrac12 (r^T C^{-1} r + \ln|C| + \sum_k (x_k - m_k)^2 / s_k^2 +
           \sum_k \ln s_k^2 + \ln|H|), \qquad H = J^T C^{-1} J + S^{-1}
@@ -33,40 +33,41 @@ from inversion.inference.discrepancy import (
 )
 from inversion.inference.point_model import PointModel
 
-# A first fit gives all samples nearly the same weight. With the memory of the discrepancy from the
-# start, fits stop at 10 to 20 % of the contact phase.
+# In a first fit all samples have nearly the same weight, with a short correlation time. With the
+# final correlation time, fits would end with residuals of 10 to 20 % during the contact.
 _ALMOST_WHITE = Discrepancy(scale=0.03, memory=3e-4)
 _FAIRLY_WHITE = replace(_ALMOST_WHITE, scale=0.01)
-# Effects whose unknowns are fixed at first: far from the optimum they explain too much.
+# Effects whose unknowns are fixed at first: far from the optimum they would absorb other causes.
 _FIXED_AT_FIRST = frozenset({"sensor_lag", "plate_inertia"})
 _THINNING = 3
-# Values that are tried for each number of the discrepancy, and its priors (memories in s).
+# Values that are tried for each parameter of the discrepancy (correlation times in s).
 _SCALE_FACTORS = (0.3, 0.5, 0.7, 1.0 / 0.7, 2.0)
 _FINE_SCALE_FACTORS, _LARGE_STEP = (0.85, 1.0 / 0.85), 0.5
 _MEMORIES_S = (5e-4, 1e-3, 2e-3, 4e-3)
 _CORRELATIONS = (0.0, 0.3, 0.6, 0.85, 0.95)
 _FIRST_FACTORS = (1.0, 1.5, 2.5, 4.0)
 _DRIFTS = (0.001, 0.003, 0.01, 0.02)
-# Only with several sensors: a single one lets such drift absorb the motion of ground and flight in
-# the tail.
+# Large drifts are tried with several sensors only: with a single one, drift could absorb the motion
+# of the ground after the contact.
 _DRIFTS_OF_SEVERAL = (*_DRIFTS, 0.05, 0.1)
 _MIN_SCALE = MODEL_FLOOR_FRACTION
 _MAX_ROUNDS = 6
 _BOUND_TOLERANCE = 1e-9
-# Half of the 95 % quantile of chi-square with one degree of freedom: the fall of the log likelihood
-# at the ends of an interval. Factor and number of the steps towards them.
+# Half of the 95 % quantile of chi-square with one degree of freedom: the decrease of the log
+# likelihood at the ends of an interval. Factor and largest number of the steps towards the ends.
 _HALF_CHI_SQUARE_95 = 1.92
 _SCALE_STEP, _MAX_SCALE_STEPS = 1.1, 40
 _TYPICAL_SCALE, _TYPICAL_DRIFT = 5e-3, 1e-2
 _TYPICAL_MEMORY_S, _MEMORY_DEVIATION = 4e-3, 0.5
 _TYPICAL_FIRST, _FIRST_DEVIATION = 2.0, 0.7
-# Levenberg-Marquardt: damping at the start, its change, and the longest step in deviations.
+# Levenberg-Marquardt: initial damping, its factor of change, largest number of trial steps, and the
+# longest step in prior standard deviations.
 _DAMPING, _DAMPING_FACTOR, _MAX_TRIALS = 1e-2, 6.0, 7
 _MAX_STEP_DEVIATIONS = 2.5
 _TOLERANCE, _FINE_TOLERANCE = 1e-3, 1e-5
 
 _Linearised = tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]
-"""Prediction and slopes of each fitted drop."""
+"""Predictions and derivatives of each fitted drop."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +80,7 @@ class Posterior:
     values : (k,) ndarray of float, of the unknowns
     discrepancy : Discrepancy
     log_evidence : float
-    cost : float, :math:`r^T C^{-1} r` and the squares of the priors
+    cost : float, :math:`r^T C^{-1} r` plus the squared distances from the priors
     covariance : (k, k) ndarray of float
     predictions : tuple of (n_sensors, n) ndarray of float, m, of the fitted drops
     slopes : tuple of (k, n_sensors, n) ndarray of float, their derivatives
@@ -100,7 +101,8 @@ class Posterior:
         return dict(zip(self.model.keys, self.values.tolist(), strict=True))
 
     def occam_factor(self, effects: Collection[str]) -> float:
-        """Return the largest gain of log evidence if the unknowns of all other effects are removed.
+        """Return an upper bound of the gain of log evidence if all effects but ``effects`` are
+        removed.
 
         It is the logarithm of the largest density of their posterior over that of their prior.
         """
@@ -119,12 +121,14 @@ class Posterior:
 
     @cached_property
     def recorded(self) -> tuple[FloatArray, ...]:
-        """Predictions with the drift of each drop, (n_sensors, n), m."""
+        """Predictions plus the drift of each drop, (n_sensors, n), m."""
         pairs = zip(self.predictions, self.drifts(), strict=True)
         return tuple(prediction + drift for prediction, drift in pairs)
 
     def residuals_over_peak(self, *, contact_only: bool = False) -> tuple[float, ...]:
-        """Return the rms of each fitted drop over the peak, after prediction and drift."""
+        """Return the root mean square residual of each fitted drop over the peak, without
+        prediction and drift.
+        """
         return tuple(
             self.model.point.drops[drop].residual_over_peak(recorded, contact_only=contact_only)
             for drop, recorded in zip(self.model.drops, self.recorded, strict=True)
@@ -132,12 +136,12 @@ class Posterior:
 
 
 class PointFit:
-    """Fit of a point, with its present values and discrepancy.
+    """Fit of a point in progress, with its present values and discrepancy.
 
     Parameters
     ----------
     model : PointModel
-    values : (k,) ndarray of float, starting point; None: the model's start
+    values : (k,) ndarray of float, starting point; None: the start of the model
     """
 
     def __init__(self, model: PointModel, values: FloatArray | None = None) -> None:
@@ -150,15 +154,16 @@ class PointFit:
         self._linearised: tuple[FloatArray, frozenset[str], _Linearised] | None = None
 
     def approach(self, iterations: int) -> None:
-        """Move near to an optimum with nearly white weights."""
+        """Move near to an optimum, with nearly equal weights of all samples."""
         self.maximise(2 * iterations, _TOLERANCE, _FIXED_AT_FIRST)
 
     def run(self, held: Collection[str] = ()) -> Posterior:
-        """Return the posterior, first with white weights and then with those of the discrepancy.
+        """Return the posterior, fitted first with nearly equal weights, then with those of the
+        discrepancy.
 
         Parameters
         ----------
-        held : names of effects whose unknowns are fixed at their start in the first iterations
+        held : names of effects whose unknowns stay at their start in the first iterations
         """
         held = _FIXED_AT_FIRST | frozenset(held)
         self.maximise(24, _FINE_TOLERANCE, held)
@@ -171,7 +176,7 @@ class PointFit:
         return self.posterior()
 
     def run_briefly(self, iterations: int) -> Posterior:
-        """Return the posterior of a fit that only ranks candidate models."""
+        """Return the posterior of a short fit, which is sufficient for ranking candidate models."""
         self.approach(iterations)
         self.estimate_discrepancy(self.posterior())
         self.maximise(iterations, _TOLERANCE)
@@ -183,7 +188,7 @@ class PointFit:
         Parameters
         ----------
         iterations : int, largest number with each discrepancy
-        discrepancy : Discrepancy, of a similar fit; None: not available
+        discrepancy : Discrepancy of a similar fit; None: not available
         """
         self.discrepancy = discrepancy or _FAIRLY_WHITE
         for _ in range(1 if discrepancy else 2):
@@ -193,7 +198,7 @@ class PointFit:
         return self.posterior()
 
     def maximise(self, iterations: int, tolerance: float, held: Collection[str] = ()) -> None:
-        """Move the values to the optimum with the present discrepancy.
+        """Move the values to the optimum for the present discrepancy.
 
         Parameters
         ----------
@@ -246,7 +251,7 @@ class PointFit:
     def _cost(
         self, values: FloatArray, whiteners: list[FloatArray], predictions: Sequence[FloatArray]
     ) -> float:
-        """Return twice the negative logarithm of the posterior, without constants."""
+        """Return twice the negative logarithm of the posterior density, without constants."""
         if not all(np.all(np.isfinite(prediction)) for prediction in predictions):
             return math.inf
         away = (values - self.model.mean) / self.model.deviation
@@ -260,7 +265,9 @@ class PointFit:
         return total
 
     def _linearise(self, held: Collection[str] = ()) -> _Linearised:
-        """Return predictions and slopes at present; cached, as several fits start there."""
+        """Return predictions and derivatives at the present values; cached, as several fits start
+        there.
+        """
         cached = self._linearised
         if (
             cached is None
@@ -275,7 +282,7 @@ class PointFit:
     def _normal(
         self, whiteners: list[FloatArray], held: Collection[str] = ()
     ) -> tuple[FloatArray, FloatArray, float]:
-        """Return J^T C^-1 J, J^T C^-1 r and r^T C^-1 r."""
+        """Return J^T C^-1 J, J^T C^-1 r and r^T C^-1 r, as in the docstring of the module."""
         predictions, slopes = self._linearise(held)
         size = self.values.size
         normal, gradient, misfit = np.zeros((size, size)), np.zeros(size), 0.0
@@ -291,7 +298,7 @@ class PointFit:
         return normal, gradient, misfit
 
     def posterior(self) -> Posterior:
-        """Return Laplace's approximation at the present values."""
+        """Return the posterior by Laplace's approximation at the present values."""
         model = self.model
         whiteners = self._recorded.whiteners(self.discrepancy)
         normal, gradient, misfit = self._normal(whiteners)
@@ -328,7 +335,7 @@ class PointFit:
         return misfit + float(away @ away) - float(slope @ np.linalg.solve(hessian, slope))
 
     def estimate_discrepancy(self, posterior: Posterior) -> None:
-        """Set the discrepancy to the one of the largest marginal likelihood about a posterior."""
+        """Set the discrepancy to the one with the largest marginal likelihood about a posterior."""
         marginal = _Marginal(self._thinned, posterior)
         several = len(self.model.drops) > 1
         drifts = _DRIFTS_OF_SEVERAL if self._recorded.sensors > 1 else _DRIFTS
@@ -343,7 +350,7 @@ class PointFit:
                 *(("between_drops", rho) for rho in _CORRELATIONS if several),
             ]
             if round_:
-                # Not in the first round, so that drift does not absorb what memory describes.
+                # Not in the first round, in which drift would absorb the correlated discrepancy.
                 candidates += [("first", factor) for factor in _FIRST_FACTORS if several]
                 candidates += [("drift", drift) for drift in drifts]
             for name, value in candidates:
@@ -378,16 +385,16 @@ class PointFit:
 def _curvature(
     model: PointModel, values: FloatArray, normal: FloatArray, gradient: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return minus the second derivative of the log posterior, and its first one.
+    """Return the negative second derivative of the log posterior, and the first derivative.
 
-    An unknown on a bound that the first derivative g pushes outward does not move. Its posterior
-    falls as exp(-g x) inward; a curvature of g squared on top falls about as fast.
+    An unknown on a bound, towards which the first derivative g points, does not move. Its posterior
+    decreases inward as exp(-g x); an additional curvature of g squared decreases about as fast.
 
     Parameters
     ----------
     model : PointModel
     values : (k,) ndarray of float
-    normal, gradient : (k, k) and (k,) ndarray of float, of the records alone
+    normal, gradient : (k, k) and (k,) ndarray of float, of the records without the priors
     """
     precision = 1.0 / model.deviation**2
     slope = gradient - precision * (values - model.mean)

@@ -1,8 +1,8 @@
-"""Selection of the effects of a point: sets of effects compared by evidence.
+"""Selection of the effects of a point: sets of effects, called structures, compared by evidence.
 
 The search starts at each single effect and at the candidate structures of an instrument
-(`inversion.inference.structures`). From the best of them it adds, removes and exchanges effects
-as long as the evidence rises. Each effect has the same prior odds.
+(`inversion.inference.structures`). From the best of them it adds, removes and exchanges effects as
+long as the evidence increases. Each effect has the same prior odds.
 """
 
 from __future__ import annotations
@@ -32,13 +32,15 @@ from inversion.inference.structures import (
 
 # Logarithm of the prior odds of an effect.
 _LOG_ODDS = -3.0
-# Smallest rms change of a record by an effect, over the peak: the error of the forward model.
+# Smallest root mean square change of a record by an effect, over the peak: the error of the forward
+# model.
 _MIN_CHANGE = MODEL_FLOOR_FRACTION
-# Discrepancy over the peak up to which the candidate structures of many effects are not fitted.
+# Discrepancy over the peak below which candidate structures of many effects are not fitted.
 _NEGLIGIBLE_DISCREPANCY = 1.3 * MODEL_FLOOR_FRACTION
 _MAX_SELECTION_ITERATIONS = 8
-# An added effect is first fitted with the others fixed, to this relative change of the cost. It is
-# fitted fully only if a linearised fit predicts this gain in log evidence, which is below its odds.
+# An added effect is first fitted with the others fixed, up to this relative change of the cost. All
+# are fitted only if a linearised fit then predicts at least this gain of log evidence, which is
+# less than the prior odds require.
 _ROUGH_TOLERANCE, _MIN_EXPECTED_GAIN = 1e-2, 2.0
 # Effects of the ground that are slow or rare, and the number of best structures with which they
 # are tried.
@@ -47,12 +49,12 @@ _GROUNDS = _SLOW_GROUNDS | {"bedrock"}
 _N_STRUCTURES_WITH_SLOW_GROUNDS = 2
 # Largest number of starting points that are refined.
 _MAX_STARTS = 4
-# Loss of log evidence with which an effect is not tried again in other structures.
+# Loss of log evidence from which an effect is not tried again in other structures.
 _HOPELESS_EVIDENCE_LOSS = 40.0
-# Largest number of effects of a point without known peers. On simulated points with more effects
-# the interval of the modulus missed the truth.
+# Largest number of effects at a point without other points of the instrument. For simulated points
+# with more effects the true modulus was outside of the interval.
 _MAX_EFFECTS = 3
-# Effects that are decided by all drops together.
+# Effects that are selected later, with all drops together.
 _SELECTED_ELSEWHERE = frozenset({"seating"})
 
 
@@ -77,35 +79,35 @@ class Selection:
         self._small_gains: dict[str, float] = {}
 
     def score(self, structure: Structure) -> float:
-        """Return the log evidence of a structure with its prior odds; -inf: it has no fit."""
+        """Return the log evidence of a structure plus its log prior odds; -inf: it has no fit."""
         if structure not in self.fits:
             return -math.inf
         return self.fits[structure].log_evidence + self.log_odds(structure)
 
     def log_odds(self, structure: Structure) -> float:
-        """Return the logarithm of the prior odds of a structure over that of no effect."""
+        """Return the logarithm of the prior odds of a structure, relative to the base model."""
         return sum(map(_log_odds, effects_of(structure)))
 
     @property
     def best(self) -> Structure:
-        """The structure of the largest posterior probability."""
+        """Structure with the largest posterior probability."""
         return max(sorted(self.fits, key=sorted), key=self.score)
 
     @property
     def is_overparameterised(self) -> bool:
-        """Return whether the best structure has more effects than one point can identify.
+        """True if the best structure has more effects than one point can identify.
 
-        Too many effects fit almost any residual. Other points of the device, where there are any,
-        restrict the likely ones.
+        Too many effects fit almost any residual. Other points of the device, if there are any,
+        restrict the probable ones.
         """
         selected = self.best - self._instrument.effects
         return not self._instrument.peer_points and len(selected) > _MAX_EFFECTS
 
     def weights(self) -> dict[Structure, float]:
-        """Return the probability of each structure over that of the best one, at most one.
+        """Return the probability of each structure relative to the best one, at most 1.
 
         The minimum gain that some effects require is not subtracted: a structure that is rejected
-        for it may still be right.
+        because of it may still be right.
         """
         best_score = self.score(self.best)
         scores = {structure: self.score(structure) + min_gain(structure) for structure in self.fits}
@@ -114,7 +116,7 @@ class Selection:
         }
 
     def gains(self) -> dict[str, float]:
-        """Return the log evidence of each effect added to, or in, the best structure."""
+        """Return the log evidence of each effect, in the best structure or added to it."""
         best = self.best
         gains = {name: gain for name, gain in self._small_gains.items() if name not in best}
         for effect in CATALOGUE:
@@ -125,7 +127,7 @@ class Selection:
         return gains
 
     def search(self) -> None:
-        """Fit structures until no neighbour of the best one is better."""
+        """Fit structures until no structure with one effect more or less is better."""
         base = self._instrument.effects
         self._fit(base)
         for structure in self._instrument.starting_structures:
@@ -142,9 +144,10 @@ class Selection:
                     self._fit((best - {name}) | {replacement}, best - {name})
 
     def _climb(self) -> Structure:
-        """Fit the neighbours of the best structure until none is better; return the best.
+        """Fit the neighbours of the best structure until none is better; return the best one.
 
-        Effects that were no better or far worse in another structure are tried at the end only.
+        Neighbours have one effect more or less. Effects that were no better or much worse in
+        another structure are tried at the end only.
         """
         while True:
             best = self.best
@@ -174,7 +177,8 @@ class Selection:
         return structure
 
     def _is_negligible(self, name: str, fit: Posterior, without: Posterior) -> bool:
-        """Return whether an effect hardly changes the record, and note its small gain if so.
+        """Return whether an effect hardly changes the record, and store its small gain in that
+        case.
 
         Several points of a device together may support an effect that one point does not.
         """
@@ -184,9 +188,9 @@ class Selection:
         return True
 
     def _fit_candidates(self) -> None:
-        """Fit the candidate structures, and the best of them with slow grounds too."""
+        """Fit the candidate structures, and the best of them also with slow grounds."""
         required, absent = self._instrument.effects, self._instrument.absent
-        without = absent | ALWAYS  # added later where the evidence supports it
+        without = absent | ALWAYS  # these are added later if the evidence supports them
         candidates = [(s - without) | required for s in candidate_structures(self._contexts)]
         fast = [structure for structure in candidates if not structure & _SLOW_GROUNDS]
         fit_richest_first(fast, self._fit)
@@ -196,7 +200,7 @@ class Selection:
             self._fit_slow_grounds(structure)
 
     def _fit_slow_grounds(self, structure: Structure, without: Collection[str] = ()) -> None:
-        """Fit a structure with each slow ground in place of its ground.
+        """Fit a structure with each of the slow or rare grounds in place of its ground.
 
         Parameters
         ----------
@@ -227,7 +231,9 @@ class Selection:
                 self._try(name, structure | {name}, structure)
 
     def _try(self, name: str, structure: Structure, neighbour: Structure) -> None:
-        """Fit a neighbouring structure, and mark its effect if it need not be tried elsewhere."""
+        """Fit a neighbouring structure, and note its effect if it need not be tried in other
+        structures.
+        """
         fit = self._fit(structure, neighbour)
         if (
             fit is not None
@@ -256,7 +262,11 @@ class Selection:
     def _fit(
         self, structure: Structure, start_structure: Structure | None = None
     ) -> Posterior | None:
-        """Return the fit of a structure, from its starts or another structure's values."""
+        """Return the fit of a structure, started at its starting points or at another structure's
+        values.
+
+        None: it was rejected, or no start is promising.
+        """
         if structure in self.fits:
             return self.fits[structure]
         if structure in self._refused:
@@ -295,13 +305,14 @@ class Selection:
     def _start_from_neighbour(
         self, models: Sequence[PointModel], neighbour: Posterior, inherited: Structure
     ) -> PointFit | None:
-        """Return the most promising start at a neighbour's values; None: it cannot gain enough.
+        """Return the most promising fit started at another structure's values; None: it gains too
+        little.
 
         Parameters
         ----------
         models : sequence of PointModel, one for each starting point of the added effect
-        neighbour : Posterior
-        inherited : names of the neighbour's effects, whose values are fixed at first
+        neighbour : Posterior, of the other structure
+        inherited : names of the effects of that structure, whose values are fixed at first
         """
         fits = []
         for model in models:
@@ -351,7 +362,9 @@ def _is_sound(fit: Posterior) -> bool:
 
 
 def _change(fit: Posterior, without: Posterior) -> float:
-    """Return the rms by which the predictions of a drop differ, over the peak of each sensor."""
+    """Return the root mean square difference of two predictions of a drop, over the peak of each
+    sensor.
+    """
     peak = fit.model.point.drops[fit.model.last].peak[:, None]
     return float(np.sqrt(np.mean(((fit.predictions[-1] - without.predictions[-1]) / peak) ** 2)))
 
@@ -361,12 +374,12 @@ def _log_odds(effect: Effect) -> float:
 
 
 def select(point: Point, drop: int, instrument: InstrumentKnowledge) -> Selection:
-    """Return the fitted structures of one drop of a point.
+    """Fit structures to one drop of a point, and return them.
 
     Raises
     ------
     LinAlgError
-        If not even the base model has a fit.
+        If not even the base model can be fitted.
     """
     selection = Selection(point, drop, instrument)
     selection.search()

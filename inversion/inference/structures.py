@@ -1,7 +1,7 @@
 """Candidate models of the drops of an instrument, compared by evidence.
 
-A structure is a set of effects. Within a structure every unknown is free, with a prior about the
-absence of its effect. Evidence only decides between structures.
+A structure is a set of effects. Within a structure every unknown is fitted, with a prior centred on
+the absence of its effect. Evidence only decides between structures.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from inversion.inference.posterior import PointFit, Posterior
 Structure = frozenset[str]
 """Names of the effects of a candidate model."""
 
-# Effects of every structure, with priors about zero: no declaration is exact in these numbers.
+# Effects in every candidate structure, with priors centred on zero: no declaration of delay or mass
+# is exact.
 ALWAYS = frozenset({"sensor_lag", "plate_inertia"})
 _BEND = frozenset({"stress_dependence", "hysteretic_unloading"})
 _BRIEF_ITERATIONS = 8
@@ -39,7 +40,7 @@ def effects_of(structure: Structure, declared_effects: Collection[str] = ()) -> 
 
 
 def candidate_structures(contexts: Sequence[DropContext]) -> list[Structure]:
-    """Return the structures that the drops of a point could show."""
+    """Return the structures with which the search for the effects of a point begins."""
     drops = tuple(contexts)
     grounds: list[Structure] = [frozenset()]
     if BY_NAME["bedrock"].offered(drops):
@@ -60,7 +61,7 @@ def candidate_structures(contexts: Sequence[DropContext]) -> list[Structure]:
         for ground, motion, sensor in itertools.product(grounds, motions, sensors)
     ]
     if BY_NAME["damping_law"].offered(drops):
-        # Not together with stress dependence and hysteresis, which dissipate energy per cycle too.
+        # Not combined with stress dependence and hysteresis, which dissipate energy per cycle, too.
         damped = [ground | {"damping_law"} for ground in grounds if "layer" not in ground]
         structures += [g | s | ALWAYS for g, s in itertools.product(damped, sensors)]
     if not has_outer_sensor:
@@ -71,7 +72,7 @@ def candidate_structures(contexts: Sequence[DropContext]) -> list[Structure]:
 def fit_briefly(
     point: Point, structure: Structure, drop: int, declared_effects: Mapping[str, Values]
 ) -> Posterior | None:
-    """Return a short fit of one drop from the best of its starting points.
+    """Return a short fit of one drop, the best over its starting points.
 
     None: no starting point gives a finite prediction.
     """
@@ -110,14 +111,14 @@ def rank_structures(
 def fit_richest_first(
     candidates: Sequence[Structure], fit: Callable[[Structure], Posterior | None]
 ) -> dict[Structure, float]:
-    """Return the log evidence of structures, or an upper bound of it; fit those that could win.
+    """Return the log evidence of structures, or an upper bound of it; only those that could win are
+    fitted.
 
-    The minimum gain of the effects (`Effect.min_gain`) is subtracted.
-
-    Without some of its effects a structure gains at most their Occam factor. A structure is not
-    fitted if that cannot raise any of the next richer structures to the best one. Its evidence is
-    then the smallest of these bounds. A structure that contains the best one gives no bound, as
-    its own fit may have failed.
+    The minimum gain of the effects (`Effect.min_gain`) is subtracted. Structures with many effects
+    are fitted first. Without some of its effects a structure gains at most their Occam factor. A
+    structure is not fitted if this bound, for any of the next richer structures, is below the best
+    evidence; its evidence is then the smallest of these bounds. A structure that contains the best
+    one gives no bound, as its own fit may have failed.
 
     Parameters
     ----------
@@ -153,7 +154,7 @@ def min_gain(structure: Structure) -> float:
 def fit_drops(
     point: Point, structure: Structure, drops: Sequence[int], declared_effects: Mapping[str, Values]
 ) -> Posterior:
-    """Return the fit of drops with the effects' own priors, started at a fit of the last drop."""
+    """Fit drops with the priors of the effects; the fit starts at one of the last drop."""
     model = PointModel(point, effects_of(structure, declared_effects), drops, declared_effects)
     last = fit_briefly(point, structure, drops[-1], declared_effects)
     values = model.start.copy()
