@@ -90,9 +90,7 @@ class _MemoryMeter(threading.Thread):
 
 
 def measure_in_this_process(url: str, folder: str, drops: int) -> dict[str, Any]:
-    """Record from an instrument in this process, and return processor time, memory and lost
-    samples.
-    """
+    """Record in this process; return processor time, memory and lost samples."""
     from pfwd.session.events import DropSaved, SessionEvent
     from pfwd.session.live import LiveFeed
     from pfwd.session.session import Session, SessionPlan

@@ -236,9 +236,7 @@ def model_error(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> M
 
 
 def _difference(case: Case, drop: SimulatedDrop, library: SurrogateLibrary) -> FloatArray:
-    """Return the model at the true values minus the simulated displacement, (n_sensors, n - 1),
-    m.
-    """
+    """Return the model at the true values minus the simulation, (n_sensors, n - 1), m."""
     model = ForwardModel(
         library.get(case.problem, case.depth / case.radius),
         Instrument(case.radius, case.plate_mass),
@@ -401,9 +399,7 @@ def _cheapest(cases: Sequence[Case], count: int) -> list[Case]:
 
 
 def _refinement(case: Case) -> dict[str, object]:
-    """Return the change of a drop by a finer mesh, and the model's error before and after, over the
-    peak.
-    """
+    """Return the change of a drop by a finer mesh, and the model's errors, over the peak."""
     with single_threaded_blas():
         coarse, fine = simulate(case), simulate(case, Resolution().refined())
         library = SurrogateLibrary()

@@ -103,9 +103,7 @@ DEVICES = (
 
 @dataclass(frozen=True)
 class Site:
-    """Uniform ground: modulus (Pa), viscosity (Pa s), Poisson's ratio, density (kg/m3), depth of
-    rock (m).
-    """
+    """Uniform ground: modulus (Pa), viscosity (Pa s), density (kg/m3), depth of rock (m)."""
 
     modulus: float
     viscosity: float
@@ -205,8 +203,9 @@ def simulate(case: Case) -> SimulatedDrop:
 
 
 def recorded(device: Device, drop: SimulatedDrop) -> SimulatedDrop:
-    """Return the drop as the device records it; for an assumed load that one replaces the true
-    load.
+    """Return the drop as the device records it.
+
+    If the device assumes its load, the assumed load replaces the true one.
 
     The assumed pulse begins exactly at the first contact, although a device cannot know that time.
     """
@@ -276,8 +275,9 @@ def run(arguments: list[str]) -> int:
 
 
 def summarise(report: Reporter, readings: Sequence[Reading]) -> int:
-    """Print the tables for unknown or declared depth; return 1 if a device with a load cell misses
-    the target.
+    """Print the tables for unknown or declared depth.
+
+    Return 1 if a device with a load cell misses the target.
     """
     depth = readings[0].case.depth
     devices = list(dict.fromkeys(reading.case.device for reading in readings))

@@ -1,6 +1,4 @@
-"""Size of the firmware's core on a Cortex-M3, for docs/build-an-instrument.md, and fuzzing of
-it.
-"""
+"""Size of the firmware's core on a Cortex-M3, for docs/build-an-instrument.md, and its fuzzing."""
 
 import argparse
 import tempfile
@@ -19,8 +17,9 @@ MAX_CODE_BYTES, MAX_MEMORY_BYTES = 24 * 1024, 16 * 1024
 
 
 def run(arguments: list[str]) -> int:
-    """Compile for a Cortex-M3 and print the sizes; return 1 if a size is too large, 2 without
-    zig.
+    """Compile for a Cortex-M3 and print the sizes.
+
+    Return 1 if a size is too large, 2 without zig.
     """
     parser = argparse.ArgumentParser(prog="pfwd bench firmware")
     parser.add_argument("--fuzz", type=int, metavar="S", help="fuzz for so many seconds instead")

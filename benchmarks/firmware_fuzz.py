@@ -1,6 +1,4 @@
-"""Fuzzing of the firmware's core by libFuzzer, with the address and undefined-behaviour
-sanitizers.
-"""
+"""Fuzzing of the firmware's core by libFuzzer, with its two sanitizers."""
 
 import random
 import shutil
@@ -66,8 +64,9 @@ def fuzz(seconds: int, folder: Path | None = None) -> tuple[bool, int, str]:
 
 
 def seeds(count: int = 200) -> list[bytes]:
-    """Return sequences of valid messages in random order: a fuzzer would not guess the first
-    message.
+    """Return sequences of valid messages in random order.
+
+    A fuzzer would not guess the first message.
     """
     generator = random.Random(1)
     hello = b"\x01PFWD\x01\x02"

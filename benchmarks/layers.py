@@ -148,9 +148,7 @@ def _nodes(setup: PlateSetup, ground: LayeredGrounds) -> int:
 
 
 def _pavement(media: int) -> LayeredGround:
-    """Return a ground of asphalt, base, subbase and subgrade, or of the first and the last of
-    them.
-    """
+    """Return asphalt, base, subbase and subgrade, or the first and the last of them."""
     above = (
         Medium(4e9, 4e6, 2350.0, 0.35, 0.15),
         Medium(4e8, 3e5, 2100.0, 0.35, 0.30),
@@ -232,9 +230,7 @@ def _accuracy(report: Reporter, cases: int) -> None:
 
 
 def _drawn(rng: np.random.Generator, firm: bool, damped: bool) -> LayeredGround:
-    """Return a random ground of two to four media: a pavement (``firm``), or soft layers in any
-    order.
-    """
+    """Return a random ground of two to four media: a pavement (``firm``), or soft layers."""
 
     def between(low: float, high: float) -> float:
         return math.exp(rng.uniform(math.log(low), math.log(high)))

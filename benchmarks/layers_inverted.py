@@ -56,10 +56,9 @@ class Case:
 
 
 def cases(count: int, seed: int) -> list[Case]:
-    """Return random grounds for four sensors: a stiff or soft top, or three layers; half of them on
-    rock.
+    """Return random grounds for four sensors: a stiff or soft top, or three layers.
 
-    The depth of the rock is declared.
+    Half of the grounds are on rock, the depth of which is declared.
     """
     rng = np.random.default_rng(seed)
 
@@ -86,9 +85,7 @@ def cases(count: int, seed: int) -> list[Case]:
 
 
 def record_of_case(case: Case, seed: int = 5) -> Record:
-    """Return the record with noise, as input of the inversion, which does not state the true
-    values.
-    """
+    """Return the record with noise, as input of the inversion."""
     drop = simulate_drop(
         Ground(case.layers, "rigid" if case.rock else "none"),
         Plate(_RADIUS, _MASS, "rough"),
@@ -192,9 +189,7 @@ def _fraction(holds: Sequence[bool]) -> float:
 
 
 def speed(report: Reporter) -> None:
-    """Report the time of a layered inversion as a ratio to that of homogeneous ground in the same
-    run.
-    """
+    """Report the time of a layered inversion over that of homogeneous ground."""
     report.title("an inversion, as a ratio to that of homogeneous ground (processor time)")
     portable = replace(cases(3, 7)[2], offsets=(0.0, 0.3, 0.6, 0.9))
     trailer = replace(portable, offsets=(0.0, 0.2, 0.3, 0.45, 0.6, 0.9, 1.2, 1.5, 1.8))

@@ -41,9 +41,7 @@ step."""
 
 
 def measured(report: Reporter, files: Sequence[Path], header: Path | None, jobs: int) -> None:
-    """Report the residual of each step of models at every point, and the prediction of held-out
-    sensors.
-    """
+    """Report the residuals of all steps at every point, and errors at held-out sensors."""
     options = AnalysisOptions(header=None if header is None else str(header))
     points = [
         entry.records

@@ -87,16 +87,18 @@ class Judged:
         return float(modulus) / self.case.modulus_pa - 1
 
     def error(self, when: str) -> float | None:
-        """Return the absolute relative error of the modulus before or after the diagnosis; None: no
-        modulus.
+        """Return the absolute relative error of the modulus before or after the diagnosis.
+
+        The result is None without a modulus.
         """
         signed = self.signed_error(when)
         return None if signed is None else abs(signed)
 
     @property
     def held(self) -> bool | None:
-        """True if the 95 % interval after the diagnosis contains the true modulus; None: one of
-        them is missing.
+        """True if the 95 % interval after the diagnosis contains the true modulus.
+
+        The value is None if the interval or the true modulus is missing.
         """
         interval = self._interval
         if interval is None or self.case.modulus_pa is None:
@@ -105,9 +107,7 @@ class Judged:
 
     @property
     def half_width(self) -> float | None:
-        """Half-width of the interval after the diagnosis, over the modulus or over its geometric
-        centre.
-        """
+        """Half-width of the interval after the diagnosis, over the modulus."""
         interval = self._interval
         if interval is None or self.record is None:
             return None
@@ -124,9 +124,7 @@ class Judged:
 
     @property
     def unexplained_or_held(self) -> bool:
-        """True if the verdict is `unexplained` or `refused`, or the interval contains the true
-        modulus.
-        """
+        """True if the verdict is `unexplained` or `refused`, or the interval is right."""
         return self.verdict in ("unexplained", "refused") or bool(self.held)
 
     @property
@@ -140,9 +138,7 @@ class Judged:
 
     @property
     def matters(self) -> bool:
-        """True if effect or noise changed the modulus by more than 1 %, or the effect is
-        visible.
-        """
+        """True if effect or noise changed the modulus by over 1 %, or it is visible."""
         shift = self.error("before")
         return self.visible or (shift is not None and shift > MODULUS_SHIFT)
 
@@ -158,8 +154,9 @@ class Judged:
 
 
 def run(arguments: list[str]) -> int:
-    """Simulate, diagnose and compare a campaign; return the exit status: 0, or 2 for wrong
-    options.
+    """Simulate, diagnose and compare a campaign.
+
+    Return the exit status: 0, or 2 for wrong options.
     """
     parser = argparse.ArgumentParser(prog="pfwd bench loop", description=__doc__)
     parser.add_argument(
@@ -239,9 +236,7 @@ def by_library(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
 
 
 def by_command(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
-    """Return the diagnoses as JSON by file name, made by ``pfwd diagnose --json`` in another
-    process.
-    """
+    """Return diagnoses as JSON by file name, made by ``pfwd diagnose --json``."""
     program = "import sys; from tui.cli import main; sys.exit(main())"
     command = [sys.executable, "-c", program, "diagnose", "--json", "--jobs", str(jobs)]
     completed = subprocess.run(
@@ -254,9 +249,7 @@ def by_command(files: Sequence[Path], jobs: int) -> dict[str, DiagnosisRecord]:
 
 
 def summarise(report: Reporter, judged: Sequence[Judged]) -> None:
-    """Print the results by point (JSON only), kind, strength and group, then totals and
-    confusions.
-    """
+    """Print the results by point (JSON only), kind, strength and group, then totals."""
     if report.as_json:
         for point in judged:
             report.record(**_point(point))
@@ -307,8 +300,9 @@ def _point(point: Judged) -> dict[str, Any]:
 
 
 def grouped(judged: Sequence[Judged]) -> dict[str, list[Judged]]:
-    """Return the points by group; those on soil other than Kelvin-Voigt have groups of their
-    own.
+    """Return the points by group.
+
+    Those on soil other than Kelvin-Voigt have groups of their own.
     """
     common = [point for point in judged if point.case.soil == "kelvin-voigt"]
     other_soil = [point for point in judged if point.case.soil != "kelvin-voigt"]
@@ -373,9 +367,7 @@ def _by_strength(report: Reporter, judged: Sequence[Judged]) -> None:
 
 
 def covered(judged: Sequence[Judged]) -> dict[str, list[Judged]]:
-    """Return the points with an interval and a true modulus: all of them, by verdict and by
-    group.
-    """
+    """Return the points with an interval and a true modulus, by verdict and by group."""
     closed = [point for point in judged if point.held is not None]
     verdicts = ("clean", "explained", "unexplained")
     parts = {"all": closed} | {v: [p for p in closed if p.verdict == v] for v in verdicts}

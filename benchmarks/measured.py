@@ -26,8 +26,9 @@ from pfwd.errors import SurveyError
 
 
 def run(arguments: list[str]) -> int:
-    """Diagnose files and print the errors; return the exit status: 0, or 1 if no file has measured
-    drops.
+    """Diagnose files and print the errors.
+
+    Return the exit status: 0, or 1 if no file has measured drops.
     """
     parser = argparse.ArgumentParser(prog="pfwd bench measured", description=__doc__)
     parser.add_argument("paths", nargs="+", type=Path, help="files of real devices, or folders")

@@ -47,8 +47,9 @@ the key to return, which is not measured."""
 
 
 def run(arguments: list[str]) -> int:
-    """Measure ``--points N`` (5000) with ``--repeats N`` of every key (5); return the exit
-    status.
+    """Measure ``--points N`` (5000) with ``--repeats N`` of every key (5).
+
+    Return the exit status.
     """
     parser = argparse.ArgumentParser(prog="pfwd bench opened")
     parser.add_argument("--points", type=int, default=POINTS)

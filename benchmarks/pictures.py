@@ -44,8 +44,9 @@ CLOCK = datetime.datetime(2026, 5, 4, 14, 32, 7)
 
 
 def run(arguments: list[str]) -> int:
-    """Draw into ``--output FOLDER`` (docs/pictures) with ``--format`` svg or png; return the exit
-    status.
+    """Draw into ``--output FOLDER`` (docs/pictures) with ``--format`` svg or png.
+
+    Return the exit status.
     """
     parser = argparse.ArgumentParser(prog="pfwd bench pictures")
     parser.add_argument("--output", type=Path, default=FOLDER)

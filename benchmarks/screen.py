@@ -34,8 +34,9 @@ WARM_UP_S = 5.0
 
 
 def run(arguments: list[str]) -> int:
-    """Measure ``--seconds S`` of each case (20) on ``--columns`` and ``--rows``; return the exit
-    status.
+    """Measure ``--seconds S`` of each case (20) on ``--columns`` and ``--rows``.
+
+    Return the exit status.
     """
     parser = argparse.ArgumentParser(prog="pfwd bench screen")
     parser.add_argument("--seconds", type=float, default=20.0, help="of each case")

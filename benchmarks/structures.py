@@ -105,9 +105,7 @@ HYPOTHESES: tuple[Effect, ...] = (SwingingMass(), CarrierResonance(), LoadCellRe
 
 
 def hypothesis_evidence(records: PointRecords) -> dict[str, float]:
-    """Return the log evidence for the last drop of rock, of each hypothesis, and of both
-    together.
-    """
+    """Return the log evidence of rock, of each hypothesis, and of both together."""
     point = Point(records, SurrogateLibrary())
     evidence = {}
     with single_threaded_blas():
@@ -145,8 +143,9 @@ def candidate_evidence(records: PointRecords) -> dict[str, float]:
 
 
 def run(arguments: list[str]) -> int:
-    """Fit the points and print the evidence; return the exit status: 0, or 1 if no file has
-    measured drops.
+    """Fit the points and print the evidence.
+
+    Return the exit status: 0, or 1 if no file has measured drops.
     """
     parser = argparse.ArgumentParser(prog="pfwd bench structures", description=__doc__)
     parser.add_argument("paths", nargs="+", type=Path, help="files of real devices, or folders")
@@ -174,8 +173,14 @@ def run(arguments: list[str]) -> int:
 
 
 def summed(rows: Sequence[Mapping[str, float]]) -> dict[str, dict[str, float]]:
-    """Return, by structure, the loss of summed evidence to the best one, and at how many points it
-    is best.
+    """Return, by structure, how much its summed evidence is below the best one's.
+
+    Also returned is the number of points at which it is the best.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        For each point, log evidence by structure.
     """
     names = set.intersection(*(set(row) for row in rows))
     totals = {name: sum(row[name] for row in rows) for name in names}

@@ -122,8 +122,9 @@ def _commonest(lines: Sequence[Sequence[Run]]) -> str | None:
 
 
 class _Shapes:
-    """Rectangles by colour. Each colour is drawn as one path, because a picture has thousands of
-    them.
+    """Rectangles by colour.
+
+    Each colour is drawn as one path, because a picture has thousands of rectangles.
     """
 
     def __init__(self, axes: Any) -> None:

@@ -105,9 +105,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Finding:
-    """Modulus (Pa), its relative error, the coefficient of determination, and whether the interval
-    is right.
-    """
+    """Modulus (Pa) by one method, with its error and the correctness of its interval."""
 
     modulus: float
     error: float
@@ -210,8 +208,9 @@ def _invert(
 def _through_file(
     drop: SimulatedDrop, plate: Plate, options: AnalysisOptions, declared_depth: float | None
 ) -> tuple[Record, Settings]:
-    """Write a drop to a trace file and read it, as the command line does; return record and
-    settings.
+    """Write a drop to a trace file and read it, as the command line does.
+
+    Return record and settings.
     """
     declared = {} if declared_depth is None else {"bedrock_depth_m": declared_depth}
     with TemporaryDirectory() as folder:
@@ -232,8 +231,9 @@ def _finding(case: Case, result: InversionResult) -> Finding:
 
 
 def run(arguments: list[str]) -> int:
-    """Print the errors of both methods and the ladder, draw figures by request; return the exit
-    status 0.
+    """Print the errors of both methods and the ladder; return the exit status 0.
+
+    Return the exit status 0.
     """
     parser = argparse.ArgumentParser(prog="pfwd bench validation", description=__doc__)
     parser.add_argument("--cases", type=int, default=48, help="number of cases, spread (48)")
@@ -265,8 +265,11 @@ Printed = dict[str, dict[tuple[float, float, float], float]]
 
 
 def printed_errors(folder: Path) -> Printed:
-    """Return the errors in the study's tables, as fractions, by method and case; empty without the
-    tables.
+    """Return the study's errors, as fractions, by method and case.
+
+    The result is empty without the tables of the study.
+
+    Empty without the tables.
     """
     errors: Printed = {}
     for method, (number, column) in _PRINTED.items():

@@ -378,8 +378,9 @@ def _first_order_hold(
 
 
 def _covariance(residual: FloatArray, jacobian: FloatArray, drops: Sequence[RigDrop]) -> FloatArray:
-    """Return the covariance of the unknowns; it allows for the correlation of the residual's
-    samples.
+    """Return the covariance of the unknowns for a residual with correlated samples.
+
+    It allows for the correlation of the residual's samples.
     """
     normal = jacobian.T @ jacobian
     freedom = max(1, residual.size - jacobian.shape[1])

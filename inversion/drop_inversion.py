@@ -52,18 +52,18 @@ class Settings:
     ----------
     plate : contact of plate and ground
     load : the measured load, or a half-sine fitted to it (by least squares, or with the measured
-    peak and area as in the published method)
+        peak and area as in the published method)
     all_sensors : False: only the centre sensor is fitted
     bedrock_depth : m; inf: none; "declared": that of the record, fitted if it declares none;
-    "unknown": fitted
+        "unknown": fitted
     elastic : True: the ground has no viscosity
     layers : number of layers with a modulus, the lowest included (1 to 4), or "auto": as many as
-    the record determines
+        the record determines
     thickness : m, of each layer but the lowest, from the top; None: fitted
     priors : True: of grounds that fit equally well the most probable one is chosen
     method : "mpga" (genetic search, then local refinement), "least-squares" (several starting
-    points), or "published" (the genetic search of the published method with its own fitness,
-    without refinement)
+        points), or "published" (the genetic search of the published method with its own fitness,
+        without refinement)
     seed : int, random seed of the search
     """
 
@@ -100,9 +100,7 @@ class Settings:
 
     @property
     def homogeneous(self) -> bool:
-        """True if one layer is requested, and the contact is one for which there are response
-        tables.
-        """
+        """True if one layer is requested, with a contact for which there are tables."""
         return self.layers == 1 and self.plate in PLATE_MODELS
 
     def depth_of(self, record: Record) -> float | None:
@@ -260,9 +258,7 @@ def _selected(record: Record, settings: Settings) -> Record:
 
 
 def surrogate_request(record: Record, settings: Settings) -> tuple[PlateProblem, float | None]:
-    """Return the plate problem and the bedrock depth, in plate radii, of the required response
-    table.
-    """
+    """Return plate problem and bedrock depth (plate radii) of the required response table."""
     chosen = _selected(record, settings)
     radius, depth = record.instrument.plate_radius, settings.depth_of(record)
     ratios = [round(abs(s.offset) / radius, 10) for s in chosen.sensors]
@@ -399,7 +395,7 @@ def _residual_until(drop: PreparedDrop, history: TimeHistories, end: float) -> f
 def _tail_over_peak(drop: PreparedDrop, history: TimeHistories) -> float | None:
     """Return the root mean square residual of the plate after the contact, over its peak.
 
-    None: it is within the limits.
+    The result is None if the residual is within its limits.
     """
     part = (drop.time > drop.contact_end) & (drop.time <= drop.tail_end)
     if not part.any():
@@ -435,9 +431,7 @@ def _warnings(
 
 
 def _is_no_soil(density: float, deviation: float | None) -> bool:
-    """Return True if a fitted density is outside of the range of soils by more than its
-    uncertainty.
-    """
+    """Return True if a fitted density is, despite its uncertainty, not that of a soil."""
     if deviation is None:
         return False
     reach = NORMAL_95 * deviation

@@ -1,5 +1,6 @@
-"""Errors of the inversion. A message says what was expected, what was got, where, and what to
-do.
+"""Errors of the inversion.
+
+A message says what was expected, what was got, where, and what to do.
 """
 
 

@@ -79,9 +79,7 @@ class GroundEstimate:
 
     @property
     def is_modulus_known(self) -> bool:
-        """True if the 95 % interval of the lowest layer's modulus spans less than a factor of
-        ten.
-        """
+        """True if the lowest layer's 95 % interval spans less than a factor of ten."""
         low, high = interval_of(self.lowest)
         return high <= OPEN_FACTOR * low
 
@@ -93,8 +91,9 @@ class GroundEstimate:
 
     @property
     def depth_interval(self) -> Interval | None:
-        """95 % interval of the fitted bedrock depth, m, for the best depth of the layers; None: not
-        fitted.
+        """95 % interval of the fitted bedrock depth, m, for the best depth of the layers.
+
+        The value is None if the depth is not fitted.
         """
         column = self.space.depth_column
         if column is None or self.bedrock_depth is None:
@@ -106,8 +105,9 @@ class GroundEstimate:
 
     @property
     def modulus_depth_correlation(self) -> float | None:
-        """Correlation of the lowest layer's modulus with the fitted bedrock depth; None: not
-        fitted.
+        """Correlation of the lowest layer's modulus with the fitted bedrock depth.
+
+        The value is None if the depth is not fitted.
         """
         row, column = self.space.index("modulus", self.space.media - 1), self.space.depth_column
         if row is None or column is None:
@@ -176,8 +176,9 @@ def estimate_ground(
 
 
 def ground_at(space: ParameterSpace, point: FloatArray) -> LayeredGround:
-    """Return the ground at a point (d,) of the unit cube, onto which the parameters' ranges are
-    scaled.
+    """Return the ground at a point (d,) of the unit cube.
+
+    The ranges of the parameters are scaled onto the unit cube.
     """
     g = space.grounds(point[None])
     media = tuple(
@@ -243,8 +244,9 @@ def _layered_effective(
     plate: LayeredPlateModel,
     plate_radius: float,
 ) -> EffectiveModulus:
-    """Return the effective modulus of layers; its interval follows from the covariance of the
-    fit.
+    """Return the effective modulus of layers.
+
+    Its interval follows from the covariance of the fit.
     """
     space, point = fit.space, fit.best.point
     value = effective_modulus(plate, plate_radius, ground)

@@ -199,9 +199,7 @@ class _Variants:
         return fit
 
     def first_fit(self, media: int) -> GroundFit:
-        """Fit the most general variant: a relaxation time for each medium, and bedrock if it is
-        possible.
-        """
+        """Fit the most general variant: relaxation times for all media, and bedrock if possible."""
         stored = self._first_fits.get(media)
         if stored is not None and self.window in (None, stored.window):
             return stored
@@ -237,9 +235,7 @@ class _Variants:
 
 
 def _with_shared_relaxation(fit: GroundFit, space: ParameterSpace) -> FloatArray:
-    """Return a point in the space with one relaxation time, near a fit that has one for each
-    medium.
-    """
+    """Return the point with one relaxation time near a fit with separate ones."""
     values = dict(zip(fit.space.names, fit.space.values(fit.best.point[None])[0], strict=True))
     times = [v for name, v in values.items() if name.startswith("relaxation")]
     values["relaxation"] = float(np.mean(times))

@@ -93,9 +93,7 @@ class Notice(str):
         }
 
     def to_json(self) -> dict[str, Any]:
-        """Return the warning as an entry of ``warning_codes``, with the keys ``code`` and
-        ``values``.
-        """
+        """Return the warning as an entry of ``warning_codes``: ``code`` and ``values``."""
         return {"code": self.code, "values": {k: _plain(v) for k, v in self.values.items()}}
 
 
@@ -245,8 +243,9 @@ def _plain(value: Value) -> Any:
 
 
 def _from_entry(entry: object) -> Notice | None:
-    """Return an entry of ``warning_codes`` as a warning; None: this version has no such
-    template.
+    """Return an entry of ``warning_codes`` as a warning.
+
+    The result is None if this version has no such template.
     """
     if not isinstance(entry, Mapping):
         return None

@@ -40,8 +40,9 @@ class HalfSinePulse(JsonRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LayerResult(JsonRecord):
-    """One layer of the ground, or the half-space below; layers are counted from the surface
-    down.
+    """One layer of the ground, or the half-space below.
+
+    Layers are counted from the surface down.
     """
 
     modulus_pa: float | None = quantity(
@@ -93,7 +94,7 @@ class TimeHistories:
     observed, predicted : (n_sensors, n) ndarray of float, m, displacement
     offsets : (n_sensors,) ndarray of float, m, negative on the other side of the plate
     peaks : (n_sensors,) ndarray of float, m: peak of the observed displacement, before a second
-    contact
+        contact
     window_end : float, s: last sample of the fit
     contact_end : float, s: the load has fallen to 3 % of its peak
     """

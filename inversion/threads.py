@@ -1,5 +1,7 @@
-"""Limit of one thread for linear algebra. The matrices of the inversion are small, and several
-threads make it five to ten times slower on two busy cores (measured).
+"""Limit of one thread for linear algebra.
+
+The matrices of the inversion are small, and several threads make it five to ten times slower on two
+busy cores (measured).
 """
 
 from __future__ import annotations

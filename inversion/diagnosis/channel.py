@@ -23,7 +23,7 @@ class MotionChannel:
     noise : ChannelNoise
     first : int, index of the recorded sample where the pulse begins: displacement is zero there
     samples : (m,) ndarray of int, indices of the recorded samples that are used, some of them
-    before ``first``
+        before ``first``
     step : float, s, sampling interval of the record
     """
 
@@ -55,8 +55,9 @@ class MotionChannel:
         self.observed: FloatArray = weights @ sensor.values[: weights.shape[1]]
 
     def read(self, displacement: FloatArray) -> FloatArray:
-        """Return displacements (..., m), m, processed as the record is: without their offset before
-        the pulse.
+        """Return displacements (..., m), m, without their offset before the pulse.
+
+        The record is processed in the same way.
         """
         result: FloatArray = (
             displacement - displacement[..., self._offset_samples] @ self._offset_weights
@@ -64,8 +65,7 @@ class MotionChannel:
         return result
 
     def _offset_estimator(self) -> tuple[NDArray[np.intp], FloatArray]:
-        """Return the samples (k,) that determine the offset before the pulse, and their weights (k,
-        m).
+        """Return samples (k,) and weights (k, m) for the offset before the pulse.
 
         For an integrated velocity the offset is a ramp that is zero where the pulse begins.
         """

@@ -59,8 +59,9 @@ class SuspectDeclaration:
 
 
 def find_suspect_declarations(point: Point) -> Iterator[SuspectDeclaration]:
-    """Yield the declarations of a point that may be wrong, one at a time, those that are quick to
-    test first.
+    """Yield the declarations of a point that may be wrong.
+
+    They come one at a time, those that are quick to test first.
     """
     records = point.records
     positions = point.drops[0].drop.positions
@@ -135,9 +136,7 @@ def _goes_up(model: DropModel, place: int) -> bool:
 
 
 def _moves_more(model: DropModel, outer: int, inner: int) -> bool:
-    """Return whether the outer of two sensors moves more than the inner one within two contact
-    times.
-    """
+    """Return whether the outer of two sensors moves more within two contact times."""
     inner_offset, outer_offset = (abs(model.context.offsets[place]) for place in (inner, outer))
     largest = np.abs(_during_pulse(model)).max(axis=1)
     return bool(

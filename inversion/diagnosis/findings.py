@@ -304,11 +304,11 @@ class PointSummary:
     ----------
     values : values of the unknowns that all drops share, by effect and coordinate
     deviations : deviations of single drops from these, by effect and coordinate, then by index of
-    the drop
+        the drop
     stiffness : logarithm of the modulus over that of the last drop, by index of the drop
     peak_loads : N, by index of the drop
     take_off_speeds : m/s, upward speed at which the plate leaves the ground, by index of the drop;
-    empty: it does not
+        empty: it does not
     """
 
     values: dict[tuple[str, str], float]
@@ -395,9 +395,9 @@ class DeviceFindings:
 
     Parameters
     ----------
-    values, deviations : values and standard deviations, by effect and parameter, in SI units
+    values, deviations : estimates and standard deviations, by effect and parameter, in SI units
     drops : int, number of drops used
-    spread : by effect and parameter, scatter between points that are fitted one by one
+    spread : standard deviation between the points, by effect and parameter, in SI units
     """
 
     values: DeviceValues

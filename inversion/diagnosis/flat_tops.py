@@ -34,8 +34,8 @@ either direction."""
 def flat_velocity(sensor: Sensor, noise: float, step: float, largest: bool) -> float | None:
     """Return the level at which a velocity is clipped, m/s, also if its integral was recorded.
 
-    None: it is not clipped. The derivative of a displacement is too noisy to show a flat top; in
-    the largest drop a level just below its highest value is assumed.
+    The result is None if it is not clipped. The derivative of a displacement is too noisy to show
+    a flat top; in the largest drop a level just below its highest value is assumed.
 
     Parameters
     ----------
@@ -106,8 +106,9 @@ def is_exceeded(level: float, largest: float, noise: float) -> bool:
 
 
 def flat_load_level(record: Record, noise: float, largest: LargestValues) -> float | None:
-    """Return the level at which the load is clipped, N; None: it is not, or another record exceeds
-    it.
+    """Return the level at which the load is clipped, N.
+
+    The result is None if it is not clipped, or another record exceeds the level.
     """
     level = flat_level(record.load - np.median(record.load[:REST_SAMPLES]), noise, both=False)
     if level is None or is_exceeded(level, largest.get(None, level), noise):
@@ -118,8 +119,9 @@ def flat_load_level(record: Record, noise: float, largest: LargestValues) -> flo
 def flat_sensor_level(
     sensor: Sensor, noise: float, step: float, is_largest_drop: bool, largest: LargestValues
 ) -> float | None:
-    """Return the level at which a velocity is clipped, m/s; None: it is not, or a record exceeds
-    it.
+    """Return the level at which a velocity is clipped, m/s.
+
+    The result is None if it is not clipped, or a record exceeds the level.
 
     Parameters
     ----------

@@ -78,9 +78,7 @@ class GroundResponse:
         self._instruments: dict[float, Instrument] = {}
 
     def compliance(self, ground: Ground, s: ComplexArray) -> ComplexArray:
-        """Return displacement over load at every sensor, (n_sensors, n), m/N, at ``s`` (n,),
-        1/s.
-        """
+        """Return displacement over load at every sensor at ``s`` (n,), (n_sensors, n), m/N."""
         key = _key(s, ground)
         response = self._cache.get(key)
         if response is None:
@@ -123,9 +121,7 @@ class GroundResponse:
                     _remember(self._cache, _key(s, ground), value)
 
     def _solve(self, grounds: Sequence[Ground], s: ComplexArray) -> ComplexArray:
-        """Return the responses (m, n_sensors, n), m/N, of grounds without layers that have the same
-        kind.
-        """
+        """Return the responses (m, n_sensors, n), m/N, of grounds of one kind without layers."""
         first = grounds[0]
         instrument, surrogate = self._with_mass(first.plate_mass), self._surrogate(first)
         parameters = _homogeneous(grounds)
@@ -155,8 +151,9 @@ class GroundResponse:
         return self._library.growth(self.surrogate.problem, ground.growth_exponent)
 
     def _moving(self, ground: Ground) -> tuple[int, ...]:
-        """Return the columns of the fields that a fit may change; a declared bedrock depth is not
-        among them.
+        """Return the columns of the fields that a fit may change.
+
+        A declared bedrock depth is not among them.
         """
         names = set(_SOIL)
         if ground.growth_exponent > 0.0:
@@ -254,9 +251,7 @@ class GroundResponse:
         return np.array(values).ravel()
 
     def _slopes(self, ground: Ground, s: ComplexArray, columns: NDArray[np.intp]) -> ComplexArray:
-        """Return the derivatives of the response with respect to some parameters, (fields,
-        n_sensors, n).
-        """
+        """Return the derivatives of the response by some parameters, (fields, n_sensors, n)."""
         key = _key(s, ground), tuple(columns.tolist())
         cached = self._slope_cache.get(key)
         if cached is not None:
@@ -289,9 +284,7 @@ class GroundResponse:
 
 
 def _kind(ground: Ground) -> tuple[object, ...]:
-    """Return the properties in which grounds must agree so that derivatives lead from one to
-    another.
-    """
+    """Return the properties in which grounds agree that derivatives can connect."""
     return (
         ground.plate_mass,
         ground.inverse_depth > 0.0,

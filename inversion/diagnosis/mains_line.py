@@ -39,7 +39,7 @@ class MainsLine:
     frequency : float, Hz
     phase : float, in turns, of its sine in the middle of the record before the pulse
     harmonics : tuple of (order, amplitude over that of the fundamental, phase relative to that
-    multiple of the fundamental's phase, rad), of the velocity
+        multiple of the fundamental's phase, rad), of the velocity
     residual : (n,) ndarray of float, signal before the pulse without the line
     """
 
@@ -51,9 +51,7 @@ class MainsLine:
 
     @property
     def as_tuple(self) -> tuple[float, float, float]:
-        """Amplitude, m/s, frequency, Hz, and phase in the middle of the record before the pulse,
-        turns.
-        """
+        """Amplitude, m/s, frequency, Hz, and phase, turns, in the middle of the quiet part."""
         return self.amplitude, self.frequency, self.phase
 
 
@@ -86,9 +84,9 @@ class Hum:
     Parameters
     ----------
     max_amplitude : float, m/s, upper limit: the largest of the fitted amplitudes at 50 and 60 Hz,
-    each with its standard deviation added; inf: no estimate
+        each with its standard deviation added; inf: no estimate
     lines : for each mains frequency the amplitude (m/s), frequency (Hz) and phase (turns) of the
-    velocity in the middle of that record
+        velocity in the middle of that record
     """
 
     max_amplitude: float = np.inf
@@ -160,9 +158,7 @@ def find_line(quiet: FloatArray, step: float, *, velocity: bool) -> MainsLine | 
 
 
 def _phasors(factors: FloatArray, frequency: float, velocity: bool) -> NDArray[np.complex128]:
-    """Return the complex amplitudes of the velocity, (n,), m/s, from factors of cosines and
-    sines.
-    """
+    """Return the complex amplitudes (n,), m/s, of a velocity from its Fourier factors."""
     phasors = factors[1::2] + 1j * factors[::2]
     if not velocity:
         phasors = phasors * 2j * np.pi * frequency * np.array(_HARMONICS[: phasors.size])

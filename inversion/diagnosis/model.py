@@ -105,9 +105,7 @@ class PointRecords:
 
     @cached_property
     def largest_values(self) -> LargestValues:
-        """Largest value of each channel in the drops of the point, and at other points of its
-        device.
-        """
+        """Largest value of each channel at the point and at others of its device."""
         return merge_largest(largest_values(self.records), self.device_largest)
 
 
@@ -191,9 +189,7 @@ class DropModel:
 
     @property
     def min_band_hz(self) -> float:
-        """Frequency, Hz, above which the spectrum of the load is negligible, within 300 to 900
-        Hz.
-        """
+        """Frequency above which the load has no spectrum, within 300 to 900 Hz."""
         reaches = band_of_load(self.drop.time, self._load, _NEGLIGIBLE_SPECTRUM)
         return min(max(reaches, _MIN_BAND_HZ), _BAND_HZ)
 
@@ -205,8 +201,9 @@ class DropModel:
         return model
 
     def with_flat_tops(self, flat: tuple[float | None, ...]) -> DropModel:
-        """Return the same drop, with these clipping levels of the sensors, m/s; None: not
-        clipped.
+        """Return the same drop, with these clipping levels of the sensors, m/s.
+
+        A level of None means that the sensor is not clipped.
         """
         model = copy.copy(self)
         model.context = replace(self.context, flat=flat)
@@ -214,9 +211,7 @@ class DropModel:
         return model
 
     def _prepare_transform(self, band: float) -> None:
-        """Set the matrices that convert compliances to the motion under the load, and to hat
-        responses.
-        """
+        """Set the matrices from compliances to the motion under load and hat responses."""
         load = self._load
         time = self.drop.time[self.rows]
         band = min(band, 0.5 / self.drop.step)
@@ -304,15 +299,11 @@ class DropModel:
         return displacements
 
     def ground_motion(self, ground: Ground, active: Active) -> FloatArray:
-        """Return the motion of the ground, (n_sensors, n), m, without the effects that act on the
-        motion.
-        """
+        """Return the motion of the ground, (n_sensors, n), m, before effects on motion."""
         return self._ground_motion(self._stages(ground, active))
 
     def _padded(self, motions: FloatArray) -> FloatArray:
-        """Return motions (m, n_sensors, n) extended by the time before the pulse, as a geophone
-        records them.
-        """
+        """Return motions (m, n_sensors, n) from before the pulse on, as a geophone records them."""
         records = np.zeros((*motions.shape[:2], self.before + motions.shape[2]))
         records[:, :, self.before :] = motions
         instrument, step = self.record.instrument, self.context.step
@@ -331,8 +322,9 @@ class DropModel:
         return records
 
     def _recorded_by(self, effect: Effect, values: Values, records: FloatArray) -> FloatArray:
-        """Return records (m, n_sensors, n) with an effect, in one call if it treats all sensors
-        alike.
+        """Return records (m, n_sensors, n) with an effect.
+
+        An effect that treats all sensors alike is called once.
         """
         if effect.is_identical_for_all_sensors:
             return effect.record(_rows(records), values, self._recorded).reshape(records.shape)
@@ -347,8 +339,9 @@ class DropModel:
     def predict_nearby(
         self, ground: Ground, active: Active, moved: Sequence[tuple[Ground, Active]]
     ) -> FloatArray:
-        """Return `predict` for grounds and effects that differ by a small step, (m, n_sensors, n),
-        m.
+        """Return `predict` for several small steps of the ground or the effects.
+
+        The shape is (m, n_sensors, n), the unit m.
 
         Responses of the ground are computed from derivatives (`GroundResponse.nearby`), nonlinear
         resistance by one step of Newton's method. A stage is computed only for items that have
@@ -395,8 +388,7 @@ class DropModel:
         moved: Sequence[tuple[Ground, Active]],
         steps: Sequence[Sequence[int]],
     ) -> tuple[FloatArray, list[int]]:
-        """Return the distinct motions (k, n_sensors, n), m, and the index of the motion of each
-        item.
+        """Return the distinct motions (k, n_sensors, n), m, and the index of each item's.
 
         The unchanged motion comes first.
 
@@ -458,9 +450,7 @@ class DropModel:
         return motions, hats
 
     def _compliances_nearby(self, stages: Sequence[_Stages], s: ComplexArray) -> ComplexArray:
-        """Return displacement over load, (m, n_sensors, n), m/N, of a ground and of similar
-        grounds.
-        """
+        """Return displacement over load of similar grounds, (m, n_sensors, n), m/N."""
         start, *moved = stages
         compliances = self.response.nearby(start.ground, [o.ground for o in moved], s)
         if not any(stage.shaping for stage in stages):
@@ -506,7 +496,7 @@ class DropModel:
         return result
 
     def _stages(self, ground: Ground, active: Active) -> _Stages:
-        """Return the ground with its effects: parameters, law of the resistance, changes of the
+        """Return the ground with its effects: its parameters, stiffness law and changed
         compliance.
         """
         if self._latest is not None and self._latest[0] is ground and self._latest[1] is active:
@@ -528,8 +518,7 @@ class DropModel:
         return result
 
     def _ground_motion(self, stages: _Stages) -> FloatArray:
-        """Return the motion of the ground, (n_sensors, n), m, whose static resistance may be
-        nonlinear.
+        """Return the motion of ground that may be nonlinear, (n_sensors, n), m.
 
         It is cached, because later effects are tried many times on the same motion.
         """
@@ -558,8 +547,7 @@ class DropModel:
     def _nonlinear_motion(
         self, parts: FloatArray, law: NonlinearStiffness, still: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the change of motion due to nonlinear static resistance, and the plate's
-        displacement.
+        """Return the change of motion due to nonlinearity, and the plate's displacement.
 
         The change is for the sensors under the plate, (k, n), m: the ground outside depends on the
         force, not on the deflection under the plate. The plate's displacement is (n,), m.
@@ -581,8 +569,9 @@ class DropModel:
         return convolve_rows(hats[self._under_plate], force - load), solution
 
     def _variables(self, stages: _Stages) -> ComplexArray:
-        """Return the Laplace variables, 1/s, at which the ground is solved; the last one is static
-        load.
+        """Return the Laplace variables, 1/s, at which the ground is solved.
+
+        The last one is static load.
         """
         return self._s_layered if stages.ground.above else self.s
 
@@ -661,9 +650,7 @@ def _shapes_ground(effect: Effect) -> bool:
 
 
 def _parts(compliances: ComplexArray) -> FloatArray:
-    """Return real and imaginary parts (k, 2 n) of compliances (k, n + 1), without the static
-    one.
-    """
+    """Return real and imaginary parts (k, 2 n) of compliances, without the static one."""
     return np.concatenate([compliances[:, :-1].real, compliances[:, :-1].imag], axis=1)
 
 

@@ -84,9 +84,7 @@ def surrogate_of(record: Record, library: SurrogateLibrary) -> Surrogate:
 
 
 def response_of(record: Record, surrogate: Surrogate, library: SurrogateLibrary) -> GroundResponse:
-    """Return the response of the ground at the sensors of a record, without the geophones'
-    response.
-    """
+    """Return the response of the ground at the sensors of a record, without geophones."""
     instrument = replace(record.instrument, geophone_natural_frequency=None, geophone_damping=None)
     offsets = [abs(sensor.offset) for sensor in record.nearest_first().sensors]
     return GroundResponse(surrogate, instrument, offsets, library)

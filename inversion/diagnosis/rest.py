@@ -1,6 +1,4 @@
-"""Noise of the drops of a point, estimated before the trigger: without hum, and pooled over
-drops.
-"""
+"""Noise of the drops of a point, estimated before the trigger, without hum and pooled."""
 
 from __future__ import annotations
 
@@ -17,8 +15,7 @@ _SIMILAR_RMS_RATIO = 2.0
 
 @dataclass(frozen=True, eq=False)
 class PreTriggerNoise:
-    """Drop to the end of its record, with the noise of its channels as estimated before the
-    trigger.
+    """Drop up to the end of its record, with the noise before the trigger.
 
     Parameters
     ----------
@@ -73,9 +70,7 @@ def estimate_pre_trigger_noise(records: Sequence[Record]) -> list[PreTriggerNois
 
 
 def _pool_noise(models: Sequence[NoiseModel]) -> list[NoiseModel]:
-    """Return the noise of one channel in each drop, pooled over the drops whose noise is near the
-    median.
-    """
+    """Return the noise of one channel in each drop, pooled over the drops near the median."""
     loudness = [model.rms for model in models]
     median = sorted(loudness)[(len(models) - 1) // 2]
     is_similar = [

@@ -63,9 +63,9 @@ class DropContext:
     flat_load : float or None, N, the level of a flat top in the load
     rest : tuple of float, for each sensor its median before the pulse, m/s or m
     hum : tuple of candidates for mains hum, the most probable first: amplitude of its velocity,
-    m/s, frequency, Hz, and phase at time 0, in turns
+        m/s, frequency, Hz, and phase at time 0, in turns
     harmonics : tuple of the harmonics of hum before the pulse: order, amplitude over that of the
-    fundamental, and phase relative to that multiple of the fundamental's phase, rad
+        fundamental, and phase relative to that multiple of the fundamental's phase, rad
     max_hum : float, m/s, largest amplitude of hum that the record before the pulse allows
     plate_mass : float, kg, declared mass of plate and frame
     has_bedrock : bool, True if a rigid base is declared
@@ -73,7 +73,7 @@ class DropContext:
     elastic : bool, True if the ground of the base model is elastic
     is_density_declared : bool, True if the ground's density is declared
     unmodelled_load : (n,) ndarray of float or None, N: measured load minus the half-sine that
-    drives the model
+        drives the model
     layers : LayerStarts or None, starting points for layered ground under the point's drops
     """
 
@@ -110,20 +110,20 @@ class DropContext:
 
 @dataclass(frozen=True)
 class Ground:
-    """Parameters of the ground and of the mass on it, which effects of the stage ``ground`` may
-    change.
+    """Parameters of the ground and of the mass on it, which effects may change.
 
     Parameters
     ----------
-    modulus : Pa, viscosity : Pa s, density : kg/m3, inverse_depth : 1/m, plate_mass : kg
+    modulus : Pa, viscosity : Pa s, density : kg/m3, plate_mass : kg
+    inverse_depth : 1/m, one over the bedrock depth; 0: no bedrock
     above : tuple of Medium, layers above that ground, from the surface down
     contact_share : float, radius of the contact area over the plate's radius, for homogeneous
-    ground
+        ground
     loss_exponent : float, exponent of constant-Q damping in addition to the viscosity, for ground
-    without `above`; see :class:`inversion.forward.model.Grounds`
+        without `above`; see :class:`inversion.forward.model.Grounds`
     growth_exponent : float, exponent of the growth of the modulus with depth, for ground without
-    rock and `above`; the modulus is then the effective one of
-    :class:`inversion.forward.growth.GrowthSurrogate`. 0: no growth
+        rock and `above`; the modulus is then the effective one of
+        :class:`inversion.forward.growth.GrowthSurrogate`. 0: no growth
     inverse_growth_depth : float, 1/m, one over the depth z0 of that growth
     """
 
@@ -193,14 +193,16 @@ class Effect:
         return second.name in self.excludes or self.name in second.excludes
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Return the parameters with bounds for this plate and drop; empty: the effect cannot
-        occur.
+        """Return the parameters with bounds for this plate and drop.
+
+        The tuple is empty if the effect cannot occur.
         """
         return self.parameters
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return the unknowns of the inference. Their priors are centred on the absence of the
-        effect.
+        """Return the unknowns of the inference.
+
+        Their priors are centred on the absence of the effect.
         """
         return tuple(map(coordinate_of, self.parameters_for(drop)))
 
@@ -252,15 +254,11 @@ class Effect:
         return True
 
     def model_error(self, values: Values) -> float:
-        """Return the relative error (95 %) of the modulus due to simplifications in the effect's
-        model.
-        """
+        """Return the relative error (95 %) of the modulus due to the effect's simplifications."""
         return 0.0
 
     def modulus_at(self, stress: float, values: Values, drop: DropContext) -> float:
-        """Return the secant modulus at a contact pressure, Pa, over the modulus of the drop's
-        ground.
-        """
+        """Return the secant modulus at a contact pressure, Pa, over that of the drop's ground."""
         return 1.0
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
@@ -383,7 +381,8 @@ def pad_with_decay(record: FloatArray, size: int) -> FloatArray:
 
 
 def shift(record: FloatArray, delay: float, time: FloatArray) -> FloatArray:
-    """Return records (k, n) delayed by ``delay``, s; advanced if it is negative. The ends stay
-    constant.
+    """Return records (k, n) delayed by ``delay``, s.
+
+    A negative delay advances them. The ends stay constant.
     """
     return np.stack([np.interp(time - delay, time, row) for row in record])

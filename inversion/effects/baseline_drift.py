@@ -1,6 +1,4 @@
-"""Offset or slow drift of a velocity channel, which integration turns into a growing
-displacement.
-"""
+"""Offset or slow drift of a velocity channel, which grows in the integrated displacement."""
 
 from inversion.arrays import FloatArray
 from inversion.effects.base import DropContext, Effect, Values
@@ -22,8 +20,9 @@ class BaselineDrift(Effect):
     advice = "let the geophone settle before the drop; keep cable and connector still"
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Return the parameters; for a recorded velocity, whose offset is subtracted, only the
-        drift.
+        """Return the parameters.
+
+        For a recorded velocity, whose offset is subtracted, only the drift.
         """
         return self.parameters if "displacement" in drop.quantities else self.parameters[1:]
 

@@ -31,9 +31,7 @@ class Bedrock(Effect):
         return not any(drop.has_bedrock for drop in drops)
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Return the depth, bounded by the range of the response tables, with starting values over
-        it.
-        """
+        """Return the depth with starting values, within the range of the response tables."""
         depth = depth_parameter(drop.plate_radius)
         starts = tuple(float(d) for d in np.geomspace(depth.lower, depth.upper, 8)[1:-1])
         return (replace(depth, name="depth", starts=starts, absent=depth.upper),)

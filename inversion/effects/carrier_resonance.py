@@ -18,9 +18,7 @@ _MAX_DAMPING = 0.3
 
 
 class CarrierResonance(Effect):
-    """Resonance of a sensor's carrier: a small oscillation of the same frequency after every
-    pulse.
-    """
+    """Resonance of a sensor's carrier: an oscillation after every pulse, at one frequency."""
 
     name = "carrier_resonance"
     scope = "device"
@@ -50,8 +48,9 @@ class CarrierResonance(Effect):
         }
 
     def is_sound(self, ground: Ground, values: Values, drop: DropContext) -> bool:
-        """Return whether the carrier oscillates; with more damping its response resembles other
-        ground.
+        """Return whether the carrier oscillates.
+
+        With more damping its response resembles other ground.
         """
         return values["damping"] < _MAX_DAMPING
 

@@ -21,9 +21,7 @@ _DEVIATION = 0.06
 
 
 class DampingLaw(Effect):
-    """Constant-Q damping: the ground loses the same fraction of energy per cycle at all
-    frequencies.
-    """
+    """Constant-Q damping: the ground loses the same fraction of energy in each cycle."""
 
     name = "damping_law"
     scope = "point"
@@ -40,9 +38,7 @@ class DampingLaw(Effect):
         return not drops[0].elastic
 
     def ground(self, ground: Ground, values: Values, drop: DropContext) -> Ground:
-        """Return the ground with its loss exponent, and its modulus converted to the reference
-        frequency.
-        """
+        """Return the ground with its loss exponent, and its modulus at the reference frequency."""
         exponent = values["loss_exponent"]
         modulus = ground.modulus / _pulse_stiffening(exponent, drop)
         return replace(ground, modulus=modulus, loss_exponent=exponent)

@@ -10,9 +10,7 @@ from inversion.fitting.parameters import Parameter
 
 
 class GeophoneResponse(Effect):
-    """Response of a geophone: undershoot after the pulse and slow recovery, the same on all
-    drops.
-    """
+    """Response of a geophone: undershoot after every pulse, and slow recovery."""
 
     name = "geophone_response"
     scope = "device"

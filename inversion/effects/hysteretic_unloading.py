@@ -38,14 +38,17 @@ class HystereticUnloading(Effect):
     )
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Return the parameters; that of tension only if the plate rises above its initial
-        position.
+        """Return the parameters.
+
+        That of tension is included only if the plate rises above its initial position.
         """
         return tuple(p for p in self.parameters if drop.swings_back or p.name != "tension_share")
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return the unknowns: ln of the exponent, unrecovered fraction, and -ln of the tension
-        fraction.
+        """Return the unknowns.
+
+        They are the logarithm of the exponent, the unrecovered fraction, and minus the logarithm of
+        the tension fraction.
         """
         exponent, unrecovered, *_ = super().coordinates(drop)
         coordinates = (

@@ -52,8 +52,7 @@ class Layer(Effect):
     excludes = frozenset({"rough_contact"})
 
     def is_sound(self, ground: Ground, values: Values, drop: DropContext) -> bool:
-        """Return whether enough ground lies below the layers, and a layer changes the deflection
-        enough.
+        """Return whether a layer changes the deflection, with enough ground below.
 
         Layers down to the rock are equivalent to rock at another depth, and ground much stiffer
         than its layers is rock. A change of the plate's deflection is required if there are few
@@ -77,9 +76,7 @@ class Layer(Effect):
         return bool(change >= _MIN_CHANGE)
 
     def model_error(self, values: Values) -> float:
-        """Return the relative error of the lowest modulus if the true ground has more layers than
-        the model.
-        """
+        """Return the relative error of the lowest modulus if the true ground has more layers."""
         return _MORE_MEDIA
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
@@ -95,8 +92,9 @@ class Layer(Effect):
         return (*top, *(replace(p, name=_MIDDLE_PREFIX + p.name) for p in top))
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Return whether sensors are at several distances; the centre alone cannot resolve
-        layers.
+        """Return whether sensors are at several distances.
+
+        The centre alone cannot resolve layers.
         """
         return drops[0].layers is not None and drops[0].layers.n_distances > 1
 

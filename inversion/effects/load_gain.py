@@ -17,9 +17,7 @@ class LoadGain(Effect):
     advice = "have the load cell calibrated: pfwd calibrate on a rig of known stiffness"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Return False: stiffer ground has the same records, so that the gain can only be
-        declared.
-        """
+        """Return False: the gain is declared, because stiffer ground has the same records."""
         return False
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:

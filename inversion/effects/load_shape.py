@@ -14,8 +14,7 @@ from inversion.fitting.parameters import Parameter
 
 
 class LoadShape(Effect):
-    """Fraction of the difference between measured load and half-sine that is added to the
-    half-sine.
+    """Difference between measured load and half-sine, a fraction of which is added.
 
     1 gives the measured load.
     """
@@ -43,9 +42,7 @@ class LoadShape(Effect):
         drop: DropContext,
         impulse_response: ImpulseResponse,
     ) -> FloatArray:
-        """Return the motion plus the motion due to the difference of the loads, (n_sensors, n),
-        m.
-        """
+        """Return the motion with that due to the difference of the loads, (n_sensors, n), m."""
         assert drop.unmodelled_load is not None
         return motion + values["share"] * forced_motion(
             impulse_response(), drop.unmodelled_load, drop.step

@@ -21,9 +21,7 @@ _AMPLITUDE_DEVIATION, _MIN_AMPLITUDE_DEVIATION = 0.02, 1e-4
 
 
 class MainsHum(Effect):
-    """Mains hum: a sine in the velocity before and after the pulse, with its integral in
-    displacement.
-    """
+    """Mains hum: a sine in the velocity, before and after the pulse."""
 
     name = "mains_hum"
     scope = "drop"
@@ -45,8 +43,9 @@ class MainsHum(Effect):
     advice = "keep the cable away from mains and generators"
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Return the parameters; starting values and amplitude prior are from the record before the
-        pulse.
+        """Return the parameters.
+
+        Starting values and amplitude prior are from the record before the pulse.
         """
         amplitude, frequency, phase = self.parameters
         deviation = min(_AMPLITUDE_DEVIATION, max(drop.max_hum, _MIN_AMPLITUDE_DEVIATION))
@@ -61,9 +60,7 @@ class MainsHum(Effect):
         )
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return the unknowns: amplitude, m/s, frequency on the axis of the fit, Hz, and phase,
-        turns.
-        """
+        """Return the unknowns: amplitude, m/s, frequency on the fit's axis, Hz, phase, turns."""
         amplitude, _, phase = super().coordinates(drop)
         sizes, hertz, _ = self.parameters_for(drop)
         starts = tuple(self.coordinate_at("frequency", value) for value in hertz.starts)
@@ -77,8 +74,9 @@ class MainsHum(Effect):
         return value - 50.0 - _CENTRE_HZ if value < 55.0 else value - 60.0 + _CENTRE_HZ
 
     def values_at(self, coordinates: Mapping[str, float]) -> dict[str, float]:
-        """Return amplitude, m/s, frequency, Hz, near 50 or 60 by the sign of its coordinate, and
-        phase.
+        """Return amplitude, m/s, frequency, Hz, and phase, turns.
+
+        The frequency is near 50 or 60 Hz by the sign of its coordinate.
         """
         place = coordinates["frequency"]
         mains, centre = (50.0, -_CENTRE_HZ) if place < 0.0 else (60.0, _CENTRE_HZ)

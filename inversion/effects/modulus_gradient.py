@@ -37,8 +37,9 @@ class _Gradient(Effect):
         return not any(drop.has_bedrock for drop in drops)
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
-        """Return 1/z0, bounded by the range of the response table; it is zero for uniform
-        ground.
+        """Return 1/z0, bounded by the range of the response table.
+
+        It is zero for uniform ground.
         """
         a = drop.plate_radius
         (parameter,) = self.parameters
@@ -59,9 +60,7 @@ class _Gradient(Effect):
 
 
 class RootGradient(_Gradient):
-    """Modulus that grows with the square root of depth, as that of sand with its confining
-    pressure.
-    """
+    """Modulus that grows with the root of depth, as that of sand under its own weight."""
 
     name = "modulus_gradient_root"
     result_name = "modulus_gradient"

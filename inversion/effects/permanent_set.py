@@ -34,9 +34,7 @@ class PermanentSet(Effect):
         drop: DropContext,
         impulse_response: ImpulseResponse,
     ) -> FloatArray:
-        """Return the motion with the settlement added at the sensors on the plate, (n_sensors, n),
-        m.
-        """
+        """Return the motion with the settlement of sensors on the plate, (n_sensors, n), m."""
         result = motion.copy()
         for row, offset in zip(result, drop.offsets, strict=True):
             if offset < drop.plate_radius:

@@ -11,8 +11,9 @@ _SMALL_PLATE_M, _TYPICAL_MASS_KG = 0.25, (8.0, 40.0)
 
 
 class PlateInertia(Effect):
-    """Undeclared mass between load cell and ground; the residual resembles the plate's
-    acceleration.
+    """Undeclared mass between load cell and ground.
+
+    The residual resembles the plate's acceleration.
     """
 
     name = "plate_inertia"

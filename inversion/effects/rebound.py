@@ -123,8 +123,9 @@ class Rebound(Effect):
         return values["kick"] if slope is None else speed + slope
 
     def _slope(self, motion: FloatArray, values: Values, drop: DropContext) -> float | None:
-        """Return the downward speed of the innermost sensor at lift-off, m/s; None: there is no
-        lift-off.
+        """Return the downward speed of the innermost sensor at lift-off, m/s.
+
+        The result is None if there is no lift-off.
         """
         moment = lift_off_times(drop, np.array([values["level"]]))[0]
         if not drop.time[3] < moment < drop.time[-4]:
@@ -135,8 +136,9 @@ class Rebound(Effect):
 
 
 def lift_off_times(drop: DropContext, levels: FloatArray) -> FloatArray:
-    """Return the times at which the load has fallen to levels (m,) of its peak, (m,), s; inf:
-    never.
+    """Return the times at which the load has fallen to levels (m,) of its peak, (m,), s.
+
+    The time is inf for a level that the load does not reach.
     """
     half = max(1, round(0.5 * _SMOOTHED_S / drop.step))
     window = np.full(2 * half + 1, 1.0 / (2 * half + 1))
@@ -153,9 +155,7 @@ def lift_off_times(drop: DropContext, levels: FloatArray) -> FloatArray:
 
 
 def _mass_from_load(drop: DropContext) -> float:
-    """Return the mass, kg, whose weight is missing from the reading of the load cell after the
-    contact.
-    """
+    """Return the mass, kg, whose weight is missing in the load after the contact."""
     min_mass = _MIN_MASS_KG[0] if drop.plate_radius < _SMALL_PLATE_M else _MIN_MASS_KG[1]
     tail = drop.load[drop.time > drop.contact_end + _TAIL_BEGINS_S]
     if tail.size <= _TAIL_SAMPLES:

@@ -26,8 +26,9 @@ class RoughContact(Effect):
     advice = "look at the contact: a thin bed of sand under the plate makes it even"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Return whether sensors are on the plate and outside: with the centre alone, contact and
-        modulus cannot be distinguished.
+        """Return whether sensors are both on the plate and outside.
+
+        With the centre sensor alone, contact and modulus cannot be distinguished.
         """
         drop = drops[0]
         return bool((drop.offsets < drop.plate_radius).any() and drop.offsets.size > 1)
@@ -39,9 +40,7 @@ class RoughContact(Effect):
     def compliance(
         self, compliance: ComplexArray, s: ComplexArray, values: Values, drop: DropContext
     ) -> ComplexArray:
-        """Return the compliance, with that of the plate divided by the part of the factor due to
-        slip.
-        """
+        """Return the compliance, with that of the plate divided by the factor due to slip."""
         result = compliance.copy()
         slip = values["factor"] / values.get("contact_share", 1.0)
         result[drop.offsets < drop.plate_radius] /= slip

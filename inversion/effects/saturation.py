@@ -101,9 +101,7 @@ def _cap(drop: DropContext) -> FloatArray:
 
 
 def _cap_of_slopes(drop: DropContext) -> float:
-    """Return the height, N, of the parabola that continues the slopes at the ends of the flat
-    top.
-    """
+    """Return the height, N, of the parabola that continues the slopes at the flat top."""
     begin, end = _flat_ends(drop)
     slopes = np.interp([begin - drop.step, end + drop.step], drop.time, drop.load)
     outer = np.interp([begin - 3 * drop.step, end + 3 * drop.step], drop.time, drop.load)

@@ -7,8 +7,9 @@ from inversion.fitting.parameters import Parameter
 
 
 class Seating(Effect):
-    """Ratio of the modulus under each drop to that under the last one; the viscosity has the same
-    ratio.
+    """Ratio of the modulus under each drop to that under the last one.
+
+    The viscosity has the same ratio.
     """
 
     name = "seating"

@@ -6,9 +6,7 @@ from inversion.fitting.parameters import Parameter
 
 
 class SensorGain(Effect):
-    """Gain error of the sensors: the recorded displacement is larger than the true one by a
-    factor.
-    """
+    """Gain error of the sensors: the record is larger than the motion by a factor."""
 
     name = "sensor_gain"
     scope = "device"
@@ -16,9 +14,7 @@ class SensorGain(Effect):
     advice = "have the sensors calibrated: pfwd calibrate on a rig of known stiffness"
 
     def offered(self, drops: tuple[DropContext, ...]) -> bool:
-        """Return False: softer ground has the same records, so that the gain can only be
-        declared.
-        """
+        """Return False: the gain is declared, because softer ground has the same records."""
         return False
 
     def record(self, record: FloatArray, values: Values, drop: DropContext) -> FloatArray:

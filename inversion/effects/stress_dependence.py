@@ -27,9 +27,7 @@ _OF_SPRING = 0.35
 
 
 class StressDependence(Effect):
-    """Dependence of the modulus on stress: curved loading within a drop, other moduli at other
-    heights.
-    """
+    """Dependence of the modulus on stress, within a drop and between drops."""
 
     name = "stress_dependence"
     scope = "point"
@@ -55,9 +53,7 @@ class StressDependence(Effect):
     )
 
     def model_error(self, values: Values) -> float:
-        """Return the relative error of the modulus due to the spring model, which acts within a
-        drop only.
-        """
+        """Return the relative error of the modulus due to the spring model within a drop."""
         return _OF_SPRING * (values["exponent"] * values.get("within", 1.0)) ** 2
 
     def parameters_for(self, drop: DropContext) -> tuple[Parameter, ...]:
@@ -65,8 +61,9 @@ class StressDependence(Effect):
         return self.parameters if drop.count > 1 else self.parameters[:2]
 
     def coordinates(self, drop: DropContext) -> tuple[Coordinate, ...]:
-        """Return exponent and stress at rest; differences between drops are unknowns of the
-        point.
+        """Return exponent and stress at rest.
+
+        Differences between drops are unknowns of the point.
         """
         exponent, rest_stress, *_ = super().coordinates(drop)
         return replace(exponent, upper=0.8, starts=(0.2,)), rest_stress

@@ -47,9 +47,9 @@ class AlternativeRule:
     Parameters
     ----------
     max_rise : float, largest rise of the misfit over the best, in units of one independent error,
-    of an alternative
+        of an alternative
     is_widened : bool, True: an interval extends as far beyond an alternative as beyond the best
-    ground; False: it ends at the alternative
+        ground; False: it ends at the alternative
     """
 
     max_rise: float
@@ -71,9 +71,9 @@ class GroundFit:
     rule : AlternativeRule
     profile : tuple of Minimum, best fits at fixed bedrock depths; empty if the depth is not fitted
     off_bounds : tuple of Minimum, best fits with a parameter fixed inside of the bound that it had
-    reached
+        reached
     coarse : Misfit or None, for the same window at the band of the search, if ``others`` are minima
-    of it and intervals need profiles; None: ``others`` are minima of ``misfit``
+        of it and intervals need profiles; None: ``others`` are minima of ``misfit``
     """
 
     best: Minimum

@@ -61,9 +61,7 @@ _DAMPING_PRIOR = (0.7, 0.3)
 
 
 def depth_parameter(plate_radius: float) -> Parameter:
-    """Return the parameter of the bedrock depth, m, bounded by the response tables and by the
-    echo.
-    """
+    """Return the parameter of the bedrock depth, m, within the range of the tables and echoes."""
     return Parameter(
         DEPTH,
         "m",

@@ -153,8 +153,7 @@ class _PriorFit:
 
 
 def _with_priors(fit: GroundFit) -> GroundFit:
-    """Replace the best ground by the most probable one, by the priors, among those that fit equally
-    well.
+    """Replace the best ground by the most probable one among those that fit equally well.
 
     The other grounds that fit equally well become the profile. Ground without rock is one of them
     if it fits. If only one depth fits, nothing is changed: priors do not alter what the data
@@ -196,9 +195,7 @@ def _with_priors(fit: GroundFit) -> GroundFit:
 
 
 def _fit_with_rock(fit: GroundFit, points: FloatArray, column: int) -> _PriorFit:
-    """Fit grounds that fit equally well (k, d) again with priors, with free and with fixed
-    depths.
-    """
+    """Fit grounds (k, d) that fit equally well again with priors, free and at their depths."""
     misfit = _full_misfit(fit, fit.space, prior_level=fit.level)
     starts = points[np.argsort(misfit.objective(points))[:_N_NATURAL_STARTS]]
     free = fit_batch(misfit.linearise, starts, iterations=15)
@@ -214,8 +211,7 @@ def _fit_with_rock(fit: GroundFit, points: FloatArray, column: int) -> _PriorFit
 
 
 def _fit_without_rock(fit: GroundFit) -> tuple[_PriorFit | None, int]:
-    """Return the best ground without rock, with priors, or None if none fits, and the number of
-    solves.
+    """Return the best ground without rock or None, and the number of solves.
 
     The decision whether one fits is made without the priors. A fit whose cost is far too large
     after the first steps is stopped.
@@ -392,9 +388,7 @@ def _fit_published(
     plate: Plate,
     rng: np.random.Generator,
 ) -> GroundFit:
-    """Search as in the published method: its operators and its fitness (Eq. 16), without
-    refinement.
-    """
+    """Search as in the published method, with its fitness (Eq. 16) and no refinement."""
     misfit = Misfit(drops, space, plate, FULL_BAND_HZ, _MAX_FULL_SAMPLES)
 
     def inverse_fitness(points: FloatArray) -> FloatArray:
@@ -431,9 +425,7 @@ def _genetic_optimum(misfit: Misfit, size: int, rng: np.random.Generator) -> Flo
 
 
 def _two_starts(space: ParameterSpace) -> FloatArray:
-    """Return two starting points (2, d) near the modulus of the peak method, with little and much
-    viscosity.
-    """
+    """Return two starting points (2, d), one with little and one with much viscosity."""
     starts = np.full((2, space.size), _START_DENSITY_AND_DEPTH)
     for column, values in (
         (space.index("modulus"), _START_MODULUS),

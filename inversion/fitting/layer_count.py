@@ -1,5 +1,4 @@
-r"""Choice of the number of layers, by the evidence of the fits and by the prediction of held-out
-sensors.
+r"""Choice of the number of layers, by evidence and by the prediction of held-out sensors.
 
 The evidence is the Bayesian information criterion (Schwarz 1978, Ann. Statist. 6(2), 461-464) over
 independent errors, :math:`n \ln \max(c, f) + k \ln n`, with the mean square c of the weighted
@@ -43,7 +42,7 @@ class Candidate:
     fit : GroundFit
     evidence : float, information criterion; smaller is better
     held_out_error : float or None, median over the held-out sensors of the prediction error over
-    the sensor's peak
+        the sensor's peak
     """
 
     fit: GroundFit
@@ -73,8 +72,7 @@ def max_layers(sensors: int) -> int:
 def held_out_errors(
     fit: GroundFit, rng: np.random.Generator, sensors: Sequence[int] | None = None
 ) -> FloatArray:
-    """Return the prediction error of each held-out sensor over its own peak, root mean square,
-    (k,).
+    """Return the root mean square error of each held-out sensor over its peak, (k,).
 
     Each sensor is predicted by the ground that fits the others; its fit starts at the fit of all
     sensors.

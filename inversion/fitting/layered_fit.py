@@ -143,8 +143,9 @@ class _Stage:
         )
 
     def search(self, starts: FloatArray) -> BatchFit:
-        """Follow starting points to their minima at the band of the search; return them best
-        first.
+        """Follow starting points to their minima at the band of the search.
+
+        Return them best first.
         """
         coarse = self.coarse
         coarse.prior_level = _FIRST_LEVEL

@@ -62,9 +62,7 @@ class WeightedDrop:
         load: FloatArray,
         declared_floor: float | None,
     ) -> WeightedDrop:
-        """Return a drop with a load (n,), N, and with the declared (m) or the default error of the
-        model.
-        """
+        """Return a drop with a load (n,), N, and the declared (m) or default error of the model."""
         return cls(drop, instrument, load, model_floor(drop, declared_floor))
 
     def with_tail(self, *, reweigh: bool) -> WeightedDrop:
@@ -78,17 +76,16 @@ class WeightedDrop:
 
     @cached_property
     def scale(self) -> FloatArray:
-        """Expected error of each sensor, (n_sensors,), m: root of the squares of noise and
-        errors.
-        """
+        """Expected error of each sensor, (n_sensors,), m."""
         noise = self.drop.noise if self.noise is None else self.noise
         result: FloatArray = np.sqrt(noise**2 + self.drop.quantisation**2 + self.model_floor**2)
         return result
 
     @property
     def n_distances(self) -> int:
-        """Number of different distances of the sensors from the plate's centre; both sides count
-        once.
+        """Number of different distances of the sensors from the plate's centre.
+
+        Sensors at one distance on both sides count once.
         """
         offsets = np.sort(np.abs(self.drop.offsets))
         return 1 + int(np.count_nonzero(np.diff(offsets) > _DISTANCE_GAP_M))
@@ -131,7 +128,7 @@ class Misfit:
     band : float, Hz, highest frequency
     max_samples : int, largest number of samples of each drop (an even stride)
     prior_level : float, mean square of the data's residuals at which one standard deviation from a
-    prior counts like one independent error; 0: priors are not used
+        prior counts like one independent error; 0: priors are not used
     n_independent : float, number of independent errors in the data; None: six for each drop
     sensors : sequence of int or None, indices of the sensors that are fitted; None: all
     single : bool, True: single precision in the tables, for the search
@@ -194,8 +191,9 @@ class Misfit:
     def response(
         self, points: FloatArray, s: ComplexArray
     ) -> tuple[ComplexArray, dict[int, ComplexArray]]:
-        """Return the response of the fitted instrument at the fitted sensors; see
-        `ParameterSpace.response`.
+        """Return the response of the fitted instrument at the fitted sensors.
+
+        See `ParameterSpace.response` for the formula.
         """
         # The lag of one sensor refers to its index among all sensors.
         response, slopes = self.space.response(points, s, self.drops[0].drop.offsets.size)
@@ -217,9 +215,7 @@ class Misfit:
     def linearise(
         self, points: FloatArray, free: NDArray[np.intp]
     ) -> tuple[FloatArray, FloatArray]:
-        """Return weighted residuals (m, n) at points (m, d), and their derivatives (m, n, free) by
-        columns.
-        """
+        """Return weighted residuals (m, n) at points (m, d), and derivatives (m, n, free)."""
         count = points.shape[0]
         self.solves += count
         grounds = self.space.grounds(points)
@@ -260,9 +256,7 @@ class Misfit:
 
     @property
     def prior_scale(self) -> float:
-        """Factor from a deviation from a prior, in standard deviations, to its weighted
-        residual.
-        """
+        """Weighted residual of one standard deviation from a prior."""
         return math.sqrt(self.prior_level * self.count / self.n_independent)
 
     def prior_covariance(self, pseudo: FloatArray) -> FloatArray:
@@ -280,22 +274,16 @@ class Misfit:
         return result
 
     def data_cost(self, points: FloatArray) -> FloatArray:
-        """Return the mean square of the weighted residuals of the data, without the priors,
-        (m,).
-        """
+        """Return the mean square of the data's weighted residuals, without the priors, (m,)."""
         return np.asarray(np.mean(self.residual(points)[:, : self.count] ** 2, axis=1))
 
     def centre(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the observed (n,) and the predicted (m, n) displacement of the first sensor and
-        drop, m.
-        """
+        """Return observed (n,) and predicted (m, n) displacement of first sensor and drop, m."""
         return self._observed[0][0], self.predicted(points)[0][:, 0]
 
 
 def _even_rows(window: slice, max_samples: int) -> NDArray[np.intp]:
-    """Return the indices of evenly spaced samples of a window, with its last one, at most
-    max_samples.
-    """
+    """Return the indices of at most max_samples evenly spaced samples of a window."""
     stride = max(1, -(-(window.stop - window.start) // max_samples))
     return np.arange(window.start, window.stop)[::-stride][::-1]
 

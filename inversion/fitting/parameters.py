@@ -40,8 +40,7 @@ _BOUND_MARGIN = 1e-3
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number that is fitted between bounds: a property of the ground or a parameter of an
-    effect.
+    """Number that is fitted between bounds: a property of the ground or of an effect.
 
     Parameters
     ----------
@@ -49,13 +48,13 @@ class Parameter:
     unit : str, SI; "-": none
     lower, upper : float, bounds
     starts : tuple of float, starting points of a fit; for an effect large enough to have a visible
-    influence
+        influence
     logarithmic : bool, True: the unit interval is linear in the logarithm
     natural : bool, True: the bounds are physical limits, so that a value on one causes no warning
     prior : (float, float) or None, mean and standard deviation of a normal prior, of the natural
-    logarithm for a logarithmic parameter
+        logarithm for a logarithmic parameter
     inverse_prior : float or None, standard deviation of a normal prior of one over the value,
-    around 0; in place of ``prior``
+        around 0; in place of ``prior``
     absent : float or None, value at which the parameter's effect changes nothing, or almost nothing
     """
 
@@ -91,9 +90,7 @@ class Parameter:
         return np.full(np.shape(unit_value), self.upper - self.lower)
 
     def prior_distance(self, unit_value: FloatArray | float) -> tuple[FloatArray, FloatArray]:
-        """Return the distances (...,) from the prior's mean in standard deviations, and their
-        derivatives.
-        """
+        """Return distances (...,) from the prior's mean over its deviation, and slopes."""
         shape = np.shape(unit_value)
         if self.inverse_prior is not None:
             value = self.value(unit_value)
@@ -112,9 +109,7 @@ class Parameter:
 def on_bound(
     unit_values: FloatArray, low: FloatArray | float = 0.0, high: FloatArray | float = 1.0
 ) -> NDArray[np.bool_]:
-    """Return True for each unit value (...,) that is on a bound, by default of the unit
-    interval.
-    """
+    """Return True for each unit value (...,) on a bound, by default of the unit interval."""
     return np.asarray((unit_values < low + _BOUND_MARGIN) | (unit_values > high - _BOUND_MARGIN))
 
 
@@ -127,7 +122,7 @@ class Unknown:
     parameter : Parameter
     quantity : Quantity
     place : int or None, index of the medium from the top (ground) or of the sensor (lag); None: all
-    of them
+        of them
     """
 
     parameter: Parameter
@@ -191,8 +186,9 @@ class ParameterSpace:
         return tuple(u.name for u in self.unknowns)
 
     def index(self, quantity: Quantity, place: int = 0) -> int | None:
-        """Return the column of the unknown for a quantity of a medium or sensor; None: it is not
-        fitted.
+        """Return the column of the unknown for a quantity of a medium or sensor.
+
+        The result is None if the quantity is not fitted.
         """
         for column, unknown in enumerate(self.unknowns):
             if unknown.quantity == quantity and unknown.place in (place, None):
@@ -201,8 +197,9 @@ class ParameterSpace:
 
     @property
     def depth_column(self) -> int | None:
-        """Column of the lowest medium's thickness, which determines the bedrock depth; None: not
-        fitted.
+        """Column of the lowest medium's thickness, which determines the bedrock depth.
+
+        The value is None if the thickness is not fitted.
         """
         return self.index("thickness", self.media - 1)
 
@@ -288,8 +285,7 @@ class ParameterSpace:
 
     @cached_property
     def _changes(self) -> tuple[tuple[tuple[MediumParameter, _Factor | None], ...], ...]:
-        """Properties of the media that each unknown changes, and their derivatives with respect to
-        it.
+        """Properties of the media that each unknown changes, and their derivatives.
 
         The derivative is a function of the grounds and the medium; None: 1.
         """
@@ -317,8 +313,7 @@ class ParameterSpace:
     def response(
         self, points: FloatArray, s: ComplexArray, sensors: int
     ) -> tuple[ComplexArray, dict[int, ComplexArray]]:
-        r"""Return the response of the fitted instrument at each sensor, and its logarithmic
-        derivatives.
+        r"""Return the response of the fitted instrument, and its logarithmic derivatives.
 
         :math:`R = \frac{s^2}{s^2 + 2 h \omega s + \omega^2} e^{-s \tau}`
 
@@ -355,17 +350,13 @@ class ParameterSpace:
         return result * np.exp(logarithm), slopes
 
     def prior_distances(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the distances (m, d) from the priors in standard deviations, and their derivatives
-        (m, d).
-        """
+        """Return distances (m, d) from the priors over their deviations, and slopes."""
         pairs = [u.parameter.prior_distance(points[:, i]) for i, u in enumerate(self.unknowns)]
         distances, slopes = zip(*pairs, strict=True)
         return np.stack(distances, axis=1), np.stack(slopes, axis=1)
 
     def at_bound(self, point: FloatArray) -> tuple[str, ...]:
-        """Return the names of the unknowns that are on a bound at a point (d,), except physical
-        limits.
-        """
+        """Return the names of the unknowns on a bound at a point (d,), except physical limits."""
         return tuple(
             u.name
             for u, hit in zip(self.unknowns, on_bound(point), strict=True)

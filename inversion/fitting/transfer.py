@@ -1,5 +1,4 @@
-"""Transfer functions from the load above the plate to the sensors, for homogeneous or layered
-ground.
+"""Transfer functions from load to sensors, for homogeneous or layered ground.
 
 The response of homogeneous ground is interpolated in tables (`inversion.forward.surrogate`), that
 of layers is computed for each ground (`inversion.forward.layered`). Both are functions of

@@ -53,11 +53,11 @@ class Uncertainty:
     ----------
     deviation : (d,) ndarray, SI, from the noise of the record only
     spread : (d,) ndarray, standard deviations of the unit values, with the model's error and the
-    priors
+        priors
     correlation : (d, d) ndarray, of all parts together
     intervals : tuple of (low, high), SI, 95 %, from all parts and the alternatives
     open_ends : tuple of (bool, bool), True: the interval ends on a bound because the data do not
-    limit it
+        limit it
     depth_unique : bool, False: alternatives have other bedrock depths, or any depth fits
     """
 
@@ -97,9 +97,7 @@ def estimate_uncertainty(fit: GroundFit) -> Uncertainty:
 def _covariances(
     fit: GroundFit, pseudo: FloatArray, values: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the covariance of the unit values due to noise, and that due to model error and
-    priors.
-    """
+    """Return the covariance of the unit values due to noise, and that due to the model."""
     size = pseudo.shape[0]
     random, model = np.zeros((size, size)), fit.misfit.prior_covariance(pseudo)
     transfer = _instrument_transfer(fit.misfit, fit.best.point)
@@ -157,9 +155,7 @@ def _sensor_noise(
 
 
 def _instrument_transfer(misfit: Misfit, point: FloatArray) -> ComplexArray:
-    """Return the transfer function (n_sensors, n) from load to sensors, with all instrument
-    responses.
-    """
+    """Return the transfer function (n_sensors, n) with all instrument responses."""
     s = misfit.transform.s
     transfer = misfit.transfer.values(s, misfit.space.grounds(point[None]))
     response = misfit.response(point[None], s)[0] * misfit.instrument.response(s)
@@ -212,8 +208,9 @@ def _interval(
 def _profile_ends(
     fit: GroundFit, misfit: Misfit, column: int, covariance: FloatArray, spread: float
 ) -> tuple[float, float]:
-    """Return the ends of the profile of one unit value: a bound if the misfit never rises
-    enough.
+    """Return the ends of the profile of one unit value.
+
+    An end is the bound if the misfit never rises enough.
     """
     point = fit.best.point
     direction = covariance[:, column] / covariance[column, column]
@@ -237,8 +234,9 @@ def _profile_ends(
 
 
 def _crossing(start: float, fixed: FloatArray, rise: FloatArray) -> float | None:
-    """Return the value at which the rise of a profile first reaches the threshold; None: it does
-    not.
+    """Return the value at which the rise of a profile first reaches the threshold.
+
+    The result is None if the profile never reaches it.
     """
     before, before_rise = start, 0.0
     for place, value in zip(fixed, rise, strict=True):

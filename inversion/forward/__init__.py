@@ -1,3 +1,1 @@
-"""Response of the ground under a plate: the converged computation, and a fast approximation of
-it.
-"""
+"""Response of the ground under a plate: converged computation, and a fast approximation of it."""

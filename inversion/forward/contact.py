@@ -272,8 +272,9 @@ class Moments:
         return Products(ww, wu, times_real(parts.uu, self.uu[:n_nodes]))
 
     def without_rest(self, parts: Compliance) -> Compliance:
-        """Return the compliances minus those of the static half-space, whose integrals have a
-        closed form.
+        """Return the compliances minus those of the static half-space.
+
+        The integrals over the latter have a closed form.
         """
         nu = self.problem.poisson_ratio
         normal = (1.0 - nu) / self.xi
@@ -360,9 +361,7 @@ def spherical_bessel(count: int, xi: FloatArray) -> FloatArray:
 
 @cache
 def static_products(n: int, first: int, second: int) -> FloatArray:
-    r"""Return :math:`\int_0^\infty j_k j_l d\xi`, (n, n), with k = 2m + first and l = 2n +
-    second.
-    """
+    r"""Return :math:`\int_0^\infty j_k j_l d\xi`, (n, n), k = 2m + first, l = 2n + second."""
     table = np.zeros((n, n))
     for i in range(n):
         for j in range(n):

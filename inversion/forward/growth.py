@@ -96,9 +96,7 @@ def sublayers(
 
 
 def _grounds(problem: PlateProblem, moduli: FloatArray, thickness: FloatArray) -> LayeredGrounds:
-    """Return an undamped ground of unit density for a plate of unit radius, from its shear
-    moduli.
-    """
+    """Return an undamped ground of unit density under a plate of unit radius."""
     nu = problem.poisson_ratio
     modulus = 2.0 * (1.0 + nu) * moduli[None]
     ones = np.ones_like(modulus)
@@ -158,8 +156,7 @@ def growth_compliance(
 
 @dataclass(frozen=True, eq=False)
 class GrowthSurrogate:
-    """Compliance of the plate on ground whose modulus grows with depth, as sums of damped
-    resonances.
+    """Compliance of the plate on ground whose modulus grows with depth.
 
     Parameters
     ----------

@@ -41,9 +41,7 @@ class Compliance(NamedTuple):
 
 
 def velocity_ratio_squared(poisson_ratio: float) -> float:
-    r"""Return :math:`c = (1 - 2\nu) / (2 (1 - \nu))`, the square of the S over the P wave
-    velocity.
-    """
+    r"""Return the square of the S over the P wave velocity, :math:`(1 - 2\nu) / (2 - 2 \nu)`."""
     return (1.0 - 2.0 * poisson_ratio) / (2.0 * (1.0 - poisson_ratio))
 
 
@@ -120,7 +118,7 @@ def layer_compliance(
     ----------
     xi : (n,) ndarray of float, wavenumber times plate radius, > 0, ascending
     z : (k,) ndarray of complex, off the negative real axis; digits cancel for small abs(z) h^2, and
-    about six remain at 1e-5
+        about six remain at 1e-5
     poisson_ratio : float, 0 <= value < 0.5
     depth : (k,) ndarray of float, bedrock depth over plate radius; inf is the half-space
     shear : bool, True: compute the compliances with a surface shear too

@@ -1,5 +1,4 @@
-"""Library of surrogates: they are shipped as files, read from a cache on disk, or built when
-needed.
+"""Library of surrogates, which are shipped as files, read from a cache, or built.
 
 A surrogate is a fast approximation of the plate's compliance, see
 :mod:`inversion.forward.surrogate`. Messages call it a response table.
@@ -167,8 +166,9 @@ def default_cache_folder() -> Path:
 
 
 def surrogate_key(problem: PlateProblem, depth: float | None) -> str:
-    """Return the file name of a surrogate without its suffix; inputs that differ in ten digits
-    differ.
+    """Return the file name of a surrogate without its suffix.
+
+    Inputs that differ within ten digits have different names.
     """
     offsets = ",".join(f"{r:.10g}" for r in problem.offsets)
     where = "all" if depth is None else f"{depth:.10g}"
@@ -178,9 +178,7 @@ def surrogate_key(problem: PlateProblem, depth: float | None) -> str:
 
 
 def growth_key(problem: PlateProblem, exponent: float) -> str:
-    """Return the file name, without its suffix, of a surrogate of ground whose modulus grows with
-    depth.
-    """
+    """Return the file name, without suffix, of a surrogate of ground that stiffens with depth."""
     return f"growth-{exponent:.10g}-{surrogate_key(problem, None)}"
 
 
@@ -227,8 +225,9 @@ def dump_growth(surrogate: GrowthSurrogate) -> bytes:
 
 
 def load_growth(content: bytes, problem: PlateProblem, exponent: float) -> GrowthSurrogate:
-    """Return the surrogate of ground whose modulus grows with depth; errors as
-    :func:`load_surrogate`.
+    """Return the surrogate of ground whose modulus grows with depth.
+
+    It raises the errors of :func:`load_surrogate`.
     """
     with np.load(io.BytesIO(content), allow_pickle=False) as data:
         parts = {name: data[name] for name in data.files}

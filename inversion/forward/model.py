@@ -42,7 +42,7 @@ class Instrument:
     plate_mass : float, kg, mass that moves between load cell and ground
     geophone_natural_frequency, geophone_damping : float, Hz and -; None: the record is corrected
     load_filter : float, Hz, corner of a second-order Butterworth low-pass in the load channel;
-    None: there is no filter
+        None: there is no filter
     load_delay : float, s, lag of the load channel
     """
 
@@ -69,9 +69,7 @@ class Instrument:
             raise ModelError(f"plate mass: expected a value >= 0 kg, got {self.plate_mass:g}")
 
     def response(self, s: ComplexArray) -> ComplexArray:
-        """Return the factor (n,) by which the instrument changes displacement over load, at ``s``
-        (n,).
-        """
+        """Return the factor (n,) of the instrument on displacement over load at ``s`` (n,)."""
         result: ComplexArray = np.exp(s * self.load_delay)
         if self.geophone_natural_frequency is not None and self.geophone_damping is not None:
             natural = 2.0 * np.pi * self.geophone_natural_frequency
@@ -170,7 +168,7 @@ class ForwardModel:
         Returns
         -------
         (m, n_sensors, n_times) and (m, len(fields), n_sensors, n_times), m and m over the unit of
-        the field
+            the field
         """
         transfer, slopes = transfer_slopes(self.surrogate, self.instrument, self.s, grounds, fields)
         both = np.concatenate([transfer[:, None], slopes], axis=1)

@@ -210,9 +210,7 @@ def forces_nearby(
 
 
 def convolve_rows(kernels: FloatArray, rows: FloatArray) -> FloatArray:
-    """Return the causal convolution of rows (..., n) with kernels (..., n), row by row, (...,
-    n).
-    """
+    """Return the causal convolution of rows (..., n) with kernels (..., n), (..., n)."""
     n = rows.shape[-1]
     if rows.size == kernels.size == n:
         single: FloatArray = np.convolve(kernels.ravel(), rows.ravel())[:n]

@@ -268,8 +268,9 @@ def invert_laplace(transform: ComplexArray, total_time: float, a_t: float) -> Fl
 
 
 def _bessel_j0(x: FloatArray) -> FloatArray:
-    """Return Bessel's J0 by the midpoint rule in his integral, exact to rounding; numpy has no
-    J0.
+    """Return Bessel's J0 by the midpoint rule in his integral, exact to rounding.
+
+    Numpy has no such function.
     """
     points = 16 + math.ceil(float(np.max(x)) / 2)  # the rule's error is 2 J_(4 points)(x)
     angle = (np.arange(points) + 0.5) * (math.pi / (2 * points))

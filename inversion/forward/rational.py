@@ -22,8 +22,9 @@ _CHUNK_ELEMENTS = 32_000
 
 
 def basis(y: ComplexArray, poles: ComplexArray) -> ComplexArray:
-    """Return the basis functions at ``y`` (n,) for ``poles`` (k,), (n, 2k): those of a_k, then of
-    b_k.
+    """Return the basis functions at ``y`` (n,) for ``poles`` (k,), (n, 2k).
+
+    Those of the coefficients a_k come first, then those of b_k.
     """
     size = np.abs(poles)
     resonance = size**2 / (y[:, None] ** 2 - 2.0 * poles.real * y[:, None] + size**2)
@@ -107,8 +108,7 @@ def evaluate_with_slope(
     weights: FloatArray,
     extra_weights: FloatArray | None = None,
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray | None]:
-    r"""Return the values of the sums, their derivatives with respect to y, and values for more
-    numerators.
+    r"""Return the sums, their derivatives by y, and the sums for other numerators.
 
     With the resonances :math:`r_k = 1/(y^2 + d_k y + s_k)` and the numerators A + B y
 

@@ -165,8 +165,7 @@ class Surrogate:
     def compliance_slopes(
         self, p: ComplexArray, inverse_depth: FloatArray, by_depth: bool
     ) -> tuple[ComplexArray, ComplexArray, ComplexArray | None]:
-        r"""Return the dimensionless compliance, its derivative with respect to p and, by request,
-        to a/h0.
+        r"""Return the dimensionless compliance, and its derivatives by p and by a/h0.
 
         With :math:`\kappa = a/h_0`, y = p / kappa and the echo :math:`\kappa e(y; \kappa)`
 

@@ -1,5 +1,4 @@
-"""Inference: choice of the effects of a point by Bayesian evidence, and prediction of further
-drops.
+"""Inference: choice of the effects of a point by evidence, and prediction of further drops.
 
 The points of one instrument share a population, from which the priors of each point are made.
 """

@@ -162,8 +162,7 @@ def fit_base(point: Point) -> Posterior:
 def _choose_structure(
     point: Point, instrument: InstrumentKnowledge
 ) -> tuple[Selection, Posterior, float]:
-    """Return the structures of a drop, the fit of all drops by the best one, and the evidence of
-    seating.
+    """Return a drop's structures, the fit of all drops, and the evidence of seating.
 
     The structure is selected on the last drop. If all drops together have a much larger discrepancy
     than that drop, the structure of the drop before is tried too, unless other points supply
@@ -228,7 +227,7 @@ def _point_diagnosis(
     point : Point
     base, best : Posterior, of the base model and of the chosen structure
     choice : the structures from which the best was chosen, and the log evidence of seating; None:
-    none
+        none
     objections : notices about the records that rule out any explanation
     """
     effects = effect_results(best, *choice) if choice else ()

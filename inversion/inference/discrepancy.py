@@ -92,8 +92,9 @@ class RecordedDrops:
         self._latest: tuple[Discrepancy, list[FloatArray]] | None = None
 
     def over_peak(self, traces: Sequence[FloatArray], sensor: int) -> FloatArray:
-        """Return traces (..., n_sensors, n_d) of all drops at one sensor, over the peak, (...,
-        n).
+        """Return the traces of all drops at one sensor, over the peak, (..., n).
+
+        ``traces`` has one array (..., n_sensors, n_d) for each drop.
         """
         return np.concatenate(
             [

@@ -42,7 +42,7 @@ def effect_results(
     posterior : Posterior, of all drops
     selection : Selection, from which the structure was chosen
     seating_evidence : float, log evidence of drops on different ground over drops on the same
-    ground
+        ground
     """
     structure = selection.best
     weights = selection.weights()
@@ -80,8 +80,9 @@ def _sortable(evidence: float) -> float:
 
 
 def _alternatives(selection: Selection, name: str) -> tuple[str, ...]:
-    """Return the effects that explain the record nearly as well in place of one, the most probable
-    first.
+    """Return the effects that explain the record nearly as well in place of one.
+
+    The most probable effect comes first.
     """
     best = selection.best
     min_evidence = selection.fits[best].log_evidence - _MAX_EVIDENCE_LOSS
@@ -103,9 +104,7 @@ def _alternatives(selection: Selection, name: str) -> tuple[str, ...]:
 
 
 def _effect_parameters(posterior: Posterior, effect: Effect) -> list[EffectParameter]:
-    """Return the numbers of an effect: those read from the record, the fitted ones, and the fixed
-    ones.
-    """
+    """Return the numbers of an effect: recorded, fitted and fixed ones."""
     model = posterior.model
     of_drops = any(u.effect == effect.name and u.drop is not None for u in model.unknowns)
     by_drop = effect.scope == "drop"
@@ -191,8 +190,9 @@ def _fitted_parameters(
 
 
 def _is_on_bound(posterior: Posterior, place: int, natural: Collection[str]) -> bool:
-    """Return whether a number is on a bound that is no physical limit, and not the effect's
-    absence.
+    """Return whether a number is on a bound.
+
+    Physical limits and the absence of the effect do not count.
     """
     model, value = posterior.model, posterior.values[place]
     reach = _ON_BOUND * model.deviation[place]
@@ -205,9 +205,7 @@ def _is_on_bound(posterior: Posterior, place: int, natural: Collection[str]) -> 
 
 
 def _seating_result(posterior: Posterior, evidence: float) -> EffectResult:
-    """Return the seating effect: earlier drops had ground of another stiffness than the last
-    one.
-    """
+    """Return the seating effect: earlier drops had ground of another stiffness."""
     effect, model = BY_NAME["seating"], posterior.model
     parameters = []
     for place, unknown in enumerate(model.unknowns):

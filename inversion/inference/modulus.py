@@ -1,6 +1,4 @@
-"""Modulus of a point with its 95 % interval, which covers all structures that fit nearly as
-well.
-"""
+"""Modulus of a point, with a 95 % interval over all structures that fit nearly as well."""
 
 from __future__ import annotations
 
@@ -39,9 +37,7 @@ def mean_stress(model: PointModel) -> float:
 
 
 def secant_modulus(posterior: Posterior, stress: float) -> float:
-    """Return the secant modulus, Pa, of the ground under the last drop at a contact pressure,
-    Pa.
-    """
+    """Return the secant modulus, Pa, under the last drop at a contact pressure, Pa."""
     return math.exp(_log_modulus(posterior.model, posterior.values, stress))
 
 
@@ -69,9 +65,7 @@ def log_deviation(posterior: Posterior, stress: float) -> float:
 
 
 def model_error(posterior: Posterior) -> float:
-    """Return the relative error (95 %) of the modulus due to calibration and to simplified
-    effects.
-    """
+    """Return the relative error (95 %) of the modulus due to calibration and simplifications."""
     _, active = posterior.model.ground_and_effects(posterior.values, posterior.model.last)
     return math.hypot(CALIBRATION, *(effect.model_error(values) for effect, values in active))
 
@@ -102,7 +96,7 @@ class Component:
     ----------
     weight : float, relative to the other components
     log_modulus, deviation : float, mean and standard deviation of the logarithm of the modulus in
-    Pa
+        Pa
     """
 
     weight: float
@@ -117,9 +111,7 @@ def interval(components: Sequence[Component]) -> tuple[float, float]:
 
 
 def component(posterior: Posterior, weight: float, log_modulus: float, stress: float) -> Component:
-    """Return the component of a structure, including the errors of calibration and simplified
-    effects.
-    """
+    """Return the component of a structure, with the errors of calibration and effects."""
     deviation = math.hypot(
         log_deviation(posterior, stress), model_error(posterior) / NORMAL_95, _MIN_DEVIATION
     )

@@ -70,9 +70,7 @@ class DropPredictor:
         return self.after_first if place == 0 else self.after_later
 
     def _fitted(self, place: int) -> tuple[float, float]:
-        """Return the logarithm of a fitted drop's stiffness over that of the last one, and its peak
-        load, N.
-        """
+        """Return a fitted drop's log stiffness over that of the last one, and its load, N."""
         summary = summarise(self.posterior)
         return summary.stiffness[place], summary.peak_loads[place]
 
@@ -92,9 +90,7 @@ class DropPredictor:
         return _as_recorded(record, drop_model, drop_model.predict(ground, active))
 
     def fitted_drop(self, record: Record, place: int, library: SurrogateLibrary) -> FloatArray:
-        """Return the displacements of a fitted drop at all sensors of a record, (n_sensors, n),
-        m.
-        """
+        """Return the displacements of a fitted drop at all sensors, (n_sensors, n), m."""
         drop_model = self.model_of(record, library)
         ground, active = self.posterior.model.ground_and_effects(self.posterior.values, place)
         return _as_recorded(record, drop_model, drop_model.predict(ground, active))

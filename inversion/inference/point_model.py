@@ -55,7 +55,7 @@ class Unknown:
     effect : str, name; "": the ground
     coordinate : Coordinate
     drop : int or None, index of the drop whose deviation from the point this is; None: common to
-    all drops
+        all drops
     key : Key
     """
 
@@ -77,7 +77,7 @@ class PointModel:
     ----------
     point : Point
     effects : sequence of Effect, in the order in which they act; effects that no fitted drop can
-    show are omitted
+        show are omitted
     drops : sequence of int, indices of the drops that are fitted
     declared_effects : declared values of effects, by effect and parameter
     variant : int, index of the starting point of each coordinate
@@ -128,9 +128,7 @@ class PointModel:
                 self.start[place] = np.clip(self.mean[place], self.lower[place], self.upper[place])
 
     def start_from(self, by_key: Mapping[Key, float]) -> FloatArray:
-        """Return a starting point with the values of another fit for the unknowns that both
-        have.
-        """
+        """Return a starting point with the values of another fit for common unknowns."""
         values = [by_key.get(key, start) for key, start in zip(self.keys, self.start, strict=True)]
         result: FloatArray = np.clip(values, self.lower, self.upper)
         return result
@@ -140,9 +138,7 @@ class PointModel:
         return drop == 0 and len(self.drops) > 1
 
     def peak_ratio(self, drop: int) -> float:
-        """Return the logarithm of a drop's peak load over peak deflection, relative to the last
-        drop.
-        """
+        """Return the logarithm of a drop's peak stiffness over that of the last drop."""
         return math.log(self._peak_modulus(drop) / self._peak_modulus(self.last))
 
     def _peak_modulus(self, drop: int) -> float:
@@ -169,9 +165,7 @@ class PointModel:
         return next((c for c in contexts if effect.parameters_for(c)), contexts[0])
 
     def _soil(self) -> list[Coordinate]:
-        """Return the unknowns of the soil: logarithms of modulus ratio, relaxation time and
-        density.
-        """
+        """Return the unknowns of the soil: log modulus ratio, relaxation time and density."""
         start = self._reference_modulus_ratio()
         soil = [Coordinate("modulus", start, _MODULUS_DEVIATION)]
         if not self.point.records.elastic:
@@ -184,9 +178,7 @@ class PointModel:
         return soil
 
     def _reference_modulus_ratio(self) -> float:
-        """Return the logarithm of the median stiffness of the fitted drops over that of all
-        drops.
-        """
+        """Return the log median stiffness of the fitted drops over that of all."""
         fitted = np.median([math.log(self._peak_modulus(d)) for d in self.drops])
         every = np.median([math.log(self._peak_modulus(d)) for d in range(len(self.point.drops))])
         return float(fitted - every)
@@ -261,9 +253,7 @@ class PointModel:
         )
 
     def starting_deviation(self, drop: int | None) -> float:
-        """Return the starting value of the logarithm of a drop's modulus over that of the last
-        drop.
-        """
+        """Return the starting value of a drop's log modulus over that of the last drop."""
         if drop is None:
             return 0.0
         share = 1.0 if self.is_seating(drop) else _LATER_SHARE
@@ -282,8 +272,7 @@ class PointModel:
     def linearise(
         self, values: FloatArray, drop: int, held: Collection[str] = ()
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the prediction of a drop, (n_sensors, n), m, and its derivatives, (k, n_sensors,
-        n).
+        """Return a drop's prediction, (n_sensors, n), m, and derivatives, (k, n_sensors, n).
 
         Parameters
         ----------

@@ -75,8 +75,9 @@ def summarise(posterior: Posterior) -> PointSummary:
 
 
 def population_priors(peer_points: Sequence[PointSummary], model: PointModel) -> dict[Key, Prior]:
-    """Return priors, mean and standard deviation, for the unknowns of a point from other points'
-    fits.
+    """Return priors for the unknowns of a point, from the fits of other points.
+
+    A prior is a mean and a standard deviation.
     """
     priors: dict[Key, Prior] = {}
     for unknown in model.unknowns:
@@ -112,9 +113,9 @@ class InstrumentKnowledge:
     absent : names of effects that the instrument does not have
     peer_points : summaries of other points
     effect_priors : means and standard deviations of the unknowns of effects, by effect and
-    coordinate
+        coordinate
     starting_structures : sets of effects at which the search starts, from the point itself and from
-    other points; empty: it starts at all single effects and candidates
+        other points; empty: it starts at all single effects and candidates
     """
 
     declared_effects: DeviceValues = field(default_factory=dict)
@@ -126,8 +127,9 @@ class InstrumentKnowledge:
 
     @classmethod
     def from_values(cls, values: DeviceValues, spread: DeviceValues | None) -> InstrumentKnowledge:
-        """Return the knowledge from declared values; a value with a standard deviation becomes a
-        prior.
+        """Return the knowledge from declared values.
+
+        A value with a standard deviation becomes a prior.
 
         Parameters
         ----------
@@ -197,7 +199,7 @@ class NextDropLaw:
     Parameters
     ----------
     constant, slope : float, of the logarithm of the stiffness ratio as a function of that of the
-    peak loads
+        peak loads
     reach : (float, float), range of the logarithm of the peak-load ratio in the data of the law
     scatter : float, standard deviation of the logarithm of the stiffness
     speed_step : float, logarithm of the ratio of take-off speeds
@@ -210,8 +212,7 @@ class NextDropLaw:
     speed_step: float
 
     def stiffening(self, load_ratio: float) -> float:
-        """Return the logarithm of the stiffness over that of the last drop, for a ratio of peak
-        loads.
+        """Return the log stiffness over that of the last drop, for a ratio of peak loads.
 
         A ratio outside of the reach is due to another drop height and says nothing about the
         ground. It is clipped to the reach.

@@ -101,8 +101,7 @@ class Posterior:
         return dict(zip(self.model.keys, self.values.tolist(), strict=True))
 
     def occam_factor(self, effects: Collection[str]) -> float:
-        """Return an upper bound of the gain of log evidence if all effects but ``effects`` are
-        removed.
+        """Return an upper bound of the evidence gained by removing all other effects.
 
         It is the logarithm of the largest density of their posterior over that of their prior.
         """
@@ -126,8 +125,9 @@ class Posterior:
         return tuple(prediction + drift for prediction, drift in pairs)
 
     def residuals_over_peak(self, *, contact_only: bool = False) -> tuple[float, ...]:
-        """Return the root mean square residual of each fitted drop over the peak, without
-        prediction and drift.
+        """Return the root mean square residual of each fitted drop over the peak.
+
+        Prediction and drift are subtracted from the record.
         """
         return tuple(
             self.model.point.drops[drop].residual_over_peak(recorded, contact_only=contact_only)
@@ -158,7 +158,9 @@ class PointFit:
         self.maximise(2 * iterations, _TOLERANCE, _FIXED_AT_FIRST)
 
     def run(self, held: Collection[str] = ()) -> Posterior:
-        """Return the posterior, fitted first with nearly equal weights, then with those of the
+        """Return the posterior of a full fit.
+
+        The first steps have nearly equal weights of all samples, the others those of the
         discrepancy.
 
         Parameters
@@ -265,8 +267,9 @@ class PointFit:
         return total
 
     def _linearise(self, held: Collection[str] = ()) -> _Linearised:
-        """Return predictions and derivatives at the present values; cached, as several fits start
-        there.
+        """Return predictions and derivatives at the present values.
+
+        They are cached, because several fits start there.
         """
         cached = self._linearised
         if (
@@ -436,7 +439,7 @@ class _Marginal:
 
 
 def _log_prior(discrepancy: Discrepancy) -> float:
-    """Return the logarithm of the prior of a discrepancy, without constants."""
+    """Return the logarithm of the prior density of a discrepancy, without constants."""
     memory = math.log(discrepancy.memory / _TYPICAL_MEMORY_S) / _MEMORY_DEVIATION
     first = math.log(discrepancy.first / _TYPICAL_FIRST) / _FIRST_DEVIATION
     return (

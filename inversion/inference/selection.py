@@ -177,8 +177,7 @@ class Selection:
         return structure
 
     def _is_negligible(self, name: str, fit: Posterior, without: Posterior) -> bool:
-        """Return whether an effect hardly changes the record, and store its small gain in that
-        case.
+        """Return whether an effect hardly changes the record; store its small gain then.
 
         Several points of a device together may support an effect that one point does not.
         """
@@ -231,8 +230,9 @@ class Selection:
                 self._try(name, structure | {name}, structure)
 
     def _try(self, name: str, structure: Structure, neighbour: Structure) -> None:
-        """Fit a neighbouring structure, and note its effect if it need not be tried in other
-        structures.
+        """Fit a neighbouring structure.
+
+        An effect that need not be tried in other structures is noted.
         """
         fit = self._fit(structure, neighbour)
         if (
@@ -262,10 +262,9 @@ class Selection:
     def _fit(
         self, structure: Structure, start_structure: Structure | None = None
     ) -> Posterior | None:
-        """Return the fit of a structure, started at its starting points or at another structure's
-        values.
+        """Return the fit of a structure, from its starting points or another structure's fit.
 
-        None: it was rejected, or no start is promising.
+        The result is None if the structure was rejected, or no start is promising.
         """
         if structure in self.fits:
             return self.fits[structure]
@@ -305,8 +304,9 @@ class Selection:
     def _start_from_neighbour(
         self, models: Sequence[PointModel], neighbour: Posterior, inherited: Structure
     ) -> PointFit | None:
-        """Return the most promising fit started at another structure's values; None: it gains too
-        little.
+        """Return the most promising fit started at another structure's values.
+
+        The result is None if no start gains enough.
 
         Parameters
         ----------
@@ -362,9 +362,7 @@ def _is_sound(fit: Posterior) -> bool:
 
 
 def _change(fit: Posterior, without: Posterior) -> float:
-    """Return the root mean square difference of two predictions of a drop, over the peak of each
-    sensor.
-    """
+    """Return the root mean square difference of two predictions over the sensors' peaks."""
     peak = fit.model.point.drops[fit.model.last].peak[:, None]
     return float(np.sqrt(np.mean(((fit.predictions[-1] - without.predictions[-1]) / peak) ** 2)))
 

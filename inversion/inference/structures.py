@@ -74,7 +74,7 @@ def fit_briefly(
 ) -> Posterior | None:
     """Return a short fit of one drop, the best over its starting points.
 
-    None: no starting point gives a finite prediction.
+    The result is None if no starting point gives a finite prediction.
     """
     effects = effects_of(structure, declared_effects)
     context = point.drops[drop].context
@@ -111,8 +111,9 @@ def rank_structures(
 def fit_richest_first(
     candidates: Sequence[Structure], fit: Callable[[Structure], Posterior | None]
 ) -> dict[Structure, float]:
-    """Return the log evidence of structures, or an upper bound of it; only those that could win are
-    fitted.
+    """Return the log evidence of structures, or an upper bound of it.
+
+    Only structures that could be the best are fitted.
 
     The minimum gain of the effects (`Effect.min_gain`) is subtracted. Structures with many effects
     are fitted first. Without some of its effects a structure gains at most their Occam factor. A

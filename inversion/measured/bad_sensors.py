@@ -112,9 +112,7 @@ def bad_sensors(record: Record) -> tuple[BadSensor, ...]:
 
 
 def _until_tail_end(drop: PreparedDrop) -> FloatArray:
-    """Return the displacements up to a second contact or the end of the record, (n_sensors, n),
-    m.
-    """
+    """Return the displacements before a second contact, (n_sensors, n), m."""
     return drop.displacement[:, : round(drop.tail_end / drop.step) + 1]
 
 
@@ -158,8 +156,9 @@ def _without_contact(
 def find_step(
     values: FloatArray, first: int, end: int, min_deviations: float = MIN_MOTION_STEP_DEVIATIONS
 ) -> int | None:
-    """Return the index of the first sample after the highest step in a trace; None: there is no
-    step.
+    """Return the index of the first sample after the highest step in a trace.
+
+    The result is None if there is no step.
 
     Lost samples and a switched range leave a step between two samples that the samples around it do
     not announce. Around each place a cubic with a step is fitted to seven samples on either side.

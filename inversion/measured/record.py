@@ -45,7 +45,7 @@ class Sensor:
     Parameters
     ----------
     offset : float, m, distance from the plate centre; negative: on the other side of the plate. The
-    model depends on the distance only
+        model depends on the distance only
     quantity : "velocity" (m/s) or "displacement" (m), downward positive
     values : (n,) ndarray of float
     """
@@ -124,14 +124,14 @@ class PreparedDrop:
     offsets : (n_sensors,) ndarray of float, m, >= 0: distances from the plate centre
     positions : (n_sensors,) ndarray of float, m: the same, negative on the other side of the plate
     noise : (n_sensors,) ndarray of float, m: root mean square noise of the displacement over the
-    window, estimated before the pulse and integrated like the signal
+        window, estimated before the pulse and integrated like the signal
     quantisation : (n_sensors,) ndarray of float, m: root mean square error of the displacement due
-    to the resolution of the channel
+        to the resolution of the channel
     peak_load, peak_displacement : float N and (n_sensors,) ndarray m, largest downward
     contact_end : float, s, on ``time``: the load has fallen to 3 % of its peak
     window_end : float, s, on ``time``: last sample that is fitted
     tail_end : float, s, on ``time``: last sample before a second contact, before the padding of all
-    channels, or of the record
+        channels, or of the record
     trigger : float, s, on ``time``
     channels : tuple of ChannelNoise, noise of the channels as recorded, for the uncertainty
     load_noise : NoiseModel of the load, N
@@ -171,8 +171,7 @@ class PreparedDrop:
 
     @property
     def side_floor(self) -> FloatArray:
-        r"""Error of each sensor, estimated from the sensor on the other side of the plate,
-        (n_sensors,), m.
+        r"""Error of each sensor by that on the other side of the plate, (n_sensors,), m.
 
         .. math:: \sigma = \mathrm{rms}(w_+ - w_-) / \sqrt 2
 
@@ -388,15 +387,14 @@ def _displacement(sensor: Sensor, baseline: int, first: int, step: float) -> Flo
 
 
 def _settled_samples(first: int, step: float) -> int:
-    """Return the number of samples before the start over which a displacement's zero is
-    averaged.
-    """
+    """Return the number of samples over which a displacement's zero is averaged."""
     return min(first, max(1, round(_ZERO_S / step)))
 
 
 def _peaks(displacement: FloatArray) -> FloatArray:
-    """Return the largest downward displacement of each sensor, m; of a sensor that rises the
-    largest one.
+    """Return the largest downward displacement of each sensor, m.
+
+    For a sensor that rises it is the largest displacement of either sign.
 
     At a distance from the plate, on shallow rock, the ground rises and hardly sinks.
     """
@@ -406,9 +404,7 @@ def _peaks(displacement: FloatArray) -> FloatArray:
 
 
 def _contact_and_tail(load: FloatArray, peak: int) -> tuple[int, int]:
-    """Return the last sample of the contact, and the last before a second contact or of the
-    record.
-    """
+    """Return the last samples of the contact, and before a second contact."""
     after = np.flatnonzero(load[peak:] <= CONTACT_END_FRACTION * load[peak])
     end = peak + int(after[0]) if after.size else load.size - 1
     second = np.flatnonzero(load[end:] > _SECOND_CONTACT_FRACTION * load[peak])

@@ -1,3 +1,4 @@
-"""Search for the smallest misfit within bounds. Nothing in this package depends on the model of the
-ground.
+"""Search for the smallest misfit within bounds.
+
+Nothing in this package depends on the model of the ground.
 """

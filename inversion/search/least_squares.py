@@ -1,6 +1,4 @@
-"""Bounded least squares from several starting points at once, by Levenberg and Marquardt's
-method.
-"""
+"""Bounded least squares from several starts at once, by Levenberg and Marquardt's method."""
 
 from __future__ import annotations
 
@@ -51,8 +49,7 @@ def fit_batch(
     tolerance: float = 1e-8,
     frozen: int | None = None,
 ) -> BatchFit:
-    """Minimise the mean square of residuals within the unit cube from several starting points at
-    once.
+    """Minimise the mean square of residuals in the unit cube, from several starts at once.
 
     A parameter on a bound whose gradient points outward is fixed there for the step. A fit has
     converged when a step moves it by less than ``tolerance`` of the unit interval, or cannot be

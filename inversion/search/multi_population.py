@@ -407,9 +407,7 @@ class MultiPopulationSearch:
         yield from self._polish(scouts, _SCOUT_ITERATIONS, budget)
 
     def _final_polish(self) -> Batches:
-        """Refine each candidate by a few iterations, then the best one with the remaining
-        evaluations.
-        """
+        """Refine all candidates a little, then the best with the remaining evaluations."""
         budget = self._total_remaining() // 2
         count = self._affordable(_CANDIDATE_ITERATIONS, budget)
         work = QuadraticPolish(self._candidates(count))
@@ -440,8 +438,9 @@ class MultiPopulationSearch:
         return self.settings.evaluations - self.evaluations
 
     def _remaining(self) -> int:
-        """Return the number of evaluations before the final refinement, which has at most half of
-        them.
+        """Return the number of evaluations before the final refinement.
+
+        The refinement has at most half of all evaluations.
         """
         budget = self.settings.evaluations
         return self._total_remaining() - min(self.settings.polish_evaluations, budget // 2)
@@ -459,9 +458,7 @@ class MultiPopulationSearch:
         return batches * settings.individuals + settings.scout_evaluations
 
     def _create_populations(self, sample: FloatArray, misfit: FloatArray, n_start: int) -> None:
-        """Distribute the starting points and the best sampled points to the populations at
-        random.
-        """
+        """Distribute starting and best sampled points to the populations at random."""
         ranked = n_start + np.argsort(misfit[n_start:], kind="stable")
         founders = np.concatenate([np.arange(n_start), ranked])[: self.settings.individuals]
         founders = self._rng.permutation(founders)

@@ -1,5 +1,4 @@
-r"""Local refinement of minima by quadratic models, in a few batches of evaluations, without
-derivatives.
+r"""Local refinement of minima by quadratic models, in a few batches of evaluations.
 
 One iteration evaluates a small design of points around the best one (batch one), computes gradient
 and Hessian from it, and tries Newton points at several lengths (batch two). Two models are made
@@ -65,7 +64,7 @@ class Minima:
     points : (k, d) ndarray of float in the unit cube
     misfits : (k,) ndarray of float, finite
     radii : (k,) ndarray of float, half-width of the neighbourhood already searched, in widths of
-    the unit cube
+        the unit cube
     """
 
     points: FloatArray

@@ -1,5 +1,6 @@
-"""Analysis of trace files and drops: screening, then inversion. Command line, screens and scripts
-use these functions.
+"""Analysis of trace files and drops: screening, then inversion.
+
+Command line, screens and scripts use these functions.
 """
 
 from __future__ import annotations
@@ -189,8 +190,9 @@ def _request_of(
     screening: Screening,
     point_warnings: Sequence[Notice] = (),
 ) -> AnalysisRequest:
-    """Return the request that the result of the first record answers; the others share its
-    ground.
+    """Return the request that the result of the first record answers.
+
+    The others share its ground.
     """
     remarks = [screening.status, *point_warnings, *screening.warnings]
     return AnalysisRequest(question_of(records, settings, remarks), options.label, software_name())
@@ -220,8 +222,9 @@ def analyse_drop(
 def load_surrogate(
     drop: Drop, setup: PointSetup, options: AnalysisOptions, library: SurrogateLibrary
 ) -> None:
-    """Load or build the response table that drops of this setup need, so that the first one need
-    not wait.
+    """Load or build the response table that drops of this setup need.
+
+    The first drop then need not wait for it.
 
     Raises
     ------
@@ -265,8 +268,9 @@ def analyse_file(
 def rehearse(
     drop: Drop, setup: PointSetup, options: AnalysisOptions, library: SurrogateLibrary
 ) -> None:
-    """Analyse an artificial pulse, so that modules and tables are loaded before the first real
-    drop.
+    """Analyse an artificial pulse.
+
+    Modules and tables are then loaded before the first real drop.
 
     Parameters
     ----------

@@ -29,9 +29,7 @@ declared, above which they must be different rigs. Drops on one rig repeat withi
 
 @dataclass(frozen=True, eq=False)
 class InstrumentCalibration:
-    """Calibration of an instrument: gain, response of the geophone and delay, with the files it is
-    from.
-    """
+    """Calibration of an instrument: gain, geophone response, delay, and their files."""
 
     files: tuple[str, ...]
     device: str | None

@@ -134,8 +134,9 @@ def judged_deflection(drop: Drop, setup: PointSetup) -> JudgedDeflection | None:
 
 
 def _of_peaks(number: int, peaks: Peaks, setup: PointSetup, discarded: str | None) -> PointDrop:
-    """Return the facts of a drop without traces: procedures judge it, although it cannot be
-    inverted.
+    """Return the facts of a drop without traces.
+
+    Procedures judge it, although it cannot be inverted.
     """
     kind = Kind.SEATING if number <= setup.seating_drops else Kind.MEASURED
     if discarded is not None:
@@ -153,8 +154,7 @@ def _of_peaks(number: int, peaks: Peaks, setup: PointSetup, discarded: str | Non
 def uncompared_facts(
     drop: Drop, setup: PointSetup, screening: Screening
 ) -> tuple[PointDrop, float]:
-    """Return the facts from the record of a drop alone, and the peak by which rebounds are
-    recognised.
+    """Return the facts from the record of a drop alone, and the peak for comparisons.
 
     Parameters
     ----------
@@ -248,10 +248,9 @@ def facts_from_stored(
 def stored_facts(
     number: int, setup: PointSetup, metadata: Mapping[str, Any], result: DropResult | None
 ) -> tuple[PointDrop, float] | None:
-    """Return the facts stored with a drop, or else with its result, and the result of `pulse_peak`,
-    N.
+    """Return the facts stored with a drop or its result, and the result of `pulse_peak`, N.
 
-    None: they have to be computed from the traces.
+    The result is None if they have to be computed from the traces.
     """
     stored = metadata.get(FACTS_KEY)
     recorded = MeasuredFacts.from_json(stored) if isinstance(stored, Mapping) else None
@@ -265,7 +264,7 @@ def stored_facts(
 def unbroken_peaks(drop: Drop) -> Peaks | None:
     """Return the peaks of a drop before its first missing samples.
 
-    None: samples around the trigger are missing.
+    The result is None if samples around the trigger are missing.
     """
     if drop.only_peaks is not None:
         return drop.only_peaks
@@ -274,8 +273,9 @@ def unbroken_peaks(drop: Drop) -> Peaks | None:
 
 
 def recorded_deflection(drop: Drop) -> float | None:
-    """Return the peak deflection of the centre sensor as recorded, m; None as for
-    `unbroken_peaks`.
+    """Return the peak deflection of the centre sensor as recorded, m.
+
+    None as for `unbroken_peaks`.
     """
     peaks = unbroken_peaks(drop)
     peak = None if peaks is None else peaks.centre
@@ -283,10 +283,10 @@ def recorded_deflection(drop: Drop) -> float | None:
 
 
 def corrected_deflection(drop: Drop, setup: PointSetup) -> float | None:
-    """Return the peak deflection of the centre sensor, m, with the declared geophone response
-    removed.
+    """Return the peak deflection in the centre, m, without the geophone response.
 
-    None: samples around the trigger are missing, there is no pulse, or the drop was on a test rig.
+    The result is None if samples around the trigger are missing, there is no pulse, or the drop was
+    on a test rig.
     """
     if drop.only_peaks is not None:
         return recorded_deflection(drop)
@@ -314,8 +314,7 @@ def _contradicts_its_file(number: int, setup: PointSetup | None) -> bool:
 def with_modulus(
     facts: PointDrop, result: DropResult | None, setup: PointSetup | None = None
 ) -> PointDrop:
-    """Return the facts of a drop with the fitted modulus of a result, or without one if there is
-    none.
+    """Return the facts of a drop with the modulus of a result, or without a modulus.
 
     Parameters
     ----------
@@ -370,9 +369,7 @@ def _pulse(load: NDArray[np.float64]) -> tuple[int, int]:
 def _centre_motion(
     drop: Drop, channel: Channel, setup: PointSetup
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return deflection, m, and velocity, m/s, with the declared response of the geophone
-    removed.
-    """
+    """Return deflection, m, and velocity, m/s, without the geophone's declared response."""
     frequency, damping = setup.geophone_natural_frequency, setup.geophone_damping
     if channel.quantity != "velocity":
         moved = displacement_of(channel, drop.time)

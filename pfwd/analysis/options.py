@@ -223,8 +223,9 @@ class AnalysisOptions:
 
 
 def with_layers_of(options: AnalysisOptions, result: DropResult | None) -> AnalysisOptions:
-    """Return the options with the number of layers of a result, so that the modulus keeps its
-    meaning.
+    """Return the options with the number of layers of a result.
+
+    The modulus then keeps its meaning.
 
     Parameters
     ----------

@@ -33,8 +33,7 @@ _DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1)), (0, (1, 1)))
 
 
 def plot_outcomes(outcomes: Sequence[FileOutcome], path: str | os.PathLike[str]) -> list[Path]:
-    """Draw all inverted drops: a PDF file with a page for each drop, or pictures of at most 24
-    drops.
+    """Draw all inverted drops, as pages of a PDF file or in pictures of 24 drops.
 
     Parameters
     ----------

@@ -86,8 +86,9 @@ def _in_table_order(record: type[JsonRecord]) -> list[Field[Any]]:
 
 
 def _end_of(name: str, end: str) -> str:
-    """Return the name of the column for one end of an interval; the unit stays at the end of the
-    name.
+    """Return the name of the column for one end of an interval.
+
+    The unit stays at the end of the name.
     """
     quantity, _, unit = name.rpartition("_interval_")
     return f"{quantity}_interval_{end}_{unit}"
@@ -95,9 +96,7 @@ def _end_of(name: str, end: str) -> str:
 
 @cache
 def _interval_columns(record: Any, prefix: str = "") -> tuple[tuple[str, ...], ...]:
-    """Return, for each interval of a record, its field and the columns of its lower and upper
-    end.
-    """
+    """Return field, column of the lower and of the upper end for each interval."""
     hints = get_type_hints(record)
     names = [f.name for f in stored_fields(record) if hints[f.name] == Interval | None]
     return tuple(

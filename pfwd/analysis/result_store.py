@@ -336,8 +336,9 @@ def basis_values(setup: PointSetup) -> dict[str, Any]:
 
 
 def basis_of(setup: PointSetup) -> str:
-    """Return an identifier of the declared values that influence a result: 16 hexadecimal
-    digits.
+    """Return an identifier of the declared values that influence a result.
+
+    It has 16 hexadecimal digits.
     """
     text = repr(sorted(basis_values(setup).items(), key=lambda item: item[0]))
     return hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -363,8 +364,9 @@ def holds(diagnosis: DiagnosisResult, setup: PointSetup, drops: Collection[int])
 
 
 def last_diagnosis(point: SurveyPoint) -> DiagnosisResult | None:
-    """Return the last stored diagnosis of a point, even if declarations or drops have changed
-    since.
+    """Return the last stored diagnosis of a point.
+
+    Declarations or drops may have changed since.
     """
     diagnoses = (read_diagnosis(drop) for drop in reversed(point.drops))
     return next((diagnosis for diagnosis in diagnoses if diagnosis is not None), None)

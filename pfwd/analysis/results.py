@@ -1,5 +1,6 @@
-"""Records of results: of a drop, of a diagnosis, of a file. Importing them does not load the
-inversion.
+"""Records of results: of a drop, of a diagnosis, of a file.
+
+Importing them does not load the inversion.
 """
 
 from __future__ import annotations
@@ -141,8 +142,9 @@ class DiagnosisResult(StoredRecord):
 
     @property
     def explained_to(self) -> float | None:
-        """Discrepancy of the point over its peak: model error beyond the noise; None: nothing was
-        fitted.
+        """Discrepancy of the point over its peak: model error beyond the noise.
+
+        The value is None if nothing was fitted.
 
         For diagnoses of earlier versions, which do not store it, the residual beyond the noise is
         returned.
@@ -160,9 +162,7 @@ class DiagnosisResult(StoredRecord):
 
     @property
     def use(self) -> Use:
-        """Permitted use of the modulus after the diagnosis: "design", "with-care" or
-        "do-not-use".
-        """
+        """Permitted use of the modulus: "design", "with-care" or "do-not-use"."""
         return self._assess_use().use
 
     @property
@@ -206,9 +206,7 @@ class DiagnosisResult(StoredRecord):
         return _UseAssessment("with-care", reason)
 
     def _remedy(self, default: str) -> str:
-        """Return the remedy for a warning, or else for the strongest effect, or else the
-        default.
-        """
+        """Return the remedy for a warning, else for the strongest effect, else the default."""
         codes = {warning.code for warning in self.warnings or () if isinstance(warning, Notice)}
         for warned, remedy in _REMEDIES_OF_WARNINGS.items():
             if warned in codes:
@@ -292,9 +290,7 @@ class DropAnalysis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredFacts(StoredRecord):
-    """Facts of a drop that its procedure judges, computed from its traces and stored with the
-    drop.
-    """
+    """Facts of a drop that its procedure judges, computed from its traces and stored."""
 
     OPTIONAL_KEYS: ClassVar[frozenset[str]] = frozenset({"rejected"})
 
@@ -371,8 +367,9 @@ class DropResult(InversionResult, StoredRecord):
 
     @property
     def is_trial(self) -> bool:
-        """True if the result was made with other settings as a trial, so that it is not in
-        force.
+        """True if the result was made with other settings as a trial.
+
+        Such a result is not in force.
         """
         return self.refit is not None or "refit" in self.more
 
@@ -407,8 +404,9 @@ search. A viscosity on its bound only widens the interval."""
 
 
 def fit_fault(result: DropResult) -> str | None:
-    """Return the reason, other than the residual, why the data do not support a modulus; None: they
-    do.
+    """Return the reason, other than the residual, why the data do not support a modulus.
+
+    The result is None if the data support it.
     """
     if result.converged is False:
         return "the fit did not converge"
@@ -439,8 +437,7 @@ class FileOutcome:
 
 
 def relative_spread(result: DropResult) -> float:
-    """Return a lower bound of the relative uncertainty of fitted parameters, from modulus and
-    residual.
+    """Return a lower bound of the relative uncertainty of fitted parameters.
 
     The standard deviations of viscosity, density and depth include the noise only. The interval of
     the modulus also includes the error of the model, and an unexplained residual may shift every

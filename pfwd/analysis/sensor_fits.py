@@ -66,8 +66,9 @@ def sensor_fits(curves: TimeHistories) -> tuple[SensorFit, ...]:
 
 
 def over_drops(drops: Sequence[Sequence[SensorFit]]) -> tuple[SensorFit, ...]:
-    """Return the fits of the sensors averaged over several drops: mean peaks, root mean square
-    residuals.
+    """Return the fits of the sensors over several drops.
+
+    Peaks are averaged, and residuals combined as root mean squares.
 
     The sensors are those of the first drop. A drop that lacks one of them is left out of its
     average.

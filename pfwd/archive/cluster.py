@@ -224,8 +224,9 @@ class ClusterWorkers:
             self._client.close(timeout=5.0)
 
     def _check_certificates(self, security: Any, scheduler: str) -> None:
-        """Raise an error for a tls address without certificates, or one without tls if dask forbids
-        it.
+        """Raise an error for a tls address without certificates.
+
+        An address without tls is an error if dask is configured to require encryption.
         """
         if not scheduler.startswith(("tls://", "wss://")):
             if security.require_encryption and not scheduler.startswith("inproc://"):
@@ -243,8 +244,9 @@ class ClusterWorkers:
         raise OptionError(refusal(self._where, expected, problem))
 
     def _max_batches(self) -> int:
-        """Return the number of batches to keep submitted; recomputed each time because clusters
-        grow.
+        """Return the number of batches to keep submitted.
+
+        It is computed each time, because clusters grow.
         """
         threads: int = sum(self._client.nthreads().values())
         return _N_BATCHES_PER_THREAD * max(1, threads)

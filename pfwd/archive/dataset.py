@@ -295,8 +295,9 @@ class Dataset:
         failures: Sequence[Row],
         sources: Sequence[Row],
     ) -> None:
-        """Write the tables of one part; after a crash in between the part is incomplete and is
-        ignored.
+        """Write the tables of one part.
+
+        After a crash in between the part is incomplete and is ignored.
 
         Parameters
         ----------
@@ -399,8 +400,9 @@ class Dataset:
 
 
 def _unpacked(file: Any, schema: Any) -> Any:
-    """Return the table of an open Parquet file; ValueError if it is too large or has other
-    columns.
+    """Return the table of an open Parquet file.
+
+    It raises ValueError if the table is too large or has other columns.
     """
     import pyarrow
 

@@ -93,8 +93,9 @@ class Ledger:
         return 1 + (largest or 0)
 
     def is_complete(self, source: Source) -> bool:
-        """Return whether results of all pieces of a source with this path, size and time are
-        stored.
+        """Return whether results of all pieces of this source are stored.
+
+        Path, size and time have to agree.
         """
         stored, pieces = self._base.execute(
             "select count(*), max(pieces) from sources"
@@ -113,8 +114,9 @@ class Ledger:
         return row is not None
 
     def file_with(self, digest: str, piece: int, pieces: int) -> str | None:
-        """Return a file whose results for a piece with the same content are stored; None: there is
-        none.
+        """Return a file whose results for a piece with the same content are stored.
+
+        The result is None if there is no such file.
 
         Parameters
         ----------
@@ -152,8 +154,9 @@ class Ledger:
             self._add(number, rows)
 
     def stale(self) -> dict[int, set[str]]:
-        """Return the contents whose rows have to be removed: SHA-256 digests, by the number of the
-        part.
+        """Return the contents whose rows have to be removed, by the number of the part.
+
+        A content is given by its SHA-256.
         """
         digests: dict[int, set[str]] = {}
         for number, digest in self._base.execute(
@@ -278,9 +281,7 @@ def _open(path: Path, parts: int = 0, run: str = "") -> sqlite3.Connection:
 
 
 def _schema_of(base: sqlite3.Connection) -> set[tuple[str, ...]]:
-    """Return all tables, indexes and other objects of a database, with the statements that made
-    them.
-    """
+    """Return all objects of a database, with the statements that made them."""
     limit = 100  # an index of this program has fewer than ten
     objects = base.execute("select type, name, tbl_name, sql from sqlite_master limit ?", (limit,))
     return {tuple(map(str, row)) for row in objects}

@@ -57,8 +57,7 @@ class Source:
 
 
 def find_sources(paths: Sequence[str], leave_out: str | None = None) -> Iterator[Source]:
-    """Yield the files and surveys that are named, or are in named folders, in the order of their
-    names.
+    """Yield the named files and surveys, and those in named folders, sorted by name.
 
     A file in a folder is a source if its suffix is one of this program or of a format that it
     imports; a file that is named itself always is. Links to folders are not followed.

@@ -134,8 +134,9 @@ _last_survey: tuple[Source, SurveyContent] | None = None
 
 
 def limit_threads() -> None:
-    """Limit linear algebra that is loaded later to one thread: the parallel work is done by
-    processes.
+    """Limit linear algebra that is loaded later to one thread.
+
+    The parallel work is done by processes.
     """
     for name in THREAD_VARIABLES:
         os.environ[name] = "1"
@@ -189,8 +190,9 @@ def _invert(source: Source, options: AnalysisOptions) -> SourceOutcome:
 def _diagnoses(
     source: Source, points: Sequence[TracePoint], options: AnalysisOptions
 ) -> Iterator[DiagnosisResult | Failure]:
-    """Yield the diagnoses of a survey's points; those with the same device are diagnosed
-    together.
+    """Yield the diagnoses of a survey's points.
+
+    Points with the same device are diagnosed together.
     """
     if not points:
         return

@@ -144,9 +144,7 @@ def advice_on_drop(
 
 
 def _is_uneven(residual: float, survey_residuals: Sequence[float]) -> bool:
-    """Return whether the residual of a drop is so much larger than usual that its contact is
-    suspect.
-    """
+    """Return whether a drop's residual is large enough to make its contact suspect."""
     if len(survey_residuals) < MIN_COMPARED_DROPS:
         return residual > MIN_UNEVEN_RESIDUAL_UNCOMPARED
     return residual > max(MIN_UNEVEN_RESIDUAL, UNEVEN_RATIO * statistics.median(survey_residuals))

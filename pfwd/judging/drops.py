@@ -94,15 +94,17 @@ class DropView:
 
     @property
     def left_out(self) -> tuple[float, ...]:
-        """Distances, m, of the sensors that are excluded from the fit; empty until the traces are
-        read.
+        """Distances, m, of the sensors that are excluded from the fit.
+
+        The tuple is empty until the traces are read.
         """
         return () if self.screening is None else self.screening.left_out
 
     @cached_property
     def facts(self) -> PointDrop:
-        """Facts with the fitted modulus and the operator's edits: a moved drop is rejected, a
-        discarded one marked.
+        """Facts with the fitted modulus and the operator's edits.
+
+        A moved drop is rejected, and a discarded one is marked as discarded.
         """
         if self.moved_to is not None:
             return PointDrop(self.number, Kind.REJECTED, reason=self.moved_to)
@@ -114,8 +116,9 @@ class DropView:
 
     @property
     def pulse_peak(self) -> float:
-        """Peak of the load pulse for the comparison with the other drops, N; 0: it is not
-        compared.
+        """Peak of the load pulse for the comparison with the other drops, N.
+
+        0: it is not compared.
         """
         return 0.0 if self.moved_to is not None else self.own_pulse_peak
 
@@ -139,8 +142,9 @@ def drop_from_traces(drop: Drop, setup: PointSetup, **more: Any) -> DropView:
 
 
 def classify_drops(drops: Sequence[DropView]) -> list[PointDrop]:
-    """Return the facts of all drops of a point: rebounds become rejected, the first drops seating
-    drops.
+    """Return the facts of all drops of a point.
+
+    Rebounds become rejected, and the first drops become seating drops.
 
     Parameters
     ----------

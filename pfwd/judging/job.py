@@ -144,8 +144,9 @@ class Job:
         return self._stations_by_name.get(name)
 
     def target_faults(self) -> list[str]:
-        """Return one sentence for each target that the procedure cannot judge, such as one in
-        another unit.
+        """Return one sentence for each target that the procedure cannot judge.
+
+        An example is a modulus where the procedure judges a deflection.
         """
         procedure = self.procedure_in_force
         lines = []
@@ -303,15 +304,12 @@ def _plain(value: Any) -> Any:
 
 
 def target_unit(procedure: Procedure) -> tuple[str, float, str]:
-    """Return the unit in which a procedure's targets are shown, its size in SI units, and the SI
-    unit.
-    """
+    """Return the shown unit of a procedure's targets, its size in SI, and the SI unit."""
     return ("mm", 1e-3, "m") if procedure.quantity is Quantity.DEFLECTION else ("MPa", 1e6, "Pa")
 
 
 def target_si(shown: float, procedure: Procedure, where: str = "--target") -> float:
-    """Return a target in SI units, from a number in the unit in which the procedure's targets are
-    shown.
+    """Return a target in SI units, from a number in the shown unit of the procedure.
 
     Parameters
     ----------
@@ -417,8 +415,9 @@ MAX_OFFSET_HOURS = 14
 
 
 def target_text(target: float) -> str:
-    """Return a target as text in mm or MPa; a number below 1 is a deflection in m, else a modulus
-    in Pa.
+    """Return a target as text in mm or MPa.
+
+    A number below 1 is a deflection in m, else a modulus in Pa.
     """
     from pfwd.procedures.judging import MAX_DEFLECTION_M
 
@@ -519,8 +518,9 @@ def _procedure(details: Mapping[str, Any], where: str) -> Procedure:
 
 
 def _named_procedure(survey: SurveyContent) -> Procedure | None:
-    """Return the shipped procedure that the drops of a survey of version 0.1 name; None: there is
-    none.
+    """Return the shipped procedure that the drops of a survey of version 0.1 name.
+
+    The result is None if they name none, or several.
 
     A name that is a path is ignored, so that a foreign survey cannot make the program open a file.
     """

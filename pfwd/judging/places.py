@@ -111,8 +111,9 @@ def local_of(drop: DropView, zone: str | None) -> str | None:
 
 
 def place_in(position: Any) -> tuple[float, float] | None:
-    """Return the latitude and longitude of a mapping, degrees; None: missing or outside of their
-    range.
+    """Return the latitude and longitude of a mapping, degrees.
+
+    The result is None if they are missing or outside of their range.
     """
     try:
         place = float(position["latitude"]), float(position["longitude"])

@@ -122,8 +122,9 @@ class PointView:
         return next((drop for drop in self.drops if drop.number == number), None)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the judgement as values that JSON can hold, in SI units: a line of the log of a
-        session.
+        """Return the judgement as values that JSON can hold, in SI units.
+
+        It is a line of the log of a session.
         """
         progress = self.progress
         values: Mapping[str, Any] = progress.as_dict()
@@ -155,8 +156,9 @@ def _diagnosed(point: PointView) -> DiagnosedModulus | None:
 
 
 def fit_before_diagnosis(diagnosis: DiagnosisResult) -> PointModulus | None:
-    """Return the modulus that was fitted without effects, before the diagnosis; None: there is
-    none.
+    """Return the modulus that was fitted without effects, before the diagnosis.
+
+    The result is None if nothing was fitted.
     """
     before = diagnosis.before
     if before is None or before.modulus_pa is None:
@@ -169,8 +171,9 @@ def fit_before_diagnosis(diagnosis: DiagnosisResult) -> PointModulus | None:
 def modulus_in_force(
     diagnosis: DiagnosisResult, point: PointView | None = None
 ) -> PointModulus | None:
-    """Return the modulus of a point that may be used after a diagnosis; None: the data support
-    none.
+    """Return the modulus of a point that may be used after a diagnosis.
+
+    The result is None if the data support no modulus.
 
     Parameters
     ----------
@@ -231,8 +234,9 @@ def _judge(point: PointView) -> PointProgress:
 
 
 def _target_of(point: PointView) -> tuple[float | None, str]:
-    """Return the target of a point, Pa or m, and its source; targets of the judged quantity come
-    first.
+    """Return the target of a point, Pa or m, and its source.
+
+    Targets of the judged quantity come first.
     """
     job = point.job
     station = job.station(point.shown_name)

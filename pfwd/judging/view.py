@@ -61,8 +61,9 @@ class SurveyView:
         return SurveyView(job, points)
 
     def with_points(self, points: Iterable[PointView]) -> "SurveyView":
-        """Return the survey with these points added, or replaced if it has points of the same
-        name.
+        """Return the survey with these points added.
+
+        They replace points of the same name.
         """
         judged = {point.name: replace(point, job=self.job) for point in points}
         return SurveyView(self.job, {**self.points, **judged})
@@ -102,8 +103,9 @@ def point_views(survey: SurveyContent, job: Job | None = None) -> Iterator[Point
 
 
 def point_view(point: SurveyPoint, job: Job) -> PointView:
-    """Return the view of a stored point; a damaged drop is rejected with the damage as its
-    reason.
+    """Return the view of a stored point.
+
+    A damaged drop is rejected with the damage as its reason.
     """
     drops: list[DropView] = []
     later = later_declarations(point)
@@ -165,8 +167,9 @@ def moduli_in_force(diagnoses: Sequence[DiagnosisResult]) -> list[PointModulus |
 
 
 def later_declarations(point: SurveyPoint) -> dict[str, Any]:
-    """Return the declarations that were edited after the point was measured, by the keys of a
-    header.
+    """Return the declarations of a point that were edited after it was measured.
+
+    The keys are those of a header.
     """
     declared: dict[str, Any] = {}
     for edit in point.edits:
@@ -237,8 +240,9 @@ def _damaged(drop: SurveyDrop, err: Exception, recorded: Mapping[str, Any]) -> D
 
 
 def recorded_fields(record: DropFacts, before: DropView | None) -> dict[str, Any]:
-    """Return the fields of a DropView that are recorded; equal ones are shared with the drop
-    before.
+    """Return the fields of a DropView that are recorded.
+
+    Fields that are equal to those of the drop before are shared with it.
 
     Traces are not among them, because those of a large survey would fill the memory.
     """

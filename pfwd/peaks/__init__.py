@@ -1,3 +1,1 @@
-"""Moduli and deflection-basin indices from peak values alone, and the stiffness of a spring test
-rig.
-"""
+"""Moduli and deflection-basin indices from peak values, and the stiffness of a test rig."""

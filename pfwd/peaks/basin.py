@@ -140,8 +140,9 @@ def implausible_offsets(peaks: Peaks) -> tuple[float, ...]:
 
 
 def _sensor_at(deflections: Mapping[float, float], distance: float) -> tuple[float, float] | None:
-    """Return offset and peak, m, of the sensor at a distance from the centre; None: there is
-    none.
+    """Return offset and peak, m, of the sensor at a distance from the centre.
+
+    The result is None if there is no such sensor.
     """
     tolerance = CENTRE_TOLERANCE_M
     if distance:

@@ -1,5 +1,4 @@
-r"""Stiffness of a spring test rig: force over displacement, at the peaks and as a function of
-frequency.
+r"""Stiffness of a spring test rig: force over displacement, at the peaks and by frequency.
 
 - Secant stiffness: peak of the force over peak of the displacement.
 - Dynamic stiffness: mean of :math:`|F(f) / U(f)|` from 15 to 30 Hz, where the pulse has most of its

@@ -279,8 +279,9 @@ def _goal(
     material: str | None,
     notes: list[str],
 ) -> _Goal:
-    """Return the target declared for the point if it is of the judged quantity, else the
-    procedure's.
+    """Return the target declared for the point if it fits, else that of the procedure.
+
+    A target fits if it is of the judged quantity.
     """
     if target is not None and is_target_for(procedure, target):
         return _Goal(target, "of the point")
@@ -294,8 +295,7 @@ def _goal(
 
 
 def is_target_for(procedure: Procedure, target: float) -> bool:
-    """Return whether a target is of the quantity that a procedure judges: a deflection or a
-    modulus.
+    """Return whether a target is of the quantity that a procedure judges.
 
     A number below 1 is a deflection in m, a larger one a modulus in Pa: moduli begin at 100 kPa,
     and deflections are smaller than the radius of a plate.
@@ -367,8 +367,9 @@ def next_step(
     violated: Sequence[str],
     faults: Sequence[str],
 ) -> tuple[Kind | None, str]:
-    """Return the kind of the next drop, None when the point is done, and one sentence of
-    instruction.
+    """Return the kind of the next drop, and one sentence of instruction.
+
+    The kind is None when the point is done.
 
     Parameters
     ----------

@@ -28,8 +28,9 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PointDrop:
-    """Values of one drop that a procedure judges; None means unknown, and checks that need it are
-    skipped.
+    """Values of one drop that a procedure judges.
+
+    None means unknown, and checks that need it are skipped.
     """
 
     number: int
@@ -100,9 +101,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class PointValue:
-    """Value of a point in the quantity that its procedure judges, with the numbers it was computed
-    from.
-    """
+    """Value of a point in the judged quantity, with the numbers it was computed from."""
 
     quantity: Quantity
     value: float
@@ -182,9 +181,7 @@ class PointModulus:
 
 @dataclass(frozen=True, slots=True)
 class StressDependence:
-    """Fit of E = E_0 (p / p_0)^n, with the pressure p, to the drops of a point from several
-    heights.
-    """
+    """Fit of E = E_0 (p / p_0)^n, with the pressure p, to drops from several heights."""
 
     exponent: float
     """Exponent n; positive: the ground stiffens with stress."""
@@ -284,15 +281,17 @@ class PointProgress:
 
     @property
     def fitted_modulus(self) -> PointModulus | None:
-        """Modulus from the fits of the averaged drops, also where the diagnosed modulus replaces
-        it.
+        """Modulus from the fits of the averaged drops.
+
+        It is given also where the diagnosed modulus replaces it.
         """
         moduli = (self.modulus, self.other_modulus)
         return next((modulus for modulus in moduli if modulus and modulus.source == "fitted"), None)
 
     def as_dict(self) -> Mapping[str, Any]:
-        """Return the judgement as values that JSON can hold; quantities in SI units, keys as the
-        fields.
+        """Return the judgement as values that JSON can hold.
+
+        Quantities are in SI units; the keys are the names of the fields.
         """
         values = {key: _plain(value) for key, value in asdict(self).items()}
         if self.value is not None:

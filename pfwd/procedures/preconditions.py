@@ -36,9 +36,7 @@ class PresumedLoad:
     """Mean contact pressure, Pa, of the measured load under the plate in use."""
 
     def is_met_by(self, load: float) -> bool:
-        """Return whether a peak load, N, deviates from the presumed one by no more than the
-        tolerance.
-        """
+        """Return whether a peak load, N, is within the tolerance of the presumed one."""
         return _is_within(load, self.load, self.tolerance)
 
 

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 
 class Quantity(StrEnum):
-    """Quantity by which a procedure judges a point. Values of different quantities cannot be
-    compared.
+    """Quantity by which a procedure judges a point.
+
+    Values of different quantities cannot be compared.
     """
 
     E_VD = "E_vd"
@@ -39,9 +40,7 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Target for the judged value of a point, possibly limited to a material or a range of
-    moisture.
-    """
+    """Target for the judged value of a point, for all or some materials and moistures."""
 
     value: Number
     """Target value, Pa, or m for a deflection."""
@@ -181,8 +180,9 @@ class Procedure:
         return Tolerance(number.value, is_ours=not number.verified)
 
     def enforced(self, number: Number | None) -> float | None:
-        """Return the value of a number if it is enforced; None: the profile lacks it, or it is not
-        verified.
+        """Return the value of a number if it is enforced.
+
+        The result is None if the profile lacks it, or it is not verified.
         """
         if number is None or not (number.verified or self.enforce_unverified):
             return None
@@ -211,8 +211,9 @@ class Procedure:
         return None if value is None else int(value)
 
     def as_recorded(self) -> dict[str, object]:
-        """Return the values that a survey stores of its procedure, so that its points can be judged
-        again.
+        """Return the values that a survey stores of its procedure.
+
+        Its points can be judged again from them.
 
         The keys are ``name``, ``text``, ``file`` and ``enforce_unverified``.
         """
@@ -224,8 +225,9 @@ class Procedure:
         }
 
     def numbers(self) -> dict[str, Number]:
-        """Return every number that the profile states, by its key; targets as ``target 1``,
-        ``target 2``.
+        """Return every number that the profile states, by its key.
+
+        Targets have the keys ``target 1``, ``target 2`` and so on.
         """
         numbers: dict[str, Number | None] = {
             "seating": self.seating,
@@ -242,8 +244,7 @@ class Procedure:
         return {key: number for key, number in numbers.items() if number is not None}
 
     def target_for(self, moisture: float | None, material: str | None) -> Target | None:
-        """Return the first enforced target for a moisture (percent by mass) and a material, or
-        None.
+        """Return the first enforced target for a moisture (percent) and a material, or None.
 
         A target that is limited to a moisture or a material applies only to a point that declares
         them.

@@ -1,5 +1,6 @@
-"""Strict reader of a procedure's TOML profile: unknown keys and numbers without a source are
-errors.
+"""Strict reader of a procedure's TOML profile.
+
+Unknown keys and numbers without a source are errors.
 """
 
 import os

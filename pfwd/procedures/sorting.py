@@ -126,8 +126,9 @@ def sort_drops(procedure: Procedure, drops: Sequence[PointDrop], notes: list[str
 def _drop_fault(
     procedure: Procedure, drop: PointDrop, unenforced: dict[str, list[int]]
 ) -> str | None:
-    """Return the first violation of an enforced check of single drops as a text; None: there is
-    none.
+    """Return the first violation of an enforced check of single drops as a text.
+
+    The result is None if no enforced check is violated.
 
     For a violated check that is not enforced, the drop's number is appended to
     ``unenforced[text]``.

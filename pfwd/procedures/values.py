@@ -1,6 +1,4 @@
-"""Value of a point by a procedure: E_vd, E_LWD or a fitted modulus, its 95 % interval and its
-dependence on stress.
-"""
+"""Value of a point by a procedure: E_vd, E_LWD or a fitted modulus, with its 95 % interval."""
 
 import math
 from collections.abc import Sequence
@@ -41,8 +39,9 @@ def value_of(
     notes: list[str],
     modulus: PointModulus | None = None,
 ) -> PointValue | None:
-    """Return the value of a point in the quantity that the procedure judges; None: the drops lack
-    it.
+    """Return the value of a point in the quantity that the procedure judges.
+
+    The result is None if the drops lack the quantity.
 
     Parameters
     ----------
@@ -96,9 +95,7 @@ def _deflection(
 def _spread_of(
     average: float, values: Sequence[float]
 ) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
-    """Return the 95 % interval of a mean and None, or None and the range of the values if they are
-    few.
-    """
+    """Return the 95 % interval of a mean and None, or None and the range of few values."""
     if len(values) < MIN_DROPS_FOR_INTERVAL:
         return None, (min(values), max(values)) if len(values) > 1 else None
     half = half_width_95(values) or 0.0
@@ -318,8 +315,9 @@ def stress_of(
     plate_radius: float,
     declared_ratio: float | None,
 ) -> StressDependence | None:
-    """Return the dependence of a point's modulus on the pressure under the plate; None: see
-    `stress_dependence`.
+    """Return the dependence of a point's modulus on the pressure under the plate.
+
+    The result is None in the case that `stress_dependence` describes.
 
     All usable drops count, also those that are not averaged: they may have fallen from other
     heights.
@@ -419,8 +417,9 @@ def spread(values: Sequence[float]) -> float | None:
 
 
 def half_width_95(values: Sequence[float]) -> float | None:
-    """Return half the width of the 95 % interval of a mean (Student); None: less than two
-    values.
+    """Return half the width of the 95 % interval of a mean (Student).
+
+    The result is None for fewer than two values.
     """
     count = len(values)
     if count < 2:

@@ -135,8 +135,9 @@ class LayeredGrounds:
 
     @classmethod
     def of(cls, grounds: Sequence[LayeredGround]) -> LayeredGrounds:
-        """Return grounds as arrays; all must have the same number of media, and all or none
-        rock.
+        """Return grounds as arrays.
+
+        All must have the same number of media, and all or none rock.
         """
         kinds = {(len(ground.media), ground.rock) for ground in grounds}
         _require(
@@ -184,9 +185,7 @@ class LayeredGrounds:
         )
 
     def at(self, s: ComplexArray, radius: float) -> Media:
-        """Return the properties of the media at Laplace variables (n,), ground by ground: (N, m n,
-        1).
-        """
+        """Return the media at Laplace variables (n,), ground by ground: (N, m n, 1)."""
         allowed = (s.real > 0.0) | (s == 0.0)
         _require(bool(np.all(allowed)), "Laplace variables", "Re s > 0, or s = 0", s[~allowed])
         nu = np.repeat(self.poisson_ratio.T, s.size, axis=1)

@@ -339,8 +339,7 @@ def compliance_slopes(
     ratio: bool = True,
     single: bool = False,
 ) -> list[Slopes]:
-    """Return the derivatives of the surface compliance with respect to the properties of every
-    medium.
+    """Return the derivatives of the surface compliance by every medium's properties.
 
     Each medium has values at the first nodes, those that its waves reach; media that no wave
     reaches are omitted.
@@ -483,9 +482,7 @@ def _half_space_slopes(
     traction: _Traction | None,
     both: bool,
 ) -> Slopes:
-    """Return the derivatives of H itself, or of its quadratic form under tractions at its
-    surface.
-    """
+    """Return the derivatives of H itself, or of its form under tractions."""
 
     def of(matrix: Symmetric) -> ComplexArray:
         if traction is None:
@@ -507,8 +504,7 @@ def _layer_slopes(
     x_slopes: list[ComplexArray],
     traction: _Traction,
 ) -> tuple[Slopes, _Traction]:
-    r"""Return the derivatives with respect to one layer's properties, and tractions at its lower
-    face.
+    r"""Return the derivatives by one layer's properties, and tractions at its lower face.
 
     With y = Q^-1 2D t, v = M y and t' = P'^-1 2D v, the traction at the lower face,
 
@@ -585,8 +581,7 @@ def _apply(matrix: Symmetric, first: ComplexArray, second: ComplexArray) -> _Tra
 def _x_slopes(
     waves: _Waves, passage: _Passage, layer: _Layer, tangents: tuple[_Tangent, ...]
 ) -> list[ComplexArray]:
-    r"""Return the derivatives of X = difference/R with respect to z and to c, without the pole at z
-    = 0.
+    r"""Return the derivatives of X = difference/R by z and by c, without the pole at z = 0.
 
     The difference is :math:`f e^{-\alpha h} E(x)`, f = (c - 1) h/(alpha + beta), x = -f z, E(x) =
     (1 - e^-x)/x.

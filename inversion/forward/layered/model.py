@@ -86,7 +86,7 @@ class LayeredForwardModel:
         Returns
         -------
         (m, n_sensors, n_times) and (m, len(parameters), n_sensors, n_times), m and m over the unit
-        of the parameter
+            of the parameter
         """
         transfer, slopes = layered_transfer_slopes(
             self.setup, self.instrument.plate_mass, self.s, grounds, parameters, self.rule

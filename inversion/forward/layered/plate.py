@@ -206,13 +206,12 @@ def displacement_slopes(
     parameters: Sequence[MediumParameter],
     rule: WavenumberRule = CONVERGED,
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Return :func:`displacement_per_force` and its derivatives with respect to parameters of the
-    media.
+    """Return :func:`displacement_per_force` and its derivatives by media parameters.
 
     Returns
     -------
     (m, n_sensors, n) and (m, len(parameters), n_sensors, n) ndarrays of complex, m/N and m/N over
-    the unit of the parameter
+        the unit of the parameter
     """
     media = grounds.at(s, setup.radius)
     tables = _tables(setup, Layout.of(rule, media, grounds.rock, setup.farthest))

@@ -34,8 +34,7 @@ def static_compliance(plate: LayeredPlateModel, radius: float, ground: LayeredGr
 
 
 def effective_modulus(plate: LayeredPlateModel, radius: float, ground: LayeredGround) -> float:
-    """Return Young's modulus, Pa, of homogeneous ground with the same static deflection of the
-    plate.
+    """Return Young's modulus, Pa, of homogeneous ground with the same static deflection.
 
     Its Poisson's ratio is that of the lowest medium, and its rock is at the same depth.
     """

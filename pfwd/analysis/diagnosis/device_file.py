@@ -112,15 +112,15 @@ def write_effects(
 
 
 def read_device_file(path: str | os.PathLike[str]) -> DeviceValues:
-    """Return the parameters of device effects that a device file states; raises as
-    `read_device`.
+    """Return the parameters of device effects that a device file states.
+
+    Raises as `read_device`.
     """
     return read_device(path)[0]
 
 
 def read_device(path: str | os.PathLike[str]) -> tuple[DeviceValues, DeviceValues]:
-    """Return the parameters of device effects that a device file states, and their standard
-    deviations.
+    """Return parameters of device effects in a device file, and standard deviations.
 
     Returns
     -------

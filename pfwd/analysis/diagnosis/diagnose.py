@@ -128,8 +128,9 @@ def diagnose_entries(
     spread: DeviceValues | None = None,
     allow: Allow | None = None,
 ) -> Iterator[Diagnosed]:
-    """Yield the diagnosis of points that were read already, in their order; invalid files are
-    passed on.
+    """Yield the diagnosis of points that were read already, in their order.
+
+    Entries for invalid files are passed on.
 
     Parameters
     ----------
@@ -209,8 +210,7 @@ def _by_device(work: Sequence[DiagnosisPoint]) -> list[list[DiagnosisPoint]]:
 
 
 def _with_device_largest(entries: Sequence[DiagnosisPoint]) -> list[DiagnosisPoint]:
-    """Return the points with the largest values that each channel has at other points of the
-    device.
+    """Return points with the largest values of each channel at others of the device.
 
     They disprove that a channel of the point was cut off at a lower level.
     """
@@ -236,9 +236,7 @@ def _with_device_largest(entries: Sequence[DiagnosisPoint]) -> list[DiagnosisPoi
 
 
 def with_diagnoses(outcome: FileOutcome, diagnosed: Sequence[Diagnosed]) -> FileOutcome:
-    """Return the results of a file with the diagnosis of its point added to each drop that was
-    fitted.
-    """
+    """Return the results of a file, with the diagnosis of the point in each fitted drop."""
     by_drop: dict[tuple[str | None, int], DropDiagnosis] = {}
     for point_outcome in diagnosed:
         result = point_outcome.result

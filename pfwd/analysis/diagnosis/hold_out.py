@@ -1,6 +1,4 @@
-"""Prediction of held-out drops and sensors, from the rest of their point and from the other
-points.
-"""
+"""Prediction of held-out drops and sensors from the other data of the instrument."""
 
 from __future__ import annotations
 
@@ -108,8 +106,7 @@ def with_predictions(
 
 
 class _Survey:
-    """Model structures and summaries of the points of one instrument, for the prediction of each
-    point.
+    """Structures and summaries of one instrument's points, for the prediction of each.
 
     A structure is the set of effects in the model. The summary of a point is its fit with one
     structure. What is used for a point never includes the point itself.
@@ -137,8 +134,9 @@ class _Survey:
         self._evidence = list(counted)
 
     def structure_without(self, place: int) -> Structure | None:
-        """Return the structure that the other points support best; None: there are no other
-        points.
+        """Return the structure that the other points support best.
+
+        The result is None if there are no other points.
         """
         evidence = [of for i, of in enumerate(self._evidence) if i != place and of]
         return choose_structure(evidence[:MAX_RANKED_POINTS]) if evidence else None

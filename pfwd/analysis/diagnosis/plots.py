@@ -1,6 +1,4 @@
-"""Pictures of diagnoses: traces, residual before and after, its spectrum, evidence of the
-effects.
-"""
+"""Pictures of diagnoses: traces, residuals and their spectrum, evidence of the effects."""
 
 from __future__ import annotations
 

@@ -100,8 +100,9 @@ class ProgressCounter:
 
 
 class Workers:
-    """Processes that share the work on several devices; with a count of 1 all work is done in this
-    one.
+    """Processes that share the work on several devices.
+
+    With a count of 1 all work is done in the calling process.
 
     Parameters
     ----------
@@ -126,14 +127,11 @@ class Workers:
                 pool.shutdown(cancel_futures=True)
 
     def map(self, function: Callable[..., _R], *columns: Sequence[Any]) -> Iterator[_R]:
-        """Yield the results of a function for the rows of the columns, in order, computed by the
-        processes.
-        """
+        """Yield the results of a function for rows of the columns, in order."""
         return map(function, *columns) if self._pool is None else self._pool.map(function, *columns)
 
     def at_once(self, function: Callable[[_G], _R], groups: Sequence[_G]) -> Iterator[_R]:
-        """Yield the results of a function for groups of points, in order, several groups at the
-        same time.
+        """Yield the results of a function for groups of points, in order.
 
         The function runs in a thread and waits for the processes. While one group waits for its
         last point, the processes work on another one.

@@ -160,9 +160,7 @@ def _discrepancy(diagnosis: PointDiagnosis) -> float:
 
 
 def _odd_points(outcomes: DiagnosisByPoint) -> set[str]:
-    """Return the names of points whose discrepancy is more than twice the usual one of the
-    device.
-    """
+    """Return the names of points with more than twice the usual discrepancy."""
     discrepancies = {
         name: _discrepancy(diagnosis) for name, diagnosis in successful(outcomes).items()
     }
@@ -189,9 +187,7 @@ def _held_out_points(
     workers: Workers,
     phases: Phases,
 ) -> dict[str, HeldOutPart]:
-    """Return the residual of each point when the device effects are fixed to the values of the
-    others.
-    """
+    """Return each point's residual with the device effects of the other points."""
     held_out = [point for point in points if point.name in diagnoses]
     knowledge = []
     for point in held_out:
@@ -289,9 +285,7 @@ def device_findings(diagnoses: Sequence[PointDiagnosis], shared: Collection[str]
 
 
 def contradictions(diagnosis: PointDiagnosis, findings: DeviceFindings) -> list[Notice]:
-    """Return a warning for each device effect whose value at a point contradicts the other
-    points.
-    """
+    """Return a warning for each device effect that contradicts the other points."""
     warnings = []
     for effect in diagnosis.effects:
         for p in effect.numbers:
@@ -336,8 +330,9 @@ def alternatives_of(alone: Sequence[PointDiagnosis]) -> dict[str, tuple[str, ...
 
 
 def declared_device(device: DeviceValues, spread: DeviceValues | None) -> DeviceFindings:
-    """Return the device effects whose values are fixed; those with a standard deviation are left
-    out.
+    """Return the device effects whose values are fixed.
+
+    Effects with a standard deviation are left out.
 
     Parameters
     ----------

@@ -140,8 +140,9 @@ def centre_sensor_fault(
 
 
 def _timing_fault(force: Vector, moved: Vector, step: float, unsure: float) -> str | None:
-    """Return the fault of a sensor that returns too early or moves against the load; None: no
-    fault.
+    """Return the fault of a sensor that returns too early or moves against the load.
+
+    The result is None if there is no such fault.
 
     The motion is delayed first by the largest error of timing that a sound chain may have.
     """

@@ -350,15 +350,14 @@ def counted(screening: Screening, number: int, rejected: int, setup: PointSetup)
 
 
 def pulse_peak(drop: Drop) -> float:
-    """Return the peak load without single-sample spikes, N, by which the drops of a point are
-    compared.
-    """
+    """Return the peak load without single-sample spikes, N, for comparing drops."""
     return _find_pulse(unbroken_part(drop)[0]).peak
 
 
 def rebound_reason(peak: float, largest: float) -> str | None:
-    """Return the reason why a drop is a rebound or a knock, compared with its point; None: it is
-    not.
+    """Return the reason why a drop is a rebound or a knock, compared with its point.
+
+    The result is None if the drop is accepted.
 
     Parameters
     ----------
@@ -465,9 +464,7 @@ def _late_start(pulse: _Pulse, drop: Drop, excursion: float) -> str | None:
 
 
 def _count_pulses(pulse: _Pulse) -> int:
-    """Return the number of times that the load exceeds `SECOND_PULSE` after a fall below
-    `PULSE_GAP`.
-    """
+    """Return how often the load exceeds `SECOND_PULSE` after it was below `PULSE_GAP`."""
     high = pulse.load > SECOND_PULSE * pulse.peak
     low = pulse.load < PULSE_GAP * pulse.peak
     decided = high[high | low]  # samples between the two levels are ignored
@@ -498,8 +495,9 @@ def _centre_fault(pulse: _Pulse, drop: Drop) -> str | None:
 
 
 def _centre_motion_fault(pulse: _Pulse, drop: Drop, setup: PointSetup) -> str | None:
-    """Return the reason why the motion of the centre sensor is not that of the plate; None: it
-    is.
+    """Return the reason why the motion of the centre sensor is not that of the plate.
+
+    The result is None if the motion is that of the plate.
     """
     frequency, damping = setup.geophone_natural_frequency, setup.geophone_damping
     response = None

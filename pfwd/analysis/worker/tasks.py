@@ -28,7 +28,7 @@ class Urgency(IntEnum):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Task:
-    """Inversion of one drop."""
+    """Inversion of one drop, as the worker process receives it."""
 
     number: int
     """Number of the task, in the order of the requests."""

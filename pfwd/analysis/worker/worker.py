@@ -249,8 +249,9 @@ def start_process() -> "subprocess.Popen[bytes]":
 
 
 def end_process(process: "subprocess.Popen[bytes]") -> None:
-    """Close the input of a process and wait for its end; a busy process is terminated, then
-    killed.
+    """Close the input of a process and wait for its end.
+
+    A busy process is terminated, then killed.
     """
     with contextlib.suppress(OSError):  # buffered data are no longer needed
         if process.stdin is not None:
