@@ -44,7 +44,8 @@ _MAX_SELECTION_ITERATIONS = 8
 _ROUGH_TOLERANCE, _MIN_EXPECTED_GAIN = 1e-2, 2.0
 # Effects of the ground that are slow or rare, and the number of best structures with which they
 # are tried.
-_SLOW_GROUNDS = frozenset({"layer", "modulus_gradient_root", "modulus_gradient", "damping_law"})
+_GROWTHS = frozenset({"modulus_gradient_root", "modulus_gradient"})
+_SLOW_GROUNDS = _GROWTHS | {"layer", "damping_law"}
 _GROUNDS = _SLOW_GROUNDS | {"bedrock"}
 _N_STRUCTURES_WITH_SLOW_GROUNDS = 2
 # Largest number of starting points that are refined.
@@ -197,6 +198,11 @@ class Selection:
             :_N_STRUCTURES_WITH_SLOW_GROUNDS
         ]:
             self._fit_slow_grounds(structure)
+        # Beside a plate mass that is declared wrongly, growth with depth looks like rock until the
+        # mass is free, and the best fast structure then has effects that conflict with the mass.
+        for name in sorted(_GROWTHS - absent):
+            if BY_NAME[name].offered(self._contexts):
+                self._fit(required | ((ALWAYS | {name}) - absent))
 
     def _fit_slow_grounds(self, structure: Structure, without: Collection[str] = ()) -> None:
         """Fit a structure with each of the slow or rare grounds in place of its ground.

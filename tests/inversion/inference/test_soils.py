@@ -89,6 +89,31 @@ def test_growth_under_one_sensor_is_no_rock(library: SurrogateLibrary) -> None:
     assert low < truth < high < 1.15 * low
 
 
+def test_growth_under_a_plate_with_undeclared_mass_is_no_rock(library: SurrogateLibrary) -> None:
+    radius, declared, undeclared = 0.1, 7.8, 3.9
+    ground = replace(
+        Ground.uniform(13e6, 11e3, 2100.0, NU, math.inf), growth=Growth(0.1, 1.0, 5.0)
+    )
+    hammer = Hammer(mass=10.0, stiffness=8e5, velocity=3.0)
+    drop = simulate_drop(ground, Plate(radius, declared + undeclared), hammer, (), 0.1, STEP)
+    before = np.zeros(BEFORE)
+    velocity = np.concatenate([before, np.gradient(drop.plate_displacement, STEP)])
+    noise = np.random.default_rng(1).standard_normal(velocity.size)
+    velocity += 2.0 * NOISE * np.abs(velocity).max() * noise
+    record = Record(
+        STEP * np.arange(-BEFORE, drop.time.size),
+        np.concatenate([before, drop.load]),
+        (Sensor(0.0, "velocity", velocity),),
+        Instrument(plate_radius=radius, plate_mass=declared),
+        poisson_ratio=NU,
+    )
+    diagnosis = diagnose_point(PointRecords("simulated", (record,), (1,)), library)
+    assert names_of(diagnosis) == {"plate_inertia", "modulus_gradient"}
+    assert value_of(diagnosis, "plate_inertia", "mass") == pytest.approx(undeclared, rel=0.15)
+    truth = effective_modulus(ground, Plate(radius, 0.0))
+    assert diagnosis.after.modulus_pa == pytest.approx(truth, rel=0.02)
+
+
 @pytest.mark.slow
 def test_growth_under_three_sensors_is_found(library: SurrogateLibrary) -> None:
     records, _ = simulated(GIBSON, BESIDE)
