@@ -91,9 +91,7 @@ def test_growth_under_one_sensor_is_no_rock(library: SurrogateLibrary) -> None:
 
 def test_growth_under_a_plate_with_undeclared_mass_is_no_rock(library: SurrogateLibrary) -> None:
     radius, declared, undeclared = 0.1, 7.8, 3.9
-    ground = replace(
-        Ground.uniform(13e6, 11e3, 2100.0, NU, math.inf), growth=Growth(0.1, 1.0, 5.0)
-    )
+    ground = replace(Ground.uniform(13e6, 11e3, 2100.0, NU, math.inf), growth=Growth(0.1, 1.0, 5.0))
     hammer = Hammer(mass=10.0, stiffness=8e5, velocity=3.0)
     drop = simulate_drop(ground, Plate(radius, declared + undeclared), hammer, (), 0.1, STEP)
     before = np.zeros(BEFORE)
