@@ -18,7 +18,7 @@ from textual.screen import Screen
 
 from pfwd.errors import DeviceError, SurveyError
 from pfwd.files.moving import moved_to
-from pfwd.judging import JobRequest
+from pfwd.judging import JobRequest, PointView
 from pfwd.judging.view import read_points
 from pfwd.procedures import Verdict
 from pfwd.session.events import (
@@ -38,7 +38,7 @@ from pfwd.session.position import FIX_NAMES, PositionReceiver
 from tui.output import clean
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
 from tui.screen.pages import PAGES, make_page
-from tui.screen.pages.dialogs import Question
+from tui.screen.pages.dialogs import Question, TextDialog
 from tui.screen.pages.help import HelpPage
 from tui.screen.pages.measure import MeasurePage
 from tui.screen.pages.page import Page
@@ -55,6 +55,7 @@ from tui.screen.session.screen_events import (
     SessionEnded,
     SurveyRead,
 )
+from tui.screen.session.slips import SlipWriter, signature_error
 from tui.screen.session.sources import (
     SessionSource,
     change_speed,
@@ -147,6 +148,7 @@ class PfwdApp(App[int]):
         self.runner.add_listener(log_event)
         self.edits = SurveyEdits(source, self.runner, self.show_message, self._in_thread)
         self.fits = DropFits(source, self.runner, self.state, self.show_message, self._in_thread)
+        self.slips = SlipWriter(source, self.runner, self.state, self.show_message, self._in_thread)
         self.diagnoses = Diagnoses(source, self.runner, self.state, self.show_message)
         self.glyphs = glyphs or glyphs_of_terminal()
         self.drawn = 0
@@ -393,6 +395,25 @@ class PfwdApp(App[int]):
             start = getattr(page, "action_refit", None)
             if start is not None:
                 self.call_after_refresh(start)
+
+    def ask_for_slip(self, point: PointView) -> None:
+        """Ask for the signature of the slip of a point, then write the slip."""
+        problem = self.slips.obstacle(point)
+        if problem:
+            self.show_message(problem)
+            return
+
+        def take(signature: str | None) -> None:
+            if signature is not None:
+                self.slips.write(point, signature)
+
+        dialog = TextDialog(
+            f"Slip of point {point.shown_name}: typed signature; empty for a line to sign on",
+            self.state.job.operator or "",
+            check=signature_error,
+            hint="enter writes the slip, escape goes back",
+        )
+        self.push_screen(dialog, take)
 
     def action_undo(self) -> None:
         """Revert the last discard, restore or move."""

@@ -2,7 +2,6 @@
 
 import contextlib
 import shlex
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
@@ -17,8 +16,8 @@ from textual.widgets import DataTable, Input, Label, TabbedContent, TabPane
 from textual.widgets._tabs import Underline
 
 from pfwd.errors import DeviceError, SurveyError
-from pfwd.processes import start_text_child
 from tui.output import clean, counted, say
+from tui.screen.command_process import run_command
 from tui.screen.drawing.glyphs import Glyphs, glyphs_of_terminal
 from tui.screen.drawing.lines import Line, cell, line, wrap
 from tui.screen.drawing.plot import stacked_plots
@@ -675,16 +674,8 @@ class OpenApp(App[int]):
         more = ["--format", "table"] if command == "export" else []
         words = [command, str(self.opened.folder), "-o", path, *more]
         self._call(self.show_message, f"pfwd {shlex.join(words)} ...")
-        code = "from tui.cli import main; raise SystemExit(main())"
-        try:
-            child = start_text_child("-c", code, *words, stdin=subprocess.DEVNULL)
-            out, err = child.communicate()
-        except OSError as err_:
-            self._call(self.show_message, f"{path}: {err_}")
-            return
-        last = (err or out).strip().splitlines()[-1:] or [""]
-        text = f"{path} is written" if child.returncode == 0 else last[0].removeprefix("pfwd: ")
-        self._call(self.show_message, text)
+        error = run_command(words)
+        self._call(self.show_message, error or f"{path} is written")
 
     def action_leave(self) -> None:
         """Leave."""

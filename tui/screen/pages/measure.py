@@ -47,10 +47,11 @@ class MeasurePage(Page):
         ("?", "help"),
         ("2", "points"),
         ("q", "leave"),
+        ("s", "slip"),
         ("r", "refit"),
         ("tab", "trace"),
-        ("up/down", "choose"),
         ("5", "setup"),
+        ("up/down", "choose"),
         ("g", "record now"),
         ("l", "large"),
         ("t", "theme"),
@@ -68,6 +69,7 @@ class MeasurePage(Page):
         Binding("n", "next_point", "Next point"),
         Binding("d", "discard", "Discard the drop"),
         Binding("enter", "open", "Open the drop"),
+        Binding("s", "slip", "Slip of the point: one page to sign"),
         Binding("r", "refit", "Fit the drop with other settings"),
         Binding("g", "record_now", "Record a drop now"),
     ]
@@ -173,6 +175,10 @@ class MeasurePage(Page):
     def action_refit(self) -> None:
         """Open the page of the drop and the dialog for a trial fit."""
         self.pfwd.open_drop(self.drop, refit=True)
+
+    def action_slip(self) -> None:
+        """Ask for the signature of the slip of this point, then write it."""
+        self.pfwd.ask_for_slip(self.pfwd.state.current)
 
     def action_record_now(self) -> None:
         """Record a drop now, without a trigger by the load."""

@@ -6,6 +6,7 @@ from typing import Any, ClassVar, Protocol, cast
 from textual.app import ComposeResult
 from textual.screen import Screen
 
+from pfwd.judging import PointView
 from pfwd.session.plan import SessionPlan
 from tui.screen.drawing.glyphs import Glyphs
 from tui.screen.drawing.lines import Line
@@ -81,6 +82,9 @@ class Host(Protocol):
 
     def action_page(self, name: str) -> None:
         """Go to a page."""
+
+    def ask_for_slip(self, point: PointView) -> None:
+        """Ask for the signature of the slip of a point, then write the slip."""
 
     def open_drop(self, drop: DropState | None, *, refit: bool = False) -> None:
         """Open the page of a drop."""

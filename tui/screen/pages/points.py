@@ -84,6 +84,7 @@ class PointsPage(Page):
         ("o", "position"),
         ("a", "name"),
         ("e", "note"),
+        ("s", "slip"),
         ("d", "discard"),
         ("w", "move"),
         ("u", "undo"),
@@ -102,6 +103,7 @@ class PointsPage(Page):
         Binding("o", "position", "Position of the point"),
         Binding("a", "name", "Another name for the point"),
         Binding("e", "note", "Note"),
+        Binding("s", "slip", "Slip of the point: one page to sign"),
         Binding("w", "move", "Move the drop to another point"),
     ]
 
@@ -352,6 +354,10 @@ class PointsPage(Page):
             if station.name not in current_names
         }
         return list((points | stations | points).items())
+
+    def action_slip(self) -> None:
+        """Ask for the signature of the slip of the chosen point, then write it."""
+        self.pfwd.ask_for_slip(self.chosen)
 
     def action_note(self) -> None:
         """Open the dialog for a note on the drop or the point."""
