@@ -91,7 +91,7 @@ rings once, a rejected drop twice."""
 
 
 class PfwdApp(App[int]):
-    """Application of the live screen.
+    """Textual application of ``pfwd live``, ``pfwd demo`` and ``pfwd replay --live``.
 
     Parameters
     ----------
@@ -171,32 +171,32 @@ class PfwdApp(App[int]):
 
     @property
     def screen_theme(self) -> ScreenTheme:
-        """Colours of the chosen theme."""
+        """Colours of the theme that the operator chose, dark or daylight."""
         return THEMES[self.settings.theme]
 
     @property
     def units(self) -> Units:
-        """Units on the screen."""
+        """Units in which all pages show numbers, SI or US customary."""
         return UNITS_BY_NAME[self.settings.units]
 
     @property
     def message(self) -> str:
-        """Last message; empty after some seconds."""
+        """Last message to the operator; empty `MESSAGE_S` after it was shown."""
         text, until = self._message
         return text if time.monotonic() < until else ""
 
     def clock(self) -> str:
-        """Return the time of day."""
+        """Return the local time of day as HH:MM:SS."""
         return self._local_time().strftime("%H:%M:%S")
 
     def word(self) -> StatusWord:
-        """Return the status of the measurement."""
+        """Return the status word of the measure page, as READY, with its instruction."""
         now = time.monotonic()
         at = self.runner.pulse_at
         return status_of(self.state, now, None if at is None else now - at, self.coordinates())
 
     def position(self) -> ReceiverStatus | None:
-        """Return the position of the receiver as text; None: there is no receiver."""
+        """Return the fix of the satellite receiver as text; None: none is connected."""
         receiver = self.source.plan.position
         if not isinstance(receiver, PositionReceiver):
             return None
@@ -213,7 +213,7 @@ class PfwdApp(App[int]):
         return ReceiverStatus(f"GPS {quality}{satellites}{precision}", place, is_good)
 
     def coordinates(self) -> tuple[float, float] | None:
-        """Return the present latitude and longitude, degrees; None: not known."""
+        """Return latitude and longitude of the last fix, degrees; None: no fix."""
         receiver = self.source.plan.position
         fix = receiver.latest() if isinstance(receiver, PositionReceiver) else None
         return None if fix is None else (fix.latitude, fix.longitude)
@@ -223,13 +223,13 @@ class PfwdApp(App[int]):
         return pace_text(self.source.pace)
 
     def busy_text(self) -> str:
-        """Return the work under way besides measuring; empty: none."""
+        """Return what runs in the background, a diagnosis or a fit, in words; empty: nothing."""
         if self.diagnoses.file:
             return diagnosis_text(self.diagnoses.file, self.diagnoses.progress, time.monotonic())
         return "fitting ..." if self.fits.n_running else ""
 
     def show_message(self, text: str) -> None:
-        """Show a line to the operator for some seconds."""
+        """Show a line of text on every page for `MESSAGE_S`."""
         self._message = clean(text), time.monotonic() + MESSAGE_S
 
     # Start and events.
@@ -254,7 +254,7 @@ class PfwdApp(App[int]):
         self.run_worker(self._leave(), exclusive=True, group="leave")
 
     def read_contents(self) -> None:
-        """Read the stored survey in a thread."""
+        """Read the stored points and drops in a thread; they come as `SurveyRead`."""
         folder = self.source.survey
         if folder is None or not folder.is_dir():
             return
@@ -329,7 +329,7 @@ class PfwdApp(App[int]):
                 self.diagnoses.on_diagnosed(event, self.units)
 
     def _on_calibration(self, event: CalibrationChanged) -> None:
-        """Ask for a decision before drops are recorded with another calibration."""
+        """Ask the operator whether to record with the new calibration of the instrument."""
         self.show_message(event.text)
         if not event.waits or event == self._open_calibration:
             return
@@ -360,7 +360,7 @@ class PfwdApp(App[int]):
                 self.bell()
 
     def _sound_verdict(self) -> None:
-        """Ring the verdict once the point is complete and all its results have come."""
+        """Ring the rhythm of the verdict once a point is complete and all its drops are fitted."""
         state = self.state
         progress = state.progress
         if self.source.pace is not None or not progress.complete or progress.next_kind is not None:
@@ -384,7 +384,7 @@ class PfwdApp(App[int]):
             self.push_screen(make_page(name))
 
     def open_drop(self, drop: DropState | None, *, refit: bool = False) -> None:
-        """Open the page of a drop."""
+        """Open the drop page; with `refit` also its dialog for a fit with other settings."""
         if drop is None:
             self.show_message("there is no drop yet")
             return
@@ -408,10 +408,10 @@ class PfwdApp(App[int]):
                 self.slips.write(point, signature)
 
         dialog = TextDialog(
-            f"Slip of point {point.shown_name}: typed signature; empty for a line to sign on",
+            f"Slip of point {point.shown_name}: typed signature",
             self.state.job.operator or "",
             check=signature_error,
-            hint="enter writes the slip, escape goes back",
+            hint="enter writes it, empty leaves a line to sign on, escape goes back",
         )
         self.push_screen(dialog, take)
 
@@ -425,12 +425,12 @@ class PfwdApp(App[int]):
         self.show_message("pasted text is ignored: it is not typed as keys")
 
     def action_help(self) -> None:
-        """Show the help of this page."""
+        """Open the help of the page on top."""
         if isinstance(self.screen, Page) and not isinstance(self.screen, HelpPage):
             self.push_screen(HelpPage(self.screen))
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Return False for the keys of a replay in a session without one."""
+        """Disable the keys for pause, step and speed where no recording is replayed."""
         if action in ("pause", "step", "speed"):
             return self.source.pace is not None
         return super().check_action(action, parameters)
@@ -459,13 +459,13 @@ class PfwdApp(App[int]):
         self.redraw()
 
     def redraw(self) -> None:
-        """Draw the page on top again."""
+        """Draw the page on top now, also if no value on it has changed."""
         self._drawn_for = ()
         if isinstance(self.screen, Page):
             self.screen.draw()
 
     def action_theme(self) -> None:
-        """Switch the theme."""
+        """Switch between the dark and the daylight theme."""
         self.change(theme="daylight" if self.settings.theme == "dark" else "dark")
 
     def action_large(self) -> None:
@@ -473,11 +473,11 @@ class PfwdApp(App[int]):
         self.change(large=not self.settings.large)
 
     def action_units(self) -> None:
-        """Switch the units."""
+        """Switch between SI and US customary units."""
         self.change(units="us" if self.settings.units == "si" else "si")
 
     def action_ring(self) -> None:
-        """Switch the bell."""
+        """Switch the bell on or off."""
         self.change(bell=not self.settings.bell)
         self.show_message("bell on" if self.settings.bell else "bell off")
 
@@ -496,7 +496,7 @@ class PfwdApp(App[int]):
             self.redraw()
 
     def action_speed(self, step: int) -> None:
-        """Change the speed of a replay."""
+        """Change the speed of a replay by steps of `REPLAY_SPEEDS`."""
         if self.source.pace is not None:
             change_speed(self.source.pace, step)
             self.redraw()
@@ -504,7 +504,7 @@ class PfwdApp(App[int]):
     # Leaving.
 
     def action_leave(self) -> None:
-        """Leave; with drops that are not stored, only after a question."""
+        """Leave the program; ask first if drops or typed settings would be lost."""
         if self._leaving:  # pressed again: leave at once, acknowledged drops are safe
             self._finish()
             return
@@ -523,7 +523,7 @@ class PfwdApp(App[int]):
             self._end_by_signal()
 
     def _danger(self) -> str:
-        """Return the question before leaving would lose data; empty: none."""
+        """Return the question to ask because leaving would lose data; empty: it loses none."""
         if self.state.n_unsaved:
             return f"{self.state.n_unsaved} drop(s) are only in memory and would be lost. Leave?"
         return str(getattr(self.screen, "unsaved", "") or "")

@@ -194,6 +194,20 @@ def test_a_point_without_safe_drops_has_no_slip(survey: Path) -> None:
     play(app_of(survey), with_an_unsafe_drop)
 
 
+def test_a_survey_in_the_current_folder_has_a_place_for_slips(
+    survey: Path, commands: list[Sequence[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(survey)
+
+    async def script(app: App, pilot: Any) -> None:
+        await survey_is_read(app, pilot)
+        await pilot.press("s", "enter")
+        await until(pilot, lambda: bool(commands))
+
+    play(app_of(Path()), script)
+    assert commands[0][-1] == f"--output={survey.with_name('road-reports') / 'slip-7.pdf'}"
+
+
 def test_an_earlier_slip_is_not_overwritten(tmp_path: Path) -> None:
     names = []
     for _ in range(3):

@@ -45,7 +45,7 @@ _DIAGNOSIS_COLUMNS = (
 
 
 class DiagnosisPage(Page):
-    """Page with the causes of the residuals of the survey."""
+    """Page with the diagnosis of each point: causes of its residual, modulus, misfit."""
 
     NAME = "diagnosis"
     HELP = (
@@ -144,7 +144,7 @@ class DiagnosisPage(Page):
         return modulus_in_force(result, point)
 
     def action_run(self) -> None:
-        """Diagnose the survey."""
+        """Start the diagnosis of all points in a process of its own."""
         folder = self.pfwd.source.survey
         if folder is None:
             self.pfwd.show_message("there is no survey that could be diagnosed")
@@ -157,19 +157,19 @@ class DiagnosisPage(Page):
         self.pfwd.diagnoses.stop()
 
     def action_choose(self, step: int) -> None:
-        """Choose another point."""
+        """Choose the point this number of rows further down; its text stands below the table."""
         self.place = max(0, min(self.place + step, len(self.results) - 1))
         self.first = 0
         self.draw()
 
     def action_text(self, rows: int) -> None:
-        """Scroll the text."""
+        """Scroll the text below the table by this number of rows."""
         self.first = max(0, self.first + rows)
         self.draw()
 
 
 def progress_bar(count: int, total: int, width: int) -> Line:
-    """Return a bar with the number of points that are done."""
+    """Return a bar that is filled as far as points are diagnosed, with their number."""
     text = f" {count} of {total} points"
     cells = max(0, min(60, width - len(text)))
     filled = cells * count // max(1, total)
@@ -202,15 +202,16 @@ def result_row(
     """
     before = result.before or FittedState()
     verdict = str(result.verdict)
+    is_partly_explained = verdict == "unexplained" and result.use == "with-care"
     cells = point_cells(name, result, modulus)
     in_force = cells.modulus
-    if modulus is not None:
+    if modulus is not None and modulus.not_supported is None:
         value, ends = units.value_and_ends("modulus", modulus.value, modulus.interval)
         in_force = f"{value} ({ends})" if ends else value
     return TableRow(
         (
             shorten(cell(name).text, 24),
-            verdict.upper(),
+            "PARTLY EXPLAINED" if is_partly_explained else verdict.upper(),
             units.value_and_ends("modulus", before.modulus_pa, before.modulus_interval_pa)[0],
             in_force,
             cells.use,
@@ -223,7 +224,7 @@ def result_row(
 
 
 def device_lines(results: Sequence[DiagnosisResult], units: Units, width: int) -> list[Line]:
-    """Return the effects of the device with their values and the number of points."""
+    """Return a line for each effect of the device: its values and the number of points."""
     values: dict[str, list[str]] = {}
     for result in results:
         for effect in result.effects or ():

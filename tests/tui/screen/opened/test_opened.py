@@ -1,4 +1,4 @@
-"""A survey that is looked at: rows, the screen, the page for a browser."""
+"""`pfwd open`: rows of a survey, its tabs and keys, and the page for a browser."""
 
 import asyncio
 import dataclasses
@@ -26,7 +26,7 @@ from pfwd_device.recording import DropRecord, SurveyWriter, read_survey
 from tests.pfwd.report.surveys import SETUP, half_sine_drop, result_of
 from tests.tui.screen.scripted import until
 from tui.cli import main
-from tui.diagnosis_lines import diagnosis_line, diagnosis_lines, survey_lines
+from tui.diagnosis_lines import diagnosis_line, diagnosis_lines, point_cells, survey_lines
 from tui.page.server import SurveyServer, is_local, parse_place
 from tui.screen.drawing.glyphs import BRAILLE
 from tui.screen.drawing.lines import text_of
@@ -85,7 +85,7 @@ def titles(rows: list[PointRow]) -> list[str]:
     return [row.title for row in rows]
 
 
-def test_rows_stand_as_the_survey_is_judged(survey: Path) -> None:
+def test_rows_have_the_verdicts_of_the_survey(survey: Path) -> None:
     rows = opened(survey).rows
     expected = list(point_views(read_survey(survey)))
     assert [row.verdict for row in rows] == [point.progress.verdict for point in expected]
@@ -123,7 +123,9 @@ def test_a_damaged_cache_is_survived(survey: Path, tmp_path: Path, text: str) ->
         ("nothing", []),
     ],
 )
-def test_a_filter(survey: Path, filter_text: str, expected: list[str]) -> None:
+def test_rows_match_every_word_of_a_filter(
+    survey: Path, filter_text: str, expected: list[str]
+) -> None:
     assert titles(matching(opened(survey).rows, filter_text)) == expected
 
 
@@ -133,7 +135,7 @@ def test_points_without_a_verdict_are_counted_in_words(survey: Path) -> None:
     assert list(shares([*rows, waiting])) == [("without a verdict", 5), ("to be judged", 1)]
 
 
-def test_an_order(survey: Path) -> None:
+def test_rows_are_sorted_by_each_key(survey: Path) -> None:
     rows = opened(survey).rows
     assert titles(in_order(rows, "value")) == ["0+020", "9", "0+100", "10", "0+000"]
     assert titles(in_order(rows, "title")) == ["0+000", "0+020", "0+100", "9", "10"]
@@ -142,7 +144,7 @@ def test_an_order(survey: Path) -> None:
     assert [pages(count, 100) for count in (0, 1, 100, 101)] == [1, 1, 1, 2]
 
 
-def test_the_map_tells_in_marks_too(survey: Path) -> None:
+def test_the_map_has_a_mark_for_each_verdict(survey: Path) -> None:
     rows = opened(survey).rows
     text = "\n".join(text_of(row) for row in map_lines(rows, "10", 60, 20))
     for mark in ("o", "x", "?", "@", "north up"):
@@ -218,7 +220,7 @@ def page_text(app: OpenApp) -> str:
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40)])
-def test_the_screen(survey: Path, size: tuple[int, int]) -> None:
+def test_filter_profile_map_drops_and_job_by_keys(survey: Path, size: tuple[int, int]) -> None:
     async def script(app: OpenApp, pilot: Any) -> None:
         assert "2 PASS, 2 FAIL, 1 UNDECIDED" in page_text(app)
         await pilot.press("slash", *"fail")
@@ -306,7 +308,7 @@ def test_a_change_of_the_tab_builds_no_line_of_keys(survey: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40)])
-def test_every_key_is_named(survey: Path, size: tuple[int, int]) -> None:
+def test_the_last_line_names_every_key(survey: Path, size: tuple[int, int]) -> None:
     async def script(app: OpenApp, pilot: Any) -> None:
         await pilot.pause()
         last = page_text(app).splitlines()[-1]
@@ -464,7 +466,9 @@ def test_a_malformed_address_is_refused() -> None:
     ]
 
 
-def test_the_command(survey: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_open_prints_json_and_needs_a_terminal(
+    survey: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     assert main(["open", str(survey), "--json"]) == 0
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [line["verdict"] for line in lines] == ["pass", "fail", "undecided", "pass", "fail"]
@@ -521,7 +525,12 @@ def test_screen_and_diagnose_print_the_same_modulus_and_misfit(survey: Path) -> 
     assert (opened_row.use, opened_row.misfit) == ("use with care", "1.4 %")
     assert point_modulus_text(point.progress, SI) == "81 MPa (72 to 112)"
     page_row = result_row(result, "0+000", modulus, SI, chosen=False).texts
-    assert {"81 (72 to 112)", "1.4 %"} <= set(page_row)
+    assert {"81 (72 to 112)", "1.4 %", "PARTLY EXPLAINED"} <= set(page_row)
+    assert modulus is not None
+    unsupported = dataclasses.replace(modulus, not_supported="the plate was lifted")
+    printed = point_cells("0+000", result, unsupported)
+    page_row = result_row(result, "0+000", unsupported, SI, chosen=False).texts
+    assert (page_row[3], page_row[4]) == (printed.modulus, printed.use) == ("none", "do not use")
     sentence = verdict_text(result, SI)
     assert "81 MPa (72 to 112), use with care; misfit 1.4 %" in sentence
     assert "misfit 1.4 %" in diagnosis_line("0+000", result)
@@ -530,7 +539,7 @@ def test_screen_and_diagnose_print_the_same_modulus_and_misfit(survey: Path) -> 
     assert "1.4 % of the peak is not explained" in text_on_page
 
 
-def test_cells_are_no_markup(tmp_path: Path, survey: Path) -> None:
+def test_names_in_cells_are_not_read_as_markup(tmp_path: Path, survey: Path) -> None:
     """No name is mark-up, and the table draws its cells itself: the toolkit's way takes 80 ms."""
     with SurveyWriter.open(survey, publish=False) as writer:
         writer.edit("name", "[b]left[/b] lane", point="9")
