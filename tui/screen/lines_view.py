@@ -14,12 +14,12 @@ from tui.screen.themes import DARK, ScreenTheme
 
 
 class LinesView(Widget, can_focus=True):
-    """Lines of cells; their text is never interpreted as mark-up."""
+    """Widget that shows lines of cells; their text is never interpreted as mark-up."""
 
     DEFAULT_CSS = "LinesView { width: 1fr; height: 1fr; }"
 
     class Clicked(Message):
-        """A row was clicked."""
+        """Message: the mouse was clicked in a cell of the widget."""
 
         def __init__(self, row: int, column: int) -> None:
             super().__init__()
@@ -33,7 +33,7 @@ class LinesView(Widget, can_focus=True):
         self._glyphs: Glyphs = BRAILLE
 
     def show(self, lines: Sequence[Line], theme: ScreenTheme, glyphs: Glyphs) -> int:
-        """Show lines; return the number of changed lines."""
+        """Show these lines in place of the former ones; return the number of lines that differ."""
         new = list(lines)
         if theme is not self._theme or glyphs != self._glyphs or len(new) != len(self._lines):
             self._theme, self._glyphs, self._lines = theme, glyphs, new
@@ -54,7 +54,7 @@ class LinesView(Widget, can_focus=True):
         return "\n".join("".join(piece.text for piece in row).rstrip() for row in self._lines)
 
     def render_line(self, y: int) -> Strip:
-        """Return a line for the terminal."""
+        """Return line `y` of the widget as styled text for the toolkit."""
         width = self.size.width
         styles = self._theme.styles
         cells = self._lines[y] if y < len(self._lines) else ()

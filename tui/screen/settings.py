@@ -16,7 +16,7 @@ from pfwd.files.output_path import replaced_at_once
 
 @dataclass(frozen=True, slots=True)
 class ScreenSettings:
-    """Settings of the screen."""
+    """Settings of the screen that last from one run to the next."""
 
     theme: Literal["dark", "daylight"] = "dark"
     units: Literal["si", "us"] = "si"

@@ -24,7 +24,7 @@ def show(
     moduli: dict[int, float] | None = None,
     remarks: Sequence[str] = (),
 ) -> int:
-    """Run the screen and return the exit status.
+    """Run the live screen until the operator leaves; return the exit status.
 
     Parameters
     ----------

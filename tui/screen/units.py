@@ -32,7 +32,7 @@ _PSI = _POUND_FORCE / _INCH**2  # Pa
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit of the screen."""
+    """Unit in which numbers are shown: name and size."""
 
     name: str
     scale: float
@@ -69,7 +69,7 @@ _US: Mapping[QuantityName, Unit] = {
 
 @dataclass(frozen=True, slots=True)
 class Units:
-    """A system of units."""
+    """System of units of the screen, SI or US customary."""
 
     name: UnitsName
 
@@ -88,7 +88,7 @@ class Units:
         return si / self.of(quantity).scale
 
     def si(self, quantity: QuantityName, value: float) -> float:
-        """Convert a value to SI."""
+        """Convert a value in the unit of the screen to SI."""
         return value * self.of(quantity).scale
 
     def text(self, quantity: QuantityName, si: float | None, digits: int = 3) -> str:
@@ -168,7 +168,7 @@ class Units:
 
 
 def judged_quantity(quantity: Quantity) -> QuantityName:
-    """Return the quantity that gives the judged value its unit."""
+    """Return the entry of the units for the quantity that a procedure judges."""
     return "settlement" if quantity is Quantity.DEFLECTION else "modulus"
 
 

@@ -29,7 +29,7 @@ def test_a_peak_of_a_single_sample_survives_the_reduction() -> None:
     assert low.min() == 0.0
 
 
-def test_neighbouring_columns_touch() -> None:
+def test_a_steep_curve_has_no_gap_between_columns() -> None:
     time = np.linspace(0, 1, 1000)
     low, high = min_max_columns(time, 50 * time, 0.0, 1.0, 20)
     assert np.all(high[:-1] >= low[1:])

@@ -114,7 +114,7 @@ def test_hostile_text_does_not_disturb_a_page(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", HOSTILE[:8], ids=range(8))
-def test_dialogs_and_the_setup_page_take_it_as_text(text: str) -> None:
+def test_dialogs_and_the_setup_page_show_markup_as_text(text: str) -> None:
     async def script(app: App, pilot: Any) -> None:
         await deliver(app, pilot, ready(), saved(1), Edited("name", text, "7", None))
         await pilot.press("n")

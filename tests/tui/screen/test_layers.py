@@ -92,7 +92,7 @@ def page(drop: DropState, width: int, height: int, **more: Any) -> list[str]:
     return [text_of(text_row) for text_row in lines]
 
 
-def test_a_profile_is_a_row_a_medium_with_a_bar_on_a_log_scale() -> None:
+def test_each_layer_is_a_row_with_a_bar_on_a_log_scale() -> None:
     texts = rows(result(**LAYERS), 70)
     assert texts[0] == "layers, E MPa (95 %); bars 37 to 164 MPa, log"
     assert texts[1].startswith("1 0.250 m (0.240 to 0.262) 120 (110 to 131)")
@@ -187,7 +187,9 @@ def test_a_fit_that_leaves_the_subgrade_open_is_no_failure() -> None:
     ]
 
 
-def test_the_bowl_has_a_dash_a_sensor_and_a_line(make_drop: Callable[..., Drop]) -> None:
+def test_the_bowl_has_a_dash_for_each_sensor_and_a_line_for_the_fit(
+    make_drop: Callable[..., Drop],
+) -> None:
     figure = bowl_figure(drop_of(make_drop, result(**LAYERS), *OFFSETS), SI)
     assert figure is not None
     measured, modelled = figure.curves

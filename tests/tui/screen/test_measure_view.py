@@ -93,7 +93,7 @@ def test_the_page_fills_just_the_terminal(case: str, size: tuple[int, int], larg
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("large", [False, True])
-def test_the_modulus_stands_with_all_it_rests_on(size: tuple[int, int], large: bool) -> None:
+def test_the_modulus_is_shown_with_its_assumptions(size: tuple[int, int], large: bool) -> None:
     on_page = text(view(*complete_point(), large=large, chosen=6), size)
     for part in (
         "MPa",

@@ -964,7 +964,7 @@ def test_messages_are_not_cut_on_any_page(size: tuple[int, int]) -> None:
     play(App(), script, size)
 
 
-def test_the_points_page_uses_its_room_and_knows_where_the_points_are() -> None:
+def test_the_points_page_shows_drops_and_positions_where_there_is_room() -> None:
     async def script(app: App, pilot: Any) -> None:
         stored, place = saved_drop(7), {"latitude": 48.1374, "longitude": 11.5755}
         view = dataclasses.replace(stored.view, metadata={"position": place})

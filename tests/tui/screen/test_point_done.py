@@ -62,7 +62,7 @@ def test_the_judged_quantity_is_in_large_digits() -> None:
 @pytest.mark.parametrize(
     ("target", "word"), [(40e6, "reaches the target"), (60e6, "misses the target")]
 )
-def test_how_the_point_stands_fills_the_screen(
+def test_the_verdict_of_a_complete_point_fills_the_screen(
     size: tuple[int, int], target: float, word: str
 ) -> None:
     async def script(app: App, pilot: Any) -> None:

@@ -59,7 +59,7 @@ def test_no_digit_before_the_point_is_lost() -> None:
     assert percent(0.0042) == "0.42 %"
 
 
-def test_settings_come_back(tmp_path: Path) -> None:
+def test_stored_settings_are_loaded_again(tmp_path: Path) -> None:
     file = tmp_path / "deep" / "screen.json"
     expected_name = ScreenSettings("daylight", "us", large=True, bell=False)
     assert save_settings(expected_name, file)

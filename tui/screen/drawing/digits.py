@@ -39,7 +39,7 @@ BLOCK_SIZES: tuple[tuple[int, int], ...] = ((8, 4), (6, 3), (4, 2), (3, 2), (2, 
 
 
 def digit_lines(text: str, role: TextRole = "strong", wide: int = 2, high: int = 1) -> list[Line]:
-    """Return a text in large letters.
+    """Return the lines that draw a text in large letters of blocks.
 
     Parameters
     ----------

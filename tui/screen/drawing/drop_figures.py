@@ -65,7 +65,7 @@ def drop_figures(
 def curves_of(
     drop: DropState, refit: Refit | None
 ) -> tuple[TimeHistories | None, DropResult | None]:
-    """Return the curves and the result of a drop, or of one of its refits."""
+    """Return the curves of a drop, or of one of its refits, and the result they belong to."""
     return (drop.curves, drop.result) if refit is None else (refit.curves, refit.result)
 
 

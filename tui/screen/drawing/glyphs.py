@@ -41,7 +41,7 @@ _ASCII_REPLACEMENTS = str.maketrans(
 
 @dataclass(frozen=True, slots=True)
 class Glyphs:
-    """Set of characters of a terminal."""
+    """Characters that a terminal can show, and the replacements for those that it cannot."""
 
     name: GlyphName
 
@@ -66,7 +66,7 @@ GLYPHS_BY_NAME: Mapping[str, Glyphs] = {"braille": BRAILLE, "ascii": ASCII}
 
 
 def glyphs_of_terminal(environment: Mapping[str, str] = os.environ) -> Glyphs:
-    """Guess the characters of the terminal, or take ``PFWD_GLYPHS`` = braille or ascii."""
+    """Guess the characters of the terminal; ``PFWD_GLYPHS`` = braille or ascii sets them."""
     override = GLYPHS_BY_NAME.get(environment.get("PFWD_GLYPHS", ""))
     if override is not None:
         return override

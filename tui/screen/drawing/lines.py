@@ -36,7 +36,7 @@ TextRole = Literal[
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A piece of a line."""
+    """Text of one colour and weight within a line."""
 
     text: str
     role: TextRole = "text"
@@ -46,7 +46,7 @@ Line = tuple[Cell, ...]
 
 
 def cell(text: object, role: TextRole = "text") -> Cell:
-    """Return a piece of any text without control characters."""
+    """Return a cell with this text, from which control characters are removed."""
     return Cell(clean(text), role)
 
 
@@ -121,7 +121,7 @@ class Piece:
 
 
 def piece(rank: int, *parts: Cell | object) -> Piece:
-    """Return a piece with this rank."""
+    """Return a `Piece` of some cells or texts; pieces of the highest rank are dropped first."""
     return Piece(line(*parts), rank)
 
 
@@ -170,7 +170,7 @@ def both_ends(start: Line, end: Line, width: int) -> Line:
 
 @dataclass(frozen=True, slots=True)
 class TableColumn:
-    """A column of a table."""
+    """Title, alignment and importance of a column of a table."""
 
     title: str
     rank: int
@@ -183,7 +183,7 @@ class TableColumn:
 
 @dataclass(frozen=True, slots=True)
 class TableRow:
-    """A row of a table."""
+    """Texts of a row of a table, one for each column, and how the row is drawn."""
 
     texts: tuple[str, ...]
     role: TextRole = "text"

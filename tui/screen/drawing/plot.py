@@ -30,7 +30,7 @@ FREE_RANGE = 0.06
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Curve:
-    """A curve in the units of the plot."""
+    """Curve of a plot: its points in the units of the axes, its colour and its legend."""
 
     time: NDArray[np.float64]
     values: NDArray[np.float64]

@@ -15,7 +15,7 @@ _EIGHTHS = " ▁▂▃▄▅▆▇█"
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """One point of a survey."""
+    """Bar for the value of one point, or of one drop, in a bar chart."""
 
     name: str
     value: float | None

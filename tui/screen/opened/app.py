@@ -77,20 +77,20 @@ POINT_DELAY_S = 0.12
 
 
 class Plot(LinesView):
-    """Plot that is drawn for its size."""
+    """Widget for plots that `OpenApp` draws again when its size changes."""
 
     def __init__(self, name: str) -> None:
         super().__init__(id=name)
 
     def on_resize(self, _event: events.Resize) -> None:
-        """Draw the plots for another size."""
+        """Have the plots of the tab on the screen drawn for the new size."""
         app = self.app
         if isinstance(app, OpenApp):
             app.draw_plots()
 
 
 class OpenApp(App[int]):
-    """Application that shows a recorded survey.
+    """Textual application of ``pfwd open``: tabs with the points of a recorded survey.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ class OpenApp(App[int]):
         self._call(self._show_all)
 
     def _call(self, function: Any, *values: Any) -> None:
-        """Call a function in the thread of the application."""
+        """Call a function in the thread of the application, from a thread that reads files."""
         with contextlib.suppress(RuntimeError):  # the application has ended
             self.call_from_thread(function, *values)
 
@@ -252,7 +252,7 @@ class OpenApp(App[int]):
     # The table of points.
 
     def _show_rows(self) -> None:
-        """Filter and sort the rows and fill the table."""
+        """Fill the table of points with a page of the rows that match the filter, sorted."""
         self.visible_rows = in_order(
             matching(self.opened.rows, self.filter_text), self.order, falling=self.falling
         )
@@ -285,7 +285,7 @@ class OpenApp(App[int]):
         return [cells[str(column.key.value)] for column in table.ordered_columns]
 
     def _update(self, rows: Sequence[PointRow]) -> None:
-        """Update rows that have been judged."""
+        """Replace rows of the table of points by rows that have been judged since."""
         self._counts = ""
         if self.filter_text or self.order != ORDERS[0]:
             self._show_rows()
@@ -363,7 +363,7 @@ class OpenApp(App[int]):
         self.query_one("#head", Label).update(Content(clean(text)), layout=False)
 
     def show_message(self, text: str) -> None:
-        """Show a line to the reader."""
+        """Show a line of text above the keys, until the next one."""
         self.query_one("#said", Label).update(Content(clean(text)), layout=False)
 
     @on(DataTable.RowHighlighted, "#points-table")
@@ -389,13 +389,13 @@ class OpenApp(App[int]):
         self._show_rows()
 
     def action_sort(self) -> None:
-        """Sort by the next column."""
+        """Sort the points by the next of `ORDERS`."""
         place = ORDERS.index(self.order)
         self.order, self.falling = ORDERS[(place + 1) % len(ORDERS)], False
         self._show_rows()
 
     def action_filter(self) -> None:
-        """Show the field of the filter."""
+        """Show the field in which words filter the points while they are typed."""
         field = self.query_one("#filter", Input)
         field.add_class("shown")
         field.focus()
@@ -428,7 +428,7 @@ class OpenApp(App[int]):
     # Tabs.
 
     def action_tab(self, name: str) -> None:
-        """Go to a tab."""
+        """Show the tab of this name, as points, profile or map."""
         tabs = self.query_one("#tabs", TabbedContent)
         if tabs.active == name:
             self.call_after_refresh(self.draw_plots)
@@ -648,11 +648,11 @@ class OpenApp(App[int]):
     # Files.
 
     def action_report(self) -> None:
-        """Write a report, as HTML or PDF."""
+        """Ask for the name of a file, then write a report as HTML or PDF."""
         self._ask_file("Report into (.html or .pdf)", f"{self.opened.folder.name}.html", "report")
 
     def action_export(self) -> None:
-        """Write a table of all drops."""
+        """Ask for the name of a file, then write a table of all drops as CSV."""
         self._ask_file("Export into (.csv)", f"{self.opened.folder.name}.csv", "export")
 
     def _ask_file(self, title: str, proposal: str, command: str) -> None:
@@ -678,7 +678,7 @@ class OpenApp(App[int]):
         self._call(self.show_message, error or f"{path} is written")
 
     def action_leave(self) -> None:
-        """Leave."""
+        """Leave the program."""
         self.exit(0)
 
 
@@ -764,7 +764,7 @@ def point_lines(row: PointRow, width: int) -> list[Line]:
 
 
 def show_survey(folder: str | Path, settings: ScreenSettings) -> int:
-    """Show a survey until the reader leaves; return the exit status."""
+    """Show a recorded survey until the reader leaves; return the exit status of the program."""
     app = OpenApp(OpenedSurvey(folder), settings)
     app.run()
     for text in app.opened.changed_verdicts:

@@ -42,7 +42,7 @@ def profile_figure(
     *,
     by_chainage: bool = False,
 ) -> Figure:
-    """Return the values along the line with their intervals; the target is a dashed line.
+    """Return a plot of values with intervals over chainage or number; the target is dashed.
 
     Points are not joined: nothing was measured between them.
 
@@ -102,7 +102,7 @@ def profile_lines(
     *,
     by_chainage: bool = False,
 ) -> list[Line]:
-    """Return the profile with the value of the chosen point below it."""
+    """Return the plot of values along the line, with the value of the chosen point below it."""
     width, height = size
     if not any(row.value is not None for row in rows):
         text = " no point has a value yet; pfwd invert computes it" if rows else " no point"
@@ -192,7 +192,7 @@ def _map_names(
 
 
 def _joined(cells: Sequence[Cell]) -> Line:
-    """Join neighbours of one role to one cell, which is drawn faster."""
+    """Join adjacent cells of the same role to one cell, which is drawn faster."""
     runs: list[Cell] = []
     for part in cells:
         if runs and runs[-1].role == part.role:

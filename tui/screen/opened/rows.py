@@ -31,7 +31,7 @@ MAX_CACHE_BYTES = 50_000_000
 
 @dataclass(frozen=True, slots=True)
 class PointRow:
-    """Row of a point."""
+    """Point of a survey as a row of the table: name, place, judged value, verdict, modulus."""
 
     name: str
     """Name of the point in its drops."""
@@ -76,7 +76,7 @@ class PointRow:
 
     @property
     def state(self) -> str:
-        """State of the point in a word."""
+        """PASS, FAIL, UNDECIDED, DISCARDED, - for no verdict, or ... while it is not judged."""
         if self.discarded:
             return "DISCARDED"
         if not self.judged:
@@ -85,7 +85,7 @@ class PointRow:
 
 
 class OpenedSurvey:
-    """Survey with its points as rows.
+    """Recorded survey whose points are rows; verdicts are stored in a cache of the platform.
 
     Parameters
     ----------

@@ -81,7 +81,7 @@ and the palette, which ctrl+p opens nevertheless, is not listed."""
 
 
 class KeysLine(Footer):
-    """Line of the keys that can be pressed now.
+    """Last line of the screen, with the keys that can be pressed now.
 
     The toolkit builds its line again whenever the focus moves, which takes 25 ms and happens three
     times for a change of the tab; this one is built only for other keys.

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class PageEntry(NamedTuple):
-    """Page with the key that opens it."""
+    """Entry of `PAGES`: a page and the key that opens it."""
 
     name: str
     """Name of the module."""

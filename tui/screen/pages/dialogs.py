@@ -57,7 +57,7 @@ class TextDialog(ModalScreen[str | None]):
             yield Label(Content(self._hint), id="remark")
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Check the text while it is typed."""
+        """Show the error of the text while it is typed."""
         fault = self._check(event.value)
         self.query_one("#remark", Label).update(Content(fault or self._hint))
         self.query_one("#text", Input).set_class(bool(fault), "wrong")
@@ -152,7 +152,7 @@ class PointDialog(TextDialog):
 
 
 class Question(ModalScreen[bool]):
-    """Question answered by y or n; enter gives the safe answer, no."""
+    """Dialog with a question answered by y or n; enter gives the safe answer, no."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("y", "answer(True)", "Yes"),
@@ -170,7 +170,7 @@ class Question(ModalScreen[bool]):
             yield Label(Content(f"y {self._yes}     n {self._no}"))
 
     def action_answer(self, sure: bool) -> None:
-        """Close with the answer."""
+        """Close the dialog; the result is True for yes."""
         self.dismiss(sure)
 
 
@@ -228,7 +228,7 @@ class RefitDialog(ModalScreen[AnalysisOptions | None]):
         self.query_one("#model", Select).focus()
 
     def options(self) -> AnalysisOptions:
-        """Return the chosen options.
+        """Return the settings of the fit that are chosen in the dialog.
 
         Raises
         ------
@@ -260,11 +260,11 @@ class RefitDialog(ModalScreen[AnalysisOptions | None]):
         return options
 
     def on_select_changed(self) -> None:
-        """Check the choices."""
+        """Show why the choices contradict each other, if they do."""
         self._check()
 
     def on_input_changed(self) -> None:
-        """Check the numbers while they are typed."""
+        """Show the error of a number while it is typed."""
         self._check()
 
     def on_input_submitted(self) -> None:

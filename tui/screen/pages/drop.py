@@ -21,7 +21,7 @@ CURSOR_STEPS = 100
 
 
 class DropPage(Page):
-    """Page of a drop."""
+    """Page with the traces, the fit and all results of one drop."""
 
     NAME = "drop"
     HELP = (
@@ -146,7 +146,7 @@ class DropPage(Page):
         return 0.0, 1.0
 
     def action_cursor(self, step: int) -> None:
-        """Move the cursor."""
+        """Move the cursor along the time axis by hundredths of the window."""
         start, end = self._window()
         now = self.cursor if self.cursor is not None else start + 0.3 * (end - start)
         self.cursor = min(max(now + step * (end - start) / CURSOR_STEPS, start), end)
@@ -182,7 +182,7 @@ class DropPage(Page):
         self.draw()
 
     def action_sensor(self) -> None:
-        """Show the next sensor."""
+        """Show deflection and residual of the next sensor."""
         drop = self.drop
         count = len(drop.saved.drop.channels) if drop is not None and drop.saved is not None else 1
         self.sensor = (self.sensor + 1) % max(1, count)
@@ -201,7 +201,7 @@ class DropPage(Page):
         self.draw()
 
     def action_result(self) -> None:
-        """Show the next result."""
+        """Show the next result: the one in force, then each fit with other settings."""
         drop = self.drop
         self.result_index = (
             (self.result_index + 1) % (len(drop.refits) + 1) if drop is not None else 0
@@ -212,7 +212,7 @@ class DropPage(Page):
         self.draw()
 
     def action_text(self, rows: int) -> None:
-        """Scroll the text."""
+        """Scroll the text beside or below the plots by this number of rows."""
         self.first = max(0, self.first + rows)
         self.draw()
 
@@ -221,7 +221,7 @@ class DropPage(Page):
         self.pfwd.edits.discard(self.drop)
 
     def action_effects(self) -> None:
-        """Diagnose the drop."""
+        """Start the diagnosis of this drop in a process of its own."""
         drop = self.drop
         if drop is None or drop.saved is None or not drop.saved.file:
             self.pfwd.show_message("there is no file of this drop yet")

@@ -30,7 +30,7 @@ def modulus_of_drop(drop: DropState | None, units: Units) -> tuple[str, str]:
 
 
 class JudgedValue(NamedTuple):
-    """Judged quantity of one drop as text."""
+    """Judged quantity of one drop or point as texts."""
 
     name: str
     value: str
@@ -137,7 +137,7 @@ def assumption_texts(result: DropResult, units: Units) -> tuple[str, str, str, s
 
 
 def verdict_of(drop: DropState | None, diagnosed: str = "") -> tuple[str, TextRole]:
-    """Return the assessment of a drop in one sentence."""
+    """Return one sentence on a drop: discarded, rejected, or how well its fit explains it."""
     if drop is None:
         return "no drop yet", "dim"
     if drop.moved_to:
@@ -215,7 +215,7 @@ def _hidden_columns(quantity: Quantity) -> tuple[str, ...]:
 
 
 def drop_row(state: SessionState, drop: DropState, units: Units, *, chosen: bool) -> TableRow:
-    """Return the row of a drop for `drop_columns`."""
+    """Return the texts of a drop for a table with the columns of `drop_columns`."""
     value, ends = modulus_of_drop(drop, units)
     exclusion = state.exclusion_reason(drop)
     residual = None if drop.result is None else drop.result.residual_rms_over_peak

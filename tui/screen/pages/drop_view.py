@@ -55,7 +55,7 @@ MIN_PLOT_ROWS = 6
 
 @dataclass(frozen=True, slots=True)
 class DropPageState:
-    """State of the drop page."""
+    """All that the drop page shows: the drop, units, and what the operator chose."""
 
     drop: DropState | None
     state: SessionState
@@ -79,7 +79,7 @@ class DropPageState:
 
 
 def drop_lines(view: DropPageState, width: int, height: int) -> list[Line]:
-    """Return the page as exactly `height` lines."""
+    """Return the drop page as exactly `height` lines."""
     drop = view.drop
     if drop is None:
         body = [(), line(cell(" there is no drop yet", "dim"))]
@@ -108,7 +108,7 @@ def drop_lines(view: DropPageState, width: int, height: int) -> list[Line]:
 
 
 def _part(text: Sequence[Line], first: int, rows: int) -> list[Line]:
-    """Return a part of the lines; the last one tells the key for more."""
+    """Return `rows` lines from `first` on; if more follow, the last one names the key for them."""
     part = list(text[first : first + rows])
     if len(text) > first + rows and part:
         part[-1] = line(cell("... pagedown shows more", "dim"))

@@ -15,7 +15,7 @@ _TOOLKIT_ACTIONS = ("app.focus_next", "app.focus_previous", "screen.copy_text")
 
 
 class HelpPage(Page):
-    """Help of the page below."""
+    """Page with the purpose, the keys and the words of the page that it covers."""
 
     NAME = "help"
     HELP = "Keys of the page that you came from."
@@ -85,10 +85,10 @@ class HelpPage(Page):
         return keys
 
     def action_back(self) -> None:
-        """Go back to the page."""
+        """Close the help."""
         self.app.pop_screen()
 
     def action_scroll_by(self, rows: int) -> None:
-        """Scroll the text."""
+        """Scroll the help by this number of rows."""
         self._first += rows
         self.draw()

@@ -85,7 +85,7 @@ class MeasurePage(Page):
 
     @property
     def drop(self) -> DropState | None:
-        """Chosen drop, by default the newest."""
+        """Drop whose traces and result are on the page: the chosen one, else the newest."""
         state = self.pfwd.state
         if self.chosen is None:
             return state.last
@@ -121,7 +121,7 @@ class MeasurePage(Page):
         return measure_lines(view, width, height)
 
     def action_choose(self, step: int) -> None:
-        """Choose another drop of this point."""
+        """Choose the drop before (-1) or after (1) the one on the page."""
         state = self.pfwd.state
         numbers = sorted(state.current_drops)
         if not numbers:
@@ -135,7 +135,7 @@ class MeasurePage(Page):
         self.draw()
 
     def action_newest(self) -> None:
-        """Follow the newest drop."""
+        """Show the newest drop again, also when further drops come."""
         self.chosen = None
         self.draw()
 

@@ -69,7 +69,7 @@ FULL_WIDTH, FULL_HEIGHT = 100, 30
 
 @dataclass(frozen=True, slots=True)
 class MeasureView:
-    """State of the session and of the page."""
+    """All that the measure page shows: the session, units, and what the operator chose."""
 
     state: SessionState
     word: StatusWord
@@ -102,14 +102,14 @@ class MeasureView:
 
     @property
     def drop(self) -> DropState | None:
-        """Chosen drop."""
+        """Drop on the page: the chosen one, else the newest."""
         if self.chosen is not None:
             return self.drops.get(self.chosen)
         return self.state.last
 
 
 def measure_lines(view: MeasureView, width: int, height: int) -> list[Line]:
-    """Return the page as exactly `height` lines of at most `width` columns."""
+    """Return the measure page as exactly `height` lines of at most `width` columns."""
     foot = [_mean_line(view, width), key_line(view.keys, width)]
     top = [*head_lines(view, width), *_word_lines(view, width), *_procedure_lines(view, width)]
     room = height - len(top) - len(foot)
@@ -553,7 +553,7 @@ def advice_lines(view: MeasureView, width: int) -> list[str]:
 
 
 def model_line(drop: DropState | None, view: MeasureView, width: int) -> Line:
-    """Return the line with the assumptions of the modulus."""
+    """Return the line with model, plate, Poisson's ratio, method and load of a fit."""
     result = drop.result if drop is not None else None
     if result is None or result.modulus_pa is None:
         return ()

@@ -29,7 +29,7 @@ MIN_WIDTH, MIN_HEIGHT = 40, 10
 
 
 class Host(Protocol):
-    """Interface of the application for the pages."""
+    """What the pages require of the application that shows them."""
 
     state: SessionState
     source: SessionSource
@@ -43,55 +43,55 @@ class Host(Protocol):
 
     @property
     def screen_theme(self) -> ScreenTheme:
-        """Colours of the theme."""
+        """Colours of the theme that the operator chose."""
 
     @property
     def units(self) -> Units:
-        """Units on the screen."""
+        """Units in which all pages show numbers."""
 
     @property
     def message(self) -> str:
         """Last message; empty after some seconds."""
 
     def clock(self) -> str:
-        """Return the time of day."""
+        """Return the local time of day as HH:MM:SS."""
 
     def word(self) -> StatusWord:
-        """Return the status of the measurement."""
+        """Return the status word at the top of the measure page, with its instruction."""
 
     def position(self) -> ReceiverStatus | None:
-        """Return the position of the receiver as text; None: there is no receiver."""
+        """Return the fix of the satellite receiver as text; None: none is connected."""
 
     def coordinates(self) -> tuple[float, float] | None:
-        """Return the present latitude and longitude, degrees; None: not known."""
+        """Return latitude and longitude of the last fix, degrees; None: there is no fix."""
 
     def pace_text(self) -> str:
         """Return the speed of a replay in words."""
 
     def busy_text(self) -> str:
-        """Return the work under way besides measuring; empty: none."""
+        """Return what runs in the background, a diagnosis or a fit, in words; empty: nothing."""
 
     def restart(self, plan: SessionPlan, url: str) -> None:
-        """Measure with another plan or instrument."""
+        """Start the session again with another plan, and another port if one is given."""
 
     def show_message(self, text: str) -> None:
-        """Show a line to the operator for some seconds."""
+        """Show a line of text on every page for some seconds."""
 
     def change(self, **values: Any) -> None:
-        """Change settings and store them."""
+        """Change settings of the screen, as ``theme="dark"``, and store them."""
 
     def action_page(self, name: str) -> None:
-        """Go to a page."""
+        """Show the page of this name, as "points"."""
 
     def ask_for_slip(self, point: PointView) -> None:
         """Ask for the signature of the slip of a point, then write the slip."""
 
     def open_drop(self, drop: DropState | None, *, refit: bool = False) -> None:
-        """Open the page of a drop."""
+        """Open the drop page; with `refit` also its dialog for a fit with other settings."""
 
 
 class Page(Screen[None]):
-    """Page made of lines of text."""
+    """Base class of a page that fills the terminal with lines of text."""
 
     NAME: ClassVar[str] = ""
     HELP: ClassVar[str] = ""
@@ -107,12 +107,12 @@ class Page(Screen[None]):
 
     @property
     def pfwd(self) -> Host:
-        """Application of the page."""
+        """Application that shows the page."""
         return cast(Host, self.app)
 
     @property
     def view(self) -> LinesView:
-        """Widget with the lines."""
+        """Widget that shows the lines."""
         return self.query_one("#lines", LinesView)
 
     def lines(self, width: int, height: int) -> Sequence[Line]:

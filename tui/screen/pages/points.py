@@ -121,7 +121,7 @@ class PointsPage(Page):
 
     @property
     def chosen(self) -> PointView:
-        """Chosen point."""
+        """Point of the chosen row, by default the point that is being measured."""
         state = self.pfwd.state
         return state.points.get(self.point) or state.current
 
@@ -238,7 +238,7 @@ class PointsPage(Page):
         return [(), heading, summary, (), *table_lines(columns, rows, width)]
 
     def action_choose(self, step: int) -> None:
-        """Choose another point or drop."""
+        """Choose the point, or inside a point the drop, this number of rows further down."""
         if self.drop is None:
             names = self.names
             if names:
@@ -407,7 +407,7 @@ class PointsPage(Page):
 
 
 def status_of(point: PointView, progress: PointProgress) -> str:
-    """Return the state of a point in a word or two."""
+    """Return the verdict of a complete point, the drops made of another, or DISCARDED."""
     if point.discarded:
         return "DISCARDED"
     if not progress.complete:

@@ -44,7 +44,7 @@ _NO_PORT = ""
 
 
 class SetupPage(Page):
-    """Page with the form of the setup."""
+    """Page with the form for port, plate, procedure, target and settings of the screen."""
 
     NAME = "setup"
     HELP = (
@@ -73,7 +73,7 @@ class SetupPage(Page):
 
     @property
     def unsaved(self) -> str:
-        """Question before leaving would lose changes; empty: there are none."""
+        """Question to ask because leaving would lose typed changes; empty: there are none."""
         return "The changes of the setup are not in force yet. Leave?" if self._changed() else ""
 
     def compose(self) -> ComposeResult:
@@ -184,7 +184,7 @@ class SetupPage(Page):
         )
 
     def lines(self, width: int, height: int) -> Sequence[Line]:
-        """Return the title with the plate in force."""
+        """Return the line above the form, with the plate that the session uses."""
         state = self.pfwd.state
         setup = state.setup
         plate = ""
@@ -217,7 +217,7 @@ class SetupPage(Page):
                 break
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Check a field while it is typed."""
+        """Show the error of a field while it is typed."""
         field = FIELDS_BY_NAME.get(event.input.id or "")
         if field is None:
             return

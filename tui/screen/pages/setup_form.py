@@ -21,7 +21,7 @@ from tui.screen.units import QuantityName, Units, judged_quantity
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """Field of the form."""
+    """Entry field of the setup form: key, title, kind of value, and hint."""
 
     name: str
     """Identifier; for a declared field the key of a setup file."""

@@ -9,7 +9,7 @@ from pfwd.session.events import InstrumentReady
 
 @dataclass(slots=True)
 class Device:
-    """Instrument and its link."""
+    """Instrument of the session: identity, link, battery, lost samples, faults."""
 
     url: str = ""
     serial_number: str = ""

@@ -36,7 +36,7 @@ class RunningDiagnosis:
     """Start of the kind of work of the last report."""
 
     def at(self, step: DiagnosisProgress, now: float) -> "RunningDiagnosis":
-        """Return the progress after a report."""
+        """Return the progress with this report as the last one, received at `now`."""
         is_same = self.step is not None and self.step.kind == step.kind
         return RunningDiagnosis(self.start, step, self.kind_start if is_same else now)
 
@@ -49,11 +49,11 @@ class RunningDiagnosis:
 
 
 class Diagnoser:
-    """One diagnosis at a time, each in a new process.
+    """Runs one diagnosis at a time, each in a new process.
 
     Parameters
     ----------
-    tell : callable
+    on_result : callable
         Receives `DiagnosisFinished`, in a thread of its own.
     """
 
@@ -114,7 +114,7 @@ class Diagnoser:
 
 
 class Diagnoses:
-    """One diagnosis at a time; the verdicts of the last one of the survey.
+    """Diagnoses that the operator starts, and the sentence on each diagnosed point.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class Diagnoses:
     runner : SessionRunner
         Receives the result as an event.
     state : SessionState
-    say : callable
+    show_message : callable
         Shows one line to the operator.
     """
 

@@ -23,18 +23,18 @@ from tui.screen.units import Units
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _PendingFit:
-    """Fit that is under way."""
+    """Drop that is being fitted, and the settings of the fit in words."""
 
     saved: SavedDrop
     label: str
 
 
 class RefitWorker:
-    """Fits of single drops, one after the other, in a process of their own.
+    """Fits single drops, one after the other, in a process of their own.
 
     Parameters
     ----------
-    tell : callable
+    on_result : callable
         Receives each fit and the progress of tables, in a thread of its own.
     """
 
@@ -86,7 +86,7 @@ class RefitWorker:
 
 
 class DropFits:
-    """Reading, fitting with other settings, and storing of single drops.
+    """Reads single drops, fits them with other settings, and stores the results.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class DropFits:
     runner : SessionRunner
         Receives what was read and fitted; its session stores the results.
     state : SessionState
-    say : callable
+    show_message : callable
         Shows one line to the operator.
     in_thread : callable
         Runs slow work in a thread, in a named group.

@@ -64,17 +64,17 @@ class DropState:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes of the operator."""
+        """Notes of the operator on the drop, in the order of writing."""
         return () if self.view is None else self.view.notes
 
     @property
     def marks(self) -> tuple[str, ...]:
-        """Irregularities of the record."""
+        """Irregularities of the record in words, as gaps or a saturated channel."""
         return () if self.view is None else self.view.marks
 
     @property
     def peak_load(self) -> float:
-        """Peak load, N, of a rejected drop as recorded; NaN: unknown."""
+        """Peak load, N; NaN: unknown. Of a rejected drop it is the peak as recorded."""
         peaks = None if self.view is None else self.view.peaks
         candidates = (
             None if self.view is None else self.view.own.peak_load,
@@ -119,7 +119,7 @@ class DropState:
 
 
 def saved_drop(event: DropSaved, saved_at: float) -> DropState:
-    """Return the state of a drop that has just been stored."""
+    """Return the state of a drop that was stored at `saved_at` by the monotonic clock, s."""
     saved = event.saved
     return DropState(
         saved.point,
@@ -134,7 +134,7 @@ def saved_drop(event: DropSaved, saved_at: float) -> DropState:
 
 
 def add_result(drop: DropState, event: DropAnalysed) -> None:
-    """Add a result that came while measuring."""
+    """Add the result of an analysis that ended while measuring to its drop."""
     failed = event.result.modulus_pa is None and not event.result.layers
     if failed and drop.results:
         # The quick result stays in force when the full search has failed.
@@ -151,7 +151,7 @@ def add_result(drop: DropState, event: DropAnalysed) -> None:
 
 
 def add_read(drop: DropState, event: DropRead) -> None:
-    """Add traces and results that were read from the survey."""
+    """Add traces and results that were read from the survey to their drop."""
     saved = event.saved
     drop.saved, drop.view = saved, drop.view or saved.view
     main = [result for result in event.results if not result.is_trial]
@@ -166,7 +166,7 @@ def add_read(drop: DropState, event: DropRead) -> None:
 
 
 def add_refit(drop: DropState, event: Refit) -> None:
-    """Add a fit with other settings, or the curves of the result in force."""
+    """Add a fit with other settings to its drop, or the curves of the result in force."""
     if event.label:
         drop.refits = [refit for refit in drop.refits if refit.label != event.label]
         drop.refits.append(event)
@@ -177,7 +177,7 @@ def add_refit(drop: DropState, event: Refit) -> None:
 
 
 def add_stored(drop: DropState, stored: DropView) -> None:
-    """Set the stored result of a drop that has no other."""
+    """Set the stored result of a drop that has no result yet, with status and reason."""
     result = stored.sound_result
     if result is not None and not drop.results:
         drop.results = [result]

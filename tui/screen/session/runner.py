@@ -21,7 +21,7 @@ PORT_RETRY_S = 2.0
 
 
 class SessionRunner:
-    """A session in a thread.
+    """Runs a session in a thread and collects its events for the screen.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class SessionRunner:
         return not self.running
 
     def request(self, action: Callable[[Any], None]) -> bool:
-        """Run an action in the session's thread; return whether there is a session."""
+        """Have the session's thread call an action with the session; False without a session."""
         session = self._session
         if session is None:
             return False
@@ -80,7 +80,7 @@ class SessionRunner:
         return True
 
     def trigger(self) -> bool:
-        """Record a drop now; return whether there is a session."""
+        """Record a drop now, without a trigger by the load; False without a session."""
         session = self._session
         if session is not None:
             session.trigger()

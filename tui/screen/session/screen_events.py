@@ -11,7 +11,7 @@ from pfwd.session.plan import Ending
 
 @dataclass(frozen=True, slots=True)
 class SessionStarted:
-    """The session runs; `session` receives requests."""
+    """Event: a session runs now; `session` receives requests, `point` is its point."""
 
     session: Any = field(repr=False)
     point: str
@@ -19,7 +19,7 @@ class SessionStarted:
 
 @dataclass(frozen=True, slots=True)
 class SessionEnded:
-    """The session is over."""
+    """Event: a session has ended, or could not start."""
 
     ending: Ending | None
     """Way in which the session ended; None: by an error."""
@@ -33,7 +33,7 @@ class SessionEnded:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SurveyRead:
-    """Survey as it is on the disk."""
+    """Event: the points of the survey were read from the disk."""
 
     points: tuple[PointView, ...]
     drops: bool
@@ -42,7 +42,7 @@ class SurveyRead:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DropRead:
-    """Drop of the survey with its traces and all its results."""
+    """Event: a drop was read from the survey, with its traces and all its results."""
 
     saved: SavedDrop
     results: tuple[DropResult, ...]
@@ -50,7 +50,7 @@ class DropRead:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Refit:
-    """Fit of a drop with other settings, or to get its curves."""
+    """Event: a fit of a drop has ended, with other settings or to get its curves."""
 
     point: str
     number: int
@@ -64,7 +64,7 @@ class Refit:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DiagnosisFinished:
-    """Result of the diagnosis of a file."""
+    """Event: the diagnosis of a survey or drop file has ended."""
 
     file: str
     results: tuple[DiagnosisResult, ...]

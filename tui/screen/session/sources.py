@@ -15,7 +15,7 @@ from pfwd.session.setup_file import MeasuringSetup
 
 
 class SessionSource(Protocol):
-    """Source of a session."""
+    """What the screen requires of an instrument, a simulated one, or a recording."""
 
     title: str
     """Title in the head of the screen."""
@@ -39,7 +39,7 @@ class SessionSource(Protocol):
 
 
 class LiveSource:
-    """Session with an instrument.
+    """Source that measures with an instrument.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class LiveSource:
 
 
 class DemoSource:
-    """Session with a simulated instrument in a process of its own.
+    """Source that measures with a simulated instrument in a process of its own.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class DemoSource:
 
 
 class ReplaySource:
-    """Replay of a recording.
+    """Source that replays a recorded survey or capture.
 
     Parameters
     ----------

@@ -120,7 +120,7 @@ class SessionState:
 
     @property
     def points(self) -> Mapping[str, PointView]:
-        """Points by the name in their drops."""
+        """Points of the survey by their names as recorded with their drops."""
         return self.view.points
 
     @property
@@ -144,11 +144,11 @@ class SessionState:
 
     @property
     def procedure(self) -> Procedure:
-        """Procedure in force."""
+        """Procedure that judges the points."""
         return self.job.procedure_in_force
 
     def advice(self, drop: DropState | None) -> list[str]:
-        """Return the advice on a drop, and on its point once that is complete."""
+        """Return sentences of advice on a drop, and on its point once that is complete."""
         if drop is None or drop.point not in self.points or drop.discarded:
             return []
         point = self.points[drop.point]
@@ -202,7 +202,7 @@ class SessionState:
         ]
 
     def value_of(self, drop: DropState | None) -> PointValue | None:
-        """Return the judged quantity of a drop; None: not known."""
+        """Return the quantity that the procedure judges, for one drop; None: not known."""
         if drop is None:
             return None
         point = self.points.get(drop.point)
@@ -240,7 +240,7 @@ class SessionState:
         return {Ending.DONE: 0, Ending.UNSAVED: 1, Ending.LOST: 3}[ended.ending]
 
     def take(self, event: ScreenEvent) -> None:
-        """Update the state by an event."""
+        """Update the state by an event of the session or of the screen."""
         self.version += 1
         changed = None
         if isinstance(event, _JUDGING_EVENTS):

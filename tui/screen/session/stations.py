@@ -15,7 +15,7 @@ EARTH_RADIUS_M = 6_371_000.0
 
 
 class ReceiverStatus(NamedTuple):
-    """Position of the receiver as text, for the head of a page."""
+    """Fix and position of the satellite receiver as text, for the head of a page."""
 
     fix: str
     """Quality of the position, with the number of satellites."""
@@ -32,7 +32,7 @@ class ReceiverStatus(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class NextStation:
-    """Next station to be measured."""
+    """Station to be measured next, with distance and direction where they are known."""
 
     station: Station
     distance: float | None
@@ -62,7 +62,7 @@ def next_station(
     job : Job
     measured : collection of str
         Names of existing points.
-    here : latitude and longitude in degrees, optional
+    coordinates : latitude and longitude in degrees, optional
     current : str
         Name of the present point; without a receiver its chainage gives the distance.
     """
@@ -111,7 +111,7 @@ def lot_progress(job: Job, measured: Collection[str]) -> str:
 
 
 def point_name_error(name: str) -> str:
-    """Return why no point can have this name; empty: it can."""
+    """Return the error of a typed name of a point; empty: the name can be used."""
     try:
         SessionPlan(point=name)
     except OptionError:

@@ -49,7 +49,7 @@ WORDS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class StatusWord:
-    """Status word with an instruction."""
+    """Word for the status of the measurement, as READY, with an instruction."""
 
     word: str
     action: str
@@ -73,7 +73,7 @@ def status_of(
         Monotonic clock, s.
     pulse_age : float, optional
         Time since the load was last above the threshold, s; None: never.
-    here : latitude and longitude in degrees, optional
+    coordinates : latitude and longitude in degrees, optional
     """
     return (
         _trouble(state) or _latest_drop(state, now, pulse_age) or _next_action(state, coordinates)

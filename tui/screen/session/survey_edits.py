@@ -16,7 +16,7 @@ from tui.screen.session.sources import SessionSource
 
 @dataclass(frozen=True, slots=True)
 class Undo:
-    """Edit that reverts an earlier one."""
+    """Edit that takes back an earlier edit of a drop."""
 
     description: str
     """Edit that is reverted, in words."""
@@ -25,14 +25,14 @@ class Undo:
 
 
 class SurveyEdits:
-    """Edits through the session that runs, or into the folder of the survey.
+    """Edits drops, points and job through the running session, or in the survey's folder.
 
     Parameters
     ----------
     source : SessionSource
     runner : SessionRunner
         Its session makes the edit if one runs; otherwise it receives the edit as an event.
-    say : callable
+    show_message : callable
         Shows one line to the operator.
     in_thread : callable
         Runs slow work in a thread, in a named group.
