@@ -1,6 +1,9 @@
-"""The instrument side: from bytes to drops, and from drops to the disk.
+"""Communication with the instrument, detection of drops, and their recording on the disk.
 
-The names below are loaded on first use: the command line then starts without numpy.
+A drop is one impact of the falling weight on the load plate, with the time histories of the load
+cell and of the sensors of motion.
+
+The names in ``__all__`` are imported on first use, so that the command line starts without numpy.
 """
 
 from typing import TYPE_CHECKING

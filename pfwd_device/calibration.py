@@ -1,10 +1,13 @@
-r"""Calibration of counts to newtons, metres per second and metres, and its expiry.
+r"""Conversion of counts to newtons, metres per second and metres, and expiry of calibrations.
+
+A count is the integer that the analogue-to-digital converter returns for one sample:
 
 .. math:: x = \frac{n \, U / 2^{b-1} - z}{s}
 
-with n the counts, U the range and b the bits of the converter, z the zero (V) and s the sensitivity
-(V per N, V per m/s). The result still contains the response of the geophone: the inversion applies
-it to the model, and no recorded drop is corrected for it.
+with x the calibrated value, n the counts, U the range (V) and b the bits of the converter, z the
+voltage at rest (V) and s the sensitivity (V per N, V per m/s or V per m). A geophone distorts slow
+motion. The calibrated values still contain this distortion, because the inversion applies it to
+the model instead of correcting the record.
 """
 
 import datetime
@@ -29,12 +32,16 @@ _QUANTITY_OF_ROLE: dict[Role, Quantity] = {
 def to_si(
     counts: NDArray[np.int32], channel: ChannelIdentity, volts_per_count: float
 ) -> NDArray[np.float64]:
-    """Return the calibrated values of one channel.
+    """Return the calibrated values of one channel, in N, m/s or m.
+
+    The equation is in the docstring of this module.
 
     Parameters
     ----------
     counts : (n,) ndarray of int
+        Output of the analogue-to-digital converter.
     channel : ChannelIdentity
+        Sensitivity and voltage at rest of the channel.
     volts_per_count : float, V
 
     Returns
@@ -47,41 +54,41 @@ def to_si(
 
 
 def counts_per_unit(channel: ChannelIdentity, identity: Identity) -> float:
-    """Return the counts for one N, m/s or m; the sign is the polarity."""
+    """Return the counts per N, m/s or m; negative for a sensor that is mounted upside down."""
     return channel.sensitivity / identity.volts_per_count
 
 
 def load_channel(identity: Identity) -> int:
-    """Return the index of the load cell.
+    """Return the index of the load cell in `Identity.channels`.
 
     Raises
     ------
     SetupError
-        If there is none or more than one.
+        If the instrument has no load cell or several.
     """
     load_cells = [i for i, channel in enumerate(identity.channels) if channel.role is Role.LOAD]
     if len(load_cells) != 1:
         raise SetupError(
             f"channels of {identity.serial_number!r}: expected one with the role load, got "
-            f"{len(load_cells)}; give the roles in [[channels]] of the setup file"
+            f"{len(load_cells)}; declare the roles in [[channels]] of the setup file"
         )
     return load_cells[0]
 
 
 def sensor_channels(identity: Identity) -> list[int]:
-    """Return the indices of the channels that measure motion, from the plate centre outward.
+    """Return the indices in `Identity.channels` of the sensors, from the plate centre outward.
 
     Raises
     ------
     SetupError
-        If there is none.
+        If no channel measures velocity or displacement.
     """
     channels = identity.channels
     sensors = [i for i, channel in enumerate(channels) if channel.role in _QUANTITY_OF_ROLE]
     if not sensors:
         raise SetupError(
             f"channels of {identity.serial_number!r}: expected at least one with the role geophone "
-            "or displacement, got none; give the roles in [[channels]] of the setup file"
+            "or displacement, got none; declare the roles in [[channels]] of the setup file"
         )
     return sorted(sensors, key=lambda i: nearest_first(channels[i].offset))
 
@@ -93,7 +100,7 @@ def calibrate(
     trigger: int,
     identity: Identity,
 ) -> Drop:
-    """Return the calibrated drop.
+    """Return a drop in SI units, from the counts that the instrument sent.
 
     Parameters
     ----------
@@ -101,10 +108,11 @@ def calibrate(
         Number of the drop within its point.
     counts : (n, channels) ndarray of int
     missing : sequence of (start, length)
-        Samples that were not received; NaN in the drop.
+        Ranges of samples that were not received; they become NaN.
     trigger : int
         Index of the sample at time 0.
     identity : Identity
+        Description of the instrument, with the calibration of its channels.
 
     Returns
     -------
@@ -148,7 +156,7 @@ def calibration_warnings(identity: Identity, today: datetime.date) -> list[str]:
             continue
         if channel.due is None:
             if channel.calibrated is None:
-                warnings.append(f"calibration of {channel.name}: no date is known")
+                warnings.append(f"calibration of {channel.name}: no date is declared")
         elif channel.due < today:
             warnings.append(f"calibration of {channel.name} EXPIRED on {channel.due}")
         elif channel.due - today <= EXPIRES_SOON:

@@ -16,11 +16,11 @@ from collections.abc import Iterator
 from typing import Any
 
 _SAFE_PATH = "PYTHONSAFEPATH"
-"""The option -P of Python 3.11 as a variable, which children of children inherit too."""
+"""Environment variable with the effect of Python's option -P; child processes inherit it."""
 
 
 def python_command(*arguments: str) -> list[str]:
-    """Return the command that starts this Python without the current folder on its path.
+    """Return the command line that starts Python without the current folder on its import path.
 
     Examples
     --------
@@ -35,9 +35,9 @@ def python_command(*arguments: str) -> list[str]:
 
 
 def python_environment() -> dict[str, str]:
-    """Return the environment of a child, with the import path of this process.
+    """Return the environment variables of a child process, with the import path of this process.
 
-    An empty entry of the path stands for the current folder and is left out.
+    An empty entry of the import path stands for the current folder and is omitted.
     """
     path = os.pathsep.join(part for part in sys.path if part)
     return {**os.environ, "PYTHONPATH": path, _SAFE_PATH: "1"}
@@ -46,10 +46,10 @@ def python_environment() -> dict[str, str]:
 def start_child(
     *arguments: str, stdin: int = subprocess.PIPE, stderr: int = subprocess.DEVNULL
 ) -> subprocess.Popen[bytes]:
-    """Start a Python process that communicates through pipes.
+    """Start a Python process whose standard input and output are pipes of bytes.
 
-    Ctrl+C does not reach it: its parent ends it, by closing its input or by a signal. On Windows
-    it has no window.
+    Ctrl+C does not reach the child: its parent ends it, by closing its input or by a signal. On
+    Windows the child opens no window.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def start_child(
 def start_text_child(
     *arguments: str, stdin: int = subprocess.PIPE, stderr: int = subprocess.PIPE
 ) -> subprocess.Popen[str]:
-    """Start a Python process whose pipes carry lines of UTF-8; see `start_child`."""
+    """Start a Python process as `start_child` does, with pipes that carry UTF-8 text."""
     return subprocess.Popen(
         python_command(*arguments),
         **_pipe_options(stdin, stderr),

@@ -1,4 +1,4 @@
-"""One recorded drop: the load and one time history for each sensor."""
+"""Data of one drop: the time histories of the load cell and of each sensor of motion."""
 
 from dataclasses import dataclass
 from typing import Literal, Self
@@ -10,13 +10,21 @@ Quantity = Literal["velocity", "displacement"]
 
 
 def nearest_first(offset: float) -> tuple[float, bool]:
-    """Return the sort key of a sensor from the plate centre outward, the negative side last."""
+    """Return the sort key that orders sensors from the plate centre outward.
+
+    Of two sensors at the same distance the one with the negative offset is the later.
+
+    Parameters
+    ----------
+    offset : float, m
+        Position of the sensor; see `Channel.offset`.
+    """
     return abs(offset), offset < 0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Channel:
-    """The record of one sensor."""
+    """Time history of one sensor of motion."""
 
     offset: float
     """Distance from the plate centre, m; 0 is the centre sensor, negative the other side of the
@@ -27,17 +35,17 @@ class Channel:
     """Record, (n,), m/s or m, downward positive; read-only."""
 
     def __post_init__(self) -> None:
-        # -0 is the centre, not another side: 0.0 takes the sign off it.
+        # Adding 0.0 turns -0.0 into 0.0: both are the centre.
         object.__setattr__(self, "offset", self.offset + 0.0)
         object.__setattr__(self, "values", _read_only_vector(self.values, "values"))
 
 
 @dataclass(frozen=True, slots=True)
 class Peaks:
-    """Peaks of a drop, offsets removed."""
+    """Peak load and peak displacements of a drop, each relative to the value at rest."""
 
     load: float
-    """N."""
+    """Peak load, N."""
     displacements: tuple[tuple[float, float], ...]
     """Distance from the centre (m) and peak displacement (m) of each sensor, in their order."""
 
@@ -49,9 +57,9 @@ class Peaks:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Drop:
-    """One impact of the weight, all channels on one time axis; or its peaks alone.
+    """One impact of the falling weight, with all channels on one time axis.
 
-    A drop of which only peaks were recorded has no samples.
+    A drop of which another program stored only the peaks has no samples; see `only_peaks`.
     """
 
     number: int
@@ -67,7 +75,14 @@ class Drop:
 
     @classmethod
     def of_peaks(cls, number: int, peaks: Peaks) -> Self:
-        """Return a drop without time histories."""
+        """Return a drop that has peaks and no time histories.
+
+        Parameters
+        ----------
+        number : int
+            Number of the drop within its test point, from 1.
+        peaks : Peaks
+        """
         no_samples = np.empty(0)
         channels = tuple(
             Channel(offset, "displacement", no_samples) for offset, _ in peaks.displacements
@@ -91,22 +106,25 @@ class Drop:
             )
 
     def _check_peaks(self, peaks: Peaks) -> None:
-        # 0.0 takes the sign off -0, as in Channel.
+        # Adding 0.0 turns -0.0 into 0.0, as in Channel.
         offsets = [offset + 0.0 for offset, _ in peaks.displacements]
         if self.time.size or offsets != [channel.offset for channel in self.channels]:
-            raise ValueError(f"drop {self.number}: expected peaks of its sensors and no samples")
+            raise ValueError(
+                f"drop {self.number}: expected peaks at the offsets of its channels and no "
+                f"samples, got offsets {offsets} and {self.time.size} samples"
+            )
         if not np.isfinite(
             [peaks.load, *(peak for _, peak in peaks.displacements), *offsets]
         ).all():
-            raise ValueError(f"drop {self.number}: expected finite peaks")
+            raise ValueError(f"drop {self.number}: expected finite peaks, got {peaks}")
 
     @property
     def sampling_rate(self) -> float:
-        """Samples per second, Hz, as the mean over the time axis."""
+        """Mean sampling rate over the time axis, Hz."""
         return float((self.time.size - 1) / (self.time[-1] - self.time[0]))
 
     def has_samples_of(self, drop: Self) -> bool:
-        """Return True if both drops hold the same samples, bit for bit; False without samples."""
+        """Return True if both drops have the same samples, bit for bit; False without samples."""
         pairs = [(self.time, drop.time), (self.load, drop.load)]
         if self.only_peaks is not None or len(self.channels) != len(drop.channels):
             return False

@@ -1,16 +1,22 @@
-"""Errors of the instrument side. A message has the expected and the actual value and a remedy."""
+"""Exceptions of the package `pfwd_device`, and the common form of their messages.
+
+A message to the user says where the problem is, what was expected, what was found and what to do.
+"""
 
 
 class DeviceError(Exception):
-    """Base class of the errors of the instrument side."""
+    """Base class of the exceptions of the package `pfwd_device`."""
 
 
 class DeviceLost(DeviceError, ConnectionError):
-    """The instrument does not answer any more: unplugged, switched off or silent."""
+    """The link to the instrument failed after it was opened.
+
+    The instrument was unplugged or switched off, or it sends nothing any more.
+    """
 
 
 class PortError(DeviceError, OSError):
-    """A port cannot be opened: it does not exist, is in use or is no port."""
+    """A port cannot be opened: it does not exist, is in use or is not a port."""
 
 
 class DeviceRefused(DeviceError):
@@ -18,11 +24,18 @@ class DeviceRefused(DeviceError):
 
 
 class ProtocolError(DeviceError, ValueError):
-    """A message cannot be built or read; damaged input is counted, never raised."""
+    """A message to the instrument cannot be encoded, or its reply breaks the protocol.
+
+    Bytes that were damaged on the link raise no error: they are counted in `LinkCounters`.
+    """
 
 
 class SetupError(DeviceError, ValueError):
-    """The declared instrument is incomplete or out of range; the message names the key."""
+    """The description of the instrument is incomplete or out of range.
+
+    The description is the setup file or the identity that the instrument reports. The message
+    names the key.
+    """
 
 
 class RecordingError(DeviceError):
@@ -34,7 +47,7 @@ class SurveyLocked(RecordingError):
 
 
 class StorageFull(RecordingError, OSError):
-    """The disk is full: the data that were to be saved are in memory and not acknowledged."""
+    """The disk is full: the data to be saved are only in memory and not reported as saved."""
 
 
 MAX_QUOTE_LENGTH = 60
@@ -47,10 +60,11 @@ def refusal(where: str, expected: str, got: str, hint: str = "") -> str:
     Parameters
     ----------
     where : str
-        File and line, or the option.
+        Place of the error: file and line, or an option.
     expected, got : str
+        Description of the accepted values, and the value that was refused.
     hint : str
-        Advice; may be empty.
+        Advice to the user; may be empty.
 
     Returns
     -------
@@ -61,9 +75,13 @@ def refusal(where: str, expected: str, got: str, hint: str = "") -> str:
 
 
 def quote(value: object) -> str:
-    """Return a foreign value for a message: escaped, on one line, of bounded length."""
+    """Return a value from outside the program for use in a message.
+
+    The text is in ASCII on one line, with escapes for all other characters, and at most
+    `MAX_QUOTE_LENGTH` characters long.
+    """
     try:
         text = ascii(value)
-    except ValueError:  # Python writes no whole number of more than 4300 digits
+    except ValueError:  # Python does not convert integers of more than 4300 digits to text
         text = "a number of thousands of digits"
     return text if len(text) <= MAX_QUOTE_LENGTH else text[: MAX_QUOTE_LENGTH - 3] + "..."

@@ -1,4 +1,8 @@
-"""Identity of an instrument (channels, calibration, plate) and its form in JSON."""
+"""Identity of an instrument, the description that it reports of itself, and its form in JSON.
+
+The identity consists of serial number, converter, channels with their calibration, load plate and
+buffers. It is recorded with each drop.
+"""
 
 import dataclasses
 import datetime
@@ -18,7 +22,7 @@ LONGEST_NAME = 32
 
 
 class Role(StrEnum):
-    """Measured quantity of a channel."""
+    """Kind of sensor at a channel, which determines the measured quantity."""
 
     LOAD = "load"
     """Force of the load cell."""
@@ -79,7 +83,7 @@ class ChannelIdentity:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Properties of an instrument. None: not declared."""
+    """Description of an instrument; a field that is None was not declared."""
 
     serial_number: str
     """Unique to the instrument, at most 32 characters."""
@@ -106,9 +110,9 @@ class Identity:
     ring_samples: int = 0
     """Number of the latest samples that can be requested again; 0: no buffer."""
     drop_samples: int = 0
-    """Samples of the longest drop that it stores until acknowledged; 0: it stores no drops."""
+    """Samples of the longest drop that the instrument can store; 0: it stores no drops."""
     drop_slots: int = 0
-    """Number of drops that it can store until acknowledged."""
+    """Number of drops that the instrument can store until the host has saved them."""
     lasting: bool = False
     """True if stored drops survive a reset."""
     streams: bool = True
@@ -134,12 +138,12 @@ class Identity:
 
     @property
     def volts_per_count(self) -> float:
-        """Voltage of one count, V."""
+        """Voltage that corresponds to one count of the converter, V."""
         return self.adc_range / (1 << (self.adc_bits - 1))
 
     @property
     def keeps_drops(self) -> bool:
-        """True if it detects drops itself and stores them until they are acknowledged."""
+        """True if the instrument detects drops itself and stores them until the host saved them."""
         return self.drop_samples > 0 and self.drop_slots > 0
 
 
@@ -168,7 +172,7 @@ def _channel_as_dict(channel: ChannelIdentity) -> dict[str, Any]:
 
 
 def identity_from_dict(table: Mapping[str, Any]) -> Identity:
-    """Return the identity described by the values of `identity_as_dict`.
+    """Return an identity from its JSON values, the inverse of `identity_as_dict`.
 
     Raises
     ------
@@ -181,7 +185,9 @@ def identity_from_dict(table: Mapping[str, Any]) -> Identity:
     except (AttributeError, KeyError, TypeError, ValueError) as err:
         if isinstance(err, SetupError):
             raise
-        raise SetupError(f"recorded identity: expected all fields of an instrument: {err}") from err
+        raise SetupError(
+            f"recorded identity: expected the fields of Identity with valid values, got {err!r}"
+        ) from err
 
 
 def _channel_from_dict(table: Mapping[str, Any]) -> ChannelIdentity:

@@ -1,8 +1,9 @@
-"""Schema of the files that people write: keys, accepted values, units and meanings.
+"""Schema of the TOML files that users write: keys, accepted values, units and meanings.
 
-A setup, a header, a column map, a procedure and a scenario are TOML tables. Each key is described
-once, by a :class:`Key`. The description serves the reader, its error messages and the JSON Schema
-with which an editor completes and checks a file.
+Users write setup files (instrument), headers (declarations about imported traces), column maps
+(columns of a delimited text), procedures (test standards) and scenarios (simulated instruments).
+Each key is described once, by a :class:`Key`. The description serves the reader, its error
+messages and the JSON Schema with which a text editor completes and checks a file.
 """
 
 import dataclasses
@@ -18,23 +19,23 @@ from pfwd_device.errors import quote, refusal
 JSON_SCHEMA = "https://json-schema.org/draft/2020-12/schema"
 
 _KEY = "pfwd key"
-"""Entry of a dataclass field's metadata that holds the `Key`."""
+"""Name under which the metadata of a dataclass field hold the name of its key and the `Key`."""
 
 
 class Value(Protocol):
-    """Kind of value that a key accepts."""
+    """Interface of the kinds of value that a key of a TOML file can have."""
 
     @property
     def expected(self) -> str:
-        """Accepted values in words, for a message."""
+        """Description of the accepted values for a message, such as "a number > 0, in m"."""
         ...
 
     def accepts(self, value: Any) -> bool:
-        """Return whether a value, as TOML read it, is accepted."""
+        """Return True if the key accepts a value, given as the TOML parser returned it."""
         ...
 
     def convert(self, value: Any) -> Any:
-        """Return an accepted value as the program uses it."""
+        """Return an accepted value in the type that the program uses, for example a float."""
         ...
 
     def json_schema(self) -> dict[str, Any]:
@@ -43,7 +44,7 @@ class Value(Protocol):
 
 
 class _Unchanged:
-    """Mixin for values that the program uses as TOML reads them."""
+    """Mixin for values that the program uses in the type that the TOML parser returns."""
 
     def convert(self, value: Any) -> Any:
         return value
@@ -51,7 +52,7 @@ class _Unchanged:
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """Number within limits; whole numbers and infinity only where declared."""
+    """Real number within limits. Infinity is accepted only if it has a declared meaning."""
 
     unit: str = ""
     above: float = -math.inf
@@ -62,7 +63,7 @@ class Number:
     maximum: float = math.inf
     nonzero: bool = False
     integral: bool = False
-    """True: the number has no fraction; 3.0 is accepted."""
+    """True: only whole numbers are accepted, also written as 3.0."""
     infinity_means: str = ""
     """Meaning of inf; empty: inf is not accepted."""
 
@@ -110,7 +111,7 @@ class Number:
         schema: dict[str, Any] = {"type": "integer" if self.integral else "number"}
         if not self.infinity_means:
             schema |= {name: limit for name, limit in limits.items() if math.isfinite(limit)}
-        else:  # inf lies above each upper limit, and JSON has no number for it
+        else:  # an accepted infinity exceeds each upper limit: keep the lower limits only
             schema |= {name: v for name, v in list(limits.items())[:2] if math.isfinite(v)}
         return schema | ({"not": {"const": 0}} if self.nonzero else {})
 
@@ -142,12 +143,12 @@ class Integer(_Unchanged):
 
 @dataclass(frozen=True, slots=True)
 class Text(_Unchanged):
-    """Text of any characters, or of one printable line where its length is limited."""
+    """Text; with a limit of its length it must be one line of printable characters."""
 
     max_length: int | None = None
-    """Characters; with a limit the text must be one printable line."""
+    """Largest number of characters; None: no limit, and line breaks are accepted."""
     min_length: int = 0
-    """Characters other than blanks that it must have."""
+    """Smallest number of characters, without leading and trailing blanks."""
 
     @property
     def expected(self) -> str:
@@ -167,12 +168,13 @@ class Text(_Unchanged):
 
 @dataclass(frozen=True, slots=True)
 class Choice(_Unchanged):
-    """One of several words; a function where the list takes time to make."""
+    """One of several words."""
 
     words: Iterable[str] | Callable[[], Iterable[str]]
+    """The accepted words, or a function that returns them where they are known only later."""
 
     def _words(self) -> list[str]:
-        # An enumeration is both.
+        # A StrEnum class is iterable and callable: its members are the words.
         return list(self.words if isinstance(self.words, Iterable) else self.words())
 
     @property
@@ -188,7 +190,7 @@ class Choice(_Unchanged):
 
 @dataclass(frozen=True, slots=True)
 class Flag(_Unchanged):
-    """True or false."""
+    """The value true or false."""
 
     expected: ClassVar[str] = "true or false"
 
@@ -201,10 +203,10 @@ class Flag(_Unchanged):
 
 @dataclass(frozen=True, slots=True)
 class Date:
-    """Date without a time."""
+    """Calendar date without a time of day."""
 
     text: bool = False
-    """True: a text such as "2026-05-31" is accepted too."""
+    """True: the date may also be a text in quotation marks, "2026-05-31"."""
 
     @property
     def expected(self) -> str:
@@ -227,7 +229,7 @@ class Date:
 
 @dataclass(frozen=True, slots=True)
 class AnyOf(_Unchanged):
-    """Value of any of several kinds."""
+    """Value of one of several kinds, for example a number or a word."""
 
     kinds: tuple[Value, ...]
     expected: str
@@ -241,12 +243,12 @@ class AnyOf(_Unchanged):
 
 @dataclass(frozen=True, slots=True)
 class Table(_Unchanged):
-    """Table with keys of its own; :func:`read_table` reads what is inside."""
+    """TOML table within a table; :class:`TableReader` checks the values inside it."""
 
     keys: Mapping[str, "Key"]
     expected: str = "a table"
     build: Callable[..., Any] | None = None
-    """Class of the value, made from the values of the keys; None: a dictionary."""
+    """Class that is called with the values of the keys; None: the value is a dictionary."""
 
     def accepts(self, value: Any) -> bool:
         return isinstance(value, Mapping)
@@ -257,7 +259,7 @@ class Table(_Unchanged):
 
 @dataclass(frozen=True, slots=True)
 class Array:
-    """Array whose items are of one kind; with a `Table` an array of tables."""
+    """TOML array whose items are of one kind; items of the kind `Table` make an array of tables."""
 
     item: Value
     min_items: int = 0
@@ -281,45 +283,52 @@ class Array:
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """Description of one key of a table."""
+    """Description of one key of a TOML table."""
 
     value: Value
+    """Kind of the accepted values."""
     attribute: str = ""
-    """Field that holds the value; empty: it has the name of the key."""
+    """Name of the value in the result of `TableReader.read`; empty: the name of the key."""
     meaning: str = ""
+    """Description of the key in the JSON Schema."""
     hint: str = ""
     """Advice in the message that refuses a value."""
     required: bool = False
+    """True: a table without the key is refused."""
 
     def optional(self) -> "Key":
-        """Return the same key for a table that need not have it."""
+        """Return a copy of this key that a table need not have."""
         return dataclasses.replace(self, required=False)
 
     def check(self, value: object, where: str, error: type[Exception]) -> None:
-        """Raise an error for a value that the key does not accept.
+        """Raise an error if the key does not accept a value.
 
         Parameters
         ----------
         value : object
-            Value as TOML read it.
+            Value as the TOML parser returned it.
         where : str
             File, line and key, for the message.
         error : type of exception
+            Class of the error to raise.
         """
         if not self.value.accepts(value):
             raise error(refusal(where, self.value.expected, quote(value), self.hint))
 
 
 def describe(value: Value, meaning: str = "", *, key: str = "", hint: str = "") -> dict[str, Any]:
-    """Return the metadata of a dataclass field that a key of a file fills.
+    """Return the metadata of a dataclass field whose value is read from a key of a TOML file.
+
+    :func:`keys_of` collects them. A field without a default is a required key.
 
     Parameters
     ----------
     value : Value
-        Accepted values.
+        Kind of the accepted values.
     meaning : str
+        Description of the key in the JSON Schema.
     key : str
-        Name of the key; empty: the name of the field.
+        Name of the key in the file; empty: the name of the field.
     hint : str
         Advice in the message that refuses a value.
     """
@@ -329,15 +338,20 @@ def describe(value: Value, meaning: str = "", *, key: str = "", hint: str = "") 
 def declared(
     default: Any, value: Value, meaning: str = "", *, key: str = "", hint: str = ""
 ) -> Any:
-    """Return a dataclass field with a default that a key of a file may replace.
+    """Return a dataclass field with a default, whose value may be read from a key of a TOML file.
 
-    The parameters after the first are those of :func:`describe`.
+    Parameters
+    ----------
+    default : object
+        Value of the field if the file does not have the key.
+    value, meaning, key, hint
+        As in :func:`describe`.
     """
     return field(default=default, metadata=describe(value, meaning, key=key, hint=hint))
 
 
 def keys_of(class_: type[Any]) -> dict[str, Key]:
-    """Return the keys that fill the fields of a dataclass, by name; see :func:`describe`."""
+    """Return the keys of a TOML table that :func:`describe` declares for a dataclass, by name."""
     keys = {}
     for item in dataclasses.fields(class_):
         if _KEY in item.metadata:
@@ -351,29 +365,32 @@ def keys_of(class_: type[Any]) -> dict[str, Key]:
 
 
 def table_of(class_: type[Any]) -> Table:
-    """Return the table whose keys fill the fields of a dataclass."""
+    """Return the kind of a TOML table that is read into an object of a dataclass."""
     return Table(keys_of(class_), build=class_)
 
 
 @dataclass(frozen=True, slots=True)
 class TableReader:
-    """Reader of tables whose errors name the file, the key and the value."""
+    """Checks and converts TOML tables; its errors name the file, the key and the value."""
 
     error: type[Exception]
-    """Class of the errors."""
+    """Class of the errors to raise."""
     path: str = field(default="")
-    """File, for the messages."""
+    """Name of the file, for the messages."""
 
     def read(self, table: object, keys: Mapping[str, Key], where: str = "") -> dict[str, Any]:
-        """Return the values of a table by attribute, those of tables inside as dictionaries.
+        """Return the converted values of a table by `Key.attribute`.
+
+        A table inside is converted to an object of its `Table.build`, or to a dictionary.
 
         Parameters
         ----------
         table : object
-            Value as TOML read it.
+            Value as the TOML parser returned it.
         keys : mapping of str to Key
+            Keys that the table may have, by name.
         where : str
-            Place of the table in the file: ``channels[2]``; empty: the file itself.
+            Place of the table in the file, such as ``channels[2]``; empty: the file itself.
 
         Raises
         ------
@@ -411,9 +428,17 @@ class TableReader:
 
 
 def readable_values(table: object, keys: Mapping[str, Key]) -> dict[str, Any]:
-    """Return the accepted values of a table by attribute, without unknown and refused ones.
+    """Return the valid values of a table by `Key.attribute`; skip unknown keys and invalid values.
 
-    It reads what other versions of the program stored. Tables inside are not read.
+    It serves for tables that another version of the program stored. Values inside a nested table
+    are not checked.
+
+    Parameters
+    ----------
+    table : object
+        Stored table; anything but a mapping gives an empty result.
+    keys : mapping of str to Key
+        Known keys, by name.
     """
     if not isinstance(table, Mapping):
         return {}
@@ -431,7 +456,17 @@ def readable_values(table: object, keys: Mapping[str, Key]) -> dict[str, Any]:
 
 
 def unknown_key(name: str, keys: Iterable[str], where: str) -> str:
-    """Return the message that refuses an unknown key and suggests the known ones."""
+    """Return the message that refuses an unknown key and suggests a similar known key.
+
+    Parameters
+    ----------
+    name : str
+        The unknown key.
+    keys : iterable of str
+        The known keys; all are listed if none is similar.
+    where : str
+        File and table, for the message.
+    """
     keys = list(keys)
     similar = difflib.get_close_matches(name, keys, 1)
     hint = f"did you mean {similar[0]}?" if similar else f"known are {', '.join(keys)}"
@@ -439,11 +474,12 @@ def unknown_key(name: str, keys: Iterable[str], where: str) -> str:
 
 
 def table_schema(keys: Mapping[str, Key], *, more_keys: bool = False) -> dict[str, Any]:
-    """Return the JSON Schema of a table.
+    """Return the JSON Schema of a TOML table as a dictionary.
 
     Parameters
     ----------
     keys : mapping of str to Key
+        Keys of the table, by name.
     more_keys : bool
         True: keys of any other name are accepted.
     """

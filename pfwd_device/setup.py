@@ -1,7 +1,8 @@
-"""Instrument part of a setup file: link, channels with calibration, detection.
+"""Instrument part of a setup file: link, channels with calibration, detection of drops.
 
-The file overrides what the instrument reports of itself. An instrument that reports nothing, such
-as the ASCII lines of a microcontroller, is described by the file completely.
+A setup file is a TOML file of the user. Its values override those of the identity that the
+instrument reports. An instrument that reports no identity, such as a microcontroller that prints
+ASCII lines, is described by the file completely.
 """
 
 import dataclasses
@@ -39,7 +40,7 @@ from pfwd_device.wire.registry import (
 )
 
 MAX_COLUMNS = 64
-"""Columns of an ASCII line."""
+"""Largest number of columns of an ASCII line."""
 
 _NAME = Text(LONGEST_NAME, min_length=1)
 _POSITIVE = Number(above=0)
@@ -129,7 +130,10 @@ TABLES = {
 
 @dataclass(frozen=True, slots=True)
 class DeviceSetup:
-    """Declarations about the instrument; empty: the instrument reports everything."""
+    """Values of a setup file that describe the instrument.
+
+    Without any value the identity that the instrument reports is used unchanged.
+    """
 
     dialect: str = DEFAULT
     """Name of a dialect in `pfwd_device.wire.registry`."""
@@ -140,7 +144,8 @@ class DeviceSetup:
     instrument: Mapping[str, Any] = field(default_factory=dict)
     """Fields of `Identity` that override those of the instrument."""
     channels: tuple[Mapping[str, Any], ...] = ()
-    """Fields of `ChannelIdentity` by channel, with "name", and "column" of the ASCII lines."""
+    """Declared values of each channel: "name", other fields of `ChannelIdentity`, and for ASCII
+    lines "column" and "resolution"."""
     detection: DetectionSettings = field(default_factory=DetectionSettings)
     """Settings of the detection of drops."""
 
@@ -154,16 +159,21 @@ class DeviceSetup:
 
     @property
     def needs_identity(self) -> bool:
-        """True when the instrument does not report its identity; the file has to declare it."""
+        """True if the file has to declare the identity, because the instrument reports none."""
         return self._entry.needs_identity
 
     def apply(self, identity: Identity) -> Identity:
-        """Return the identity with the values of the file in place of the instrument's.
+        """Return an identity in which the values of the file replace those of the instrument.
+
+        Parameters
+        ----------
+        identity : Identity
+            Identity that the instrument reported.
 
         Raises
         ------
         SetupError
-            If a channel is named that the instrument does not have, or two values clash.
+            If the file names a channel that the instrument does not have, or a value is invalid.
         """
         if self.needs_identity:
             return identity
@@ -180,13 +190,14 @@ class DeviceSetup:
         return dataclasses.replace(identity, **self.instrument, channels=tuple(channels))
 
     def make_dialect(self, first_stream: int = 0) -> Dialect:
-        """Return the dialect of the instrument.
+        """Return a new decoder and encoder for the protocol (dialect) of the instrument.
 
         Parameters
         ----------
         first_stream : int
-            Number of the first run of a sampler that does not number its runs itself. It keeps
-            drops of different days distinct.
+            Number of the first stream, for an instrument that does not number its streams. A
+            stream is a run of samples between a start or reset and the next. Stream and sample
+            index identify a drop, so different days need different numbers.
 
         Raises
         ------
@@ -207,7 +218,7 @@ class DeviceSetup:
         Raises
         ------
         SetupError
-            If the file does not declare all of it.
+            If the file does not declare each value that this needs; the message names the key.
         """
         title = self._entry.title
         required = ("column", "role", "sensitivity")[0 if self._entry.needs_columns else 1 :]
@@ -228,11 +239,12 @@ class DeviceSetup:
             )
             for channel in self.channels
         ]
-        if sum(channel.role is Role.LOAD for channel in identities) != 1:
-            raise SetupError('channels: expected one with role = "load", got none or several')
+        load_cells = sum(channel.role is Role.LOAD for channel in identities)
+        if load_cells != 1:
+            raise SetupError(f'channels: expected one with role = "load", got {load_cells}')
         if not any(channel.role in (Role.GEOPHONE, Role.DISPLACEMENT) for channel in identities):
             raise SetupError(
-                'channels: expected one with role = "geophone" or "displacement", got none'
+                'channels: expected one or more with role = "geophone" or "displacement", got none'
             )
         defaults = {"serial_number": "unknown", "model": title, "firmware": ""}
         return Identity(
@@ -246,12 +258,12 @@ _CHANNEL_FIELDS = {item.name for item in dataclasses.fields(ChannelIdentity)}
 
 
 def read_device_setup(table: Mapping[str, Any], where: str) -> DeviceSetup:
-    """Return the instrument's part of a setup file.
+    """Return the instrument part of a setup file.
 
     Parameters
     ----------
     table : mapping
-        Content of the file as TOML read it, with the keys of `TABLES` alone.
+        Content of the file as the TOML parser returned it, restricted to the keys of `TABLES`.
     where : str
         Name of the file, for messages.
 
@@ -289,4 +301,5 @@ def _refuse_twice(values: Sequence[object], where: str) -> None:
 
 
 def _missing(key: str, title: str) -> str:
-    return refusal(key, "a value", "none", f"{title} do not describe the instrument")
+    reason = f"an instrument with the dialect {title!r} does not report it: add it to the file"
+    return refusal(key, "a value", "none", reason)

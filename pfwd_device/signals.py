@@ -1,4 +1,4 @@
-"""Offset, sensors, displacement, peaks and response correction of a raw record."""
+"""Offset removal, integration to displacement, peaks and geophone correction of a recorded drop."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,10 +8,10 @@ from pfwd_device.drop import Peaks, nearest_first
 
 
 def quiet_samples(time: NDArray[np.float64]) -> int:
-    """Return the number of quiet samples at the start of a record.
+    """Return the number of samples at the start of a record in which the instrument is at rest.
 
-    These are the first half of the samples before the trigger. The second half may hold the start
-    of the pulse, because a device triggers at a level and not at the first contact.
+    These are the first half of the samples before the trigger. The second half may contain the
+    start of the pulse, because a device triggers at a load level and not at the first contact.
 
     Parameters
     ----------
@@ -21,34 +21,39 @@ def quiet_samples(time: NDArray[np.float64]) -> int:
     Returns
     -------
     int
-        0 when the record has no pre-trigger.
+        0 if the record has no samples before the trigger.
     """
     return int(np.count_nonzero(time < 0)) // 2
 
 
 def channels_outward(drop: Drop) -> list[Channel]:
-    """Return the channels of a drop from the plate centre outward, the order of a fit."""
+    """Return the channels of a drop from the plate centre outward."""
     return sorted(drop.channels, key=lambda channel: nearest_first(channel.offset))
 
 
 def remove_offset(time: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a record minus its mean over the quiet samples; unchanged without quiet samples.
+    """Return the values minus their mean at rest; unchanged if `quiet_samples` finds no rest.
 
     Parameters
     ----------
     time : (n,) ndarray of float, s
+        0 is the trigger.
     values : (n,) ndarray of float
+        Time history of one channel, in any unit.
 
     Returns
     -------
     (n,) ndarray of float
+        In the unit of `values`.
     """
     quiet = quiet_samples(time)
     return values - values[:quiet].mean() if quiet else values
 
 
 def displacement_of(channel: Channel, time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the displacement of a channel without offset; velocity is integrated by trapezoids.
+    """Return the displacement of a channel, m, after removal of the mean at rest.
+
+    Velocity is integrated by the trapezoidal rule.
 
     Parameters
     ----------
@@ -68,10 +73,11 @@ def displacement_of(channel: Channel, time: NDArray[np.float64]) -> NDArray[np.f
 
 
 def trace_peaks(drop: Drop) -> Peaks:
-    """Return the peaks of the traces, or the recorded peaks of a drop without traces.
+    """Return the peak load (N) and the peak displacements (m) of a drop.
 
-    The peak displacement of a velocity sensor is the peak of the integrated velocity, without a
-    correction of the geophone's response. So it does not depend on declared values.
+    The peak displacement of a velocity sensor is the peak of the integrated velocity. The response
+    of the geophone is not corrected, so the peak does not depend on declared values. A drop without
+    time histories returns its stored peaks.
 
     Parameters
     ----------
@@ -91,7 +97,7 @@ def trace_peaks(drop: Drop) -> Peaks:
 def correct_response(
     values: NDArray[np.float64], sampling_rate: float, natural_frequency: float, damping: float
 ) -> NDArray[np.float64]:
-    r"""Return the velocity of the ground from a geophone record without offset, for display only.
+    r"""Return the velocity of the ground, m/s, from the record of a geophone, for display only.
 
     A geophone with the natural frequency :math:`f_n` and the damping h turns the velocity v of its
     case into u, where
@@ -101,17 +107,18 @@ def correct_response(
 
     (Havskov and Alguacil, Instrumentation in Earthquake Seismology, 2nd ed., eq. 2.29, with unit
     gain at high frequency). Integrated twice from rest:
-    :math:`v = u + 2 h \omega_n \int u + \omega_n^2 \iint u`. Every error of the offset grows with
-    the square of the time. Therefore recorded and inverted data are never corrected; the inversion
+    :math:`v = u + 2 h \omega_n \int u + \omega_n^2 \iint u`. An error of the offset grows with the
+    square of the time. Therefore recorded and inverted data are never corrected; the inversion
     applies the response to the model.
 
     Parameters
     ----------
     values : (n,) ndarray of float, m/s
-        Record that begins at rest.
+        Record that begins at rest, after removal of its offset.
     sampling_rate : float, Hz
     natural_frequency : float, Hz
     damping : float
+        Damping ratio h.
 
     Returns
     -------
@@ -124,6 +131,6 @@ def correct_response(
 
 
 def _integrate(values: NDArray[np.float64], sampling_rate: float) -> NDArray[np.float64]:
-    """Integrate by the trapezoidal rule from zero."""
+    """Return the integral from the first sample on, by the trapezoidal rule; it starts from 0."""
     steps = (values[1:] + values[:-1]) / (2 * sampling_rate)
     return np.concatenate([[0.0], np.cumsum(steps)])

@@ -3,18 +3,18 @@
 import unicodedata
 
 LONGEST_TEXT = 64
-"""Default limit, characters; names and serial numbers are shorter."""
+"""Default limit of `clean`, characters; names and serial numbers are shorter."""
 
 _HARMFUL = frozenset(["Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"])
-"""Unicode categories: controls, formats such as overrides of the writing direction, code points
-without a character, separators of lines and paragraphs."""
+"""Unicode categories that are replaced: control characters, format characters such as overrides
+of the writing direction, code points without a character, line and paragraph separators."""
 
 
 def clean(text: str | bytes, limit: int = LONGEST_TEXT) -> str:
     """Return one line of text of bounded length, with U+FFFD in place of control characters.
 
-    Escape sequences could rename a terminal's window, overrides of the writing direction could
-    make a line read as another.
+    Escape sequences could change the state of a terminal. Overrides of the writing direction could
+    make a text read as another one.
 
     Parameters
     ----------
@@ -37,7 +37,9 @@ def clean(text: str | bytes, limit: int = LONGEST_TEXT) -> str:
 
 
 def harmless(text: str) -> str:
-    """Return the text at its full length, with U+FFFD in place of each harmful character.
+    """Return the text with U+FFFD in place of control characters, at its full length.
+
+    Unlike `clean` it does not shorten the text. The replaced categories are those of `_HARMFUL`.
 
     Examples
     --------

@@ -174,7 +174,7 @@ def test_a_dialect_measures(folder: Path) -> None:
     assert record.drop.load.max() == pytest.approx(8000, rel=0.01)
     (port,) = map(json.loads, found.stdout.splitlines())
     assert (port["answers"], port["identity"]) == ("pairs", None)
-    assert port["reason"] == "sends pairs of numbers; a setup file has to say what they are"
+    assert port["reason"] == "sends pairs of numbers; declare the instrument in a setup file"
 
 
 CUTS = """

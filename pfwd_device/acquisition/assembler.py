@@ -1,4 +1,10 @@
-"""Ordering of blocks of samples: each sample once, each gap located to the sample."""
+"""Ordering of the blocks of samples from an instrument.
+
+An instrument sends its samples in blocks, messages that may arrive late, twice, out of order or not
+at all. The assembler returns each sample once and reports each gap with the indices of the missing
+samples. A stream is a run of samples from a start or reset of the instrument to the next. The ring
+is a buffer in the instrument with the latest samples, which can be requested again.
+"""
 
 import bisect
 import datetime
@@ -12,31 +18,34 @@ from pfwd_device.identity import Identity
 from pfwd_device.wire.messages import HostMessage, Resend, SampleBlock, SamplesGone
 
 REORDER_WINDOW_S = 0.05
-"""Longest delay of a block behind its successors at which it is still put in its place, s."""
+"""Reordering window, s: a block that arrives later than its successors by more is discarded."""
 _VALUES_PER_LONG_BLOCK = 2048
 _REORDER_WINDOW_OF_LONG_BLOCKS_S = 0.2
-"""The same limit for an instrument with long blocks, of which two may overtake one, s."""
+"""Largest reordering window for an instrument with long blocks, s: two blocks must fit into it."""
 FLUSH_AFTER_S = 0.5
-"""Time without new blocks after which the waiting blocks are passed on, s."""
+"""Time after which missing samples are given up and the blocks behind them are returned, s."""
 _MAX_WAITING_BLOCKS = 256
 """Largest number of waiting blocks; more would be damage or an attack."""
 _MAX_WAITING_BLOCKS_WITH_RESEND = 4096
-"""The same limit while missing samples are requested again: more than ten seconds of blocks of
-5 ms."""
+"""Largest number of waiting blocks while missing samples are requested again: more than ten seconds
+of blocks of 5 ms."""
 RESEND_INTERVAL_S = 0.15
 """Time between two requests for the same samples, s: a link with free capacity delivers sooner."""
 RESEND_TIMEOUT_S = 2.5
-"""Time after which requested samples are lost, s: the recommended ring of 2 s is overwritten."""
+"""Time after which requested samples count as lost, s: the recommended ring of 2 s no longer has
+them."""
 _MAX_RESEND_SAMPLES = 2**32 - 1
 _MAX_OPEN_REQUESTS = 4
 """Largest number of open requests: an instrument stores few of them."""
 _N_REMEMBERED_STREAMS = 4
-"""Number of earlier streams whose ends are remembered, so that a stray block of one repeats no
-samples."""
+"""Number of earlier streams whose ends are remembered, so that a late block of such a stream does
+not repeat samples."""
 
 
 @dataclass(slots=True)
 class _WaitingBlock:
+    """Received block that waits for missing samples before it."""
+
     block: SampleBlock
     received: float
     time_utc: datetime.datetime
@@ -54,7 +63,7 @@ class _WaitingBlock:
 
 @dataclass(slots=True)
 class _ResendRequest:
-    """Range of samples that was requested again."""
+    """Range of samples that was requested again, from `first` to before `end`."""
 
     first: int
     end: int
@@ -63,19 +72,21 @@ class _ResendRequest:
 
 
 class Assembler:
-    """Turns blocks into samples and gaps.
+    """Puts received blocks in order and returns their samples and the gaps between them.
 
-    A gap is reported when a block more than a window behind it is received. If the gap is longer
-    than the window, a second block must confirm the first, because an index may be wrong.
-    Missing samples are requested again from an instrument with a ring buffer. Then a gap is
-    reported when the ring no longer has them or `RESEND_TIMEOUT_S` has passed.
-    A stream whose first block lies within a window of sample 0 starts with sample 0; any other
-    starts with its first received sample.
+    A gap is reported when a block arrives that ends more than the reordering window after its
+    first missing sample. If the gap is longer than the window, a second block must confirm the
+    first, because its index may be wrong. From an instrument with a ring the missing samples are
+    requested again; the gap is then reported when the ring no longer has them or
+    `RESEND_TIMEOUT_S` has passed.
+
+    A stream starts with sample 0 if its first block lies within the window of sample 0, and
+    otherwise with the first received sample.
 
     Parameters
     ----------
     identity : Identity
-        Number of channels and sampling rate.
+        Description of the instrument: number of channels, sampling rate and ring are used.
     counters : Counters
         Counters of samples and blocks, which are updated.
     """
@@ -92,16 +103,19 @@ class Assembler:
 
     @property
     def stream(self) -> int | None:
-        """Number of the current run of the sampler."""
+        """Number of the current stream; None before the first block."""
         return self._stream
 
     def is_newest(self, block: SampleBlock) -> bool:
-        """Return True if a block ends later than all before it: no repeat, and not overtaken."""
+        """Return True if a block ends after all received blocks of its stream, or begins a stream.
+
+        False for a repeated block and for one that another block has overtaken.
+        """
         end = block.first_sample + len(block.counts)
         return block.stream != self._stream or end > max(self._expected, self._newest)
 
     def configure(self, identity: Identity) -> None:
-        """Continue with a changed identity."""
+        """Use the number of channels, the sampling rate and the ring of a changed identity."""
         rate = identity.sampling_rate
         self._channels = len(identity.channels)
         self._ring = identity.ring_samples
@@ -110,11 +124,12 @@ class Assembler:
         self._window = math.ceil(max(REORDER_WINDOW_S * rate, long_blocks))
 
     def add(self, block: SampleBlock, received: float, time_utc: datetime.datetime) -> list[Item]:
-        """Return the samples and gaps that are certain with this block.
+        """Add a received block; return the samples that are now in order, and the proven gaps.
 
         Parameters
         ----------
         block : SampleBlock
+            Block of another stream than the current one: the result also has a `StreamBegan`.
         received : float, s
             Time of reception by the monotonic clock of the host.
         time_utc : datetime
@@ -142,39 +157,46 @@ class Assembler:
         return items
 
     def flush(self, before: float | None = None) -> list[Item]:
-        """Return the waiting samples, and gaps in place of the missing ones before them.
+        """Return the waiting samples, and gaps in place of the missing samples before them.
 
         Parameters
         ----------
         before : float or None, s
-            Flush only if a block was received before this time, and no isolated block, whose index
-            may be wrong. None: the link was cut, so that no later block can confirm an index.
+            Return samples only if a block was received before this monotonic time. A block far from
+            all other samples stays, because its index may be wrong. None: return all samples,
+            because the link was cut and no later block can arrive.
         """
         items: list[Item] = []
         if before is not None and all(each.received >= before for each in self._waiting):
             return items
         while self._waiting and not (before is not None and self._is_isolated()):
             if before is not None and self._ring and self._waiting[0].received >= before:
-                break  # these samples were requested again and may still be received
+                break  # the missing samples were requested again and may still be received
             self._release(items)
             self._emit_consecutive(items)
         return items
 
     @property
     def flush_after(self) -> float:
-        """Time after which missing samples are given up, s."""
+        """Time without a block after which missing samples count as lost, s."""
         return RESEND_TIMEOUT_S if self._ring else FLUSH_AFTER_S
 
     @property
     def due(self) -> float | None:
-        """Monotonic time of the next change of `requests`, s; None without open requests."""
+        """Monotonic time at which to call `requests` next, s; None without open requests."""
         if not self._ring or not self._waiting:
             return None
         times = (request.changed + RESEND_INTERVAL_S for request in self._open_requests)
         return min(times, default=None)
 
     def requests(self, now: float) -> list[HostMessage]:
-        """Return the new requests for samples that are missing before the waiting blocks."""
+        """Return messages that request the samples missing before the waiting blocks.
+
+        Parameters
+        ----------
+        now : float, s
+            Monotonic time. A request is repeated after `RESEND_INTERVAL_S`.
+        """
         self._open_requests = [
             request
             for request in self._open_requests
@@ -188,8 +210,8 @@ class Assembler:
             if len(self._open_requests) >= _MAX_OPEN_REQUESTS:
                 break
             if len(self._open_requests) == _MAX_OPEN_REQUESTS - 1:
-                # The last request includes the holes within a window and the samples between: on a
-                # link with a slow return path new holes arise faster than four requests fill them.
+                # The last permitted request covers all gaps within the window. On a link with a
+                # slow return path new gaps arise faster than four requests can fill them.
                 hole_ends = (hole_end for _, hole_end in holes if hole_end - first <= self._window)
                 end = max(end, *hole_ends, end)
             requests = self._open_requests
@@ -199,7 +221,10 @@ class Assembler:
         return messages
 
     def mark_unavailable(self, message: SamplesGone) -> list[Item]:
-        """Mark samples that the instrument cannot send again as missing, and return their gap."""
+        """Return the gap of samples that the instrument cannot send again, and the samples behind.
+
+        Empty if the message does not concern the next expected sample.
+        """
         items: list[Item] = []
         end = message.first_sample + message.count
         concerns_waiting = self._ring and message.stream == self._stream and self._waiting
@@ -209,7 +234,7 @@ class Assembler:
         return items
 
     def _holes(self) -> Iterator[tuple[int, int]]:
-        """Yield (first, end) of the missing samples before the waiting blocks."""
+        """Yield the first index and the end of each gap before or between the waiting blocks."""
         position = self._expected
         for each in self._waiting:
             if each.first > position:
@@ -224,7 +249,7 @@ class Assembler:
                 return
 
     def _report_gap(self, end: int, items: list[Item]) -> None:
-        """Report all missing samples before `end` as a gap."""
+        """Append a gap from the next expected sample to before `end`."""
         assert self._stream is not None
         length = end - self._expected
         self._counters.samples_lost += length
@@ -251,19 +276,19 @@ class Assembler:
         bisect.insort(self._waiting, new, key=lambda each: each.first)
 
     def _emit_consecutive(self, items: list[Item]) -> None:
-        """Emit the waiting blocks that continue the samples without a gap."""
+        """Append the samples of the waiting blocks that follow without a gap."""
         while self._waiting and self._waiting[0].first <= self._expected:
             self._emit(self._waiting.pop(0), items)
 
     def _report_proven_gaps(self, new: _WaitingBlock, items: list[Item]) -> None:
-        """Report the gaps that a new block proves; a block in order proves none."""
+        """Append the gaps that a new block proves, and the samples behind them."""
         limit = _MAX_WAITING_BLOCKS_WITH_RESEND if self._ring else _MAX_WAITING_BLOCKS
         while self._waiting and (len(self._waiting) > limit or self._proves_gap(new)):
             self._release(items)
             self._emit_consecutive(items)
 
     def _proves_gap(self, new: _WaitingBlock) -> bool:
-        """Return True if a block proves that the missing samples before it are lost."""
+        """Return True if a new block proves that the next expected samples are lost."""
         if self._ring:
             return new.received - self._waiting[0].received > RESEND_TIMEOUT_S
         if new.end - self._expected <= self._window:
@@ -273,7 +298,10 @@ class Assembler:
         return any(each is not new and self._is_within_window(each, new) for each in self._waiting)
 
     def _discard_strays(self) -> None:
-        """Discard blocks far ahead of blocks that continued in order: their index was wrong."""
+        """Discard waiting blocks with a wrong index.
+
+        The index of a block was wrong if it lay far ahead and the stream then continued in order.
+        """
         plausible = [
             each
             for each in self._waiting
@@ -285,7 +313,7 @@ class Assembler:
         self._waiting = plausible
 
     def _is_isolated(self) -> bool:
-        """Return True if the first waiting block is more than a window from all other samples."""
+        """Return True if the first waiting block is further than the window from all samples."""
         head, *following = self._waiting[:2]
         is_ahead = head.first - self._expected > self._window
         return is_ahead and not any(self._is_within_window(head, each) for each in following)
@@ -299,7 +327,7 @@ class Assembler:
         return max(a.first - b.end, b.first - a.end) <= self._window
 
     def _release(self, items: list[Item]) -> None:
-        """Emit the first waiting block and the gap before it; discard an isolated block."""
+        """Append the gap before the first waiting block and its samples; discard it if isolated."""
         is_isolated = self._is_isolated()
         head = self._waiting.pop(0)
         if is_isolated:
@@ -310,7 +338,7 @@ class Assembler:
         self._emit(head, items)
 
     def _emit(self, waiting: _WaitingBlock, items: list[Item]) -> None:
-        """Emit the samples of a block that were not emitted before; there is no gap before it."""
+        """Append the samples of a block that were not returned before."""
         block, end = waiting.block, waiting.end
         old = min(max(0, self._expected - waiting.first), len(block.counts))
         self._counters.samples_repeated += old

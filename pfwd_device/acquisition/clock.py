@@ -5,9 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 JUMP_S = 0.5
-"""Smallest step of the clock that is a jump and not a delay of the message, s."""
+"""Smallest step of the instrument's clock that counts as a jump; a smaller one counts as a delay of
+the message, s."""
 _MAX_REORDERING_S = 0.2
-"""Longest time by which one block overtakes another, s."""
+"""Largest decrease of the instrument's clock from one message to the next that counts as a change
+of their order, s."""
 _MAX_DELAYED_TIME_S = 3.0
 """Longest time for which all messages may be delayed by more than `JUMP_S`, s."""
 _FIRST_BIN_WIDTH_S = 0.5
@@ -18,14 +20,20 @@ _MIN_SPAN_FOR_DRIFT_S = 15.0
 """Shortest time over which a drift is reported, s: the 1 ms of jitter of the arrivals is then at
 most 70 ppm."""
 _MAX_REAL_TIME_DEVIATION = 0.01
-"""Largest relative deviation of a real clock; a larger one is an intended other speed."""
+"""Largest relative deviation of a real clock; a larger one means that the instrument is simulated
+or replayed at another speed."""
 
 
 @dataclass(slots=True)
 class _Bin:
+    """Message with the smallest delay within a period of the host's clock."""
+
     number: int
+    """Number of the period."""
     host: float
+    """Time of arrival, s."""
     delay: float
+    """Time of arrival minus the clock of the instrument, s."""
 
 
 class DeviceClock:
@@ -33,10 +41,10 @@ class DeviceClock:
 
     .. math:: d_i = t_i^\text{host} - t_i^\text{device}
 
-    A message can be late but not early: the smallest delay d within a bin is the most accurate,
-    and the slope of these over time is the drift. The slope is the median over all pairs of bins
-    (Theil-Sen), which a period of late arrivals does not distort. Memory is bounded: neighbouring
-    bins are joined when there are too many.
+    A message can be late but not early. So the smallest delay d of each period (bin) is the most
+    accurate, and the slope of these delays over time is the drift. The slope is the median over
+    pairs of bins (Theil-Sen), which a period of late arrivals does not distort. Neighbouring bins
+    are joined when there are too many, so that memory is bounded.
     """
 
     def __init__(self) -> None:
@@ -45,7 +53,7 @@ class DeviceClock:
         self.restart()
 
     def restart(self) -> None:
-        """Discard the estimate after a restart of the clock; the count of jumps stays."""
+        """Discard the estimate after a restart of the instrument's clock; keep the jump count."""
         self._bins: list[_Bin] = []
         self._width = _FIRST_BIN_WIDTH_S
         self._latest: dict[str, float] = {}
@@ -62,7 +70,8 @@ class DeviceClock:
         host : float, s
             Monotonic clock of this computer at its arrival.
         kind : str
-            Kind of message; only messages of one kind arrive in order.
+            Any name for the kind of message. Messages of one kind are expected in order, those of
+            different kinds are not.
         """
         if self._jumped(device, host, kind):
             self.jumps += 1
@@ -80,7 +89,7 @@ class DeviceClock:
 
     @property
     def speed(self) -> float | None:
-        """Seconds of the instrument per second of this computer; None before an estimate.
+        """Speed of the instrument's clock, s per s of this computer; None before an estimate.
 
         It is about 1 unless the instrument is simulated or replayed at another speed.
         """
@@ -111,7 +120,7 @@ class DeviceClock:
         if device < self._latest.get(kind, device) - _MAX_REORDERING_S:
             return True
         if not self.is_real_time:
-            return False  # at another speed all steps look like jumps
+            return False  # at another speed every step exceeds the limit
         ahead = min(each.delay for each in self._bins[-_MIN_BINS_FOR_SPEED:]) - (host - device)
         if ahead > JUMP_S:
             return True
@@ -123,7 +132,7 @@ class DeviceClock:
         return host - self._late_since > _MAX_DELAYED_TIME_S
 
     def _fitted(self) -> float | None:
-        """Return the slope of the delay, s per s; computed again when a bin is complete."""
+        """Return the slope of the delay over time, s per s; None while there are too few bins."""
         count = len(self._bins) - 1  # the delay of the last bin may still decrease
         if count < _MIN_BINS_FOR_SPEED:
             return None
@@ -131,7 +140,7 @@ class DeviceClock:
         if self._slope[0] != key or self._slope[1] is None:
             host = np.array([each.host for each in self._bins[:count]])
             delay = np.array([each.delay for each in self._bins[:count]])
-            # The slope between neighbouring bins is mostly jitter.
+            # Pairs of bins that are close to each other are omitted: their slope is mostly jitter.
             rows, columns = np.triu_indices(count, max(1, count // 3))
             slopes = (delay[columns] - delay[rows]) / (host[columns] - host[rows])
             self._slope = (key, float(np.median(slopes)))

@@ -1,8 +1,11 @@
-"""State machine of the host: which message is sent when, without ports, threads or clocks.
+"""State machine of the dialogue with an instrument, seen from the computer that reads it.
 
-It requests the identity, sets the sampling rate if one is requested, starts the instrument, and
-does so again after a reset. An instrument that already samples is not started again: that would
-begin a new stream and lose the samples that are still to be sent.
+It requests the identity (greeting), sets the sampling rate if one is requested, starts the
+sampling, and does so again after a reset of the instrument. An instrument that already samples is
+not started again, because a start begins a new stream and discards samples that are not sent yet.
+
+The state machine has no port, thread or clock of its own: times are arguments, and messages to send
+are appended to a list.
 """
 
 from dataclasses import dataclass
@@ -25,35 +28,42 @@ from pfwd_device.wire.messages import (
 )
 
 RESPONSE_TIMEOUT_S = 4.0
-"""Longest wait for a response, s: twice what an instrument needs that resets when its port is
+"""Longest wait for a response, s: twice the time of an instrument that resets when its port is
 opened."""
 _GREETING_INTERVAL_S = 0.3
 _REQUEST_INTERVAL_S = 1.0
 _STATUS_TIMEOUT_S = 0.75
 """Longest wait for a status, s: an instrument sends one at least every half second."""
 _MAX_STATUS_AGE_S = 0.3
-"""Largest age of a status relative to the blocks received with it, s."""
+"""Time since the last block of samples after which the status "does not sample" is believed, s."""
 _PERMANENT_REFUSALS = (RefusalCode.VERSION, RefusalCode.UNKNOWN, RefusalCode.ARGUMENT)
 
 
 class Stage(Enum):
-    """State of the conversation."""
+    """State of the dialogue with the instrument."""
 
     CLOSED = auto()
+    """The link is closed."""
     GREETING = auto()
+    """Waiting for the identity."""
     CONFIGURING = auto()
+    """Waiting for the confirmation of the sampling rate."""
     LOOKING = auto()
-    """Wait for a sign that the instrument still samples after the link was cut."""
+    """Waiting, after the link was cut, for samples or a status that reports whether the instrument
+    still samples."""
     STARTING = auto()
+    """Waiting for the first samples after a start."""
     RUNNING = auto()
+    """Samples arrive."""
     RESTING = auto()
     """No samples are requested."""
 
 
 class SampleAction(Enum):
-    """Action of the driver on the samples."""
+    """Instruction to the driver on the treatment of received samples."""
 
     NO_ACTION = auto()
+    """Continue as before."""
     SUSPEND = auto()
     """Let samples wait: they may belong to other settings."""
     ACCEPT = auto()
@@ -64,25 +74,26 @@ class SampleAction(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Failure of the conversation with this instrument."""
+    """Failure of the dialogue, after which the link has to be closed."""
 
     reason: str
     """Reason and remedy, one sentence."""
     refused: bool = False
-    """True if the instrument refused permanently."""
+    """True if the instrument refused a command for a reason that a repetition does not change."""
 
 
 class Conversation:
-    """Host side of the conversation with an instrument.
+    """State machine that decides which message the host sends to the instrument next.
 
     Parameters
     ----------
     sampling_rate : float or None, Hz
-        Requested rate; None: the present one.
+        Requested rate; None: the present rate of the instrument.
     serial_number : str or None
-        The only instrument to accept; None: the first that responds, from then on.
+        Serial number of the only instrument to accept. None: the first that responds, and from
+        then on no other.
     sampling : bool
-        Request samples.
+        True: request samples.
     accepts_commands : bool
         False for an instrument that only sends.
     response_timeout : float, s
@@ -123,11 +134,11 @@ class Conversation:
 
     @property
     def due(self) -> float | None:
-        """Monotonic time of the next `tick`, s; None if nothing is due."""
+        """Monotonic time at which to call `tick` next, s; None if nothing is due."""
         return None if self._next is None else min(self._next, self._deadline)
 
     def opened(self, now: float) -> None:
-        """Begin after the link was opened."""
+        """Begin the dialogue after the link was opened; `now` is the monotonic time, s."""
         self.failure = None
         self._ended = False
         self._greetings = 0
@@ -135,17 +146,18 @@ class Conversation:
         self._greet(now)
 
     def closed(self) -> None:
-        """End after the link was closed."""
+        """End the dialogue after the link was closed."""
         self.outbox.clear()
         self._enter(Stage.CLOSED, 0.0)
 
     def request(self, message: HostMessage, now: float) -> SampleAction:
-        """Process a command of the user.
+        """Process a command of the user and return what the driver has to do with samples.
 
         Parameters
         ----------
         message : Start, Stop, Configure or Shunt
         now : float, s
+            Monotonic time.
         """
         talking = self.stage not in (Stage.CLOSED, Stage.GREETING)
         match message:
@@ -169,13 +181,14 @@ class Conversation:
         return SampleAction.NO_ACTION
 
     def tick(self, now: float, *, received_all: bool = True) -> None:
-        """Send due messages, repeat messages without a response, or fail after the timeout.
+        """Append due messages to the outbox, repeat unanswered ones, or fail after the timeout.
 
         Parameters
         ----------
         now : float, s
+            Monotonic time.
         received_all : bool
-            True if no received bytes wait to be decoded: a missing response is then late.
+            True if all received bytes are decoded. Only then is a response that is missing late.
         """
         if self._next is None or self.due is None or now < self.due:
             return
@@ -187,7 +200,7 @@ class Conversation:
             self._greetings += 1
             self._next = now + _GREETING_INTERVAL_S
         elif self.stage is Stage.CONFIGURING:
-            self._say_rate()
+            self._request_rate()
             self._next = now + _REQUEST_INTERVAL_S
         elif self.stage is Stage.STARTING:
             self.outbox.append(Start())
@@ -196,7 +209,14 @@ class Conversation:
             self._next = self._deadline
 
     def receive(self, message: InstrumentMessage, now: float) -> SampleAction:
-        """Process a message before its samples are passed on."""
+        """Process a message of the instrument and return what the driver has to do with samples.
+
+        Parameters
+        ----------
+        message : InstrumentMessage
+        now : float, s
+            Monotonic time.
+        """
         if self.stage is Stage.CLOSED:
             return SampleAction.NO_ACTION
         match message:
@@ -225,22 +245,22 @@ class Conversation:
         if self.stage in (Stage.LOOKING, Stage.STARTING):
             self._enter(Stage.RUNNING, now)
         elif self.stage is Stage.RESTING and now >= self._quiet_until:
-            self.outbox.append(Stop())  # the first one did not arrive
+            self.outbox.append(Stop())  # the earlier Stop did not arrive
             self._quiet_until = now + _REQUEST_INTERVAL_S
         elif (
             self.stage is Stage.RUNNING
             and previous_stream not in (None, block.stream)
             and self._accepts_commands
         ):
-            self._greet(now)  # it was reset: its settings may have changed
+            self._greet(now)  # the instrument was reset: its settings may have changed
             return SampleAction.SUSPEND
         return SampleAction.NO_ACTION
 
     def _receive_identity(self, identity: Identity, now: float) -> SampleAction:
         if self._serial_number not in (None, identity.serial_number):
             reason = (
-                f"another instrument answers: {identity.serial_number}, waiting for "
-                f"{self._serial_number}; connect that one or begin a new survey"
+                f"expected the instrument {self._serial_number}, got {identity.serial_number}; "
+                f"connect {self._serial_number} or begin a new survey"
             )
             self.failure = Failure(reason)
             return SampleAction.SUSPEND
@@ -291,19 +311,23 @@ class Conversation:
         return SampleAction.NO_ACTION
 
     def _has_stopped(self, now: float) -> bool:
-        """Return True if an instrument that should sample has stopped, and not just now."""
+        """Return True if an instrument that should sample does not.
+
+        A status may be older than the blocks received with it, so a recent block outweighs it.
+        """
         quiet = self._last_block is None or now - self._last_block > _MAX_STATUS_AGE_S
         return quiet and self._accepts_commands and not self._ended
 
     def _receive_refusal(self, refusal: Refusal) -> None:
         detail = f": {refusal.text}" if refusal.text else ""
-        self._last_refusal = f"it refused (code {refusal.code}{detail})"
+        self._last_refusal = f"a refusal (code {refusal.code}{detail})"
         command = {
-            Stage.GREETING: "the greeting; its firmware and this program have no version in common",
-            Stage.CONFIGURING: f"a sampling rate of {self._rate} Hz; ask for another one or none",
+            Stage.GREETING: "the protocol versions of this program; update firmware or program",
+            Stage.CONFIGURING: f"a sampling rate of {self._rate} Hz; request another one or none",
             Stage.STARTING: "to send samples; see its manual",
         }.get(self.stage)
-        # The instrument may have read noise before the greeting: only the version is final.
+        # During the greeting the instrument may have taken noise on the line for a command. So
+        # only a refusal of the version is final then.
         final = refusal.code in (
             _PERMANENT_REFUSALS[:1] if self.stage is Stage.GREETING else _PERMANENT_REFUSALS
         )
@@ -317,12 +341,12 @@ class Conversation:
             self._start(now)
             return
         expected = {
-            Stage.GREETING: "the instrument to say what it is",
-            Stage.CONFIGURING: "an answer to the sampling rate",
+            Stage.GREETING: "the identity of the instrument",
+            Stage.CONFIGURING: "a confirmation of the sampling rate",
             Stage.STARTING: "samples",
         }[self.stage]
-        response = self._last_refusal or "nothing of the kind"
-        hint = "is it a PFWD, and switched on?"
+        response = self._last_refusal or "no response"
+        hint = "check that it is a PFWD and switched on"
         seconds = f"{self._response_timeout:g} s"
         self.failure = Failure(f"expected {expected}, got {response} within {seconds}; {hint}")
 
@@ -331,9 +355,9 @@ class Conversation:
 
     def _configure(self, now: float) -> None:
         self._enter(Stage.CONFIGURING, now, _REQUEST_INTERVAL_S, self._response_timeout)
-        self._say_rate()
+        self._request_rate()
 
-    def _say_rate(self) -> None:
+    def _request_rate(self) -> None:
         if self._rate is not None:
             # Some instruments refuse a rate while they sample.
             if self._sampling is not False or self._last_refusal:

@@ -1,4 +1,8 @@
-"""Decoding of bytes to items, the same for a live instrument and for recorded bytes."""
+"""Decoding of the bytes of an instrument to items, for live and for recorded bytes.
+
+Items are the classes of `pfwd_device.acquisition.items`: ordered samples, gaps between them, stored
+drops of the instrument, connections and reports.
+"""
 
 import datetime
 from collections import deque
@@ -25,23 +29,24 @@ from pfwd_device.wire.messages import (
 )
 
 MAX_EARLY_BYTES = 2_000_000
-"""Memory for samples that wait for the identity; the oldest are discarded first."""
+"""Memory for samples that wait for the identity, bytes; the oldest are discarded first."""
 
 
 class Decoder:
-    """Turns the bytes of one instrument into items.
+    """Decodes the bytes of one instrument to items such as `Samples`, `Gap` and `BufferedDrop`.
 
-    Samples wait until the identity is accepted, because it holds the number of channels.
+    Samples wait until the identity of the instrument is accepted, because their meaning depends
+    on the channels and the sampling rate in it.
 
     Parameters
     ----------
     dialect : Dialect
         Dialect of the instrument.
     url : str
-        Origin of the bytes, for `Connected`.
+        Port from which the bytes come, which `Connected` reports.
     automatic : bool
-        Accept each new identity when the first samples follow it, as for recorded bytes. A driver
-        calls `accept` itself.
+        True: accept each new identity when the first samples follow it, as for recorded bytes.
+        False: the caller checks the identity and calls `accept`.
     """
 
     def __init__(self, dialect: Dialect, url: str = "", *, automatic: bool = True) -> None:
@@ -65,13 +70,13 @@ class Decoder:
         self._clock_reading: tuple[int, datetime.datetime] | None = None
 
     def feed(self, data: bytes, received: float, time_utc: datetime.datetime) -> list[Item]:
-        """Return the items that these bytes complete.
+        """Decode received bytes and return the items that they complete.
 
         Parameters
         ----------
         data : bytes
         received : float, s
-            Time of reception by the monotonic clock.
+            Time of reception by the monotonic clock of this computer.
         time_utc : datetime
             The same time in UTC.
         """
@@ -83,7 +88,16 @@ class Decoder:
     def take(
         self, message: InstrumentMessage, received: float, time_utc: datetime.datetime
     ) -> list[Item]:
-        """Return the items of one message of the dialect."""
+        """Process one decoded message and return the items that it completes.
+
+        Parameters
+        ----------
+        message : InstrumentMessage
+        received : float, s
+            Time of reception by the monotonic clock of this computer.
+        time_utc : datetime
+            The same time in UTC.
+        """
         match message:
             case SampleBlock():
                 return self._take_block(message, received, time_utc)
@@ -118,12 +132,17 @@ class Decoder:
         return [message]
 
     def accept(self, time_utc: datetime.datetime) -> list[Item]:
-        """Accept the identity; return `Connected` and the samples that waited.
+        """Accept the latest identity; return `Connected` and the samples that waited for it.
+
+        Parameters
+        ----------
+        time_utc : datetime
+            Time of the connection, which `Connected` reports.
 
         Raises
         ------
         RuntimeError
-            If there is no identity yet, a programming error.
+            If no identity was received, which is an error of the calling program.
         """
         if self.identity is None:
             raise RuntimeError("expected an identity before its samples, got none")
@@ -141,11 +160,14 @@ class Decoder:
         return items
 
     def suspend(self) -> None:
-        """Let samples wait until the identity is accepted again."""
+        """Let further samples wait until the identity is accepted again."""
         self.accepted = None
 
     def cut(self) -> list[Item]:
-        """End the stream after the link was cut: return waiting samples, discard half a frame."""
+        """End the stream after the link was cut; return the samples that waited for missing ones.
+
+        An incomplete message and samples that waited for an identity are discarded.
+        """
         self.dialect.reset()
         self.transfers.cut()
         items = self._flush()
@@ -161,24 +183,24 @@ class Decoder:
         self._early_bytes = 0
 
     def idle(self, now: float) -> list[Item]:
-        """Return the samples that have waited long enough for missing ones.
+        """Return the samples that waited too long for missing ones, and the gaps before them.
 
         Parameters
         ----------
         now : float, s
-            Monotonic clock.
+            Monotonic time.
         """
         if self._assembler is None:
             return []
         return self._assembler.flush(now - self._assembler.flush_after)
 
     def requests(self, now: float) -> list[HostMessage]:
-        """Return the messages to send now: requests for stored drops and for missing samples.
+        """Return the messages to send now, which request stored drops and missing samples.
 
         Parameters
         ----------
         now : float, s
-            Monotonic clock.
+            Monotonic time.
         """
         if self.accepted is None:
             return []
@@ -188,7 +210,7 @@ class Decoder:
 
     @property
     def due(self) -> float | None:
-        """Monotonic time of the next change of `requests`, s; None if nothing is due."""
+        """Monotonic time at which to call `requests` next, s; None if nothing is due."""
         if self.accepted is None:
             return None
         waits = self._assembler.due if self._assembler is not None else None
@@ -223,11 +245,13 @@ class Decoder:
         return items + self._assembler.add(block, received, time_utc)
 
     def _flush(self) -> list[Item]:
-        """Return the waiting samples; the missing ones before them are lost."""
         return self._assembler.flush() if self._assembler is not None else []
 
     def _may_accept(self, block: SampleBlock) -> bool:
-        """Return True if the identity is known since the link was cut, or the stream continues."""
+        """Return True if the latest identity describes the samples of a block.
+
+        It does if it was received since the link was cut, or if the block continues the stream.
+        """
         same = self._assembler is not None and block.stream == self._assembler.stream
         return self._introduced or same
 
@@ -242,7 +266,7 @@ class Decoder:
     def _count_status(self, status: Status, received: float) -> None:
         self._compare_clocks(status.clock_us / 1e6, received, "status")
         since = status.overruns - self._overruns
-        # A smaller count than before: the instrument was reset.
+        # After a reset the instrument counts from 0 again.
         self.counters.instrument_overruns += since if since >= 0 else status.overruns
         self._overruns = status.overruns
 

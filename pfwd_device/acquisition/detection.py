@@ -1,4 +1,10 @@
-"""Settings of the drop detection, and the drops, rebounds and reports that it returns."""
+"""Settings of the drop detection, and its results: drops, rebounds and reports.
+
+A pulse is a time in which the load departs from its value at rest. A drop is the first impact of
+the weight; a rebound or bounce is a later impact of the same fall, after the weight was thrown back
+up. Samples are counted within a stream, a run of samples from a start or reset of the instrument to
+the next. Counts are the integers that the converter of the instrument returns.
+"""
 
 import dataclasses
 import enum
@@ -10,9 +16,9 @@ from numpy.typing import NDArray
 from pfwd_device.errors import SetupError
 
 MAX_BOUNCE_PEAK_RATIO = 0.7
-"""Largest peak load of a bounce, relative to the pulse before it. On a spring the peak is
-proportional to the speed of the impact, and a weight that keeps 0.7 of its speed keeps half of its
-energy; rubber buffers return less. Two drops from one height differ by less than a quarter."""
+"""Largest peak load of a bounce, relative to the peak load of the pulse before it. On a spring the
+peak load is proportional to the speed of the impact. A weight with 0.7 of its speed has half of its
+energy, and rubber buffers return less. Two drops from one height differ by less than a quarter."""
 
 MAX_FLIGHT_TIME_S = 0.7
 """Longest time between a pulse and its bounce, s. A weight that falls from 1.2 m and leaves with
@@ -22,14 +28,14 @@ and releasing it takes longer."""
 
 @dataclass(frozen=True, slots=True)
 class DetectionSettings:
-    """Settings of the drop detection: start of a drop and length of its record."""
+    """Settings of the drop detection: the load that starts a drop, and the length of records."""
 
     threshold: float = 400.0
     """Load above rest that starts a drop, N; at least `noise_factor` times the noise."""
     noise_factor: float = 8.0
     """Smallest threshold, relative to the root mean square of the load's noise."""
     hysteresis: float = 0.5
-    """Fraction of the threshold below which the load is released."""
+    """Fraction of the threshold below which a pulse has ended, so that the next one can begin."""
     confirm: float = 3e-4
     """Time for which the load has to exceed the threshold, s: longer than an electric spike."""
     pre_trigger: float = 0.020
@@ -40,9 +46,9 @@ class DetectionSettings:
     """Time after the trigger of a drop in which its bounces are detected, s; no bounce extends it.
     A weight from 1 m that keeps 0.6 of its speed at each bounce is at rest after 1.36 s."""
     rebound_pre_trigger: float = 0.005
-    """Length of the record before a rebound, s."""
+    """Length of the record of a rebound before its trigger, s."""
     rebound_post_trigger: float = 0.030
-    """Length of the record after a rebound, s."""
+    """Length of the record of a rebound after its trigger, s."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -53,12 +59,18 @@ class DetectionSettings:
             raise SetupError(f"detection: hysteresis: expected below 1, got {self.hysteresis}")
         longest = max(self.pre_trigger, self.post_trigger, self.rebound_window)
         if longest > 10:
-            raise SetupError(f"detection: expected times up to 10 s, got {longest}")
+            raise SetupError(
+                "detection: expected pre_trigger, post_trigger and rebound_window up to 10 s, got "
+                f"{longest}"
+            )
 
 
 @dataclass(frozen=True, slots=True)
 class AtRest:
-    """Load at rest as estimated by the detector; a replay that starts with it detects the same."""
+    """Level and noise of the load while nothing moves, as the detector estimated them.
+
+    They are recorded with each drop. A replay that starts with them detects the same drop.
+    """
 
     load: float
     """Level, counts."""
@@ -68,10 +80,10 @@ class AtRest:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RawDrop:
-    """Uncalibrated samples of one drop."""
+    """Record of one drop in counts of the converter, before calibration."""
 
     stream: int
-    """Number of the run of the sampler."""
+    """Number of the stream."""
     first: int
     """Index of the first sample within the stream."""
     trigger: int
@@ -94,10 +106,10 @@ class RawDrop:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RawRebound:
-    """Samples of a bounce of the weight after a drop."""
+    """Record of a bounce of the weight after a drop, in counts of the converter."""
 
     stream: int
-    """Number of the run of the sampler."""
+    """Number of the stream."""
     first: int
     """Index of the first sample within the stream."""
     trigger: int
@@ -111,21 +123,21 @@ class RawRebound:
 
 
 class PulseReason(enum.StrEnum):
-    """Reason why a pulse of the load is reported, as the text for the operator."""
+    """Reason why a pulse of the load is reported; the value is the text for the operator."""
 
     REST_UNKNOWN = "not recorded: the load at rest was not known yet"
     NOT_RELEASED = "not recorded: the load had not returned to rest since the pulse before"
-    CUT_OFF = "not recorded: the samples ended before it could be told from a bounce"
+    CUT_OFF = "not recorded: the samples ended before it could be distinguished from a bounce"
     MAYBE_BOUNCE = "recorded as a drop, may be a bounce: samples before it are missing"
     MAYBE_DROP = "recorded as a bounce, may be a drop: samples before it are missing"
 
 
 @dataclass(frozen=True, slots=True)
 class PulseReport:
-    """Report of a pulse of the load that is neither certainly a drop nor certainly a bounce."""
+    """Report to the operator of a pulse that was not recorded, or whose kind is uncertain."""
 
     stream: int
-    """Number of the run of the sampler."""
+    """Number of the stream."""
     trigger: int
     """Index of its first sample above the threshold, within the stream; for a pulse that is not
     recorded, the first index of the part of the stream that contains it."""
@@ -136,4 +148,4 @@ class PulseReport:
 
 @dataclass(frozen=True, slots=True)
 class ReboundsOver:
-    """End of the rebounds of the last drop."""
+    """Message that no further rebound of the last drop will be detected."""

@@ -1,12 +1,14 @@
-"""Detection of drops in the stream of samples.
+"""Detection of drops in the samples of an instrument.
 
-The stream is processed in quanta of a fixed number of samples that begin at fixed indices, so that
-the result does not depend on how the samples arrived. Between drops the load at rest follows the
-median of each quantum; a drop begins where the load departs from it by more than the threshold and
-stays away. A pulse is a bounce and belongs to the drop before it if it follows another pulse within
-`MAX_FLIGHT_TIME_S`, has less than `MAX_BOUNCE_PEAK_RATIO` of its peak and lies within the rebound
-window of the drop. Any other pulse is a drop. A pulse that cannot be recorded, or whose kind is
-uncertain because samples are missing, is reported.
+The samples are processed in quanta: groups of a fixed number of samples that begin at fixed
+indices. So the result does not depend on how the samples arrived. Between drops the load at rest is
+estimated from the median of each quantum. A pulse begins where the load departs from its value at
+rest by more than a threshold and stays away.
+
+A pulse is a bounce (rebound) of the drop before it if three conditions hold: it follows another
+pulse within `MAX_FLIGHT_TIME_S`, its peak is below `MAX_BOUNCE_PEAK_RATIO` of the peak of that
+pulse, and it lies within the rebound window of the drop. Any other pulse is a drop. A pulse that
+cannot be recorded, or whose kind is uncertain because samples are missing, is reported.
 """
 
 import math
@@ -38,36 +40,36 @@ QUANTA_PER_SECOND = 100
 WARM_UP_QUANTA = 20
 """Number of quanta from which the load at rest is estimated first."""
 REST_TRACKING_GAIN = 0.03
-"""Fraction of the difference by which the load at rest approaches each quantum: it follows a drift
-within 0.3 s and averages the noise."""
+"""Fraction of the difference by which the estimate of the load at rest approaches the level of each
+quantum. So the estimate follows a drift within 0.3 s and averages the noise."""
 NEW_REST_AFTER_QUANTA = 100
-"""Number of successive quanta off rest after which the new level is rest, such as with an object
-on the plate."""
+"""Number of successive quanta with another load after which the load at rest is estimated again,
+for example after an object was put on the plate."""
 MIN_RECORD_SAMPLES = 16
 """Smallest number of samples in a record: fewer do not resolve a pulse."""
 LONG_GAP_S = 1.0
 """Shortest gap after which the load at rest is estimated again, s."""
 
 MIN_GAP_HIDING_PULSE_S = 6e-3
-"""Shortest gap that may hide a pulse, s. A pulse of 15 ms and 570 N, whose bounce would still
-exceed the default threshold, is above this threshold for 7.5 ms."""
+"""Shortest gap in the samples that may hide a pulse, s. A pulse of 15 ms and 570 N, whose bounce
+could still exceed the default threshold of 400 N, is above the threshold for 7.5 ms."""
 MIN_GAP_HIDING_PEAK_S = 2e-3
-"""Shortest time of missing samples within a pulse that makes its peak a lower bound, s: the top
-2 ms of a half-sine of 15 ms lie within 2 % of the peak."""
+"""Shortest gap within a pulse by which its true peak may exceed the recorded one, s: the top 2 ms
+of a half-sine of 15 ms lie within 2 % of the peak."""
 
 DetectedItem = RawDrop | RawRebound | ReboundsOver | PulseReport
 
 
 @dataclass(slots=True)
 class _Trigger:
-    """Start of a drop or rebound whose record is incomplete."""
+    """Start of a drop or rebound whose record is not yet complete."""
 
     index: int
     at_rest: AtRest
     threshold: float
     by_operator: bool = False
     may_bounce: bool = False
-    """True if its time allows a bounce, so that its peak decides."""
+    """True if the pulse may be a bounce by its time, so that its peak decides."""
     reason: PulseReason | None = None
 
 
@@ -100,8 +102,9 @@ class Detector:
     Parameters
     ----------
     identity : Identity
-        Load channel, its calibration, sampling rate and range of the converter.
-    settings : DetectionSettings
+        Description of the instrument: load channel, calibration, sampling rate and converter.
+    settings : DetectionSettings or None
+        None: the default settings.
     """
 
     def __init__(self, identity: Identity, settings: DetectionSettings | None = None) -> None:
@@ -146,9 +149,10 @@ class Detector:
         """(index, low, high) of the quanta in which the load at rest was not known."""
         self._unrecorded: _Unrecorded | None = None
         self._low = math.inf
-        """Smallest departure since the last record, while the load has not returned to rest."""
+        """Smallest departure from rest since the last record, while the load has not returned to
+        rest, counts."""
         self._holes: deque[tuple[int, int]] = deque()
-        """(start, end) of missing samples that a bounce may still follow."""
+        """(start, end) of the latest missing samples; a bounce of a pulse in them may follow."""
         self._released = True
         self._off_rest = 0
         self._open: _Trigger | None = None
@@ -157,45 +161,63 @@ class Detector:
 
     @property
     def ready(self) -> bool:
-        """True once the load at rest is known, so that drops are detected."""
+        """True if the load at rest is known, so that drops can be detected."""
         return self._rest is not None
 
     @property
     def drop_load(self) -> float:
-        """Present threshold of the load above rest, N: as set, or larger because of noise."""
+        """Present threshold, N above the load at rest: that of the settings, or more with noise."""
         if self._rest is None or not self._per_newton:
             return self.settings.threshold
         return self._threshold(self._rest) / self._per_newton
 
     @property
     def at_rest(self) -> AtRest | None:
-        """Load at rest; None until it is known."""
+        """Estimated level and noise of the load at rest, counts; None until they are known."""
         return self._rest
 
     @property
     def busy(self) -> bool:
-        """True while the record of a drop is incomplete."""
+        """True while a drop or rebound is being recorded."""
         return self._open is not None
 
     def begin(self, stream: int, first: int = 0, at_rest: AtRest | None = None) -> None:
-        """Begin a new run of the sampler, or a replay with the recorded load at rest.
+        """Begin a new stream (run of samples) of the instrument, or the replay of a drop.
 
-        With `at_rest` the load at rest is not estimated before the first drop, so that a replay
-        detects the same drop.
+        Parameters
+        ----------
+        stream : int
+            Number of the stream.
+        first : int
+            Index of the first sample that follows.
+        at_rest : AtRest or None
+            Recorded load at rest, for a replay: it is used up to the first drop, so that the same
+            drop is detected. None: it is estimated from the samples.
         """
         self._stream = stream
         self._begin(first, at_rest)
 
     def trigger_by_operator(self, index: int | None = None) -> None:
-        """Record a drop from now on, or from the sample with this index, independent of the load.
+        """Record a drop with a given sample as its time 0, independent of the load.
 
-        No effect while a drop is recorded.
+        The call has no effect while a drop is being recorded.
+
+        Parameters
+        ----------
+        index : int or None
+            Index of the sample in the stream; None: the next sample.
         """
         if self._open is None and self._operator_trigger is None:
             self._operator_trigger = self._window.end if index is None else index
 
     def feed(self, item: Samples | Gap) -> list[DetectedItem]:
-        """Return the drops and rebounds that these samples complete, and reports, in order."""
+        """Return the drops, rebounds and reports that further samples complete, in order.
+
+        Parameters
+        ----------
+        item : Samples or Gap
+            Samples, or a range of missing samples, that directly follow those of the last call.
+        """
         if item.stream != self._stream:
             raise ValueError(f"expected samples of stream {self._stream}, got {item.stream}")
         if isinstance(item, Gap):
@@ -207,7 +229,9 @@ class Detector:
         return list(self._scan())
 
     def finish(self, reason: str) -> list[DetectedItem]:
-        """Return the last items at the end of the samples; an incomplete drop is marked as cut off.
+        """End the stream and return the remaining drops, rebounds and reports.
+
+        An incomplete drop is returned with the reason for the end in `RawDrop.cut_off`.
 
         Parameters
         ----------
@@ -256,13 +280,12 @@ class Detector:
             self._rest, self._early, self._frozen = None, [], False
 
     def _note_hole(self, start: int, end: int) -> None:
-        """Store a row of missing samples, joined with the previous one if hardly separated."""
+        """Store a range of missing samples; join it with the previous one if they almost touch."""
         if self._holes and start - self._holes[-1][1] < self._confirm:
             start = self._holes.pop()[0]
         self._holes.append((start, end))
 
     def _missing(self, start: int, end: int) -> int:
-        """Return the number of missing samples from `start` to before `end`."""
         return sum(max(0, min(end, last) - max(start, first)) for first, last in self._holes)
 
     def _may_hide_pulse(self, start: int, end: int) -> bool:
@@ -306,7 +329,7 @@ class Detector:
             yield ReboundsOver()
 
     def _complete(self, end: int) -> Iterator[DetectedItem]:
-        """Yield the record that the samples before `end` complete."""
+        """Yield the drop or rebound whose record the samples before `end` complete."""
         trigger = self._open
         if trigger is None:
             return
@@ -319,7 +342,7 @@ class Detector:
                     yield self._report(trigger.index, peak, trigger.reason)
                 self._stop_recording()
                 return
-            # Too large for a bounce: it is a drop, and the pulse before it a drop or a knock.
+            # Too large for a bounce, so it is a drop.
             trigger.may_bounce = False
             trigger.reason = self._reason_to_report_drop(trigger, self._last)
             self._last = None
@@ -337,7 +360,7 @@ class Detector:
         self._open, self._released, self._low = None, False, math.inf
 
     def _classify_by_time(self, trigger: _Trigger | None) -> Iterator[DetectedItem]:
-        """Decide from the time of a new trigger whether it may be a bounce."""
+        """Set `may_bounce` of a new trigger from its time; yield the end of earlier rebounds."""
         if trigger is None or trigger.by_operator:
             return
         last = self._last
@@ -353,19 +376,22 @@ class Detector:
 
     def _is_bounce(self, trigger: _Trigger, peak: int, last: _Last) -> bool:
         """Return True if a pulse whose time allows a bounce is small enough for one."""
-        # With a reason to report it is late: the weight bounced once more in the missing samples.
+        # A late pulse is reported: it can only be a bounce of a bounce in the missing samples.
         bounces = 1 if trigger.reason is None else 2
         return peak < MAX_BOUNCE_PEAK_RATIO**bounces * last.peak
 
     def _reason_to_report_drop(self, trigger: _Trigger, last: _Last | None) -> PulseReason | None:
-        """Return why a drop may be a bounce of `last` or of a pulse in missing samples, or None."""
+        """Return the reason to report a drop that may be a bounce; None if it is certainly none.
+
+        It may be a bounce of `last`, whose peak is uncertain, or of a pulse in missing samples.
+        """
         hidden = self._may_hide_pulse(trigger.index - self._flight, trigger.index)
         if hidden or (last is not None and last.incomplete):
             return PulseReason.MAYBE_BOUNCE
         return None
 
     def _is_incomplete(self, trigger: _Trigger) -> bool:
-        """Return True if enough samples of a pulse are missing for its peak to be higher."""
+        """Return True if samples of a pulse are missing so that its true peak may be higher."""
         pulse = self._rebound_after
         return self._missing(trigger.index - pulse, trigger.index + pulse) >= self._hides_peak
 
@@ -373,13 +399,13 @@ class Detector:
         return PulseReport(self._stream, index, round(peak), reason)
 
     def _records(self, trigger: _Trigger, cut_off: str | None) -> Iterator[DetectedItem]:
-        """Yield the record of a drop, and a report if it may be a bounce."""
+        """Yield the record of a drop, and a report if the drop may be a bounce."""
         yield self._record(trigger, cut_off)
         if trigger.reason is not None:
             yield self._report(trigger.index, self._peak(trigger, self._after), trigger.reason)
 
     def _watch_unreleased(self, start: int, end: int) -> Iterator[DetectedItem]:
-        """Report pulses on top of a load that has not returned to rest."""
+        """Yield reports of pulses that begin before the load has returned to rest."""
         if self._open is not None or self._released or self._rest is None:
             yield from self._report_unrecorded()
             return
@@ -401,12 +427,15 @@ class Detector:
             yield self._report_without_record(pulse, PulseReason.NOT_RELEASED)
 
     def _report_without_record(self, pulse: _Unrecorded, reason: PulseReason) -> PulseReport:
-        """Return the report of an unrecorded pulse, and store it as a hole that bounces follow."""
+        """Return the report of an unrecorded pulse.
+
+        The pulse is treated like missing samples: a following pulse may be its bounce.
+        """
         self._holes.append((pulse.start, max(pulse.end, pulse.start + self._hides_pulse)))
         return self._report(pulse.start, pulse.peak, reason)
 
     def _report_unwatched(self) -> Iterator[DetectedItem]:
-        """Report pulses during the time when the load at rest was not known."""
+        """Yield reports of the pulses in the time in which the load at rest was not known."""
         quanta, self._unwatched = self._unwatched, []
         rest = self._rest
         if rest is None and len(self._early) > 1:
@@ -427,14 +456,17 @@ class Detector:
             yield self._report_without_record(pulse, PulseReason.REST_UNKNOWN)
 
     def _departure(self, first: int, last: int, rest: AtRest) -> NDArray[np.float64]:
-        """Return the distance of the load from rest, counts; 0 where samples are missing."""
+        """Return the difference between load and rest, counts, without sign; 0 for missing samples.
+
+        The samples are those from `first` to before `last`.
+        """
         counts, missing = self._window.part(first, last)
         away: NDArray[np.float64] = np.abs(counts[:, self._load] - rest.load)
         away[missing] = 0.0
         return away
 
     def _present_departure(self, first: int, last: int, rest: AtRest) -> NDArray[np.float64]:
-        """Return the distance of the load from rest for the samples that are present, counts."""
+        """Return the difference between load and rest, counts, without sign or missing samples."""
         counts, missing = self._window.part(first, last)
         away: NDArray[np.float64] = np.abs(counts[~missing, self._load] - rest.load)
         return away
@@ -447,19 +479,22 @@ class Detector:
         return max(self._min_threshold, self.settings.noise_factor * rest.noise)
 
     def _learn(self, start: int, end: int) -> Iterator[DetectedItem]:
-        """Update the load at rest; when it is known first, report the pulses before."""
+        """Update the estimate of the load at rest from a quantum.
+
+        Yield reports of earlier pulses when the load at rest becomes known.
+        """
         if self._frozen:
             return
         counts, missing = self._window.part(start, end)
         load = counts[~missing, self._load].astype(float)
         if self._rest is None and load.size >= self._confirm:
-            # Extremes without the samples of a spike on either side.
+            # Smallest and largest load without spikes that are too short to confirm a trigger.
             n_spike = self._confirm - 1
             ends = np.partition(load, (n_spike, load.size - 1 - n_spike))
             self._unwatched.append((start, float(ends[n_spike]), float(ends[-1 - n_spike])))
         if load.size < max(2, (end - start) // 2):
             return
-        # This runs for every quantum all day: median and root mean square in their fastest forms.
+        # This runs a hundred times each second, so median and root mean square use fast forms.
         level = float(np.partition(load, load.size // 2)[load.size // 2])
         steps = np.diff(load)
         noise = math.sqrt(float(steps @ steps) / (2 * steps.size))
@@ -489,7 +524,7 @@ class Detector:
             yield from self._report_unrecorded()
 
     def _find_trigger(self, end: int) -> _Trigger | None:
-        """Return the first trigger of a drop that the samples before `end` confirm, or None."""
+        """Return the first trigger that the samples before `end` confirm, or None."""
         if self._operator_trigger is not None and self._operator_trigger < end:
             rest = self._rest or AtRest(0.0, 0.0)
             trigger = _Trigger(self._operator_trigger, rest, 0.0, by_operator=True)
@@ -497,7 +532,7 @@ class Detector:
             self._last = None
             return trigger
         if self._frozen and self._operator_trigger is not None:
-            return None  # in a replay no drop precedes the trigger of the operator
+            return None  # in the replay of a drop no other drop may precede the operator's trigger
         if self._rest is None:
             return None
         rest = self._rest
@@ -555,7 +590,7 @@ def _extended(pulse: _Unrecorded | None, start: int, end: int, peak: float) -> _
 
 
 def _starts_of_rows(flags: NDArray[np.bool_], length: int) -> NDArray[np.bool_]:
-    """Return a mask, (n - length + 1,), of the starts of `length` true values in a row."""
+    """Return a mask, (n - length + 1,), of the positions where `length` true values begin."""
     if flags.size < length:
         return np.zeros(0, bool)
     return np.asarray(np.lib.stride_tricks.sliding_window_view(flags, length).all(axis=-1))

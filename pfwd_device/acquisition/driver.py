@@ -1,4 +1,8 @@
-"""Driver of an instrument: it keeps the instrument connected and sampling."""
+"""Driver of an instrument: it keeps the instrument connected and returns what it sends, in order.
+
+It joins the thread that reads the port (`link`), the dialogue with the instrument (`conversation`)
+and the decoding of its messages (`decoder`). The returned items are the classes of `items`.
+"""
 
 import threading
 import time
@@ -46,17 +50,18 @@ from pfwd_device.wire.messages import (
 )
 
 _MAX_WAIT_S = 0.25
-"""Interval at which waiting blocks are checked, s."""
+"""Longest time between two checks for samples that wait too long for missing ones, s."""
 
 DISARMED = Trigger(False, 0, 1, 1, 0, 1, 0)
-"""Settings that end the drop detection of an instrument, as no host receives the drops."""
+"""Settings that switch off the drop detection of an instrument when its host disconnects."""
 
 
 class Driver:
-    """An instrument as a sequence of items; a lost instrument is connected again automatically.
+    """Connection to an instrument that returns samples, drops and reports as a sequence of items.
 
-    A thread reads the port; decoding happens in the thread that calls `next`. Commands may be
-    called from any thread and are executed while `next` is called.
+    If the connection is lost, the driver restores it without a request. A thread reads the port;
+    decoding happens in the thread that calls `next`. The methods that send commands may be called
+    from any thread; the commands are sent while `next` runs.
 
     Parameters
     ----------
@@ -66,24 +71,27 @@ class Driver:
     dialect : Dialect
         Dialect of the instrument; the driver alone uses it.
     sampling_rate : float or None, Hz
-        Requested rate; None: the present one. An instrument that only sends keeps its rate.
+        Requested rate; None: the present rate. An instrument that only sends keeps its rate.
     expected_serial_number : str or None
-        The only instrument to accept; None: the first that responds, from then on.
+        Serial number of the only instrument to accept. None: the first that responds, and from
+        then on no other.
     sampling : bool
-        Start the sampling.
+        True: start the sampling.
     capture : Capture or None
-        Receives every byte, for replay. An error in it ends the capture, not the measurement.
+        Function that receives every byte, to record it for a replay. An error in it ends the
+        capture, not the measurement.
     baud_rate : int
         Baud rate of a serial port.
     queue_bytes : int
         Size of the queue for the caller of `next`; further bytes are discarded and counted.
     silence : float, s
-        Time without bytes after which the instrument is lost.
+        Time without bytes after which the instrument counts as lost.
     response_timeout : float, s
         Longest wait for a response.
     trigger : callable or None
-        Function from the identity of an instrument that stores drops to the settings of its
-        detection, or None for no detection. Without it no instrument detects drops.
+        Function that receives the identity of an instrument that stores drops, and returns the
+        settings of its drop detection, or None to leave the detection off. Without the function
+        the detection of the instrument stays off.
 
     Examples
     --------
@@ -132,7 +140,7 @@ class Driver:
         self._items: deque[Item] = deque()
         self._commands: deque[HostMessage] = deque()
         self._acknowledgements: deque[DropOffer] = deque()
-        self._speaking = threading.Lock()
+        self._sending = threading.Lock()
         self._opened = self._closed = False
         self._lost_since: float | None = None
         self._last_error: str | None = None
@@ -140,7 +148,7 @@ class Driver:
 
     @property
     def counters(self) -> Counters:
-        """Counters of received and discarded data."""
+        """Numbers of received, lost and discarded bytes, samples and drops."""
         return self._decoder.counters
 
     @property
@@ -150,47 +158,50 @@ class Driver:
 
     @property
     def url(self) -> str:
-        """Port of the instrument, or its last port."""
+        """URL of the port to which the instrument is or was last connected."""
         return self._decoder.url
 
     @property
     def connected(self) -> bool:
-        """True while the right instrument responds, according to the items returned so far."""
+        """True while the expected instrument is connected."""
         return self._opened and self._lost_since is None
 
     @property
     def lost_since(self) -> float | None:
-        """Monotonic time of the loss, or of the opening before a first response, s.
+        """Monotonic time since which the instrument is not connected, s; None while it is.
 
-        None while the instrument is connected.
+        Before the first connection it is the time of the call of `open`.
         """
         return self._lost_since
 
     @property
     def last_error(self) -> str | None:
-        """Latest reason why the instrument is not connected; None while it is connected."""
+        """Reason why the instrument is not connected, as a message; None while it is connected."""
         return self._last_error
 
     @property
     def capture_error(self) -> Exception | None:
-        """Error that ended the capture; None while it continues."""
+        """Error that ended the recording of the bytes for replay; None without an error."""
         return self._link.capture_error
 
     @property
     def drift_ppm(self) -> float | None:
-        """Drift of the instrument's clock, parts per million; None if it is not known."""
+        """Drift of the instrument's clock, parts per million, positive if it runs fast.
+
+        None before an estimate, which takes at least 15 s.
+        """
         return self._decoder.clock.drift_ppm
 
     @property
     def clock_speed(self) -> float | None:
-        """Seconds of the instrument per second; None before an estimate.
+        """Speed of the instrument's clock, s per s of this computer; None before an estimate.
 
         It differs from 1 if the instrument is simulated faster or slower than real time.
         """
         return self._decoder.clock.speed
 
     def open_port(self) -> None:
-        """Open the port without reading or sending anything before `open`.
+        """Open the port without reading from it or sending to it; `open` then uses it.
 
         Raises
         ------
@@ -201,12 +212,12 @@ class Driver:
             self._open_transport = self._open_port()
 
     def open(self, *, wait: bool = False) -> Self:
-        """Open the port and begin; the first `next` calls it.
+        """Open the port and start the thread that reads it; `next` calls this method if needed.
 
         Parameters
         ----------
         wait : bool
-            Keep trying if the port cannot be opened, as after a loss.
+            True: if the port cannot be opened, raise no error and retry in the background.
 
         Returns
         -------
@@ -216,7 +227,7 @@ class Driver:
         Raises
         ------
         PortError
-            If the port cannot be opened.
+            If the port cannot be opened and `wait` is False.
         """
         if self._opened or self._closed:
             return self
@@ -232,7 +243,7 @@ class Driver:
         return self
 
     def close(self) -> None:
-        """Stop the instrument, close the port and end the thread; from any thread."""
+        """Stop the sampling, close the port and end its thread; any thread may call it."""
         if self._closed:
             return
         self._closed = True
@@ -240,8 +251,8 @@ class Driver:
         if transport is not None and self._conversation.stage is not Stage.CLOSED:
             identity = self._identity
             if self._trigger is not None and identity is not None and identity.keeps_drops:
-                self._say(transport, Arm(DISARMED))
-            self._say(transport, Stop())
+                self._send(transport, Arm(DISARMED))
+            self._send(transport, Stop())
         if self._opened:
             self._link.close()
         elif self._open_transport is not None:
@@ -257,9 +268,9 @@ class Driver:
         self._queue_command(Stop())
 
     def shunt(self, on: bool) -> None:
-        """Switch the calibration shunt of the load cell; a flag of the samples reports it.
+        """Switch the calibration shunt of the load cell, which simulates a known load, on or off.
 
-        The command is lost with the instrument.
+        `Samples.shunt` reports its state. The command is not repeated after a lost connection.
 
         Raises
         ------
@@ -270,7 +281,9 @@ class Driver:
         self._queue_command(Shunt(on))
 
     def configure(self, sampling_rate: float) -> None:
-        """Request another sampling rate, Hz; a `Connected` with the rate that was set follows.
+        """Request another sampling rate, Hz.
+
+        The instrument may set another one. A `Connected` item with the rate in force follows.
 
         Raises
         ------
@@ -281,26 +294,32 @@ class Driver:
         self._queue_command(Configure(sampling_rate))
 
     def acknowledge(self, offer: DropOffer) -> None:
-        """Acknowledge the drop of this Offer: it is safe on the disk.
+        """Report to the instrument that a drop is safe on the disk, so that it deletes the drop.
 
-        The acknowledgement is repeated if the instrument offers the same drop again.
+        The report is repeated if the instrument offers the same drop again.
+
+        Parameters
+        ----------
+        offer : DropOffer
+            Description of the drop, from its `BufferedDrop`.
         """
         self._acknowledgements.append(offer)
         self._queue.put(WakeUp())
 
     def settle(self, timeout: float) -> bool:
-        """Wait until the instrument has deleted the acknowledged drops.
+        """Wait until the instrument has confirmed the deletion of all acknowledged drops.
 
-        Call it before `close`, in place of `next`: items of this time are lost.
+        Call it before `close` and no more `next`: items that arrive meanwhile are discarded.
 
         Parameters
         ----------
         timeout : float, s
+            Longest wait.
 
         Returns
         -------
         bool
-            True if the instrument has deleted all of them.
+            True if all deletions were confirmed.
         """
         deadline = time.monotonic() + timeout
         while True:
@@ -314,7 +333,7 @@ class Driver:
             self.next(min(remaining, _MAX_WAIT_S))
 
     def next(self, timeout: float | None = None) -> Item | None:
-        """Return the next item.
+        """Return the next item: samples, a gap, a stored drop, a connection or a report.
 
         Parameters
         ----------
@@ -331,8 +350,8 @@ class Driver:
         PortError
             If the port cannot be opened at the first call.
         DeviceRefused
-            If the instrument refuses the requested settings; once, and only if it was never
-            connected. A further call keeps trying.
+            If the instrument refuses the requested settings and was never connected. A further
+            call tries again.
         """
         self.open()
         deadline = None if timeout is None else time.monotonic() + timeout
@@ -368,8 +387,8 @@ class Driver:
     def _require_commands(self) -> None:
         if not self._accepts_commands:
             raise DeviceRefused(
-                f"{self.url or 'the instrument'}: expected one that takes commands, got one that "
-                "only sends lines; set it at the instrument itself"
+                f"{self.url or 'the instrument'}: expected an instrument that accepts commands, "
+                "got one that only sends lines; change its settings at the instrument itself"
             )
 
     def _queue_command(self, message: HostMessage) -> None:
@@ -377,13 +396,16 @@ class Driver:
         self._queue.put(WakeUp())
 
     def _wait_time(self, now: float, remaining: float | None) -> float:
-        """Return the time until the next action is due, s."""
+        """Return the time until the next action is due, s, at most `remaining`."""
         dues = (self._conversation.due, self._decoder.due)
         waits = [_MAX_WAIT_S, remaining, *(None if due is None else due - now for due in dues)]
         return max(0.0, min(seconds for seconds in waits if seconds is not None))
 
     def _attend(self) -> None:
-        """Do what is due while the queue is empty: only then is a missing response late."""
+        """Repeat messages and give up missing samples.
+
+        Call it while the queue is empty: otherwise a missing response may wait in the queue.
+        """
         now = time.monotonic()
         self._conversation.tick(now)
         self._items += self._decoder.idle(now)
@@ -447,15 +469,15 @@ class Driver:
             return
         if failure is None:
             for message in (*outbox, *self._decoder.requests(time.monotonic())):
-                self._say(transport, message)
+                self._send(transport, message)
             return
         conversation.closed()
         self._link.drop(transport, f"{transport.url}: {failure.reason}")
         if failure.refused and self._identity is None:
             raise DeviceRefused(f"{transport.url}: {failure.reason}")
 
-    def _say(self, transport: Transport, message: HostMessage) -> None:
-        with self._speaking:
+    def _send(self, transport: Transport, message: HostMessage) -> None:
+        with self._sending:
             data = self._decoder.dialect.encode(message)
             if data:
                 self._link.send(transport, data)
@@ -466,10 +488,10 @@ class Driver:
             self._transport = None
             self._conversation.closed()
             self._items += self._decoder.cut()
-        tell = lost.was_open or self._last_reported is None
+        is_new = lost.was_open or self._last_reported is None
         if self._lost_since is None:
             self._lost_since = time.monotonic()
-        elif not tell or lost.reason == self._last_reported:
+        elif not is_new or lost.reason == self._last_reported:
             return  # this loss was reported before
         self._last_reported = lost.reason
         self._items.append(Disconnected(lost.reason, lost.time_utc))

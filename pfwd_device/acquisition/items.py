@@ -1,4 +1,8 @@
-"""Items that the driver returns in the order of their occurrence, and its counters."""
+"""Items that the driver of an instrument returns in their order of occurrence, and its counters.
+
+A stream is a run of samples from a start or reset of the instrument to the next. Its samples are
+counted from 0. Counts are the integers that the converter of the instrument returns.
+"""
 
 import datetime
 from dataclasses import dataclass, field
@@ -13,10 +17,10 @@ from pfwd_device.wire.messages import Armed, DropOffer, Event, Refusal, Status
 
 @dataclass(frozen=True, slots=True)
 class Connected:
-    """The instrument is connected, for the first time or after a loss."""
+    """Report that the instrument is connected, for the first time or again."""
 
     url: str
-    """Port."""
+    """URL of its port."""
     identity: Identity
     """Identity that the instrument reported."""
     time_utc: datetime.datetime
@@ -27,7 +31,7 @@ class Connected:
 
 @dataclass(frozen=True, slots=True)
 class Disconnected:
-    """The instrument is lost; the driver tries to connect to it again."""
+    """Report that the connection to the instrument is lost; the driver tries to restore it."""
 
     reason: str
     """Reason and remedy, one sentence."""
@@ -37,18 +41,18 @@ class Disconnected:
 
 @dataclass(frozen=True, slots=True)
 class StreamBegan:
-    """Start of a new run of the sampler, to which the following samples belong."""
+    """Start of a new stream, to which the following samples belong."""
 
     stream: int
-    """Number of the run."""
+    """Number of the stream."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Samples:
-    """Consecutive samples that directly follow the preceding samples or gap."""
+    """Samples without a gap that directly follow the preceding samples or gap."""
 
     stream: int
-    """Number of the run of the sampler."""
+    """Number of the stream."""
     first: int
     """Index of the first sample within the stream."""
     counts: NDArray[np.int32]
@@ -63,33 +67,36 @@ class Samples:
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Samples that were lost."""
+    """Range of samples of a stream that were lost."""
 
     stream: int
-    """Number of the run of the sampler."""
+    """Number of the stream."""
     first: int
     """Index of the first missing sample."""
     length: int
-    """Number of samples."""
+    """Number of missing samples."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class BufferedDrop:
-    """A complete drop from the instrument's memory, which holds it until it is acknowledged."""
+    """Complete drop from the memory of the instrument, which stores it until it is acknowledged."""
 
     offer: DropOffer
     """Description of the drop by the instrument."""
     counts: NDArray[np.int32]
     """Raw counts of the converter, (n, channels)."""
     time_utc: datetime.datetime | None
-    """Time of the trigger; None when the drop is older than the last reset of the instrument."""
+    """Time of the trigger; None if the drop is older than the last reset of the instrument."""
     received: float
     """Time at which the transfer was complete, by the monotonic clock of the host, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class UnusableDrop:
-    """A drop stored in the instrument that cannot be recorded; it is not acknowledged."""
+    """Report of a drop in the memory of the instrument that cannot be recorded.
+
+    It is not acknowledged, so that it stays in the instrument.
+    """
 
     offer: DropOffer
     """Description of the drop by the instrument."""
@@ -114,12 +121,15 @@ Item = (
 
 @dataclass(slots=True)
 class Counters:
-    """Counts since the driver was made; nothing is discarded without being counted here."""
+    """Numbers of received, lost and discarded data since the driver was created.
+
+    All data that are discarded are counted here.
+    """
 
     link: LinkCounters = field(default_factory=LinkCounters)
     """Bytes and frames."""
     queue_overflow_bytes: int = 0
-    """Bytes thrown away because the program was too slow to read them."""
+    """Bytes discarded because the program was too slow to read them."""
     capture_failures: int = 0
     """Chunks of bytes that could not be recorded for replay."""
     samples: int = 0
@@ -142,7 +152,7 @@ class Counters:
     drops_kept: int = 0
     """Drops detected by the instrument and received completely."""
     streams: int = 0
-    """Runs of the sampler."""
+    """Streams that have begun."""
     reconnects: int = 0
     """Number of times that the lost instrument was connected again."""
     instrument_resets: int = 0

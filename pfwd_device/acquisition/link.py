@@ -1,6 +1,7 @@
-"""Thread that reads the port and opens it again after a loss.
+"""Thread that reads the port of an instrument and opens it again after a loss.
 
-It only passes the bytes to the capture and to the driver, so that no byte waits for processing.
+The thread only passes the bytes to a queue and to the capture, a function that records them for a
+replay. So no byte waits for the processing of earlier ones.
 """
 
 import datetime
@@ -16,13 +17,15 @@ from pfwd_device.errors import DeviceError, DeviceLost
 from pfwd_device.transport.base import Transport
 
 Capture = Callable[[int, datetime.datetime, Literal["from", "to"], bytes], object]
-"""Function of the monotonic clock in ns, the time in UTC, the direction seen from the instrument,
-and the bytes; no bytes from the instrument: the link was cut. It is called from several threads."""
+"""Function that records bytes. Its arguments are the monotonic clock in ns, the time in UTC, the
+direction ("from" or "to" the instrument) and the bytes. A call with the direction "from" and no
+bytes means that the link was cut. Several threads call it."""
 
 MAX_QUEUE_BYTES = 16_000_000
-"""Size of the queue: ten seconds of the fastest instrument."""
+"""Size of the queue, bytes: ten seconds of the fastest instrument."""
 SILENCE_TIMEOUT_S = 1.0
-"""Time without bytes after which the instrument is lost, s: it sends a status every half second."""
+"""Time without bytes after which the link counts as lost, s: an instrument sends a status every
+half second."""
 _FIRST_RETRY_S, _LONGEST_RETRY_S = 0.1, 2.0
 """Shortest and longest time between two attempts to open the port, s."""
 _READ_TIMEOUT_S = 0.2
@@ -30,31 +33,31 @@ _CHUNK_OVERHEAD = 200
 """Memory of a chunk in addition to its data, bytes."""
 _JOIN_TIMEOUT_S = 10.0
 FULL_QUEUE_TIMEOUT_S = 0.5
-"""Time for which a chunk waits for room before it is discarded, s. It waits only when ten seconds
-of the fastest instrument lie unread. A sender that can wait (one that is replayed or simulated
-faster than real time) loses nothing."""
+"""Time for which received bytes wait for room in a full queue before they are discarded, s. The
+queue is full when ten seconds of the fastest instrument lie unread. An instrument that is replayed
+or simulated faster than real time is slowed down by this wait and loses nothing."""
 
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """Bytes from the instrument."""
+    """Bytes from the instrument that were read at once."""
 
     data: bytes
     received: float
-    """Monotonic clock, s."""
+    """Time of reception by the monotonic clock of this computer, s."""
     time_utc: datetime.datetime
 
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """The port is open."""
+    """Event: the port was opened."""
 
     transport: Transport
 
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """The port is closed, or could not be opened."""
+    """Event: the link was lost, or the port could not be opened."""
 
     reason: str
     time_utc: datetime.datetime
@@ -62,21 +65,22 @@ class Lost:
 
 
 class WakeUp:
-    """Request to the driver to check its other inputs."""
+    """Event without content that ends a wait, so that the driver handles waiting commands."""
 
 
 LinkEvent = Chunk | Opened | Lost | WakeUp
 
 
 class Queue:
-    """Queue of link events in their order, with a limit on the bytes.
+    """Queue of the events of a link, from the reading thread to the driver, of limited size.
 
     Parameters
     ----------
     limit : int
-        Largest number of bytes; a chunk that would exceed it after `FULL_QUEUE_TIMEOUT_S` is
-        discarded and counted.
+        Largest number of waiting bytes. A `Chunk` that still exceeds it after
+        `FULL_QUEUE_TIMEOUT_S` is discarded and counted.
     counters : Counters
+        Counter of the discarded bytes, which is updated.
     """
 
     def __init__(self, limit: int, counters: Counters) -> None:
@@ -88,12 +92,12 @@ class Queue:
         self._changed = threading.Condition()
 
     def put(self, link_event: LinkEvent) -> None:
-        """Append an event; while the queue is full, wait up to `FULL_QUEUE_TIMEOUT_S`."""
+        """Append an event; wait up to `FULL_QUEUE_TIMEOUT_S` if there is no room for its bytes."""
         with self._changed:
             if isinstance(link_event, Chunk):
                 cost = len(link_event.data) + _CHUNK_OVERHEAD
                 room = self._limit - cost
-                # After one wait in vain do not wait again until there is room.
+                # After a wait without success further chunks do not wait, until one fits.
                 patience = 0.0 if self._overflowing else FULL_QUEUE_TIMEOUT_S
                 fits = self._changed.wait_for(lambda: self._bytes <= room, patience)
                 self._overflowing = not fits
@@ -105,7 +109,7 @@ class Queue:
             self._changed.notify_all()
 
     def get(self, timeout: float | None) -> LinkEvent | None:
-        """Return the oldest event after up to `timeout` s, or None."""
+        """Remove and return the oldest event; None if none arrives within `timeout` seconds."""
         with self._changed:
             self._changed.wait_for(lambda: self._held, timeout)
             if not self._held:
@@ -118,7 +122,7 @@ class Queue:
 
 
 class Link:
-    """Link to an instrument: keeps a port open and reads it in its own thread.
+    """Link to an instrument, which keeps its port open and reads it in a thread.
 
     Parameters
     ----------
@@ -128,9 +132,11 @@ class Link:
     queue : Queue
         Queue that receives the events.
     counters : Counters
+        Counter of the bytes that could not be recorded, which is updated.
     capture : Capture or None
+        Function that records all bytes for a replay.
     silence : float, s
-        Time without bytes, after the first ones, after which the port is lost.
+        Time without bytes after which the link counts as lost. It begins with the first bytes.
     """
 
     def __init__(
@@ -168,7 +174,7 @@ class Link:
         self._thread.start()
 
     def send(self, transport: Transport, data: bytes) -> None:
-        """Write to the port; if that fails, the link is lost."""
+        """Write bytes to the port and record them; an error of the port ends the link."""
         try:
             transport.write(data)
         except DeviceLost as err:
@@ -177,7 +183,15 @@ class Link:
             self.keep("to", data)
 
     def drop(self, transport: Transport, reason: str) -> None:
-        """Close an unusable port; the thread opens it again a little later."""
+        """Close a port that cannot be used; the thread opens it again after a pause.
+
+        Parameters
+        ----------
+        transport : Transport
+            The port; no effect if it is not the present one.
+        reason : str
+            Reason, which `Lost` reports.
+        """
         with self._lock:
             if transport is not self._transport:
                 return  # the link is already lost
@@ -185,11 +199,14 @@ class Link:
         transport.close()
 
     def settled(self) -> None:
-        """Report that the right instrument responds: after a loss, retry without delay."""
+        """Reset the pause before the port is opened again after a loss to its shortest.
+
+        The driver calls it when the expected instrument responds.
+        """
         self._wait = _FIRST_RETRY_S
 
     def keep(self, direction: Literal["from", "to"], data: bytes) -> None:
-        """Pass bytes to the capture; if it fails, the measurement continues without it."""
+        """Record bytes by the capture function; after an error in it continue without recording."""
         if self._capture is None:
             return
         if self.capture_error is None:
@@ -202,7 +219,7 @@ class Link:
         self._counters.capture_failures += 1
 
     def close(self) -> None:
-        """End the thread and close the port."""
+        """Close the port and end the thread."""
         self._stop.set()
         with self._lock:
             transport = self._transport
@@ -244,7 +261,7 @@ class Link:
         return transport
 
     def _read(self, transport: Transport) -> str:
-        """Read until the port is lost; return the reason."""
+        """Read the port until the link is lost; return the reason."""
         received, empty = None, 0
         while True:
             try:
@@ -260,11 +277,11 @@ class Link:
                 self.keep("from", data)
                 continue
             empty += 1
-            # Require several empty reads: this computer may have been asleep.
+            # After a sleep of this computer a single empty read says nothing about the instrument.
             if received is not None and empty > 2 and now - received > self._silence:
                 return (
-                    f"{transport.url}: silent: expected a message of the instrument at least every "
-                    f"{self._silence:g} s, got nothing; is it switched on and within reach?"
+                    f"{transport.url}: the instrument is silent: expected data at least every "
+                    f"{self._silence:g} s, got none; check that it is switched on and within reach"
                 )
 
 

@@ -1,4 +1,4 @@
-"""Search of ports for instruments."""
+"""Search of the ports of this computer for instruments."""
 
 import threading
 import time
@@ -13,25 +13,26 @@ from pfwd_device.wire.messages import Hello
 from pfwd_device.wire.registry import DeclaredLink, DialectEntry
 
 PROBE_TIMEOUT_S = 1.5
-"""Time for a port, s: an instrument responds at once, or after a second if it resets when its port
-is opened."""
+"""Longest wait for a response at a port, s: an instrument responds at once, or after a second if it
+resets when its port is opened."""
 _PROBE_INTERVAL_S = 0.4
 _OPENING_TIMEOUT_S = 3.5
-"""Longest time to open a port, s: some (Bluetooth) never open."""
+"""Longest time to open a port, s: some Bluetooth ports never open."""
 _MAX_PROBED_BYTES = 65536
 
 
 @dataclass(frozen=True, slots=True)
 class Probe:
-    """Result of the search of one port."""
+    """Result of the search for an instrument at one port."""
 
     url: str
+    """Port."""
     answers: str | None
     """Name of the detected dialect; None if no dialect was detected."""
     identity: Identity | None
-    """Identity of the instrument; None if it reports none, as one that sends lines."""
+    """Identity of the instrument; None if it reports none, for example one that prints lines."""
     reason: str
-    """Reason for the result, one sentence."""
+    """Result and its reason as a sentence for the user."""
 
 
 def probe(
@@ -40,21 +41,24 @@ def probe(
     timeout: float = PROBE_TIMEOUT_S,
     baud_rate: int = BAUD_RATE,
 ) -> Probe:
-    """Search one port for an instrument, for at most `timeout` s after it is open.
+    """Search for an instrument at one port.
 
     Parameters
     ----------
     url : str
-        See `pfwd_device.transport.opening.open_transport`.
+        Port; see `pfwd_device.transport.opening.open_transport`.
     dialects : sequence of DialectEntry
-        Dialects to try: each sends a request, or recognises unrequested bytes.
+        Dialects to try. Each requests the identity or recognises bytes that arrive without a
+        request.
     timeout : float, s
+        Longest wait for a response after the port was opened.
     baud_rate : int
+        Baud rate of a serial port.
 
     Returns
     -------
     Probe
-        No error is raised: a port that cannot be opened has a result as well.
+        The result for a port that cannot be opened has the error as its `reason`.
     """
     try:
         transport = open_transport(url, baud_rate)
@@ -71,7 +75,7 @@ def probe(
 def _request(
     transport: Transport, url: str, entries: Sequence[DialectEntry], timeout: float
 ) -> Probe:
-    # A dialect with a declared identity cannot be used before a setup file declares one.
+    # A dialect that needs a declared identity cannot decode before a setup file declares it.
     dialects = [entry.make(DeclaredLink()) for entry in entries if not entry.needs_identity]
     received = b""
     now = time.monotonic()
@@ -80,8 +84,8 @@ def _request(
         if now >= next_request:
             next_request = now + _PROBE_INTERVAL_S
             for dialect in dialects:
-                if question := dialect.encode(Hello()):
-                    transport.write(question)
+                if request := dialect.encode(Hello()):
+                    transport.write(request)
         data = transport.read(min(end, next_request) - now)
         received = (received + data)[-_MAX_PROBED_BYTES:]
         for dialect in dialects:
@@ -91,12 +95,12 @@ def _request(
                     return Probe(url, dialect.name, message, reason)
         for entry in entries:
             if entry.recognises is not None and entry.recognises(received):
-                reason = f"sends {entry.title}; a setup file has to say what they are"
+                reason = f"sends {entry.title}; declare the instrument in a setup file"
                 return Probe(url, entry.name, None, reason)
         now = time.monotonic()
     if received:
-        return Probe(url, None, None, "sends something, but not as a PFWD; is it another device?")
-    return Probe(url, None, None, "silent; is an instrument connected and switched on?")
+        return Probe(url, None, None, "sends data, but is no known PFWD; maybe another device")
+    return Probe(url, None, None, "silent; check that an instrument is connected and switched on")
 
 
 class _ProbeThread(threading.Thread):
@@ -107,7 +111,7 @@ class _ProbeThread(threading.Thread):
     ) -> None:
         super().__init__(name=f"pfwd-probe {url}", daemon=True)
         self._arguments = (url, dialects, timeout, rate)
-        self.result = Probe(url, None, None, "did not open in time; is it a wireless port?")
+        self.result = Probe(url, None, None, "did not open in time; maybe a wireless port")
 
     def run(self) -> None:
         self.result = probe(*self._arguments)
@@ -119,15 +123,18 @@ def probe_all(
     timeout: float = PROBE_TIMEOUT_S,
     baud_rate: int = BAUD_RATE,
 ) -> list[Probe]:
-    """Probe ports at the same time and return the results in their order.
+    """Search several ports for instruments at the same time; return the results in their order.
 
     Parameters
     ----------
     urls : sequence of str
+        Ports.
     dialects : sequence of DialectEntry
+        Dialects to try.
     timeout : float, s
-        Time for one port.
+        Longest wait for a response at one port.
     baud_rate : int
+        Baud rate of serial ports.
     """
     threads = [_ProbeThread(url, dialects, timeout, baud_rate) for url in urls]
     for thread in threads:

@@ -1,15 +1,18 @@
-"""Buffer of the latest samples of the stream."""
+"""Buffer of the latest samples from an instrument, for the detection of drops."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 
 class Window:
-    """Buffer of samples and missing samples, addressed by their index in the stream.
+    """Buffer of consecutive samples, of which some may be missing.
+
+    The index of a sample is its number in the stream, the run of samples since the last start.
 
     Parameters
     ----------
     channels : int
+        Number of channels.
     first : int
         Index of the first sample that will be appended.
     """
@@ -21,16 +24,16 @@ class Window:
 
     @property
     def end(self) -> int:
-        """Index of the next sample."""
+        """Index of the next sample that will be appended."""
         return self.start + len(self._counts)
 
     def append(self, counts: NDArray[np.int32]) -> None:
-        """Append received samples, (n, channels)."""
+        """Append received samples, (n, channels), in counts of the converter."""
         self._counts = np.concatenate([self._counts, counts])
         self._missing = np.concatenate([self._missing, np.zeros(len(counts), bool)])
 
     def append_missing(self, length: int) -> None:
-        """Append missing samples."""
+        """Append `length` missing samples."""
         zeros = np.zeros((length, self._counts.shape[1]), np.int32)
         self._counts = np.concatenate([self._counts, zeros])
         self._missing = np.concatenate([self._missing, np.ones(length, bool)])
@@ -44,9 +47,14 @@ class Window:
             self.start += count
 
     def part(self, first: int, last: int) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-        """Return the samples, (n, channels), from `first` to before `last`, and a mask of gaps.
+        """Return the samples from index `first` to before `last`.
 
-        Samples outside of the buffer are missing.
+        Returns
+        -------
+        counts : (n, channels) ndarray of int
+            0 for missing samples.
+        missing : (n,) ndarray of bool
+            True for missing samples and for those outside of the buffer.
         """
         if first >= self.start and last <= self.end:
             rows = slice(first - self.start, last - self.start)
@@ -63,7 +71,7 @@ class Window:
 
 
 def runs(flags: NDArray[np.bool_]) -> tuple[tuple[int, int], ...]:
-    """Return (start, length) of every unbroken row of true values.
+    """Return the start and the length of each group of consecutive true values.
 
     Examples
     --------

@@ -1,4 +1,8 @@
-"""Tests of greeting, versions, commands, shunt, and invalid input."""
+"""Tests of the dialogue with an instrument: identity, versions, commands, shunt, invalid input.
+
+Each test returns a short description of the behaviour. It raises `Failed` if the requirement is not
+met, and `NotSupported` if the instrument lacks the function.
+"""
 
 import random
 from collections.abc import Callable
@@ -37,45 +41,51 @@ from pfwd_device.wire.messages import (
 )
 
 _UNUSED_TYPE = 0x7E
-"""Type of frame without a message in any version."""
+"""Number of a kind of message that no version of the protocol has."""
 MAX_SHUNT_TIME_S = 10.0
-"""Time after which the shunt must switch off by itself, s."""
+"""Time after which the calibration shunt must switch off by itself, s."""
 
 
 def greeting(link: InstrumentLink) -> str:
-    """Test requirement P-3."""
+    """Test that a request (Hello) is answered by the identity of the instrument within 1 s."""
     identity = link.request(Hello(), Identity)
     return f"{identity.model} {identity.serial_number}, version {identity.protocol_version}"
 
 
 def versions(link: InstrumentLink) -> str:
-    """Test requirement P-4."""
+    """Test that the newest common version of the protocol is chosen.
+
+    A host that supports only unknown versions must be refused.
+    """
     agreed = link.request(Hello(1, 255), Identity).protocol_version
     require(agreed >= 1, f"expected a version from 1 on, got {agreed}")
     link.send(Hello(250, 255))
     refusal = link.wait_for(Refusal, accept=lambda refusal: refusal.code == RefusalCode.VERSION)
     if refusal is None:
-        raise Failed(f"expected Refusal (version) of Hello (250 to 255), got {link.latest_kinds()}")
+        raise Failed(
+            "expected Refusal (version) of Hello with versions 250 to 255, got "
+            f"{link.latest_kinds()}"
+        )
     lowest = link.request(Hello(1, 1), Identity).protocol_version
-    require(lowest == 1, f"expected version 1 for a host that speaks 1 alone, got {lowest}")
+    require(lowest == 1, f"expected version 1 for a host that supports only 1, got {lowest}")
     link.request(Hello(), Identity)
     return f"up to version {agreed}"
 
 
 def same_identity(link: InstrumentLink) -> str:
-    """Test requirement P-5."""
+    """Test that the identity of the instrument is complete, valid and the same each time."""
     for received in link.received:
         message = received.message
         if isinstance(message, Refusal) and message.code == RefusalCode.FAULT:
             raise Failed(f"Identity: {message.text}")
     first = link.request(Hello(), Identity)
     second = link.request(Hello(), Identity)
-    require(first == second, "expected the same Identity twice, got two that differ")
+    require(first == second, "expected the same Identity twice, got two different ones")
     return f"{len(first.channels)} channels at {first.sampling_rate:g} Hz, {first.adc_bits} bits"
 
 
 def configure(link: InstrumentLink) -> str:
-    """Test requirement P-6."""
+    """Test that the instrument sets the possible sampling rate nearest to the requested one."""
     identity = link.request(Hello(), Identity)
     link.request(Stop(), Status)
     present_rate = identity.sampling_rate
@@ -98,7 +108,7 @@ def configure(link: InstrumentLink) -> str:
 
 
 def wrong_rates(link: InstrumentLink) -> str:
-    """Test requirement P-7."""
+    """Test that a sampling rate of NaN, 0 or below is refused."""
     link.request(Stop(), Status)
     for rate in (float("nan"), 0.0, -1000.0):
         link.send(Configure(rate))
@@ -110,7 +120,7 @@ def wrong_rates(link: InstrumentLink) -> str:
 
 
 def unknown(link: InstrumentLink) -> str:
-    """Test requirement P-17."""
+    """Test that a message of an unknown kind is refused."""
     link.send_frame(_UNUSED_TYPE, b"what is this?")
     refusal = link.wait_for(Refusal)
     if refusal is None or refusal.code != RefusalCode.UNKNOWN:
@@ -120,7 +130,7 @@ def unknown(link: InstrumentLink) -> str:
 
 
 def damaged(link: InstrumentLink) -> str:
-    """Test requirement P-18."""
+    """Test that damaged frames are not answered, and that the next undamaged one is."""
     link.request(Stop(), Status)
     link.receive(0.3)
     generator = random.Random(18)
@@ -136,13 +146,16 @@ def damaged(link: InstrumentLink) -> str:
             for received in link.received[before:]
             if isinstance(received.message, Identity | SampleBlock | Refusal)
         ]
-        require(not responses, f"expected no answer to damaged bytes, got {', '.join(responses)}")
+        require(not responses, f"expected no response to damaged bytes, got {', '.join(responses)}")
         link.request(Hello(), Identity)
     return "noise is skipped"
 
 
 def bytes_behind(link: InstrumentLink) -> str:
-    """Test requirement P-19."""
+    """Test that bytes after the known fields of a message are ignored.
+
+    Newer versions of the protocol append fields.
+    """
     link.send_frame(HELLO, HELLO_MAGIC + bytes([1, VERSION]) + b"said by a newer version")
     if link.wait_for(Identity) is None:
         raise Failed(f"expected an Identity for a longer Hello, got {link.latest_kinds()}")
@@ -150,7 +163,7 @@ def bytes_behind(link: InstrumentLink) -> str:
 
 
 def shunt(link: InstrumentLink) -> str:
-    """Test requirement P-20."""
+    """Test that the calibration shunt can be switched, and that samples report its state."""
     identity = _with_shunt(link)
     for on, kind in ((True, EventKind.SHUNT_ON), (False, EventKind.SHUNT_OFF)):
         if identity.streams:
@@ -159,14 +172,14 @@ def shunt(link: InstrumentLink) -> str:
         link.request(Shunt(on), Event, lambda event, kind=kind: event.kind == kind)  # type: ignore[misc]
         if identity.streams:
             flagged = link.wait_for(SampleBlock, accept=lambda block, on=on: block.shunt == on)  # type: ignore[misc]
-            word = "with the flag of the shunt" if on else "without it"
+            word = "with the flag of the shunt" if on else "without the flag of the shunt"
             require(flagged is not None, f"expected samples {word}, got none")
     link.request(Stop(), Status)
-    return "switches, and samples carry its flag"
+    return "switches, and samples report its state"
 
 
 def shunt_by_itself(link: InstrumentLink) -> str:
-    """Test requirement P-21."""
+    """Test that the calibration shunt switches off by itself after 10 s."""
     _with_shunt(link)
     link.request(Shunt(True), Event, lambda event: event.kind == EventKind.SHUNT_ON)
     off = link.wait_for(
@@ -174,8 +187,10 @@ def shunt_by_itself(link: InstrumentLink) -> str:
     )
     if off is None:
         link.send(Shunt(False))
-        raise Failed(f"expected the shunt to go off after {MAX_SHUNT_TIME_S:g} s, got nothing")
-    return "goes off"
+        raise Failed(
+            f"expected the shunt to switch off after {MAX_SHUNT_TIME_S:g} s, got no report of it"
+        )
+    return "switches off"
 
 
 def _with_shunt(link: InstrumentLink) -> Identity:
@@ -186,7 +201,7 @@ def _with_shunt(link: InstrumentLink) -> Identity:
 
 
 def any_order(link: InstrumentLink) -> str:
-    """Test requirement P-22."""
+    """Test that the instrument still responds after 60 commands in random order."""
     identity = link.request(Hello(), Identity)
     generator = random.Random(22)
     wrong = Trigger(True, 200, 0, 0, 0, 0, 0)
@@ -213,14 +228,17 @@ def any_order(link: InstrumentLink) -> str:
     stopped = link.request(Stop(), Status, lambda status: not status.sampling)
     require(
         after.serial_number == identity.serial_number and not stopped.sampling,
-        "expected it to answer after 60 commands in any order, got another instrument",
+        "expected the same instrument to respond after 60 commands in any order, got another",
     )
     link.request(Configure(identity.sampling_rate), Identity)
     return "60 commands in any order"
 
 
 def new_link(link: InstrumentLink) -> str:
-    """Test requirement P-23."""
+    """Test that the instrument responds after the link was closed and opened again.
+
+    Its stream must continue, or a `Status` must report that it does not.
+    """
     identity = link.request(Hello(), Identity)
     stream = None
     if identity.streams:
@@ -233,7 +251,7 @@ def new_link(link: InstrumentLink) -> str:
         f"expected {identity.serial_number} again, got {repeated.serial_number}",
     )
     if stream is None:
-        return "answers"
+        return "responds"
     received = link.receive(MAX_RESPONSE_TIME_S)
     continued = [block for block in blocks(received) if block.stream == stream]
     messages = [each.message for each in received]
@@ -243,11 +261,11 @@ def new_link(link: InstrumentLink) -> str:
         "expected the stream to continue or a Status that it has stopped, got neither",
     )
     link.request(Stop(), Status)
-    return "continues" if continued else "has stopped, and reports it"
+    return "the stream continues" if continued else "a Status reports that the stream has stopped"
 
 
 def heartbeat(link: InstrumentLink) -> str:
-    """Test requirement P-15."""
+    """Test that a `Status` arrives at least every 0.5 s, with and without sampling."""
     identity = link.request(Hello(), Identity)
     longest = 0.0
     for sampling in (False, True) if identity.streams else (False,):

@@ -1,7 +1,9 @@
-"""Tests of the calibration in an instrument: stored, refused, and restored.
+"""Tests of the calibration that an instrument stores: a new one, invalid ones, and its restoration.
 
-The stored test values differ from the present ones in the last bit of each number, so that an
-interrupted test leaves the instrument practically unchanged.
+The test values differ from the present ones in the last bit of each number, so that an interrupted
+test leaves the instrument practically unchanged. Each test returns a short description of the
+behaviour. It raises `Failed` if the requirement is not met, and `NotSupported` if the instrument
+lacks the function.
 """
 
 import math
@@ -31,7 +33,7 @@ _INVALID_DAY = 20_260_231
 
 
 def stores(link: InstrumentLink) -> str:
-    """Test requirement P-40."""
+    """Test that a calibration can be stored and restored, and that invalid values are refused."""
     before, stored = _rest_and_calibration(link)
     changed = replace(
         stored,
@@ -59,16 +61,19 @@ def stores(link: InstrumentLink) -> str:
             response = send_calibration(link, invalid)
             if not isinstance(response, Refusal) or response.code != RefusalCode.ARGUMENT:
                 raise Failed(f"expected Refusal (argument) of {invalid}, got {link.latest_kinds()}")
-        _require_equal(link.request(Hello(), Identity), expected, "what was refused")
+        _require_equal(link.request(Hello(), Identity), expected, "refused calibrations")
     finally:
         send_calibration(link, stored)
         after = link.request(Hello(), Identity)
-    _require_equal(after, before, "giving back what was found")
-    return f"stored and given back, {len(invalid_ones)} wrong ones refused"
+    _require_equal(after, before, "the restoration of the former calibration")
+    return f"stored and restored, {len(invalid_ones)} invalid ones refused"
 
 
 def not_while_busy(link: InstrumentLink) -> str:
-    """Test requirement P-41 without a drop."""
+    """Test that a calibration is refused while samples are sent and while the shunt is on.
+
+    The refusal while a drop is recorded or stored is not tested, as it would need a drop.
+    """
     before, stored = _rest_and_calibration(link)
     tried = []
     if before.streams:
@@ -84,7 +89,7 @@ def not_while_busy(link: InstrumentLink) -> str:
             link.request(Shunt(False), Event, lambda event: event.kind == EventKind.SHUNT_OFF)
         tried.append("the shunt is on")
     if not tried:
-        raise NotSupported("it streams no samples and has no shunt")
+        raise NotSupported("the instrument streams no samples and has no shunt")
     return f"refused while {' and while '.join(tried)}"
 
 
@@ -97,7 +102,7 @@ def _rest_and_calibration(link: InstrumentLink) -> tuple[Identity, Calibrate]:
     stored = calibration_of(identity, 0)
     response = send_calibration(link, replace(stored, channel=255))
     if isinstance(response, Refusal) and response.code == RefusalCode.UNKNOWN:
-        raise NotSupported(f"it stores no calibration: {response.text}")
+        raise NotSupported(f"the instrument stores no calibration: {response.text}")
     return identity, stored
 
 
@@ -111,5 +116,5 @@ def _require_busy(link: InstrumentLink, stored: Calibrate, when: str) -> None:
 
 def _require_equal(actual: Identity, expected: Identity, after: str) -> None:
     pairs = zip(actual.channels, expected.channels, strict=False)
-    differ = next((f"{a}, not {b}" for a, b in pairs if a != b), "another one")
-    require(actual == expected, f"expected an Identity with it after {after}, got {differ}")
+    differ = next((f"{a} instead of {b}" for a, b in pairs if a != b), "a different Identity")
+    require(actual == expected, f"expected the Identity as set after {after}, got {differ}")

@@ -1,4 +1,4 @@
-"""Link to an instrument frame by frame, with a log of all received messages and their times."""
+"""Link to an instrument for tests, which stores every received message with its time."""
 
 import time
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from pfwd_device.wire.framing import Deframer, encode_frame
 from pfwd_device.wire.messages import HostMessage, InstrumentMessage, SampleBlock, Status
 
 MAX_RESPONSE_TIME_S = 1.0
-"""Longest time to a response that the protocol allows, s."""
+"""Longest time from a request to its response that the protocol allows, s."""
 LINK_DELAY_S = 0.3
 """Additional delay of a Bluetooth adapter, s."""
 
@@ -21,33 +21,36 @@ Kind = TypeVar("Kind")
 
 
 class Failed(Exception):
-    """A requirement is not met; the text has the actual behaviour."""
+    """A requirement of the protocol is not met; the text describes the actual behaviour."""
 
 
 class NotSupported(Exception):
-    """The instrument lacks the function that the requirement concerns."""
+    """The instrument lacks the function that a requirement concerns."""
 
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """A received message."""
+    """Received message with the time and the connection."""
 
     at: float
     """Time of reception by the monotonic clock of the host, s."""
     message: InstrumentMessage
     connection: int
-    """Number of the connection."""
+    """Number of the connection, counted from 1; each `InstrumentLink.open` adds one."""
     counter: int
-    """Counter of its frame."""
+    """Number of its frame, as the instrument counts them."""
 
 
 class InstrumentLink:
-    """Link to one instrument, without the recovery of the driver.
+    """Link to an instrument under test.
+
+    Unlike the `Driver` it neither repeats messages nor reconnects by itself, so that tests see the
+    behaviour of the instrument.
 
     Parameters
     ----------
     open_port : callable
-        Function that opens the port on each call.
+        Function that opens the port and returns its transport; it is called for each connection.
     """
 
     def __init__(self, open_port: Callable[[], Transport]) -> None:
@@ -60,35 +63,35 @@ class InstrumentLink:
         self.open()
 
     def open(self) -> None:
-        """Open the link; close it first if it is open."""
+        """Open a new connection; close the present one first."""
         self.close()
         self._transport = self._open_port()
         self.connection += 1
         self._deframer = Deframer(self.counters)
 
     def close(self) -> None:
-        """Close the link."""
+        """Close the present connection."""
         if self._transport is not None:
             self._transport.close()
             self._transport = None
 
     def send(self, *messages: HostMessage) -> None:
-        """Send messages."""
+        """Send messages to the instrument."""
         for message in messages:
             self.send_bytes(b"\0" + encode_message(message, self._sent))
             self._sent += 1
 
     def send_frame(self, type_: int, payload: bytes) -> None:
-        """Send a frame of any type."""
+        """Send a frame with any number of a kind of message and any content."""
         self.send_bytes(b"\0" + encode_frame(type_, self._sent, payload))
         self._sent += 1
 
     def send_bytes(self, data: bytes) -> None:
-        """Send raw bytes."""
+        """Send bytes that need not be a valid frame."""
         self._require_transport().write(data)
 
     def receive(self, seconds: float) -> list[Received]:
-        """Receive for a time and return the messages."""
+        """Return the messages that arrive within `seconds`."""
         first = len(self.received)
         end = time.monotonic() + seconds
         while (remaining := end - time.monotonic()) > 0:
@@ -101,7 +104,7 @@ class InstrumentLink:
         seconds: float = MAX_RESPONSE_TIME_S + LINK_DELAY_S,
         accept: Callable[[Kind], bool] = lambda message: True,
     ) -> Kind | None:
-        """Return the next accepted message of a kind; None after the timeout."""
+        """Return the next message of a class for which `accept` is true; None after `seconds`."""
         first = len(self.received)
         end = time.monotonic() + seconds
         while True:
@@ -123,10 +126,20 @@ class InstrumentLink:
     ) -> Kind:
         """Send a message and return its response.
 
+        The message is repeated once, because the link may damage one message.
+
+        Parameters
+        ----------
+        message : HostMessage
+        kind : type
+            Class of the expected response.
+        accept : callable
+            Function that returns True for the expected response among messages of this class.
+
         Raises
         ------
         Failed
-            If there is no response, even to a repetition: the link may damage one message.
+            If there is no such response.
         """
         for _ in range(2):
             self.send(message)
@@ -140,13 +153,13 @@ class InstrumentLink:
         )
 
     def latest_kinds(self) -> str:
-        """Return the kinds of the messages of the last second, as a text."""
+        """Return the names of the messages received in the last 1.3 s, for an error text."""
         since = time.monotonic() - MAX_RESPONSE_TIME_S - LINK_DELAY_S
         kinds = [type(each.message).__name__ for each in self.received if each.at >= since]
         return ", ".join(dict.fromkeys(kinds)) or "nothing"
 
     def latest_status(self) -> Status | None:
-        """Return the latest status; None before the first."""
+        """Return the latest `Status` of the instrument; None before the first."""
         messages = (each.message for each in reversed(self.received))
         return next((message for message in messages if isinstance(message, Status)), None)
 
@@ -164,11 +177,11 @@ class InstrumentLink:
 
 
 def blocks(received: list[Received]) -> list[SampleBlock]:
-    """Return the sample blocks among received messages."""
+    """Return the blocks of samples among received messages."""
     return [each.message for each in received if isinstance(each.message, SampleBlock)]
 
 
 def require(holds: bool, text: str) -> None:
-    """Raise `Failed` if a condition is false."""
+    """Raise `Failed` with a text if a condition is false."""
     if not holds:
         raise Failed(text)

@@ -1,4 +1,4 @@
-"""The requirements of docs/protocol.md by their numbers, and the test of each."""
+"""The requirements of the protocol by their numbers in docs/protocol.md, and the test of each."""
 
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
@@ -15,61 +15,68 @@ from pfwd_device.wire.messages import Hello, Status, Stop
 DROP_TIMEOUT_S = 15.0
 """Longest wait for a drop, s."""
 MAX_DAMAGED_FRACTION = 0.02
-"""Largest fraction of damaged frames: a link damages some, a wrong CRC in the instrument all."""
+"""Largest fraction of damaged frames that is accepted: a link damages a few frames, whereas an
+instrument with a wrong CRC damages all."""
 
 TITLES = {
-    "P-1": "every frame has a right COBS, length and CRC",
-    "P-2": "the counter of frames rises by one each",
+    "P-1": "every frame has a valid COBS encoding, length and CRC",
+    "P-2": "the frame counter increases by one with each frame",
     "P-3": "Hello is answered by an Identity within 1 s",
-    "P-4": "the newest version in common is agreed on, and none in common is refused (version)",
-    "P-5": "the Identity is whole, in range, and the same each time",
-    "P-6": "Configure sets the nearest rate and is answered by an Identity with it",
+    "P-4": "the newest common version is chosen, and a host without a common version is refused "
+    "(version)",
+    "P-5": "the Identity is complete, within its limits, and the same each time",
+    "P-6": "Configure sets the nearest possible rate, and the responding Identity contains it",
     "P-7": "a rate of NaN, 0 or below is refused (argument)",
     "P-8": "Start is answered by samples within 1 s",
-    "P-9": "each Start begins a stream with a new number, from index 0 unless armed",
-    "P-10": "indices follow each other, and what is left out is counted as overruns",
-    "P-11": "samples come at least every 0.1 s, 5 ms a frame at most, with the channels of the "
-    "Identity",
-    "P-12": "the converter runs at the rate that the Identity says, by the clocks of both",
-    "P-13": "the device clock goes on evenly and never back",
-    "P-14": "Stop ends the samples and is answered by a Status that says so",
-    "P-15": "a Status comes at least every 0.5 s, sampling or not",
-    "P-16": "Hello does not disturb a stream that runs",
+    "P-9": "each Start begins a stream with a new number, at index 0 unless the instrument is "
+    "armed",
+    "P-10": "sample indices are consecutive, and omitted samples are counted as overruns",
+    "P-11": "samples arrive at least every 0.1 s, at most 5 ms in a frame, with the channels of "
+    "the Identity",
+    "P-12": "the sampling rate is that of the Identity, by the clocks of host and instrument",
+    "P-13": "the clock of the instrument runs evenly and never back",
+    "P-14": "Stop ends the samples, and the responding Status reports it",
+    "P-15": "a Status arrives at least every 0.5 s, with and without sampling",
+    "P-16": "Hello does not disturb a running stream",
     "P-17": "an unknown message is refused (unknown)",
-    "P-18": "damaged frames are not answered, and the next whole one is",
-    "P-19": "bytes behind the fields of a message are ignored",
-    "P-20": "the shunt is answered by an Event, and samples carry its flag",
-    "P-21": "the shunt goes off by itself 10 s after it was switched on",
-    "P-22": "commands in any order and state leave it able to answer",
-    "P-23": "after the link is opened anew it answers, and a stream that ran goes on or says that "
-    "it does not",
-    "P-24": "a Status of version 2 counts the drops that wait",
-    "P-25": "Arm is answered by Armed with what was set, and nonsense is refused (argument)",
-    "P-26": "while armed, Start and Stop leave the run of the converter as it is",
-    "P-27": "a drop is offered when it is whole, and again while it waits",
-    "P-28": "a drop holds the samples before and after the trigger that Armed says",
-    "P-29": "blocks are numbered from 0, as long as the Offer says, and together have its CRC",
-    "P-30": "any row of blocks can be fetched again, with the same bytes",
-    "P-31": "a drop or block that is not there is refused (argument)",
-    "P-32": "a drop waits until it is acknowledged, over Hello and a new link too",
-    "P-33": "Acknowledge is answered by Released, each time, and the drop is offered no more",
-    "P-34": "Resend brings the same samples with the same indices",
-    "P-35": "what the ring does not hold any more, or not yet, is answered by Gone",
-    "P-36": "the ring is as long as the Identity says",
-    "P-37": "a host of version 1 is spoken to in version 1",
-    "P-38": "drops that wait outlast a reset where the Identity says so",
-    "P-39": "a drop that falls while the link is lost, or the shunt is on, is kept",
-    "P-40": "Calibrate is answered by an Identity with it, and nonsense is refused (argument)",
+    "P-18": "damaged frames are not answered, and the next undamaged one is",
+    "P-19": "bytes after the fields of a message are ignored",
+    "P-20": "Shunt is answered by an Event, and a flag of the samples reports the shunt",
+    "P-21": "the shunt switches off by itself 10 s after it was switched on",
+    "P-22": "after commands in any order and state the instrument still answers",
+    "P-23": "after the link is reopened the instrument answers, and its stream continues or a "
+    "Status reports that it does not",
+    "P-24": "a Status of version 2 counts the stored drops",
+    "P-25": "Arm is answered by Armed with the settings in force, and invalid settings are refused "
+    "(argument)",
+    "P-26": "while the instrument is armed, Start and Stop do not begin a new stream",
+    "P-27": "a drop is offered when it is complete, and again until it is acknowledged",
+    "P-28": "a drop has as many samples before and after the trigger as Armed reported",
+    "P-29": "the blocks of a drop are numbered from 0, have the lengths of the Offer, and together "
+    "its CRC",
+    "P-30": "any range of blocks can be fetched again, with the same bytes",
+    "P-31": "a Fetch of an unknown drop or block is refused (argument)",
+    "P-32": "a drop stays stored until it is acknowledged, also after Hello and over a new link",
+    "P-33": "each Acknowledge is answered by Released, and the drop is no longer offered",
+    "P-34": "Resend returns the same samples with the same indices",
+    "P-35": "a Resend of samples that are no longer, or not yet, in the ring is answered by Gone",
+    "P-36": "the ring is as long as the Identity reports",
+    "P-37": "a host of version 1 receives only messages of version 1",
+    "P-38": "stored drops survive a reset if the Identity reports so",
+    "P-39": "a drop during a lost link, or with the shunt on, is stored",
+    "P-40": "Calibrate is answered by an Identity with the calibration, and invalid values are "
+    "refused (argument)",
     "P-41": "Calibrate is refused (busy) while samples are sent, the shunt is on, or a drop is "
-    "found or waits",
-    "P-42": "a calibration that was stored outlasts a reset, and is never there by half",
+    "recorded or stored",
+    "P-42": "a stored calibration survives a reset, and is never stored in part",
 }
 MANUAL_TESTS = {"P-38", "P-39", "P-42"}
-"""Requirements that need the power of the instrument to be switched, which no command can do."""
+"""Requirements that need the power or the cable of the instrument to be switched by hand."""
 
 MIN_FRAMES = 8
 """Smallest number of frames for a test of their counter."""
 NEED_A_DROP = {"P-28", "P-29", "P-30", "P-32", "P-33"}
+"""Requirements that concern a drop that the operator makes during the test of P-27."""
 
 Check = Callable[[InstrumentLink], str]
 
@@ -79,11 +86,13 @@ class Result:
     """Result of the test of one requirement."""
 
     requirement: str
-    """Number of the requirement."""
+    """Number of the requirement in docs/protocol.md, such as "P-12"."""
     title: str
+    """The requirement as a sentence."""
     result: Literal["passed", "failed", "not-offered"]
+    """Outcome; "not-offered" if the instrument lacks the function, or the test needs hands."""
     detail: str
-    """Details of the behaviour."""
+    """Short description of the behaviour of the instrument."""
 
 
 def conform(
@@ -93,19 +102,19 @@ def conform(
     announce: Callable[[str], None] = lambda text: None,
     only: Collection[str] = (),
 ) -> Iterator[Result]:
-    """Test an instrument, requirement by requirement.
+    """Test whether an instrument meets the requirements of the protocol, one after the other.
 
     Parameters
     ----------
     open_port : callable
-        Function that opens the port on each call.
+        Function that opens the port and returns its transport; it is called several times.
     drop_wait : float, s
-        Longest wait for a drop.
+        Longest wait for a drop that the operator makes.
     announce : callable
-        Function that receives requests to the operator.
+        Function that receives a text for the operator, who has to make a drop.
     only : collection of str
-        Numbers of the requirements to test; empty: all. Hello (P-3) is always tested. The tests of
-        a stored drop include its Offer (P-27).
+        Numbers of the requirements to test, such as "P-12"; empty: all. The first response (P-3) is
+        always tested, and the announcement of a stored drop (P-27) with each test of such a drop.
 
     Yields
     ------
@@ -116,7 +125,7 @@ def conform(
     PortError
         If the port cannot be opened at the beginning.
     DeviceRefused
-        If drops wait in the instrument: the test would acknowledge them without a record.
+        If the instrument has stored drops, which the test would delete without recording them.
     """
     link = InstrumentLink(open_port)
     try:
@@ -131,7 +140,7 @@ def conform(
             if not selected or number in selected:
                 yield _try(number, check, link)
         for number in sorted(MANUAL_TESTS & selected if selected else MANUAL_TESTS):
-            yield Result(number, TITLES[number], "not-offered", "needs a test by hand")
+            yield Result(number, TITLES[number], "not-offered", "has to be tested by hand")
     finally:
         link.close()
 
@@ -181,16 +190,16 @@ def _checks(wait: float, announce: Callable[[str], None]) -> list[tuple[str, Che
 
 
 def frames_valid(link: InstrumentLink) -> str:
-    """Test requirement P-1."""
+    """Test that the received frames have a valid encoding, length and CRC."""
     counters = link.counters
     frames = counters.frames_good + counters.frames_damaged
     if counters.frames_damaged > max(3, MAX_DAMAGED_FRACTION * frames):
-        raise Failed(f"expected whole frames, got {counters.frames_damaged} damaged of {frames}")
+        raise Failed(f"expected valid frames, got {counters.frames_damaged} damaged of {frames}")
     return f"{counters.frames_damaged} damaged of {frames}"
 
 
 def frames_counted(link: InstrumentLink) -> str:
-    """Test requirement P-2."""
+    """Test that the number of each received frame is one more than that of the frame before it."""
     if len(link.received) < MIN_FRAMES:
         link.receive(0.5 * MIN_FRAMES)
     steps = [
@@ -199,9 +208,11 @@ def frames_counted(link: InstrumentLink) -> str:
         if later.connection == earlier.connection
     ]
     n_wrong = sum(step != 1 for step in steps)
-    # Each damaged frame makes a gap in the numbers, and so does a reset of the instrument.
+    # Each damaged frame causes a gap in the numbers, and so does a reset of the instrument.
     if n_wrong > link.counters.frames_damaged + MAX_DAMAGED_FRACTION * len(steps):
-        raise Failed(f"expected one more for each frame, got {n_wrong} other steps of {len(steps)}")
+        raise Failed(
+            f"expected frame numbers that increase by 1, got {n_wrong} other steps of {len(steps)}"
+        )
     return f"{len(steps) + 1} frames"
 
 
@@ -213,8 +224,8 @@ def _refuse_waiting(link: InstrumentLink) -> None:
         return  # the test of this requirement reports it
     if status.drops_waiting:
         raise DeviceRefused(
-            f"expected an instrument in which no drop waits, got one with {status.drops_waiting}; "
-            "`pfwd log` records them first"
+            f"expected an instrument without stored drops, got one with {status.drops_waiting}; "
+            "record them first with `pfwd log`"
         )
 
 
@@ -238,5 +249,5 @@ def _try(number: str, check: Check, link: InstrumentLink) -> Result:
 def _all_failed(first: Result) -> Iterator[Result]:
     for number, title in TITLES.items():
         if number != first.requirement and number not in MANUAL_TESTS:
-            detail = f"not tried: {first.requirement} failed"
+            detail = f"not tested, because {first.requirement} failed"
             yield Result(number, title, "failed", detail)

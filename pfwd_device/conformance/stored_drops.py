@@ -1,4 +1,10 @@
-"""Tests of the drops that the instrument stores: detected, offered, fetched, acknowledged."""
+"""Tests of the drops that an instrument detects and stores itself.
+
+`Arm` switches the detection on; the instrument announces a stored drop by an Offer, sends its
+samples in blocks on `Fetch`, and deletes it on `Acknowledge`. Each test returns a short description
+of the behaviour. It raises `Failed` if the requirement is not met, and `NotSupported` if the
+instrument lacks the function.
+"""
 
 import time
 import zlib
@@ -42,22 +48,28 @@ DISARMED = Trigger(False, 0, 1, 1, 0, 1, 0)
 
 
 def version_2(link: InstrumentLink) -> Identity:
-    """Return the identity of an instrument of version 2; raise `NotSupported` for version 1."""
+    """Return the identity of an instrument with version 2 of the protocol.
+
+    Raise `NotSupported` for an instrument with version 1.
+    """
     identity = link.request(Hello(), Identity)
     if identity.protocol_version < 2:
-        raise NotSupported("it has version 1 of the protocol")
+        raise NotSupported("the instrument has version 1 of the protocol")
     return identity
 
 
 def _storing_identity(link: InstrumentLink) -> Identity:
     identity = version_2(link)
     if not identity.keeps_drops:
-        raise NotSupported("it stores no drops")
+        raise NotSupported("the instrument stores no drops")
     return identity
 
 
 def trigger_of(identity: Identity) -> Trigger:
-    """Return a trigger at 400 N, or at 1/50 of the range for an instrument without load cell."""
+    """Return settings of the drop detection of an instrument, for the test.
+
+    The threshold is 400 N, or 1/50 of the converter's range for an instrument without a load cell.
+    """
     rate = identity.sampling_rate
     highest = (1 << (identity.adc_bits - 1)) - 1
     try:
@@ -78,18 +90,18 @@ def trigger_of(identity: Identity) -> Trigger:
 
 
 def waiting(link: InstrumentLink) -> str:
-    """Test requirement P-24."""
+    """Test that a `Status` of version 2 contains the number of stored drops."""
     version_2(link)
     status = link.request(Stop(), Status)
     require(
         status.drops_waiting is not None,
-        "expected the drops that wait in a Status of version 2, got one of version 1",
+        "expected a Status of version 2 with the number of stored drops, got one of version 1",
     )
-    return f"{status.drops_waiting} wait"
+    return f"{status.drops_waiting} drops stored"
 
 
 def arms(link: InstrumentLink) -> str:
-    """Test requirement P-25."""
+    """Test that `Arm` is answered by the settings in force, and invalid settings are refused."""
     identity = _storing_identity(link)
     requested = trigger_of(identity)
     in_force = link.request(Arm(requested), Armed).trigger
@@ -117,10 +129,10 @@ def arms(link: InstrumentLink) -> str:
 
 
 def run_goes_on(link: InstrumentLink) -> str:
-    """Test requirement P-26."""
+    """Test that `Start` and `Stop` do not begin a new stream while drop detection is on."""
     identity = _storing_identity(link)
     if not identity.streams:
-        raise NotSupported("it stores drops and sends no samples")
+        raise NotSupported("the instrument stores drops and sends no samples")
     link.request(Arm(trigger_of(identity)), Armed)
     first = link.request(Start(), SampleBlock)
     link.request(Stop(), Status, lambda status: not status.sampling)
@@ -129,20 +141,20 @@ def run_goes_on(link: InstrumentLink) -> str:
     link.request(Stop(), Status)
     require(
         first.stream == second.stream and second.first_sample > first.first_sample,
-        "expected the same run to go on while armed, got another",
+        "expected the same stream to continue while armed, got another",
     )
-    return "continues"
+    return "the stream continues"
 
 
 class BufferedDropCheck:
-    """Tests of one drop that the operator makes during the test.
+    """Tests of one stored drop, which the operator makes during the first test (`offered`).
 
     Parameters
     ----------
     wait : float, s
         Longest wait for the drop.
     announce : callable
-        Function that receives the request to the operator.
+        Function that receives the request to the operator as a text.
     """
 
     def __init__(self, wait: float, announce: Callable[[str], None]) -> None:
@@ -154,7 +166,7 @@ class BufferedDropCheck:
         self._reason = "no drop fell"
 
     def offered(self, link: InstrumentLink) -> str:
-        """Test requirement P-27."""
+        """Test that a drop is announced when it is complete, and again while it is stored."""
         identity = self._identity = _storing_identity(link)
         self._armed = link.request(Arm(trigger_of(identity)), Armed).trigger
         if identity.streams:
@@ -170,13 +182,13 @@ class BufferedDropCheck:
         link.request(Arm(DISARMED), Armed, lambda armed: not armed.trigger.on)
         repeated = link.wait_for(DropOffer, 2 * MAX_RESPONSE_TIME_S)
         if repeated is None:
-            raise Failed("expected the Offer again while the drop waits, got none")
+            raise Failed("expected the Offer again while the drop is stored, got none")
         if identity.streams:
             link.request(Stop(), Status)
         return f"{offer.samples} samples after {took:.1f} s"
 
     def cut(self, link: InstrumentLink) -> str:
-        """Test requirement P-28."""
+        """Test that the drop has the agreed numbers of samples before and after the trigger."""
         offer = self._need()
         armed = self._armed
         assert armed is not None
@@ -198,13 +210,13 @@ class BufferedDropCheck:
         return f"{offer.trigger} before, {offer.samples - offer.trigger} from the trigger on"
 
     def complete(self, link: InstrumentLink) -> str:
-        """Test requirement P-29."""
+        """Test that the blocks of the drop have the announced numbers, lengths and CRC."""
         offer = self._need()
         counts = self._counts(link)
         return f"{offer.blocks} blocks, {len(counts)} samples"
 
     def repeated(self, link: InstrumentLink) -> str:
-        """Test requirement P-30."""
+        """Test that some blocks of the drop can be fetched again with the same bytes."""
         offer = self._need()
         self._counts(link)
         first = offer.blocks // 3
@@ -219,7 +231,7 @@ class BufferedDropCheck:
         return f"blocks {first} to {first + count - 1}"
 
     def unknown_drop(self, link: InstrumentLink) -> str:
-        """Test requirement P-31."""
+        """Test that a request for an unknown drop or block is refused."""
         _storing_identity(link)
         cases = [Fetch(0xDEAD, 1 << 60)]
         if self._offer is not None:
@@ -232,7 +244,10 @@ class BufferedDropCheck:
         return "refused"
 
     def stays_stored(self, link: InstrumentLink) -> str:
-        """Test requirement P-32."""
+        """Test that the drop stays stored until it is acknowledged.
+
+        It must be announced again after `Hello` and over a new link.
+        """
         offer = self._need()
         self._counts(link)  # a fetched drop must not be deleted
         for event in ("Hello", "a new link"):
@@ -247,12 +262,12 @@ class BufferedDropCheck:
         status = link.latest_status()
         require(
             status is not None and bool(status.drops_waiting),
-            "expected a Status that counts the drop that waits, got 0",
+            "expected a Status that counts the stored drop, got 0 stored drops",
         )
-        return "over Hello and a new link"
+        return "after Hello and over a new link"
 
     def acknowledged(self, link: InstrumentLink) -> str:
-        """Test requirement P-33."""
+        """Test that each `Acknowledge` is answered, and the drop is no longer announced."""
         offer = self._need()
         name = offer.stream, offer.first_sample
         for _ in range(2):
@@ -264,7 +279,7 @@ class BufferedDropCheck:
         link.request(Hello(), Identity)
         link.receive(1.5)
         offers = self._offers_since(link, since)
-        require(not offers, "expected no Offer of a drop that was acknowledged, got one")
+        require(not offers, "expected no Offer of an acknowledged drop, got one")
         return "released"
 
     def _offers_since(self, link: InstrumentLink, since: int) -> list[DropOffer]:
@@ -283,7 +298,7 @@ class BufferedDropCheck:
         return self._offer
 
     def _counts(self, link: InstrumentLink) -> np.ndarray:
-        """Return the counts of the drop, which is fetched by the first call."""
+        """Return the samples of the drop in counts, (n, channels); the first call fetches them."""
         offer = self._need()
         for _ in range(8):  # a link may damage some blocks each time
             missing = [number for number in range(offer.blocks) if number not in self._data]
@@ -292,7 +307,8 @@ class BufferedDropCheck:
             self._data |= self._fetch(link, missing[0], offer.blocks - missing[0])
         missing = [number for number in range(offer.blocks) if number not in self._data]
         require(
-            not missing, f"expected blocks 0 to {offer.blocks - 1}, {len(missing)} did not come"
+            not missing,
+            f"expected blocks 0 to {offer.blocks - 1}, {len(missing)} of them were not received",
         )
         data = b"".join(self._data[number] for number in range(offer.blocks))
         require(zlib.crc32(data) == offer.crc, "expected the CRC of the Offer, got another")
@@ -329,7 +345,7 @@ class BufferedDropCheck:
 
 
 def host_of_version_1(link: InstrumentLink) -> str:
-    """Test requirement P-37."""
+    """Test that a host with version 1 of the protocol receives only messages of version 1."""
     version_2(link)
     old = link.request(Hello(1, 1), Identity, lambda identity: identity.protocol_version == 1)
     since = len(link.received)
@@ -339,7 +355,7 @@ def host_of_version_1(link: InstrumentLink) -> str:
     link.request(Hello(), Identity)
     require(
         refusal is not None and refusal.code == RefusalCode.UNKNOWN,
-        "expected Refusal (unknown) of Arm in version 1, got something else",
+        "expected Refusal (unknown) of Arm in version 1, got another response or none",
     )
     newer = [
         type(each.message).__name__

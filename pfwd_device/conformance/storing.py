@@ -1,4 +1,7 @@
-"""Storage of a calibration in an instrument, whose Identity contains it from then on."""
+"""Storage of a calibration in the permanent memory of an instrument.
+
+The identity that the instrument reports contains the calibration from then on.
+"""
 
 from collections.abc import Callable, Sequence
 
@@ -10,13 +13,13 @@ from pfwd_device.wire.fields import day
 from pfwd_device.wire.messages import Calibrate, Hello, Refusal, RefusalCode
 
 _HINTS: dict[int, str] = {
-    RefusalCode.UNKNOWN: "it has no permanent memory, or an older firmware",
-    RefusalCode.BUSY: "end the measurement; `pfwd log` records the drops that wait",
+    RefusalCode.UNKNOWN: "the instrument has no permanent memory, or an older firmware",
+    RefusalCode.BUSY: "end the measurement, and record stored drops with `pfwd log`",
 }
 
 
 def calibration_of(identity: Identity, channel: int) -> Calibrate:
-    """Return the calibration of a channel as the command that stores it.
+    """Return the present calibration of a channel, in the form of the command that stores it.
 
     Parameters
     ----------
@@ -45,7 +48,7 @@ def store_calibration(
     Parameters
     ----------
     open_port : callable
-        Function that opens the port.
+        Function that opens the port and returns its transport.
     calibrations : sequence of Calibrate
         New calibrations; `calibration_of` returns the present ones.
 
@@ -59,7 +62,7 @@ def store_calibration(
     PortError
         If the port cannot be opened.
     DeviceRefused
-        If the instrument does not respond or refuses one of them; those before it are stored.
+        If the instrument does not respond or refuses a calibration; the earlier ones are stored.
     """
     link = InstrumentLink(open_port)
     try:
@@ -67,14 +70,22 @@ def store_calibration(
         for calibration in calibrations:
             identity = _store(link, calibration)
     except Failed as err:
-        raise DeviceRefused(f"calibration: {err}; try again, or `pfwd conform`") from err
+        raise DeviceRefused(
+            f"calibration: {err}; try again, or test the instrument with `pfwd conform`"
+        ) from err
     finally:
         link.close()
     return identity
 
 
 def send_calibration(link: InstrumentLink, calibration: Calibrate) -> Identity | Refusal:
-    """Send a calibration and return the response; raise `Failed` if two attempts have none."""
+    """Send a calibration to the instrument and return its response.
+
+    Raises
+    ------
+    Failed
+        If two attempts have no response.
+    """
     for _ in range(2):
         link.send(calibration)
         response = link.wait_for(object, accept=lambda each: isinstance(each, Identity | Refusal))
@@ -87,7 +98,7 @@ def _store(link: InstrumentLink, calibration: Calibrate) -> Identity:
     response = send_calibration(link, calibration)
     if isinstance(response, Identity):
         return response
-    hint = _HINTS.get(response.code, "see `pfwd conform`")
+    hint = _HINTS.get(response.code, "test the instrument with `pfwd conform`")
     raise DeviceRefused(
         f"calibration of channel {calibration.channel}: expected the instrument to store it, got a "
         f"refusal (code {response.code}): {response.text}; {hint}"

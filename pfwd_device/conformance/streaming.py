@@ -1,4 +1,10 @@
-"""Tests of samples: streams, indices, clocks, and requests for samples."""
+"""Tests of the samples that an instrument sends: streams, indices, clocks, repeated requests.
+
+A stream is a run of samples between a start and the next; its samples are numbered from 0. The ring
+is a buffer in the instrument with the latest samples, which can be requested again. Each test
+returns a short description of the behaviour. It raises `Failed` if the requirement is not met, and
+`NotSupported` if the instrument lacks the function.
+"""
 
 import time
 from itertools import pairwise
@@ -27,13 +33,13 @@ from pfwd_device.wire.messages import (
 )
 
 MAX_FRAME_S = 0.005
-"""Longest time of the samples in a frame, s: less than the load of a drop lasts."""
+"""Longest time that the samples of one frame may cover, s: less than the load of a drop lasts."""
 MAX_PAUSE_S = 0.1
 """Longest time between two frames of samples, s."""
 MAX_CLOCK_DIFFERENCE = 0.01
 """Largest relative difference of two clocks: any two oscillators differ by less."""
 REQUEST_DELAY_S = 0.05
-"""Time for which an instrument continues to sample while it reads a request, s."""
+"""Time that a request needs to the instrument, during which the ring is overwritten further, s."""
 MAX_TESTED_RING_S = 10.0
 """Longest ring that is tested, s."""
 
@@ -41,12 +47,12 @@ MAX_TESTED_RING_S = 10.0
 def _streaming(link: InstrumentLink) -> Identity:
     identity = link.request(Hello(), Identity)
     if not identity.streams:
-        raise NotSupported("it stores drops and sends no samples")
+        raise NotSupported("the instrument stores drops and sends no samples")
     return identity
 
 
 def starts(link: InstrumentLink) -> str:
-    """Test requirement P-8."""
+    """Test that `Start` is answered by samples within 1 s."""
     _streaming(link)
     link.request(Stop(), Status)
     began = time.monotonic()
@@ -55,9 +61,9 @@ def starts(link: InstrumentLink) -> str:
 
 
 def new_streams(link: InstrumentLink) -> str:
-    """Test requirement P-9."""
+    """Test that each `Start` begins a stream with a new number, whose samples begin at index 0."""
     _streaming(link)
-    # Late blocks of an earlier stream would be taken for a new one.
+    # Wait for the end of an earlier stream: its late blocks would be taken for the new one.
     link.request(Stop(), Status, lambda status: not status.sampling)
     numbers: list[int] = []
     for _ in range(3):
@@ -65,7 +71,7 @@ def new_streams(link: InstrumentLink) -> str:
         link.send(Start())
         block = link.wait_for(SampleBlock, accept=lambda block, used=used: block.stream not in used)  # type: ignore[misc]
         if block is None:
-            raise Failed("expected another stream number after Start, got the same")
+            raise Failed("expected a new stream number after Start, got no such samples")
         require(
             block.first_sample == 0,
             f"expected a stream to begin with index 0, got {block.first_sample}",
@@ -75,7 +81,11 @@ def new_streams(link: InstrumentLink) -> str:
 
 
 def _stream(link: InstrumentLink, seconds: float) -> tuple[Identity, list[Received], int]:
-    """Receive a new stream; return the identity, the messages and the number of overruns."""
+    """Receive a new stream for a time.
+
+    Return the identity, the received messages and the number of samples that the instrument
+    discarded meanwhile (overruns).
+    """
     identity = _streaming(link)
     link.request(Stop(), Status)
     before = link.request(Stop(), Status).overruns
@@ -93,7 +103,7 @@ def _stream(link: InstrumentLink, seconds: float) -> tuple[Identity, list[Receiv
 
 
 def indices(link: InstrumentLink) -> str:
-    """Test requirement P-10."""
+    """Test that sample indices are consecutive, and skipped samples are counted as overruns."""
     _, received, overruns = _stream(link, 2.0)
     skipped = 0
     lost_frames = 0
@@ -111,7 +121,7 @@ def indices(link: InstrumentLink) -> str:
             if is_complete:
                 skipped += first - expected
             else:
-                lost_frames += 1  # the link lost it, not the instrument
+                lost_frames += 1  # the frame counters show that the link lost a frame
     require(
         skipped <= overruns,
         f"expected every skipped sample to be an overrun, got {skipped} and {overruns}",
@@ -120,7 +130,7 @@ def indices(link: InstrumentLink) -> str:
 
 
 def frames(link: InstrumentLink) -> str:
-    """Test requirement P-11."""
+    """Test that samples arrive at least every 0.1 s, at most 5 ms in a frame, for all channels."""
     identity, received, _ = _stream(link, 2.0)
     samples = [each for each in received if isinstance(each.message, SampleBlock)]
     longest = max(len(block.counts) for block in blocks(samples))
@@ -140,15 +150,15 @@ def frames(link: InstrumentLink) -> str:
 
 
 def rate(link: InstrumentLink) -> str:
-    """Test requirement P-12."""
+    """Test that the sampling rate is the declared one, by the clocks of host and instrument."""
     identity, received, _ = _stream(link, 4.0)
     samples = [each for each in received if isinstance(each.message, SampleBlock)]
     sample_blocks = blocks(samples)
     index = np.array([block.first_sample + len(block.counts) for block in sample_blocks], float)
     host = np.array([each.at for each in samples])
     require(len(samples) > 20, f"expected samples for 4 s, got {len(samples)} frames")
-    # Compare the fastest arrivals of the first and of the last quarter: a late arrival does not
-    # show the rate of the converter, and one in the middle gives too short a time.
+    # Compare the most punctual arrivals of the first and of the last quarter: a late arrival gives
+    # a wrong rate, and two arrivals close to each other an inaccurate one.
     lag = host - index / identity.sampling_rate
     quarter = len(lag) // 4
     first, last = int(np.argmin(lag[:quarter])), int(np.argmin(lag[-quarter:])) - quarter
@@ -162,7 +172,7 @@ def rate(link: InstrumentLink) -> str:
     )
     timed = [block for block in sample_blocks if block.clock_us is not None]
     if len(timed) < 10:
-        return f"{by_host:.5g} Hz by the host's clock; frames carry no clock"
+        return f"{by_host:.5g} Hz by the host's clock; the samples have no time of the instrument"
     begin = np.array([block.first_sample for block in timed], float)
     clock = np.array([block.clock_us for block in timed], float) / 1e6
     slope, offset = np.polyfit(begin, clock, 1)
@@ -172,13 +182,16 @@ def rate(link: InstrumentLink) -> str:
         abs(by_clock / identity.sampling_rate - 1) < MAX_CLOCK_DIFFERENCE,
         f"expected {identity.sampling_rate:g} Hz, got {by_clock:.5g} Hz by the device clock",
     )
-    require(jitter < 0.02, f"expected clocks on a line, got {jitter * 1e3:.0f} ms off it")
+    require(
+        jitter < 0.02,
+        f"expected device times that increase evenly, got deviations of {jitter * 1e3:.0f} ms",
+    )
     drift = (by_clock / by_host - 1) * 1e6
     return f"{by_clock:.5g} Hz, jitter {jitter * 1e3:.1f} ms, clocks {drift:+.0f} ppm apart"
 
 
 def clock(link: InstrumentLink) -> str:
-    """Test requirement P-13."""
+    """Test that the clock of the instrument runs evenly and never back."""
     link.request(Hello(), Identity)
     statuses = [
         (each.at, each.message.clock_us / 1e6)
@@ -187,17 +200,20 @@ def clock(link: InstrumentLink) -> str:
     ]
     require(len(statuses) >= 4, f"expected a Status every 0.5 s, got {len(statuses)} within 3 s")
     steps = [(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(statuses)]
-    require(all(device >= 0 for _, device in steps), "expected a clock that goes on, got one back")
+    require(
+        all(device >= 0 for _, device in steps),
+        "expected a device clock that never runs back, got a step back",
+    )
     host, device = (sum(step[k] for step in steps) for k in (0, 1))
     require(
         abs(device - host) < MAX_CLOCK_DIFFERENCE * host + LINK_DELAY_S / 2,
-        f"expected the clock to go on by {host:.2f} s, got {device:.2f} s",
+        f"expected the device clock to advance by {host:.2f} s, got {device:.2f} s",
     )
     return f"{device:.2f} s in {host:.2f} s"
 
 
 def stops(link: InstrumentLink) -> str:
-    """Test requirement P-14."""
+    """Test that `Stop` ends the samples, and that a `Status` reports it."""
     _streaming(link)
     link.request(Start(), SampleBlock)
     link.request(Stop(), Status, lambda status: not status.sampling)
@@ -207,14 +223,14 @@ def stops(link: InstrumentLink) -> str:
 
 
 def undisturbed(link: InstrumentLink) -> str:
-    """Test requirement P-16."""
+    """Test that a request for the identity does not disturb a running stream."""
     _streaming(link)
     first = link.request(Start(), SampleBlock)
     link.receive(0.3)
     link.request(Hello(), Identity)
     after = blocks(link.receive(0.5))
     link.send(Stop())
-    require(bool(after), "expected the stream to go on after Hello, got no samples")
+    require(bool(after), "expected the stream to continue after Hello, got no samples")
     numbers = {block.stream for block in after}
     require(numbers == {first.stream}, "expected the same stream after Hello, got another")
     return "continues"
@@ -223,7 +239,7 @@ def undisturbed(link: InstrumentLink) -> str:
 def _ring(link: InstrumentLink) -> Identity:
     identity = _streaming(link)
     if identity.protocol_version < 2 or identity.ring_samples == 0:
-        raise NotSupported("it has no ring")
+        raise NotSupported("the instrument has no ring, from which samples can be requested again")
     return identity
 
 
@@ -237,13 +253,13 @@ def _samples_by_index(sample_blocks: list[SampleBlock], stream: int) -> dict[int
 
 
 def resends(link: InstrumentLink) -> str:
-    """Test requirement P-34."""
+    """Test that samples can be requested again, and are the same with the same indices."""
     identity = _ring(link)
     first = link.request(Start(), SampleBlock)
     first_copy = _samples_by_index(blocks(link.receive(0.6)), first.stream)
     count = min(len(first_copy) // 2, identity.ring_samples // 4, 1000)
     requested = sorted(first_copy)[-2 * count : -count]
-    require(count > 10, "expected samples to ask for again, got too few")
+    require(count > 10, f"expected more than 10 samples to request again, got {count}")
     since = len(link.received)
     link.send(Resend(first.stream, requested[0], requested[-1] - requested[0] + 1))
     link.receive(MAX_RESPONSE_TIME_S)
@@ -256,33 +272,36 @@ def resends(link: InstrumentLink) -> str:
     }
     link.request(Stop(), Status)
     missing = [index for index in requested if index not in second_copy]
-    require(not missing, f"expected {len(requested)} samples again, {len(missing)} did not come")
+    require(
+        not missing,
+        f"expected {len(requested)} samples again, {len(missing)} of them were not received",
+    )
     wrong = [index for index in requested if second_copy[index] != first_copy[index]]
-    require(not wrong, f"expected the same samples again, {len(wrong)} were others")
+    require(not wrong, f"expected the same samples again, {len(wrong)} of them were different")
     return f"{len(requested)} samples"
 
 
 def reports_missing(link: InstrumentLink) -> str:
-    """Test requirement P-35."""
+    """Test that a request for samples that the ring does not contain is answered by Gone."""
     _ring(link)
     first = link.request(Start(), SampleBlock)
     for stream, index in ((first.stream, 1 << 40), (first.stream ^ 1, 0)):
         requested = Resend(stream, index, 10)
-        statuses = link.request(
+        gone = link.request(
             requested,
             SamplesGone,
-            lambda reports_missing, requested=requested: reports_missing.stream == requested.stream,  # type: ignore[misc]
+            lambda gone, requested=requested: gone.stream == requested.stream,  # type: ignore[misc]
         )
         require(
-            (statuses.first_sample, statuses.count) == (index, 10),
-            f"expected Gone of 10 from {index}, got {statuses.count} from {statuses.first_sample}",
+            (gone.first_sample, gone.count) == (index, 10),
+            f"expected Gone of 10 samples from {index}, got {gone.count} from {gone.first_sample}",
         )
     link.request(Stop(), Status)
     return "reported"
 
 
 def ring_length(link: InstrumentLink) -> str:
-    """Test requirement P-36."""
+    """Test that the ring is as long as the identity of the instrument reports."""
     identity = _ring(link)
     seconds = identity.ring_samples / identity.sampling_rate
     if seconds > MAX_TESTED_RING_S:
@@ -294,7 +313,8 @@ def ring_length(link: InstrumentLink) -> str:
         for block in blocks(link.received)
         if block.stream == first.stream
     )
-    # Request all of it; the newest sample received meanwhile shows how far back it reaches.
+    # Request the complete ring. Its length follows from the oldest sample that arrives and the
+    # newest sample that was recorded until then.
     oldest = max(0, newest - identity.ring_samples)
     since = len(link.received)
     link.send(Resend(first.stream, oldest, newest - oldest))

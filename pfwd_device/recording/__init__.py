@@ -1,4 +1,27 @@
-"""Safe recording of a survey: an acknowledged journal, and one file for each drop."""
+"""Recording of surveys in such a way that no saved drop is lost by a crash or a power cut.
+
+Terms of this package:
+
+Survey
+    Folder with all drops of a job, which are made at test points.
+Journal, record, segment
+    The journal consists of files, the segments, to which all data are appended as records: points,
+    drops, rebounds, edits, events. Each record has a sequence number and checksums.
+Ledger
+    Text file ``acknowledged.txt`` with a line for each record that reached the disk. If the journal
+    is damaged later, the ledger shows which records are lost.
+Acknowledged
+    Recorded in journal and ledger, and confirmed by the disk.
+Published
+    Written as an HDF5 file, one for each drop, by a child process.
+Survey-wide number
+    Number of a drop within its survey, from 1. A drop also has a number within its point.
+Key
+    Text that identifies a drop on its instrument, so that a drop that is sent twice is stored once.
+Home, spare folder
+    Home is the folder of the survey. The spare folder receives records while home cannot be
+    written; they are merged into home later.
+"""
 
 import logging
 

@@ -1,16 +1,17 @@
 """Fast reading of a survey whose ledger and journal agree, many records at a time.
 
-Reading a survey compares every byte with its checksums. Done record by record, this is the slowest
-step of a command on a survey of many drops. Here the ledger's lines become columns of numbers, and
-the headers of the journal are compared with them as columns. Only checksums, and JSON where it is
-required, are computed for each record. Nothing is cached between two calls. Any irregularity raises
-:class:`InconsistentRecords`. It means that the caller has to read record by record, not that a
-record is damaged.
+The journal contains all records of a survey. The ledger is a text file with a line for each record,
+which has its number, place and checksum. Reading a survey compares every byte with its checksums.
+Done record by record, this is the slowest step of a command on a survey of many drops. Here the
+lines of the ledger become columns of numbers, and the headers of the journal are compared with
+them as columns. Only checksums, and JSON where it is required, are computed for each record.
+Nothing is cached between two calls. Any irregularity raises :class:`InconsistentRecords`. It means
+that the caller has to read record by record, not that a record is damaged.
 
-Each drop of a survey has two records of rebounds and three of files. Their JSON differs in the
-values only, so a regular expression parses it. Any other text gives None, and the caller parses it
-as JSON. The record of a stored result contains the result as one long text, from which recovery
-makes the file. The parser reads only what follows that text.
+A typical drop has two records of rebounds and three of files. Their JSON differs in the values
+only, so a regular expression parses it. Any other text gives None, and the caller parses it as
+JSON. The record of a stored result contains the result as one long text, from which recovery makes
+the file. The parser reads only the fields after that text.
 """
 
 import io
@@ -30,7 +31,7 @@ from pfwd_device.recording.layout import Layout
 from pfwd_device.recording.ledger import MAX_LEDGER_LINE_BYTES, Entry, head_survey
 
 _NUMBERS = 5
-"""Columns of a line in decimals: sequence, kind, segment, offset, length."""
+"""Number of decimal columns of a line of the ledger: sequence, kind, segment, offset, length."""
 
 _SEQUENCE, _SEGMENT, _OFFSET, _LENGTH = 0, 2, 3, 4
 
@@ -38,16 +39,16 @@ _N_BLANKS = 7
 """Number of blanks in a line: one before each part except the first."""
 
 _MAX_DIGITS = (18, 9, 9, 18, 9)
-"""Largest number of digits of each decimal, as in the ledger's pattern; all fit into 64 bits."""
+"""Largest number of digits of each decimal column; all values fit into 64 bits."""
 
 _HEX_DIGITS = 8
 
 _MAX_DESCRIPTION_LENGTH = 999
-"""Largest length of the description, as in the ledger's pattern, characters."""
+"""Largest length of the description in a line of the ledger, characters."""
 
 _BLOCK_BYTES = 2**20
-"""Bytes of the journal that are compared together, few enough for a processor's cache. A longer
-record is compared by itself."""
+"""Number of bytes of the journal that are compared at a time, few enough for the processor's cache.
+A longer record is compared by itself."""
 
 _HEADER_DTYPE = np.dtype(
     [
@@ -101,11 +102,11 @@ Integers = NDArray[np.int64]
 
 
 class InconsistentRecords(Exception):
-    """Ledger and journal differ, as after a program that was interrupted."""
+    """Ledger and journal differ in a record, for example because a program was interrupted."""
 
 
 class VerifiedRecord(NamedTuple):
-    """A record whose entries in journal and ledger agree."""
+    """Record of the journal that agrees with its line in the ledger."""
 
     entry: Entry
     payload: memoryview
@@ -114,17 +115,29 @@ class VerifiedRecord(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """The lines of a ledger."""
+    """Lines of a ledger as arrays, for a fast comparison with the journal."""
 
     survey: bytes
     """Identity of the survey."""
     numbers: Integers
-    """Rows of sequence, kind, segment, offset, length and check; a column for each line."""
+    """(6, n): rows of sequence, kind, segment, offset, length and check; a column for each line."""
     entries: tuple[Entry, ...]
+    """The same lines as objects."""
 
 
 def ledger_columns(data: bytes) -> Columns:
-    """Return the lines of a ledger; raise InconsistentRecords if any line is incomplete."""
+    """Return the lines of a ledger as columns of numbers.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the ledger file.
+
+    Raises
+    ------
+    InconsistentRecords
+        If a line is incomplete or its checksum is wrong.
+    """
     first = data.find(b"\n") + 1
     survey = head_survey(data[: first - 1]) if first else None
     if survey is None or not data.endswith(b"\n"):
@@ -141,7 +154,7 @@ def ledger_columns(data: bytes) -> Columns:
     blank = blanks.reshape(-1, _N_BLANKS)
     begins = np.column_stack((starts, blank + 1))
     widths = np.column_stack((blank, ends)) - begins
-    # Every line has its own blanks and no part is empty; the rest is visible ASCII.
+    # No part of a line is empty, and all other characters are visible ASCII.
     if widths.min() < 1 or int(((text > ord(" ")) & (text <= ord("~"))).sum()) != len(text) - len(
         ends
     ) - len(blanks):
@@ -199,14 +212,23 @@ def _hexadecimals(text: Bytes, begins: Integers, widths: Integers) -> Integers:
 
 
 def verified_records(layout: Layout, ledger: Columns) -> Iterator[VerifiedRecord | Located]:
-    """Yield the records that the ledger lists, in order, then those that it does not list yet.
+    """Yield the records of the journal that the ledger lists, then those that it does not list yet.
+
+    Another program that is writing the survey appends to the journal first.
+
+    Parameters
+    ----------
+    layout : Layout
+        Paths of the survey.
+    ledger : Columns
+        Lines of its ledger.
 
     Raises
     ------
     InconsistentRecords
-        When the journal holds anything else.
+        If the journal differs from the ledger in any other way.
     OSError
-        If a segment cannot be read.
+        If a file of the journal cannot be read.
     """
     count = len(ledger.entries)
     if bool((ledger.numbers[_SEQUENCE] != np.arange(1, count + 1)).any()):
@@ -236,7 +258,10 @@ def verified_records(layout: Layout, ledger: Columns) -> Iterator[VerifiedRecord
 
 
 def _groups(ledger: Columns, segment: int, first: int, last: int) -> Iterator[tuple[int, int]]:
-    """Yield ranges of records that are read together; they must fill the segment."""
+    """Yield ranges (first, end) of records in a segment that are read in one piece.
+
+    Raise InconsistentRecords unless the records follow each other from the start of the segment.
+    """
     offsets, lengths = ledger.numbers[_OFFSET, first:last], ledger.numbers[_LENGTH, first:last]
     ends = offsets + lengths
     right = np.concatenate(([0], ends[:-1])) if last > first else ends
@@ -256,6 +281,7 @@ def _groups(ledger: Columns, segment: int, first: int, last: int) -> Iterator[tu
 
 
 def _fill(view: memoryview, stream: io.RawIOBase) -> None:
+    """Read from a stream until a buffer is full; raise InconsistentRecords at the end of it."""
     while view:
         count = stream.readinto(view)
         if not count:
@@ -266,7 +292,10 @@ def _fill(view: memoryview, stream: io.RawIOBase) -> None:
 def _compared(
     view: memoryview, ledger: Columns, first: int, after: int
 ) -> Iterator[VerifiedRecord]:
-    """Yield the records from first to before after, compared with the bytes of view."""
+    """Yield the records from number `first` to before `after` of the ledger.
+
+    Raise InconsistentRecords unless the bytes in `view` are these records, undamaged.
+    """
     sequence, kind, _, offset, length, check = ledger.numbers[:, first:after]
     starts = offset - offset[0]
     places = starts[:, np.newaxis] + np.arange(HEADER.size)
@@ -291,7 +320,15 @@ def _compared(
 
 
 def parse_common_rebound(payload: memoryview) -> int | None:
-    """Return the survey-wide number of the drop that a rebound belongs to."""
+    """Return the survey-wide number of the drop to which the record of a rebound belongs.
+
+    None if the record is not in the usual form; it has to be parsed as JSON then.
+
+    Parameters
+    ----------
+    payload : memoryview
+        Content of the record.
+    """
     if len(payload) < _JSON_LENGTH.size:
         return None
     match = _REBOUND_RECORD.fullmatch(
@@ -301,15 +338,24 @@ def parse_common_rebound(payload: memoryview) -> int | None:
 
 
 def parse_common_file(payload: memoryview) -> tuple[str, int, str, int | None] | None:
-    """Return path, size (bytes) and SHA-256 of a file, and the survey-wide number of its drop."""
+    """Return path, size, SHA-256 and survey-wide number of the drop from the record of a file.
+
+    None if the record is not in the usual form; it has to be parsed as JSON then. The size is in
+    bytes. The number is None for a file that belongs to no drop.
+
+    Parameters
+    ----------
+    payload : memoryview
+        Content of the record.
+    """
     size = len(payload)
     if size < _JSON_LENGTH.size or _JSON_LENGTH.unpack_from(payload)[0] != size - _JSON_LENGTH.size:
-        return None  # there are no arrays
+        return None  # arrays follow the JSON, which the record of a file does not have
     match = _FILE_RECORD.fullmatch(payload, _JSON_LENGTH.size)
     if match is None and _RESULT.match(payload, _JSON_LENGTH.size) is not None:
         end = bytes(payload[max(_RESULT_BEGIN, size - _MAX_END_LENGTH) :])
         at = end.rfind(_END_BEGINS)
-        if at > 0 and end[at - 1] != _ESCAPE:  # else the quote is one of the text
+        if at > 0 and end[at - 1] != _ESCAPE:  # an escaped quote belongs to the text of the result
             match = _RESULT_END.fullmatch(end, at)
     if match is None:
         return None

@@ -1,9 +1,9 @@
-"""Raw captures of a link: every byte with its direction and time, in the frames of the journal.
+"""Raw captures: files with every byte between instrument and computer, with direction and time.
 
-The first record is the header (JSON), each following one holds bytes:
-``u64 monotonic nanoseconds | u64 nanoseconds since 1970 UTC | u8 direction (0 from, 1 to the
-instrument) | bytes``. A capture is written every second. Killing the program loses the bytes of
-the last second, but no recorded drop.
+A capture can be replayed. Its records have the form of :mod:`pfwd_device.recording.framing`. The
+first record is the header (JSON), each following one contains bytes: ``u64 monotonic nanoseconds |
+u64 nanoseconds since 1970 UTC | u8 direction (0 from, 1 to the instrument) | bytes``. A capture is
+written every second. Killing the program loses the bytes of the last second, but no recorded drop.
 """
 
 import contextlib
@@ -25,10 +25,10 @@ from pfwd_device.recording.storage import Storage
 FORMAT_VERSION = 1
 
 FLUSH_INTERVAL_S = 1.0
-"""Time between two writes, s."""
+"""Time between two writes to the file, s."""
 
 FLUSH_BYTES = 2**20
-"""Number of waiting bytes that are written at once."""
+"""Number of waiting bytes from which they are written without delay."""
 
 Direction = Literal["from", "to"]
 
@@ -38,7 +38,7 @@ _DIRECTIONS: tuple[Direction, Direction] = ("from", "to")
 
 @dataclass(frozen=True, slots=True)
 class CapturedBytes:
-    """Bytes that were transferred together."""
+    """Bytes of a capture that were received or sent together."""
 
     monotonic_ns: int
     """Monotonic clock of the host, ns; only differences have a meaning."""
@@ -50,15 +50,16 @@ class CapturedBytes:
 
 
 class CaptureWriter:
-    """Writer of a capture; a failing disk ends only the capture.
+    """Writer of a raw capture. If the disk fails, only the capture ends, not the measurement.
 
     Parameters
     ----------
     path : Path
-        New file.
+        File of the capture, which must not exist yet.
     header : mapping
         Description of the capture as JSON values: url, dialect, identity, setup.
     storage : Storage, optional
+        Access to the files; by default that of the system.
 
     Raises
     ------
@@ -92,7 +93,14 @@ class CaptureWriter:
             raise RecordingError(f"{path}: expected a new file, got {err}") from err
 
     def write(self, direction: Direction, data: bytes) -> None:
-        """Add bytes; they are on the disk a second later."""
+        """Add bytes to the capture; they are written to the file within a second.
+
+        Parameters
+        ----------
+        direction : "from" or "to"
+            From or to the instrument.
+        data : bytes
+        """
         now = _PREFIX.pack(
             time.monotonic_ns(), max(time.time_ns(), 0), _DIRECTIONS.index(direction)
         )
@@ -103,13 +111,13 @@ class CaptureWriter:
             if len(self._waiting) >= FLUSH_BYTES:
                 self._try_to_flush()
             elif self._timer is None:
-                # The last bytes before a silence are written without a further call.
+                # A timer writes the bytes even if no further call follows.
                 self._timer = threading.Timer(FLUSH_INTERVAL_S, self.flush)
                 self._timer.daemon = True
                 self._timer.start()
 
     def flush(self) -> None:
-        """Write the waiting bytes."""
+        """Write the waiting bytes to the file now."""
         with self._lock:
             self._try_to_flush()
 
@@ -157,7 +165,14 @@ class CaptureWriter:
 
 
 class CaptureReader:
-    """Reader of a capture; damage is skipped and listed.
+    """Reader of a raw capture, an iterable of `CapturedBytes`.
+
+    Damaged parts of the file are skipped and listed in `damage`.
+
+    Parameters
+    ----------
+    path : path
+        File of the capture.
 
     Raises
     ------
@@ -170,7 +185,7 @@ class CaptureReader:
         self.header: dict[str, Any] = {}
         """Description of the capture; empty if its record is damaged."""
         self.damage: list[str] = []
-        """Damaged parts read so far; complete after the last bytes."""
+        """Descriptions of the damaged parts, complete after an iteration to the end."""
         items = self._items()
         first = next(items, None)
         items.close()
@@ -206,7 +221,17 @@ class CaptureReader:
 
 
 def decode_capture(kind: int, payload: bytes) -> dict[str, Any] | CapturedBytes | None:
-    """Return the header or the bytes in a record; None for any other record."""
+    """Return the content of a record of a capture: its header or transferred bytes.
+
+    None if the record is damaged or does not belong to a capture.
+
+    Parameters
+    ----------
+    kind : int
+        Kind of the record, one of `Kind`.
+    payload : bytes
+        Content of the record.
+    """
     if kind == Kind.CAPTURE:
         try:
             return payload_data(payload)

@@ -1,4 +1,8 @@
-"""Check of a survey: every byte is compared with its checksums, and nothing is changed."""
+"""Check of a survey: every byte is compared with its checksums, and nothing is changed.
+
+The journal contains all records of a survey; the ledger (``acknowledged.txt``) has a line for each
+record that reached the disk; each drop also has an HDF5 file.
+"""
 
 import os
 from dataclasses import dataclass
@@ -25,29 +29,35 @@ class CheckReport:
     survey: str
     """Folder of the survey."""
     drops_acknowledged: int
-    """Number of acknowledged drops, including lost ones."""
+    """Number of drops that were reported as saved, including lost ones."""
     drops_published: int
-    """Number of drops whose file exists and is unchanged."""
+    """Number of drops whose HDF5 file exists and is unchanged."""
     recovered: int
-    """Number of drops that recoveries have restored from their files."""
+    """Number of drops that recoveries have restored from their HDF5 files."""
     damaged: tuple[str, ...]
-    """Damaged or missing parts, a short text each, with file or drop."""
+    """Descriptions of damaged or missing parts, each with its file or drop."""
     notes: tuple[str, ...]
-    """Unfinished parts that are not damaged."""
+    """Descriptions of unfinished parts that are not damaged."""
     closed: bool
     """True if the last program that wrote the survey has closed it."""
 
     @property
     def ok(self) -> bool:
-        """True if everything acknowledged exists and nothing is damaged."""
+        """True if all saved data exist and nothing is damaged."""
         return not self.damaged
 
 
 def check(folder: str | os.PathLike[str], *, spare: SpareFolder | None = None) -> CheckReport:
-    """Compare every byte of a survey with its checksums.
+    """Compare every byte of a survey with its checksums, without changing anything.
 
-    While a program writes the survey, its unfinished parts are notes and no damage. Records that
-    only the spare folder holds count as missing.
+    Parameters
+    ----------
+    folder : path
+        Folder of the survey. While another program writes it, unfinished parts are not reported as
+        damage but as notes.
+    spare : SpareFolder, optional
+        Folder that receives records while the folder of the survey cannot be written. Records that
+        are only there are reported as missing.
 
     Raises
     ------
@@ -57,7 +67,7 @@ def check(folder: str | os.PathLike[str], *, spare: SpareFolder | None = None) -
     layout = Layout(Path(folder).absolute())
     if not layout.exists():
         raise RecordingError(
-            f"{layout.folder}: expected the folder of a survey, got none; is the path right?"
+            f"{layout.folder}: expected the folder of a survey, got no survey; check the path"
         )
     refuse_special_files(layout)
     written = is_locked(layout)
@@ -76,9 +86,9 @@ def check(folder: str | os.PathLike[str], *, spare: SpareFolder | None = None) -
         if layout.drop_file_name(number) not in index.files:
             notes.append(f"drop {drop.point}/{drop.drop} has no file yet: {_HINT}")
     if written:
-        notes.append("a program writes it")
+        notes.append("a program is writing the survey")
     elif not index.closed:
-        notes.append(f"not closed by the program that wrote it: {_HINT}")
+        notes.append(f"the program that wrote the survey did not close it: {_HINT}")
     return CheckReport(
         str(layout.folder),
         len(index.drops) + len(index.lost_drops),
@@ -132,22 +142,24 @@ def _check_ledger(index: Index, damaged: list[str], unfinished: list[str]) -> No
     last = 0
     for line in ledger.entries:
         if line.sequence != last + 1 and not ledger.damaged and last + 1 not in index.gaps:
-            damaged.append(f"acknowledged.txt: record {line.sequence} follows {last}")
+            damaged.append(
+                f"acknowledged.txt: expected record {last + 1} after {last}, got {line.sequence}"
+            )
         last = line.sequence
         entry = index.entries.get(line.sequence)
         if entry is not None and entry != line:
             damaged.append(
-                f"acknowledged.txt: the line of {describe(entry)} is not that of the journal"
+                f"acknowledged.txt: the line of {describe(entry)} differs from the journal"
             )
     if index.unacknowledged and not ledger.damaged:
         first = index.entries[min(index.unacknowledged)]
         unfinished.append(
-            f"acknowledged.txt ends before {describe(first)}, which the journal holds: {_HINT}"
+            f"acknowledged.txt lacks {describe(first)}, which the journal contains: {_HINT}"
         )
 
 
 def _check_listed(layout: Layout, index: Index, damaged: list[str]) -> int:
-    """Return the number of drops whose file exists and is unchanged."""
+    """Compare the listed files with their checksums; return the number of good drop files."""
     published = 0
     for listed in index.files.values():
         path = layout.folder / listed.path
@@ -165,7 +177,7 @@ def _check_listed(layout: Layout, index: Index, damaged: list[str]) -> int:
 
 
 def _check_peaks(layout: Layout, index: Index, damaged: list[str]) -> None:
-    """Compare the recorded peaks of each drop, which tables show, with those of its traces."""
+    """Compare the recorded peaks of each drop with the peaks of its traces."""
     for drop in index.drops.values():
         try:
             frame = read_record(layout, drop.entry.segment, drop.entry.offset)

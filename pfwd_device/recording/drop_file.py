@@ -1,14 +1,14 @@
-"""Self-describing HDF5 file of one drop: written, compared and read.
+"""HDF5 file of one drop: writing, reading and verification of its content.
 
 The file is built in memory and written by :class:`~pfwd_device.recording.storage.Storage`: on a
 full disk HDF5 itself may report success or end the program. h5py is imported by the functions that
 need it; recording works without it.
 
-One digest covers everything visible in a file of format version 2, the attribute
-``visible_sha256`` (:func:`~pfwd_device.recording.hdf5_tree.digest`). Files of version 1 have
-``content_sha256``, a digest of the recorded drop without the attributes that repeat parts of it
-for other programs. Neither version has the other one's digest, so that a file of version 2 cannot
-be read as one of version 1.
+In a file of format version 2 the attribute ``visible_sha256`` is a digest of everything visible
+(:func:`~pfwd_device.recording.hdf5_tree.digest`). In a file of version 1 ``content_sha256`` is a
+digest of the recorded drop without the attributes that repeat parts of it for other programs. A
+file with the digest of the other version is refused, so that no change of the version remains
+undetected. Version 3 is version 2 for a drop without traces, of which only peaks were recorded.
 """
 
 from collections.abc import Mapping
@@ -43,17 +43,17 @@ PEAKS_FILE_VERSION = 3
 """Format version of files of drops without traces, which earlier programs refuse."""
 
 DIGEST = "visible_sha256"
-"""Name of the attribute with the digest of everything else."""
+"""Name of the attribute with the digest of everything else in the file."""
 
 OLD_DIGEST = "content_sha256"
 """Name of the attribute with the digest of format version 1."""
 
 MAX_DROP_FILE_BYTES = 192 * 2**20
-"""Largest drop file: the largest unpacked arrays and the longest texts. A drop takes 100 kB."""
+"""Largest drop file, bytes: the largest arrays and the longest texts. A usual drop takes 100 kB."""
 
 MAX_CALIBRATION_ATTRIBUTES = 2048
-"""Largest number of attributes with identity and calibration of the channels: 64 channels with 32
-each. Further ones are in ``metadata`` alone."""
+"""Largest number of attributes with the calibration of the channels: 64 channels with 32 each.
+Further values are only in the JSON text ``metadata``."""
 
 _UNITS = {"velocity": "m/s", "displacement": "m"}
 
@@ -76,21 +76,28 @@ _ATTRIBUTES = (
 
 @dataclass(frozen=True, eq=False, slots=True)
 class StoredDrop:
-    """A drop that was read from an HDF5 file."""
+    """Drop that was read from an HDF5 file, with facts of the file."""
 
     record: DropRecord
     number: int
-    """Survey-wide number."""
+    """Number of the drop within its survey."""
     survey: bytes
-    """Identity of the survey."""
+    """Identity of the survey, 16 bytes."""
     version: int
-    """Format version; no digest covers the attributes of version 1."""
+    """Format version; in version 1 no digest covers the attributes."""
     digest: str
     """SHA-256 of everything visible, or in version 1 of the recorded drop."""
 
 
 def drop_digest(record: DropRecord, number: int) -> str:
-    """Return the SHA-256 of the recorded drop."""
+    """Return the SHA-256 of the content of a drop, as hexadecimal digits.
+
+    Parameters
+    ----------
+    record : DropRecord
+    number : int
+        Number of the drop within its survey.
+    """
     data, arrays = drop_parts(record)
     return content_digest(data | {"number": number}, arrays)
 
@@ -102,13 +109,13 @@ def drop_file_bytes(record: DropRecord, number: int, survey: bytes) -> bytes:
     ----------
     record : DropRecord
     number : int
-        Survey-wide number of the drop.
+        Number of the drop within its survey.
     survey : bytes
-        Identity of the survey.
+        Identity of the survey, 16 bytes.
     """
     import h5py
 
-    # The file is built in memory; no file of this name is opened.
+    # The name is never used: the file exists in memory only.
     with h5py.File("drop.h5", "w", driver="core", backing_store=False) as file:
         write_drop(file, record, number, survey)
         file.flush()
@@ -116,7 +123,12 @@ def drop_file_bytes(record: DropRecord, number: int, survey: bytes) -> bytes:
 
 
 def read_drop_file(path: str | Path) -> DropRecord:
-    """Return the drop in a file of a survey, bit by bit as it was saved.
+    """Return the drop in the HDF5 file of a survey, bit by bit as it was saved.
+
+    Parameters
+    ----------
+    path : path
+        File in the folder ``drops`` of a survey.
 
     Raises
     ------
@@ -127,24 +139,37 @@ def read_drop_file(path: str | Path) -> DropRecord:
 
 
 def read_drop_file_parts(path: Path) -> tuple[DropRecord, int, bytes]:
-    """Return drop, survey-wide number and identity of the survey; errors as `read_drop_file`."""
+    """Return the drop in an HDF5 file, its number within the survey, and the survey's identity.
+
+    The errors are those of `read_drop_file`.
+    """
     stored = stored_drop(path)
     return stored.record, stored.number, stored.survey
 
 
 def stored_drop(path: Path) -> StoredDrop:
-    """Return the drop of a file with facts of the file; errors as `read_drop_file`."""
+    """Return the drop in an HDF5 file with facts of the file; errors as in `read_drop_file`."""
     try:
         if path.stat().st_size > MAX_DROP_FILE_BYTES:
             limit = f"{MAX_DROP_FILE_BYTES // 2**20} MiB"
-            raise RecordingError(f"{path}: expected the file of a drop, got one of over {limit}")
+            raise RecordingError(
+                f"{path}: expected the file of a drop, got a file of more than {limit}"
+            )
     except OSError as err:
         raise RecordingError(f"{path}: expected a readable drop file, got {err}") from err
     return _stored(path, str(path))
 
 
 def drop_from_file_bytes(data: bytes, where: str) -> tuple[DropRecord, int, bytes]:
-    """Return the same as :func:`read_drop_file_parts` from the bytes of a file."""
+    """Return the drop in the bytes of an HDF5 file, its number, and the identity of its survey.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the file.
+    where : str
+        Origin of the bytes, for messages.
+    """
     stored = _stored(data, where)
     return stored.record, stored.number, stored.survey
 
@@ -162,12 +187,22 @@ def _stored(source: Path | bytes, where: str) -> StoredDrop:
 
 
 def write_drop(group: Any, record: DropRecord, number: int, survey: bytes) -> str:
-    """Write a drop into an HDF5 file or one of its groups; parameters as for `drop_file_bytes`.
+    """Write a drop into an HDF5 file or one of its groups.
+
+    Parameters
+    ----------
+    group : h5py.Group
+        Open group without content.
+    record : DropRecord
+    number : int
+        Number of the drop within its survey.
+    survey : bytes
+        Identity of the survey, 16 bytes.
 
     Returns
     -------
     str
-        Digest of the drop.
+        SHA-256 of the written content, as hexadecimal digits.
     """
     tree = _tree(record, number, survey)
     tree_digest = digest(tree)
@@ -176,14 +211,14 @@ def write_drop(group: Any, record: DropRecord, number: int, survey: bytes) -> st
 
 
 def read_drop(group: Place, where: str) -> StoredDrop:
-    """Read a drop of any format version and compare it with its digest.
+    """Read a drop of any format version from an HDF5 file and compare it with its digest.
 
     Parameters
     ----------
     group : Place
-        A file or one of its groups.
+        Open file or one of its groups.
     where : str
-        Origin, for messages.
+        Name of the file and group, for messages.
 
     Raises
     ------
@@ -210,19 +245,21 @@ def read_drop(group: Place, where: str) -> StoredDrop:
     except Exception as err:  # any error of h5py, see above
         raise RecordingError(f"{where}: expected a drop, got damage: {err}") from err
     if version == 1 and drop_digest(record, number) != written:
-        raise RecordingError(f"{where}: expected the content that was written, got another")
+        raise RecordingError(f"{where}: expected the content that was written, got changed content")
     return StoredDrop(record, number, survey, int(version), written)
 
 
 def _verified_digest(tree: Group, version: int, where: str) -> str:
-    """Return the stored digest; from version 2 on it is verified before any content is used."""
+    """Return the stored digest; from version 2 on compare it with the content first."""
     name, foreign_name = (OLD_DIGEST, DIGEST) if version == 1 else (DIGEST, OLD_DIGEST)
     attributes = dict(tree.attributes)
     written = attributes.pop(name, None)
     if not isinstance(written, str) or foreign_name in attributes:
-        raise RecordingError(f"{where}: expected the digest {name} alone, got none or another")
+        raise RecordingError(
+            f"{where}: expected only the digest {name}, got no digest or {foreign_name}"
+        )
     if version > 1 and digest(Group(tree.members, attributes)) != written:
-        raise RecordingError(f"{where}: expected the content that was written, got another")
+        raise RecordingError(f"{where}: expected the content that was written, got changed content")
     return written
 
 
@@ -358,22 +395,25 @@ def _groups(tree: Group, name: str) -> list[Group]:
 def _array(tree: Group, name: str) -> Array:
     member = tree.members[name]
     if not isinstance(member, Dataset) or isinstance(member.value, str):
-        raise RecordingError(f"{name}: expected an array, got another thing")
+        raise RecordingError(f"{name}: expected an array, got a group or a text")
     return member.value
 
 
 def _json_object(tree: Group, name: str) -> dict[str, Any]:
     member = tree.members[name]
     if not isinstance(member, Dataset) or not isinstance(member.value, str):
-        raise RecordingError(f"{name}: expected a JSON text, got another thing")
+        raise RecordingError(f"{name}: expected a JSON text, got a group or an array")
     mapping = decode_json(member.value)
     if not isinstance(mapping, dict):
-        raise RecordingError(f"{name}: expected an object of JSON, got another thing")
+        raise RecordingError(f"{name}: expected a JSON object, got {type(mapping).__name__}")
     return mapping
 
 
 def _plain_attributes(record: DropRecord) -> dict[str, Attribute]:
-    """Return the attributes for other programs; the JSON texts contain everything."""
+    """Return declared values of a drop as attributes that other programs can read easily.
+
+    The JSON texts ``declared`` and ``metadata`` contain all values.
+    """
     values = {**record.metadata, **record.declared}
     attributes: dict[str, Attribute] = {}
     for name in _ATTRIBUTES:
@@ -395,7 +435,7 @@ def _plain_attributes(record: DropRecord) -> dict[str, Attribute]:
 
 
 def _calibration(metadata: Mapping[str, Any]) -> dict[str, Attribute]:
-    """Return identity and calibration of each channel as attributes ``channel_1_...``."""
+    """Return the calibration of each channel as attributes ``channel_1_sensitivity`` and so on."""
     identity = metadata.get("identity")
     channels = identity.get("channels") if isinstance(identity, Mapping) else None
     attributes: dict[str, Attribute] = {}
@@ -424,7 +464,7 @@ def _as_float(value: object) -> float | None:
 
 
 def software_version() -> str:
-    """Return the version of this program."""
+    """Return the version of this program, such as "1.2.0"; "unknown" if it is not installed."""
     from importlib.metadata import PackageNotFoundError, version
 
     try:

@@ -1,4 +1,8 @@
-"""Conversion of a drop and its rebounds to the data and arrays of a record and back, bit by bit."""
+"""Conversion of a drop to the content of its record in the journal, and back, bit by bit.
+
+The journal contains all records of a survey. The content of a record consists of data (values that
+JSON can express) and arrays. A rebound is a later impact of the same fall.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,18 +21,19 @@ MAX_SENSORS = 1024
 MAX_REBOUNDS = 1024
 
 TRACE_PEAKS_VERSION = 1
-"""Version of the peaks in a record. Increment it when :func:`pfwd_device.signals.trace_peaks`
-changes: the peaks of an older record are then computed from its traces."""
+"""Version of the computation of the peaks in a record. It has to be incremented when
+:func:`pfwd_device.signals.trace_peaks` changes: readers then ignore the peaks of older records and
+compute them from the traces."""
 
 PEAK_TOLERANCE = 1e-9
-"""Largest difference of a recorded peak, relative to the largest value of the trace: another
-processor may add in another order."""
+"""Largest difference of a recorded peak from the computed one, relative to the largest value of the
+trace: another processor may add in another order."""
 
 Parts = tuple[dict[str, Any], dict[str, Array]]
 
 
 def drop_parts(record: DropRecord) -> Parts:
-    """Return data and arrays of a drop and its rebounds."""
+    """Return a drop with its rebounds as the data and the arrays of a record."""
     drop = record.drop
     data: dict[str, Any] = {
         "point": record.point,
@@ -39,7 +44,7 @@ def drop_parts(record: DropRecord) -> Parts:
         "rebounds": [_rebound_data(rebound) for rebound in record.rebounds],
     }
     if drop.only_peaks is not None:
-        # These peaks were recorded; ``peaks`` are computed from traces.
+        # The key differs from "peaks", which are computed from traces.
         displacements = [peak for _, peak in drop.only_peaks.displacements]
         data["only_peaks"] = {"load": drop.only_peaks.load, "displacements": displacements}
         return data, {}
@@ -54,13 +59,16 @@ def drop_parts(record: DropRecord) -> Parts:
 
 
 def is_trace(name: str) -> bool:
-    """Return True if an array of a drop's record is one of its traces, in SI units."""
+    """Return True if the name of an array in the record of a drop is that of a trace in SI units.
+
+    Traces are the time, the load and the sensors; other arrays are raw counts.
+    """
     return name in ("time", "load") or name.startswith("sensor ")
 
 
 @dataclass(frozen=True, slots=True)
 class DropFacts:
-    """Facts of a drop for the row of a table: its peaks, or its traces."""
+    """Values of a drop for the row of a table: declarations, and either its peaks or its traces."""
 
     declared: Mapping[str, Any]
     """Declared values; see :class:`DropRecord`."""
@@ -69,21 +77,22 @@ class DropFacts:
     peaks: Peaks | None
     """Recorded peaks; None if the record has none."""
     drop: Drop | None
-    """Drop with its traces; None if the peaks are known, so that the traces were not read."""
+    """Drop with its traces; None if `peaks` has them, so that the traces were not read."""
 
 
 def facts_of(record: DropRecord) -> DropFacts:
-    """Return the facts of a drop with traces."""
+    """Return the `DropFacts` of a record that was read with its traces."""
     return DropFacts(record.declared, record.metadata, None, record.drop)
 
 
 def peaks_data(drop: Drop) -> dict[str, Any] | None:
-    """Return the peaks of a drop for its record; None if the readers have to compute them.
+    """Return the peaks of the traces of a drop as data for its record.
 
-    That is a drop with missing samples, which are NaN: each reader decides how to treat them.
+    None for a drop with missing samples (NaN), because each reader treats these differently, and
+    for a drop without traces, whose record contains its peaks already.
     """
     if drop.only_peaks is not None:
-        return None  # the record has them as its data
+        return None  # `drop_parts` writes them
     if not all(np.isfinite(trace).all() for trace in (drop.time, drop.load, *_values(drop))):
         return None
     with np.errstate(over="ignore", invalid="ignore"):  # values near the largest number overflow
@@ -95,7 +104,15 @@ def peaks_data(drop: Drop) -> dict[str, Any] | None:
 
 
 def recorded_peaks(data: Mapping[str, Any]) -> Peaks | None:
-    """Return the peaks in a record; None without peaks, or with those of another version."""
+    """Return the peaks that were computed from the traces when a drop was recorded.
+
+    None if the record has none, or those of another `TRACE_PEAKS_VERSION`.
+
+    Parameters
+    ----------
+    data : mapping
+        Data of the record.
+    """
     if "only_peaks" in data:
         return None  # `drop_from_parts` reads them
     recorded = data.get("peaks")
@@ -113,7 +130,7 @@ def recorded_peaks(data: Mapping[str, Any]) -> Peaks | None:
     ):
         return None
     try:
-        # Channel does the same: 0.0 takes the sign off -0.
+        # Adding 0.0 turns -0.0 into 0.0, as in Channel.
         offsets = [_number(offset) + 0.0 for offset, _ in sensors]
         return Peaks(_number(load), tuple(zip(offsets, map(_number, displacements), strict=True)))
     except (TypeError, ValueError):
@@ -121,12 +138,17 @@ def recorded_peaks(data: Mapping[str, Any]) -> Peaks | None:
 
 
 def peaks_problem(payload: bytes) -> str | None:
-    """Return the difference between recorded and computed peaks of a drop; None without one.
+    """Return a message if the recorded peaks of a drop differ from those of its traces, or None.
+
+    Parameters
+    ----------
+    payload : bytes
+        Content of the record of the drop.
 
     Raises
     ------
     RecordingError
-        If the payload has no traces.
+        If the content is not that of a drop.
     """
     data, arrays = decode_payload(payload, is_trace)
     recorded = recorded_peaks(data)
@@ -137,7 +159,7 @@ def peaks_problem(payload: bytes) -> str | None:
     if recorded == computed:  # the usual case needs no tolerance
         return None
     if peaks_data(drop) is None:
-        return "expected no peaks beside traces with missing samples, got some"
+        return "expected no recorded peaks, because samples of the traces are missing, got some"
     largest = [float(np.abs(values).max()) for values in (drop.load, *_values(drop))]
     duration = float(drop.time[-1] - drop.time[0])
     scales = [
@@ -158,7 +180,13 @@ def peaks_problem(payload: bytes) -> str | None:
 
 
 def drop_from_parts(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> DropRecord:
-    """Return the drop of data and arrays; raise RecordingError if they are not those of a drop."""
+    """Return the drop of a record from its data and arrays, the inverse of `drop_parts`.
+
+    Raises
+    ------
+    RecordingError
+        If they are not the data and arrays of a drop.
+    """
     try:
         sensors, rebounds = list(data["sensors"]), list(data["rebounds"])
         if len(sensors) > MAX_SENSORS or len(rebounds) > MAX_REBOUNDS:
@@ -184,25 +212,27 @@ def drop_from_parts(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> Dro
             ),
         )
     except (KeyError, TypeError, ValueError) as err:
-        raise RecordingError(f"expected the data of a drop, got others: {err}") from err
+        raise RecordingError(f"expected the data of a drop, got other data: {err}") from err
 
 
 def _only_peaks(recorded: Any, sensors: list[Any]) -> Peaks:
-    """Return the peaks of a record without traces."""
     offsets = [_number(offset) for offset, _ in sensors]
     displacements = [_number(peak) for peak in recorded["displacements"]]
     return Peaks(_number(recorded["load"]), tuple(zip(offsets, displacements, strict=True)))
 
 
 def raised_version(info: Mapping[str, Any], data: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return the survey record with the format version for this drop; None if it is in force.
+    """Return the record of the survey with the format version that a drop needs.
+
+    A drop without traces needs a higher version, so that earlier programs refuse the survey. None
+    if the present version suffices.
 
     Parameters
     ----------
     info : mapping
-        Data of the survey record in force.
+        Data of the present record of the survey.
     data : mapping
-        Data of the drop's record.
+        Data of the record of the drop.
     """
     if "only_peaks" not in data or info.get("format_version") == PEAKS_FORMAT_VERSION:
         return None
@@ -210,21 +240,34 @@ def raised_version(info: Mapping[str, Any], data: Mapping[str, Any]) -> dict[str
 
 
 def rebound_payload(number: int, rebound: Rebound) -> bytes:
-    """Return the payload of a rebound of the drop with this survey-wide number."""
+    """Return the content of the record of a rebound.
+
+    Parameters
+    ----------
+    number : int
+        Number within the survey of the drop to which the rebound belongs.
+    rebound : Rebound
+    """
     return encode_payload(_rebound_data(rebound) | {"number": number}, {"counts": rebound.counts})
 
 
 def rebound_from_payload(payload: bytes) -> Rebound:
-    """Return the rebound in a payload; raise RecordingError if there is none."""
+    """Return the rebound in the content of a record.
+
+    Raises
+    ------
+    RecordingError
+        If the record is not that of a rebound.
+    """
     data, arrays = decode_payload(payload)
     try:
         return _rebound_from(data, arrays["counts"])
     except (KeyError, TypeError, ValueError) as err:
-        raise RecordingError(f"expected the data of a rebound, got others: {err}") from err
+        raise RecordingError(f"expected the data of a rebound, got other data: {err}") from err
 
 
 def with_rebounds(record: DropRecord, later: tuple[Rebound, ...]) -> DropRecord:
-    """Return the drop with the rebounds that were recorded after it, each of them once."""
+    """Return the drop with further rebounds, which were recorded after it; skip those it has."""
     recorded_earlier = {(rebound.first_sample, rebound.delay) for rebound in record.rebounds}
     later = tuple(r for r in later if (r.first_sample, r.delay) not in recorded_earlier)
     if not later:
@@ -262,29 +305,29 @@ def _values(drop: Drop) -> list[Array]:
 
 def _number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float | np.floating):
-        raise TypeError("a number is missing")
+        raise TypeError(f"expected a number, got {type(value).__name__}")
     return float(value)
 
 
 def _integer(value: object) -> int:
     if type(value) is not int:
-        raise TypeError("a whole number is missing")
+        raise TypeError(f"expected a whole number, got {type(value).__name__}")
     return value
 
 
 def _text(value: object) -> str:
     if not isinstance(value, str):
-        raise TypeError("a text is missing")
+        raise TypeError(f"expected a text, got {type(value).__name__}")
     return value
 
 
 def _quantity(value: object) -> Any:
     if value not in ("velocity", "displacement"):
-        raise ValueError("a sensor measures velocity or displacement")
+        raise ValueError("expected the quantity velocity or displacement, got another")
     return value
 
 
 def _mapping(value: object) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise TypeError("a mapping is missing")
+        raise TypeError(f"expected a mapping, got {type(value).__name__}")
     return value

@@ -1,4 +1,7 @@
-"""Location of a drop in the journal of a survey, for use in another process."""
+"""Location of a drop in the journal, the files with all records of a survey.
+
+Another process can read the drop by its location without reading the survey first.
+"""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -21,10 +24,12 @@ from pfwd_device.recording.record import DropRecord
 
 
 class DropPlace(NamedTuple):
-    """Location of a drop in the journal, small enough to send to another process."""
+    """Location of a drop in the journal of a survey, small enough to send to another process."""
 
     layout: Layout
+    """Paths of the survey."""
     entry: Entry
+    """Place of the record in the journal."""
     number: int
     """Number of the drop within the survey."""
     point: str
@@ -32,12 +37,12 @@ class DropPlace(NamedTuple):
     """Number of the drop within the point."""
 
     def read_facts(self) -> DropFacts:
-        """Read the facts from the journal; see :meth:`SurveyDrop.read_facts`.
+        """Read the declarations and the recorded peaks of the drop, or its traces without peaks.
 
         Raises
         ------
         RecordingError
-            If the journal does not hold the complete drop at this location.
+            If the journal does not contain the complete drop at this location.
         """
         frame = drop_frame(self.layout, self.entry, self.number)
         data, peaks_or_arrays = decode_payload_unless(frame.payload, recorded_peaks, is_trace)
@@ -47,11 +52,11 @@ class DropPlace(NamedTuple):
         require_drop(expected, data.get("number"), data.get("point"), data.get("drop"))
         declared, metadata = data.get("declared"), data.get("metadata")
         if not isinstance(declared, dict) or not isinstance(metadata, dict):
-            raise RecordingError(f"expected declarations of drop {self.number}, got other data")
+            raise RecordingError(f"expected the declarations of drop {self.number}, got other data")
         return DropFacts(declared, metadata, peaks_or_arrays, None)
 
     def read_traces(self) -> DropRecord:
-        """Read the traces from the journal; errors as in `read_facts`."""
+        """Read the drop without rebounds and raw counts; errors as in `read_facts`."""
         frame = drop_frame(self.layout, self.entry, self.number)
         return self._record(*decode_payload(frame.payload, is_trace))
 
@@ -63,7 +68,22 @@ class DropPlace(NamedTuple):
 
 
 def drop_frame(layout: Layout, entry: Entry, number: int) -> Frame:
-    """Return the record of the drop of this survey-wide number, or raise RecordingError."""
+    """Read the record of a drop from the journal.
+
+    Parameters
+    ----------
+    layout : Layout
+        Paths of the survey.
+    entry : Entry
+        Place of the record.
+    number : int
+        Number of the drop within the survey, for messages.
+
+    Raises
+    ------
+    RecordingError
+        If the record at this place is damaged, or that of something else.
+    """
     frame = read_record(layout, entry.segment, entry.offset)
     if (frame.kind, frame.sequence) != (Kind.DROP, entry.sequence):
         raise RecordingError(f"expected drop {number}, got another record")
@@ -71,6 +91,9 @@ def drop_frame(layout: Layout, entry: Entry, number: int) -> Frame:
 
 
 def require_drop(expected: tuple[int, str, int], *actual: object) -> None:
-    """Raise RecordingError unless number, point and number within the point are as expected."""
+    """Raise RecordingError unless a drop that was read is the expected one.
+
+    Both are identified by the number within the survey, the point and the number within the point.
+    """
     if actual != expected:
-        raise RecordingError(f"expected drop {expected[0]}, got another one")
+        raise RecordingError(f"expected drop {expected[0]}, got another drop")

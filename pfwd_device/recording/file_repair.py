@@ -1,4 +1,9 @@
-"""Repair of the published files of a survey: verified, listed, restored, or moved to damaged."""
+"""Repair of the files of a survey beside its journal: HDF5 files of drops, results, raw captures.
+
+The journal contains all records of a survey, and lists each of these files with its checksum. A
+missing or damaged file is restored from the journal; a damaged one is moved to the folder
+``damaged``.
+"""
 
 import os
 from pathlib import Path
@@ -15,22 +20,34 @@ from pfwd_device.recording.publishing import Publisher
 from pfwd_device.recording.record_log import RecordLog
 
 MAX_PUBLISHING_FAILURES = 3
-"""Number of failures after which the other drops wait for the next recovery."""
+"""Number of files that cannot be made after which the other drops wait for the next recovery."""
 
 MAX_RESULT_RECORD_BYTES = 64 * 2**20
-"""Largest result that a record can contain."""
+"""Largest result that a record can contain, bytes."""
 
 
 class FileRepair:
-    """Repair of drops, results and captures in one pass."""
+    """Repair of the files of drops, results and raw captures of a survey that is open for writing.
+
+    Parameters
+    ----------
+    log : RecordLog
+        Journal to which records of listed files are appended.
+    index : Index
+        Content of the journal, which is updated.
+    helper : Publisher
+        Writer of the HDF5 files of drops.
+    thorough : bool
+        True: compare the content of each file with its checksum, not only its size.
+    """
 
     def __init__(self, log: RecordLog, index: Index, helper: Publisher, *, thorough: bool) -> None:
         self.sound: set[str] = set()
-        """Paths of listed files that are unchanged."""
+        """Paths of listed files that are unchanged or restored."""
         self.damaged: list[str] = []
-        """Files that cannot be restored."""
+        """Descriptions of files that cannot be restored."""
         self.actions: list[str] = []
-        """Actions on results, captures and unknown files."""
+        """Descriptions of the actions on results, captures and unknown files."""
         self._log = log
         self._layout = log.layout
         self._folder = str(log.layout.folder)
@@ -40,29 +57,37 @@ class FileRepair:
         self._thorough = thorough
 
     def remove_drafts(self) -> None:
-        """Move unfinished files to ``damaged``; delete drafts of files that exist elsewhere."""
+        """Move files with a temporary name to ``damaged``, or delete them if they are copies.
+
+        A program that was interrupted while it wrote a file leaves a file with a temporary name.
+        """
         layout = self._layout
         for folder in (layout.folder, layout.drops, layout.results, layout.captures):
             for name in names_in(folder):
                 if not (name.startswith(".") and name.endswith(".tmp")):
                     continue
                 if folder == layout.folder:
-                    # Drafts of ledger, reserve and writer.txt contain nothing else.
+                    # Drafts of ledger, reserve and writer.txt contain no data of their own.
                     self._storage.unlink(folder / name)
                 else:
                     set_aside(layout, self._storage, folder / name)
-                    self.actions.append(f"unfinished {name} moved to damaged")
+                    self.actions.append(f"unfinished file {name} moved to damaged")
         for name in names_in(layout.damaged):
             if name.startswith(".") and name.endswith(".tmp"):
                 self._storage.unlink(layout.damaged / name)  # its original is still in place
 
     def repair_drop_files(self, *, publish: bool) -> list[int]:
-        """Verify the files of drops; return the numbers of those that were published now.
+        """Verify the HDF5 files of drops, and replace missing and damaged ones.
 
         Parameters
         ----------
         publish : bool
-            Make missing files.
+            False: only verify.
+
+        Returns
+        -------
+        list of int
+            Numbers within the survey of the drops whose file was made now.
         """
         made: list[int] = []
         failures = 0
@@ -79,7 +104,7 @@ class FileRepair:
             try:
                 answer = self._publish(publish_request(self._layout, drop), path)
             except RecordingError as err:
-                self.actions.append(f"drop {number} is in the journal only: {err}")
+                self.actions.append(f"drop {number} is only in the journal: {err}")
                 failures += 1
                 continue
             self._list({key: answer[key] for key in ("path", "size", "sha256", "number")})
@@ -89,7 +114,10 @@ class FileRepair:
         return made
 
     def repair_results_and_captures(self) -> None:
-        """Verify and list results and captures; restore results from the journal."""
+        """Verify results and captures, and restore damaged results from the journal.
+
+        Files that the journal does not list because of a crash are listed.
+        """
         for listed in list(self._index.files.values()):
             if not listed.path.startswith(("results/", "captures/")):
                 continue
@@ -107,11 +135,11 @@ class FileRepair:
             if number not in self._index.drops:
                 path = self._layout.drop_file(number)
                 set_aside(self._layout, self._storage, path)
-                self.actions.append(f"{path.name} holds no drop and was moved to damaged")
+                self.actions.append(f"{path.name} contains no drop and was moved to damaged")
 
     def _is_sound(self, listed: FileEntry) -> bool:
         try:
-            # Making a Path takes longer than the system call, and a survey has many files.
+            # Without a Path, whose creation takes longer than the system call.
             if os.stat(f"{self._folder}/{listed.path}").st_size != listed.size:
                 return False
             if not self._thorough:
@@ -127,13 +155,13 @@ class FileRepair:
         except RecordingError:
             if not path.exists():
                 raise
-        # The existing file is not that of this drop.
+        # The publisher refuses to replace the existing file, which is not that of this drop.
         set_aside(self._layout, self._storage, path)
-        self.actions.append(f"{path.name} did not verify and was moved to damaged")
+        self.actions.append(f"{path.name} is not the file of its drop and was moved to damaged")
         return self._helper.ask(request)
 
     def _rewrite_result(self, listed: FileEntry, path: Path) -> bool:
-        """Restore a result from the journal; return True on success."""
+        """Restore the file of a result from the journal; return True on success."""
         try:
             frame = read_record(self._layout, listed.entry.segment, listed.entry.offset)
             content = payload_data(frame.payload).get("content")
@@ -149,13 +177,13 @@ class FileRepair:
         return True
 
     def _list_unlisted(self, path: Path) -> None:
-        """List a file that was not listed because of a crash."""
+        """Record a result or capture in the journal that is missing there because of a crash."""
         if path.parent == self._layout.results:
             if path.suffix != ".json":
                 return
             try:
                 if path.stat().st_size > MAX_RESULT_RECORD_BYTES:
-                    raise RecordingError("expected a result, got a larger file")
+                    raise RecordingError("expected a result, got a file of more than 64 MiB")
                 decode_json(path.read_bytes())
             except RecordingError:
                 set_aside(self._layout, self._storage, path)
@@ -166,7 +194,7 @@ class FileRepair:
         facts = file_facts(self._layout, path)
         self._list(facts | {"number": _number_of(path.name)})
         self.sound.add(facts["path"])
-        self.actions.append(f"{facts['path']} listed")
+        self.actions.append(f"{facts['path']} listed in the journal")
 
     def _list(self, facts: dict[str, Any]) -> None:
         data = facts | {"time_utc": now()}
@@ -175,6 +203,6 @@ class FileRepair:
 
 
 def _number_of(name: str) -> int | None:
-    """Return the survey-wide number of the drop in the name of a result."""
+    """Return the number of the drop that the name of a result contains; None without a number."""
     parts = name.split("-")
     return int(parts[1]) if len(parts) == 3 and parts[1].isdecimal() else None

@@ -1,4 +1,4 @@
-"""Size and digest of files, and moving of a file to ``damaged`` without losing a byte."""
+"""Size and digest of the files of a survey, and moving of a damaged file without losing a byte."""
 
 import hashlib
 from datetime import UTC, datetime
@@ -13,12 +13,20 @@ _COPY_BYTES = 2**20
 
 
 def now() -> str:
-    """Return the time in UTC, ISO 8601 with milliseconds."""
+    """Return the present time in UTC as ISO 8601 text with milliseconds."""
     return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def file_facts(layout: Layout, path: Path) -> dict[str, Any]:
-    """Return path within the survey, size and SHA-256 of a file; raise OSError."""
+    """Return the path within the survey, the size (bytes) and the SHA-256 of a file.
+
+    The keys are ``path``, ``size`` and ``sha256``.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    """
     digest = hashlib.sha256()
     size = 0
     with path.open("rb") as stream:
@@ -29,7 +37,7 @@ def file_facts(layout: Layout, path: Path) -> dict[str, Any]:
 
 
 def publish_request(layout: Layout, drop: DropEntry) -> dict[str, Any]:
-    """Return the request to the publisher for the drop's file."""
+    """Return the request for the HDF5 file of a drop, for the process that makes these files."""
     return {
         "do": "publish",
         "survey": str(layout.folder),
@@ -42,10 +50,23 @@ def publish_request(layout: Layout, drop: DropEntry) -> dict[str, Any]:
 def keep_copy(
     layout: Layout, storage: Storage, path: Path, name: str, offset: int = 0, length: int = -1
 ) -> None:
-    """Copy a part of a file to the folder ``damaged``, where no file is overwritten.
+    """Copy a part of a file to the folder ``damaged`` of the survey.
 
-    If a copy with the same content exists, no further one is made. The copy is on the disk when
-    the function returns.
+    No file is overwritten there. If a copy with the same content exists, no further one is made.
+    The copy is on the disk when the function returns.
+
+    Parameters
+    ----------
+    layout : Layout
+        Paths of the survey.
+    storage : Storage
+        Access to the files.
+    path : Path
+        File to copy.
+    name : str
+        Name of the copy; a number is appended if it is used.
+    offset, length : int
+        Part to copy, bytes; a negative length means up to the end.
     """
     count = 1
     while True:
@@ -73,7 +94,10 @@ def keep_copy(
 
 
 def set_aside(layout: Layout, storage: Storage, path: Path) -> None:
-    """Move a file to ``damaged``: copy it, wait for the disk, then delete its old name."""
+    """Move a file to the folder ``damaged`` of the survey.
+
+    The file is copied, and deleted when the copy is on the disk.
+    """
     keep_copy(layout, storage, path, path.name.lstrip("."))
     storage.unlink(path)
     storage.sync_directory(path.parent)

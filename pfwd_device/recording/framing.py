@@ -1,6 +1,7 @@
-"""Encoding of the records of journals and captures, and a scan that tolerates any damage.
+"""Encoding of the records of journals and raw captures, and a search that tolerates any damage.
 
-A record is a header of 48 bytes and a payload; all numbers are little-endian:
+The journal contains all data of a survey; a raw capture contains the bytes of a link. A record is a
+header of 48 bytes and a payload; all numbers are little-endian:
 
 ====== ===== =========================================================
 offset bytes meaning
@@ -14,8 +15,9 @@ offset bytes meaning
 44     4     CRC-32 of the header's first 44 bytes
 ====== ===== =========================================================
 
-The header has its own CRC: it identifies a record whose payload is damaged, and after damage the
-search for the next record reads 48 bytes for each candidate and no payload.
+The payload is the content of the record. The header has a CRC of its own for two reasons: it
+identifies a record whose payload is damaged, and after damage the search for the next record reads
+only the 48 bytes of each candidate.
 """
 
 import io
@@ -31,37 +33,48 @@ from pfwd_device.errors import RecordingError
 MAGIC = b"\x89PFWDJ\r\n"
 HEADER = struct.Struct("<8sII16sQII")
 MAX_RECORD_PAYLOAD_BYTES = 64 * 2**20
-"""Largest payload; a drop of 8 channels and 10 s at 50 kHz has 48 MB before compression."""
+"""Largest payload, bytes; a drop of 8 channels and 10 s at 50 kHz has 48 MB before compression."""
 
 _SCAN_BYTES = 2**20
 _CHECK = struct.Struct("<I")
 
 
 class Kind(IntEnum):
-    """Types of record."""
+    """Kind of a record in a journal, or in a capture (the last two)."""
 
     SURVEY = 1
+    """Time and program of the creation of the survey."""
     POINT = 2
+    """Test point with its declarations."""
     DROP = 3
+    """Drop with its traces."""
     REBOUND = 4
+    """Rebound of a drop."""
     EDIT = 5
+    """Later change by the user, such as a note."""
     EVENT = 6
+    """Event such as a gap, a reconnection or a recovery."""
     CHECK = 7
+    """Check of the zero or the span of a channel."""
     FILE = 8
+    """File of a drop, a result or a capture, with its checksum."""
     CLOSE = 9
+    """Regular end of a program that wrote the survey."""
     CAPTURE = 32
+    """Header of a capture."""
     BYTES = 33
+    """Bytes from or to the instrument."""
 
 
 class Frame(NamedTuple):
-    """An undamaged record; a tuple, because a survey has many."""
+    """Undamaged record of a journal or capture, with its position in the file."""
 
     kind: int
-    """Type, one of Kind; a later version may have more."""
+    """One of `Kind`, or a number of a later version."""
     identity: bytes
     """Identity of the survey or capture, 16 bytes."""
     sequence: int
-    """Number of the record."""
+    """Sequence number of the record, from 1."""
     offset: int
     """Position in its file, bytes."""
     length: int
@@ -69,23 +82,34 @@ class Frame(NamedTuple):
     check: int
     """CRC-32 in the header, which covers the CRC-32 of the payload."""
     payload: bytes
-    """Content."""
+    """Content of the record."""
 
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """A part of a file that contains no record."""
+    """Part of a journal or capture that contains no valid record."""
 
     offset: int
     """Position, bytes."""
     length: int
     """Length, bytes."""
     at_end: bool
-    """True if no record follows: an unfinished record, or a damaged one."""
+    """True if no record follows, so that it may be an unfinished record."""
 
 
 def encode_frame(kind: int, identity: bytes, sequence: int, payload: bytes) -> bytes:
-    """Return the bytes of a record.
+    """Return the bytes of a record: header and payload.
+
+    Parameters
+    ----------
+    kind : int
+        One of `Kind`.
+    identity : bytes
+        Identity of the survey or capture, 16 bytes.
+    sequence : int
+        Sequence number of the record, from 1.
+    payload : bytes
+        Content of the record.
 
     Raises
     ------
@@ -103,7 +127,7 @@ def encode_frame(kind: int, identity: bytes, sequence: int, payload: bytes) -> b
 
 
 def scan_bytes(data: bytes) -> tuple[list[Frame], list[Damage]]:
-    """Return the records and the damaged parts of any `data`; never raise."""
+    """Return the records and the damaged parts of a journal or capture; no bytes raise an error."""
     frames: list[Frame] = []
     damage: list[Damage] = []
     for item in scan(io.BytesIO(data)):
@@ -112,23 +136,25 @@ def scan_bytes(data: bytes) -> tuple[list[Frame], list[Damage]]:
 
 
 def scan(stream: BinaryIO, size: int | None = None, start: int = 0) -> Iterator[Frame | Damage]:
-    """Yield records and damaged parts in the order of the file, without gaps between them.
+    """Yield the records and the damaged parts of a journal or capture, in the order of the file.
 
-    At most one payload and 1 MiB are in memory. After damage the scan continues with the next
-    magic.
+    Records and damaged parts together cover the file. After damage the search continues at the
+    next magic, the 8 bytes with which a header begins. At most one payload and 1 MiB are in memory.
 
     Parameters
     ----------
     stream : readable and seekable
+        Open file.
     size : int, optional
-        End of the scan; by default the present end of the file.
+        End of the search, bytes; by default the present end of the file.
     start : int
-        Begin of the scan.
+        Position at which the search begins, bytes.
     """
     if size is None:
         size = stream.seek(0, io.SEEK_END)
     position = bad = start
-    # Crafted headers with long payloads would take time proportional to the square of the size.
+    # A limit on the bytes that are read without finding a record. A file with many crafted headers
+    # of long payloads would otherwise take a time proportional to the square of its size.
     remaining_cost = 16 * size + 4 * MAX_RECORD_PAYLOAD_BYTES
     while position < size:
         frame, cost = _frame_at(stream, position, size)
@@ -145,12 +171,12 @@ def scan(stream: BinaryIO, size: int | None = None, start: int = 0) -> Iterator[
 
 
 def read_frame(stream: BinaryIO, offset: int) -> Frame | None:
-    """Return the record at `offset`; None if there is no undamaged one."""
+    """Return the record at a position of a file; None if there is no undamaged record."""
     return _frame_at(stream, offset, stream.seek(0, io.SEEK_END))[0]
 
 
 def _frame_at(stream: BinaryIO, offset: int, size: int) -> tuple[Frame | None, int]:
-    """Return the record or None, and the number of bytes read in vain."""
+    """Return the record at `offset` and 0, or None and the number of bytes read without success."""
     stream.seek(offset)
     head = stream.read(min(HEADER.size, size - offset))
     if len(head) < HEADER.size:
@@ -167,7 +193,7 @@ def _frame_at(stream: BinaryIO, offset: int, size: int) -> tuple[Frame | None, i
 
 
 def _next_magic(stream: BinaryIO, position: int, size: int) -> int:
-    """Return the position of the next magic from `position` on, or `size`."""
+    """Return the position of the next magic from `position` on; `size` if there is none."""
     overlap = len(MAGIC) - 1
     while position < size:
         stream.seek(position)

@@ -1,4 +1,8 @@
-"""Interface of all transports, and their common behaviour when they are closed."""
+"""Interface of all transports, and the closing that they share.
+
+A transport carries bytes between this computer and an instrument: a serial port or a TCP
+connection.
+"""
 
 import sys
 import threading
@@ -9,10 +13,10 @@ from typing import Protocol
 from pfwd_device.errors import DeviceLost
 
 POLL_INTERVAL_S = 0.1
-"""Interval at which a reader wakes up, s: closing waits no longer, even where a port cannot be
-interrupted."""
+"""Longest time that a reader blocks at once, s. Closing waits no longer than this, even where a
+read cannot be interrupted."""
 WRITE_TIMEOUT_S = 1.0
-"""Longest time to send a command, s. Commands are a few bytes: an instrument that takes longer
+"""Longest time to send a command, s. A command has a few bytes: an instrument that takes longer
 does not receive."""
 _CLOSE_TIMEOUT_S = 2.0
 """Longest wait of `close` for a reader or a writer to leave the port, s."""
@@ -27,43 +31,46 @@ if sys.platform != "win32":
 
 
 class Transport(Protocol):
-    """An open link to an instrument."""
+    """Open link to an instrument that sends and receives bytes."""
 
     url: str
     """URL with which it was opened."""
     description: str
-    """Description for messages."""
+    """Kind and address of the link for messages, such as "serial port COM3 at 115200 baud"."""
 
     def read(self, timeout: float) -> bytes:
-        """Return the received bytes, after up to `timeout` s for the first; b"" on silence.
+        """Return the received bytes; wait up to `timeout` seconds for the first of them.
+
+        The result is empty if nothing arrived.
 
         Raises
         ------
         DeviceLost
-            If the link is gone; earlier calls have returned all bytes received before.
+            If the link failed; earlier calls have returned all bytes received before.
         """
         ...
 
     def write(self, data: bytes) -> None:
-        """Send all bytes.
+        """Send bytes to the instrument.
 
         Raises
         ------
         DeviceLost
-            If the link is gone or the instrument does not receive them in time.
+            If the link failed or the instrument does not receive all bytes in time.
         """
         ...
 
     def close(self) -> None:
-        """End the link, from any thread; `read` in another thread raises `DeviceLost`."""
+        """Close the link. Any thread may call it: `read` in another one raises `DeviceLost`."""
         ...
 
 
 class LockedTransport(ABC):
-    """Transport that is not closed while another thread uses the port.
+    """Base class of transports that can be closed safely while another thread reads or writes.
 
-    Closing a descriptor during a read crashes the reader. If the system reuses its number, the
-    reader receives the bytes of another file.
+    Closing a file descriptor during a read crashes the reader. If the system reuses the number of
+    the descriptor, the reader receives the bytes of another file. So `close` waits until the
+    reader and the writer have left the port.
     """
 
     def __init__(self, url: str, description: str) -> None:
@@ -74,7 +81,7 @@ class LockedTransport(ABC):
         self._closing = threading.Event()
 
     def read(self, timeout: float) -> bytes:
-        """See `Transport.read`."""
+        """Return the received bytes; wait up to `timeout` seconds. See `Transport.read`."""
         deadline = time.monotonic() + timeout
         with self._reading:
             while True:
@@ -85,13 +92,13 @@ class LockedTransport(ABC):
                     return data
 
     def write(self, data: bytes) -> None:
-        """See `Transport.write`."""
+        """Send bytes to the instrument. See `Transport.write`."""
         with self._writing:
             self._require_open()
             self._write(data)
 
     def close(self) -> None:
-        """See `Transport.close`."""
+        """Close the link; a second call has no effect. See `Transport.close`."""
         if self._closing.is_set():
             return
         self._closing.set()
@@ -106,18 +113,21 @@ class LockedTransport(ABC):
 
     def _require_open(self) -> None:
         if self._closing.is_set():
-            raise DeviceLost(f"{self.url}: expected an open port, got one that was closed here")
+            raise DeviceLost(f"{self.url}: expected an open port, got one that this program closed")
 
     @abstractmethod
     def _read(self, timeout: float) -> bytes:
-        """Return the received bytes after up to `timeout` s, at most `POLL_INTERVAL_S`."""
+        """Return the received bytes; wait up to `timeout` seconds for the first of them.
+
+        The timeout is at most `POLL_INTERVAL_S`.
+        """
 
     @abstractmethod
     def _write(self, data: bytes) -> None: ...
 
     @abstractmethod
     def _interrupt(self) -> None:
-        """Wake a blocked reader and a blocked writer."""
+        """End a read and a write that block in other threads, as far as the port allows it."""
 
     @abstractmethod
     def _close(self) -> None: ...

@@ -1,4 +1,4 @@
-"""Opening of the port of an instrument, and of the same port again after a loss."""
+"""Opening of the port of an instrument, and reopening after the link was lost."""
 
 from typing import Any
 
@@ -21,11 +21,12 @@ def open_transport(
     ----------
     port : str, or an open port
         A URL: /dev/ttyUSB0, COM3, socket://host:port, tcp://host:port, rfc2217://host:port,
-        loop:// and all others that pyserial can open; or an open port of pyserial or an equivalent
-        object; or a transport, which is returned unchanged.
+        loop:// or any other that pyserial can open; or an open port of pyserial or an equivalent
+        object; or a `Transport`, which is returned unchanged.
     baud_rate : int
         Baud rate of a serial port.
     write_timeout : float, s
+        Longest time in which the instrument has to receive a command.
 
     Returns
     -------
@@ -34,7 +35,7 @@ def open_transport(
     Raises
     ------
     PortError
-        If it cannot be opened; the message has the cause and a remedy.
+        If the port cannot be opened; the message has the cause and a remedy.
 
     Examples
     --------
@@ -55,7 +56,10 @@ def open_transport(
 
 
 class PortFinder:
-    """Opener of an instrument's port; reopens it under the name that the USB adapter has then.
+    """Opens the port of an instrument, and reopens it even if its name has changed.
+
+    The name of a serial port may change when its USB adapter is plugged in again. After the first
+    opening the port is identified by the USB identity of the adapter.
 
     Parameters
     ----------
@@ -72,18 +76,18 @@ class PortFinder:
         self._turn = 0
 
     def __call__(self) -> Transport:
-        """Return an open transport.
+        """Open the port and return its transport.
 
         Raises
         ------
         PortError
-            If it cannot be opened, or the adapter is not connected.
+            If the port cannot be opened, or another adapter has its name.
         """
         urls = ports.candidate_urls(self._url, self._adapter)
         if not urls:
             raise PortError(
-                f"{self._url}: expected the adapter of this instrument, got another one; plug "
-                "the instrument's own adapter in again"
+                f"{self._url}: expected the USB adapter of this instrument, got another adapter; "
+                "plug in the instrument's own adapter again"
             )
         # Adapters without a serial number are indistinguishable: try one after the other.
         url = urls[self._turn % len(urls)]

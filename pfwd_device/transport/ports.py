@@ -15,12 +15,14 @@ from pfwd_device.text import clean
 
 @dataclass(frozen=True, slots=True)
 class Adapter:
-    """USB identity of an adapter, independent of the name of its port."""
+    """USB identity of a serial adapter, which does not change with the name of its port."""
 
     vid: int
+    """USB number of the maker."""
     pid: int
+    """USB number of the product."""
     serial_number: str | None
-    """Serial number; None for many cheap adapters, of which two of a kind are equal."""
+    """Serial number; None for many cheap adapters, so that two of one model are equal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,13 +30,14 @@ class Port:
     """A serial port of this computer."""
 
     url: str
-    """Name with which it is opened."""
+    """Name with which it is opened, such as COM3 or /dev/ttyUSB0."""
     description: str
-    """Description that the adapter declares, without control characters."""
+    """Description that the adapter reports, without control characters."""
     adapter: Adapter | None = None
     """USB adapter; None for a port without USB."""
     by_id: str | None = None
-    """Name that stays with the adapter, where the platform has one (Linux)."""
+    """Path below /dev/serial/by-id that does not change when the adapter is plugged in again; None
+    on other systems than Linux."""
 
 
 def list_ports() -> list[Port]:
@@ -53,12 +56,12 @@ def list_ports() -> list[Port]:
 
 
 def adapter_of(url: str) -> Adapter | None:
-    """Return the USB adapter of a port; None if it has none or it cannot be determined."""
+    """Return the USB adapter of a port; None if the port has none or is not in the list."""
     return next((port.adapter for port in list_ports() if _same_name(port.url, url)), None)
 
 
 def candidate_urls(url: str, adapter: Adapter | None) -> list[str]:
-    """Return the ports at which a lost instrument may be connected, the best first.
+    """Return the ports at which a lost instrument may be connected again, the most likely first.
 
     Parameters
     ----------
@@ -70,9 +73,8 @@ def candidate_urls(url: str, adapter: Adapter | None) -> list[str]:
     Returns
     -------
     list of str
-        Ports of that adapter, the old name first if it is among them. Without such a port the old
-        name: it may be a link to another port by now, or a port that does not exist yet. Empty if
-        another adapter has the old name.
+        The ports that have this adapter now, the old name first if it is among them. If no port
+        has it, the old name: the port may appear later. Empty if another adapter has the old name.
     """
     if adapter is None:
         return [url]

@@ -18,7 +18,7 @@ from pfwd_device.transport.base import (
 from pfwd_device.transport.ports import list_ports
 
 MAX_LISTED_PORTS = 8
-"""Ports that a message lists; `pfwd ports` lists all."""
+"""Largest number of ports that a message lists; `pfwd ports` lists all."""
 
 _MISSING_ERRNOS = {errno.ENOENT, errno.ENODEV, errno.ENXIO}
 _BUSY_ERRNOS = {errno.EAGAIN, errno.EBUSY}
@@ -32,7 +32,7 @@ class SerialTransport(LockedTransport):
     Parameters
     ----------
     port : serial.Serial or an equivalent object
-        Open port. Its timeout is shortened, so that `close` need not wait long.
+        Open port. Its timeout is set to `POLL_INTERVAL_S`, so that `close` need not wait long.
     url : str
         URL with which it was opened; default: the name of the port.
     """
@@ -48,8 +48,8 @@ class SerialTransport(LockedTransport):
     def _read(self, timeout: float) -> bytes:
         port = self._port
         try:
-            # Read no more than what waits: a longer read discards the bytes that it already has
-            # when the device disappears.
+            # Request no more bytes than have arrived. If the device disappears during a longer
+            # read, pyserial discards the bytes that it has already read.
             waiting = port.in_waiting
             if not waiting and timeout <= 0:
                 return b""
@@ -57,7 +57,7 @@ class SerialTransport(LockedTransport):
         except PORT_ERRORS as err:
             raise self._lost(err) from err
         if not waiting and data:
-            # Read what arrived together with the first byte; the next read raises an error.
+            # Read the bytes that arrived with the first one. An error is raised by the next read.
             with contextlib.suppress(*PORT_ERRORS):
                 data += port.read(port.in_waiting)
         return data
@@ -66,8 +66,8 @@ class SerialTransport(LockedTransport):
         try:
             self._port.write(data)
         except serial.SerialTimeoutException as err:
-            message = f"{self.url}: expected to send {len(data)} bytes, got a timeout"
-            raise DeviceLost(f"{message}; is the instrument switched on?") from err
+            message = f"{self.url}: expected to send a command of {len(data)} bytes, got a timeout"
+            raise DeviceLost(f"{message}; check that the instrument is switched on") from err
         except PORT_ERRORS as err:
             raise self._lost(err) from err
 
@@ -82,14 +82,14 @@ class SerialTransport(LockedTransport):
 
     def _lost(self, cause: Exception) -> DeviceLost:
         return DeviceLost(
-            f"{self.url}: expected bytes, got {cause}; was the instrument unplugged, or does "
-            "another program read the same port?"
+            f"{self.url}: lost the connection ({cause}); check that the instrument is not "
+            "unplugged and that no other program uses the port"
         )
 
 
-_BUSY = "one in use by another program"
+_BUSY = "in use by another program"
 _RELEASE_TIMEOUT_S = 1.0
-"""Time within which a program that has closed a port releases it, s."""
+"""Time that the system may need to release a port that was closed, s."""
 
 
 def open_serial(
@@ -100,7 +100,7 @@ def open_serial(
     Raises
     ------
     PortError
-        If it cannot be opened; the message says why and what to try.
+        If the port cannot be opened; the message has the cause and a remedy.
     """
     # On Windows every port is exclusive, and pyserial rejects the option.
     exclusive = None if sys.platform == "win32" else True
@@ -109,7 +109,7 @@ def open_serial(
         port = serial.serial_for_url(url, do_not_open=True)
         port.baudrate = baud_rate
         port.timeout = POLL_INTERVAL_S
-        if not url.lower().startswith("rfc2217:"):  # it raises an error for a write timeout
+        if not url.lower().startswith("rfc2217:"):  # its ports refuse a write timeout
             port.write_timeout = write_timeout
         port.exclusive = exclusive
         _open_when_free(port)
@@ -122,7 +122,7 @@ def open_serial(
 
 
 def _open_when_free(port: Any) -> None:
-    """Open a port; one that was just closed may be in use for a moment."""
+    """Open a port; retry for a moment if it is in use, as it may just have been closed."""
     until = time.monotonic() + _RELEASE_TIMEOUT_S
     while True:
         try:
@@ -135,11 +135,19 @@ def _open_when_free(port: Any) -> None:
 
 
 def port_error(url: str, cause: Exception) -> PortError:
-    """Return the error for a port that could not be opened: the cause and a remedy."""
+    """Return the error to raise for a port that could not be opened, with the cause and a remedy.
+
+    Parameters
+    ----------
+    url : str
+        Port that was to be opened.
+    cause : Exception
+        Error of pyserial or of the system.
+    """
     if getattr(cause, "errno", None) in _MISSING_ERRNOS or "FileNotFoundError" in str(cause):
         return PortError(_describe_missing_port(url))
     problem, hint = _explain(cause)
-    return PortError(f"{url}: expected a free serial port, got {problem}; {hint}")
+    return PortError(f"port {url}: cannot be opened: {problem}. {hint}")
 
 
 def _describe_missing_port(url: str) -> str:
@@ -157,14 +165,14 @@ def _explain(cause: Exception) -> tuple[str, str]:
     number, text = getattr(cause, "errno", None), str(cause)
     # On Windows only the text has the reason, and a busy port is "Access is denied".
     if number in _BUSY_ERRNOS or "PermissionError" in text:
-        return _BUSY, "end that program"
+        return _BUSY, "End that program"
     if number in _DENIED_ERRNOS:
-        hint = "see who may open it"
+        hint = "Check its permissions"
         if sys.platform.startswith("linux"):
-            hint = "`sudo usermod -aG dialout $USER`, then log in again"
-        return "one that this user may not open", hint
+            hint = "Run `sudo usermod -aG dialout $USER` and log in again"
+        return "this user has no permission", hint
     if number in _NOT_SERIAL_ERRNOS or "configure port" in text:
-        return f"something that is no serial port ({text})", "`pfwd ports` lists serial ports"
+        return f"it is no serial port ({text})", "`pfwd ports` lists the serial ports"
     if isinstance(cause, ValueError):
-        return text, "check the spelling of the URL and the baud rate"
-    return text, "unplug the adapter and plug it in again, or see `pfwd ports`"
+        return text, "Check the spelling of the URL and the baud rate"
+    return text, "Unplug the adapter and plug it in again, or see `pfwd ports`"

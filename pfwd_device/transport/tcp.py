@@ -1,7 +1,7 @@
-"""Instruments in the network, through plain sockets.
+"""Links to instruments in a network, through TCP sockets.
 
-The socket:// of pyserial reports at most one waiting byte and is therefore read byte by byte, too
-slowly for an instrument.
+The class of pyserial for socket:// is not used: it reports at most one waiting byte. It would be
+read byte by byte, which is too slow for an instrument.
 """
 
 import contextlib
@@ -15,8 +15,8 @@ SCHEMES = ("socket", "tcp")
 CONNECT_TIMEOUT_S = 3.0
 _RECEIVE_BYTES = 65536
 _KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
-"""Idle time (s), interval (s) and number of probes: they detect an unplugged network cable while
-nothing is sent."""
+"""Options of the socket by which the system detects an unplugged cable while nothing is sent: idle
+time before the first probe (s), interval of the probes (s), number of probes without a reply."""
 
 
 class TcpTransport(LockedTransport):
@@ -36,7 +36,7 @@ class TcpTransport(LockedTransport):
     ) -> None:
         super().__init__(url, f"TCP connection to {url.partition('://')[2] or url}")
         self._incoming = connection
-        # A socket object has one timeout: reading and writing need an object each.
+        # A socket object has a single timeout, and reading and writing need different ones.
         self._outgoing = connection.dup()
         self._outgoing.settimeout(write_timeout)
 
@@ -70,34 +70,43 @@ class TcpTransport(LockedTransport):
 
     def _lost(self, problem: str) -> DeviceLost:
         return DeviceLost(
-            f"{self.url}: expected a connection, got {problem}; is the instrument switched on and "
-            "within reach of the network?"
+            f"{self.url}: expected a connection, got {problem}; check that the instrument is "
+            "switched on and in the network"
         )
 
 
 def open_tcp(
     url: str, write_timeout: float = WRITE_TIMEOUT_S, connect_timeout: float = CONNECT_TIMEOUT_S
 ) -> TcpTransport:
-    """Connect to socket://host:port or tcp://host:port.
+    """Connect to an instrument in the network.
+
+    Parameters
+    ----------
+    url : str
+        socket://host:port or tcp://host:port; both mean the same.
+    write_timeout : float, s
+        Longest time in which the instrument has to receive a command.
+    connect_timeout : float, s
+        Longest time to establish the connection.
 
     Raises
     ------
     PortError
-        If there is no connection; the message says why and what to try.
+        If the connection fails; the message has the cause and a remedy.
     """
     host, port = _address(url)
     try:
         connection = socket.create_connection((host, port), connect_timeout)
     except OSError as err:
         problem = "no answer" if isinstance(err, TimeoutError) else err.strerror or str(err)
-        hint = "is the instrument switched on, and are address and port right?"
+        hint = "check that the instrument is switched on, and check address and port"
         raise PortError(f"{url}: expected a connection, got {problem}; {hint}") from err
     try:
-        # A command is a few bytes and must not wait for further data.
+        # Send a command at once, although it fills no packet.
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         for name, value in _KEEPALIVE.items():
-            if hasattr(socket, name):  # some platforms lack it
+            if hasattr(socket, name):  # some platforms lack the option
                 connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
         return TcpTransport(connection, url, write_timeout)
     except OSError as err:  # the connection ended meanwhile

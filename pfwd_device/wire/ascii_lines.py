@@ -1,6 +1,7 @@
-"""Dialect of simple instruments that print lines `t_us,v1,v2,...`. Rules in docs/protocol.md.
+"""Dialect of simple instruments that print a line of text, `t_us,v1,v2,...`, for each sample.
 
-Lines have no check sum, so damage is detected by their form alone: a changed digit is a wrong
+A line has the time in microseconds and a value for each column; docs/protocol.md has the rules.
+Lines have no check sum, so damage is detected by their form alone. A changed digit gives a wrong
 sample that cannot be recognised. The binary protocol avoids this.
 """
 
@@ -29,10 +30,10 @@ MAX_LINE_BYTES = 512
 MAX_COLUMNS = 64
 """Largest number of values in a line."""
 N_LINES_TO_CHANGE_WIDTH = 3
-"""Number of successive lines with another number of values that count as a change of the output
-and no longer as damage."""
+"""Number of successive lines with a new number of values after which they count as good. Fewer such
+lines count as damaged."""
 
-# Digits are limited: every number is exact as a double (times) or far from overflowing (values).
+# The number of digits is limited, so that times are exact as doubles and values cannot overflow.
 _TIME = rb"[ \t]*+[0-9]{1,15}[ \t]*+"
 _INTEGER = rb"[ \t]*+[+-]?[0-9]{1,15}[ \t]*+"
 _DECIMAL = (
@@ -40,7 +41,7 @@ _DECIMAL = (
 )
 _SKIPPED = re.compile(rb"[ \t]*+(?:#[^\n]*|t_us[ \t]*+\r?(?:,[^\n]*)?)")
 _BLANKS = b" \t\r"
-# More forms than in a sample: recognition must not depend on the number of digits.
+# Wider than _DECIMAL: the recognition of a dialect does not depend on the number of digits.
 _PRINTED_NUMBER = rb"\s*[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?\s*"
 _LINE_OF_NUMBERS = re.compile(rb"\d+\s*(?:," + _PRINTED_NUMBER + rb"){1,9}")
 _N_RECOGNISED_LINES = 3
@@ -48,21 +49,21 @@ _MIN_COUNT, _MAX_COUNT = -(2.0**31), 2.0**31 - 1
 _RATE_WINDOW_SAMPLES = 1000
 """Number of samples over which the mean step is compared with the sampling rate."""
 _RATE_TOLERANCE = 0.01
-"""Largest relative error of the step: more than the difference of two oscillators, less than the
-difference to another sampling rate."""
+"""Largest relative deviation of the measured sampling rate from the declared one. Two oscillators
+differ by less, two settings of the sampling rate by more."""
 
 
 class _Line(NamedTuple):
-    """A line with the form of a sample."""
+    """Line that has the form of a sample."""
 
     used: bytes
-    """Part from the time to the last used value."""
+    """Part of the line from the time to the last column of a channel."""
     size: int
-    """Bytes of the line."""
+    """Length of the line with its line feed, bytes."""
 
 
 class AsciiDialect:
-    """Host end of the link to an instrument that prints lines.
+    """Decoder of the text lines that a simple instrument prints.
 
     Parameters
     ----------
@@ -71,9 +72,10 @@ class AsciiDialect:
     columns : sequence of int
         Column of each channel of the identity, 0 is the first after the time.
     resolution : sequence of float or None
-        Value of one count of each channel: values are decimals. None: values are counts.
+        Printed value of one count, for each channel; the printed values may be decimals. None: the
+        printed values are counts.
     first_stream : int
-        Number of the first stream; each restart of the instrument adds one.
+        Number of the first stream (run of samples); each restart of the instrument adds one.
 
     Raises
     ------
@@ -111,9 +113,10 @@ class AsciiDialect:
         self._rate_refused = False
 
     def feed(self, data: bytes) -> list[InstrumentMessage]:
-        """Return the largest possible blocks of samples, before the first one the identity.
+        """Return the sample blocks that these bytes complete, after the identity on the first call.
 
-        A refusal reports that the times contradict the sampling rate.
+        A block ends at a gap between the samples. A `Refusal` in the result reports that the
+        printed times contradict the declared sampling rate.
         """
         lines = self._good_lines(data)
         if not lines:
@@ -134,11 +137,14 @@ class AsciiDialect:
         return messages
 
     def encode(self, message: HostMessage) -> bytes:
-        """Return no bytes: such an instrument receives no commands."""
+        """Return no bytes, because the instrument receives no commands."""
         return b""
 
     def reset(self) -> None:
-        """Discard an incomplete line; the indices continue if the times do."""
+        """Discard an incomplete line after the link was cut.
+
+        The stream and its sample indices continue if the printed times do.
+        """
         self._cutter.reset()
         self.counters.bytes_discarded += sum(line.size for line in self._held)
         self._held = []
@@ -146,7 +152,6 @@ class AsciiDialect:
         self._rate_refused = False
 
     def _good_lines(self, data: bytes) -> list[_Line]:
-        """Return the lines with the form of a sample."""
         good = []
         for line in self._cutter.feed(data):
             match = self._line.fullmatch(line)
@@ -157,7 +162,10 @@ class AsciiDialect:
         return good
 
     def _has_width(self, width: int) -> bool:
-        """Return True if the line has the usual number of values, so that no line feed was lost."""
+        """Return True if a line has the usual number of values.
+
+        A lost line feed joins two lines, which then have more values.
+        """
         if self._width is None:
             self._width = width
         if width == self._width:
@@ -172,7 +180,7 @@ class AsciiDialect:
 
     def _count_rejected(self, line: bytes) -> None:
         if not line.strip(_BLANKS):
-            return  # a blank line does no harm
+            return  # blank lines are allowed and not counted
         if _SKIPPED.fullmatch(line):
             self.counters.frames_good += 1
             return
@@ -191,7 +199,7 @@ class AsciiDialect:
     def _messages(
         self, values: NDArray[np.float64], placed: PlacedLines
     ) -> list[InstrumentMessage]:
-        """Return blocks of consecutive samples, and a refusal if their rate is not the declared."""
+        """Return blocks of consecutive samples, and a refusal if their sampling rate is wrong."""
         stream, index = placed.stream[placed.good], placed.index[placed.good]
         clock = placed.clock_us[placed.good]
         counts = self._counts(values[placed.good][:, self._columns])
@@ -212,7 +220,11 @@ class AsciiDialect:
     def _judge_rate(
         self, stream: NDArray[np.int64], index: NDArray[np.int64], clock: NDArray[np.int64]
     ) -> tuple[int, Refusal | None]:
-        """Return the first sample that reveals another sampling rate, and the refusal to report."""
+        """Compare the sampling rate of the printed times with the declared one.
+
+        Return the position of the first sample at which they differ too much, and the refusal to
+        report; 0 and None if they agree or the refusal was reported before.
+        """
         if self._rate_refused:
             return 0, None
         for at in np.flatnonzero(index % _RATE_WINDOW_SAMPLES == 0).tolist():
@@ -224,7 +236,10 @@ class AsciiDialect:
             declared = self._identity.sampling_rate
             if abs(declared / rate - 1) > _RATE_TOLERANCE:
                 self._rate_refused = True
-                text = f"sampling_rate: expected {declared:g} Hz, the times say {rate:.5g} Hz"
+                text = (
+                    f"sampling_rate: expected {declared:g} Hz as declared, got {rate:.5g} Hz from "
+                    "the printed times; correct sampling_rate_hz in the setup file"
+                )
                 return at, Refusal(RefusalCode.FAULT, text)
         return 0, None
 
@@ -235,7 +250,14 @@ class AsciiDialect:
 
 
 def looks_like_lines(data: bytes) -> bool:
-    """Return True if the last complete lines are `t_us,v1,v2,...`."""
+    """Return True if bytes from an instrument are text lines `t_us,v1,v2,...`.
+
+    Parameters
+    ----------
+    data : bytes
+        Bytes that arrived without a request. The first and the last line may be incomplete; the
+        three lines before the last are judged.
+    """
     lines = [line for line in data.splitlines()[1:-1] if line.strip()][-_N_RECOGNISED_LINES:]
     return len(lines) == _N_RECOGNISED_LINES and all(map(_LINE_OF_NUMBERS.fullmatch, lines))
 
@@ -250,15 +272,15 @@ def _line_pattern(value: bytes, min_columns: int) -> re.Pattern[bytes]:
 
 def _check_columns(columns: Sequence[int], channels: int) -> None:
     if len(columns) != channels:
-        raise SetupError(f"columns: expected one for each of {channels} channels, got {columns}")
+        raise SetupError(f"columns: expected {channels}, one for each channel, got {columns}")
     if len(set(columns)) != channels or not all(0 <= column < MAX_COLUMNS for column in columns):
         last = MAX_COLUMNS - 1
-        raise SetupError(f"columns: expected different ones from 0 to {last}, got {columns}")
+        raise SetupError(f"columns: expected different numbers from 0 to {last}, got {columns}")
 
 
 def _check_resolution(resolution: Sequence[float], channels: int) -> None:
     if len(resolution) != channels:
-        raise SetupError(f"resolution: expected one for each channel, {channels}, got {resolution}")
-    # Division by a smaller one gives infinity, in which large and small values are the same.
+        raise SetupError(f"resolution: expected {channels}, one for each channel, got {resolution}")
+    # Division by a smaller number could overflow to infinity.
     if not all(1e-30 <= value <= 1e30 for value in resolution):
         raise SetupError(f"resolution: expected values from 1e-30 to 1e30, got {resolution}")

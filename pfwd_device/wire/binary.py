@@ -1,4 +1,7 @@
-"""The binary protocol, versions 1 and 2: messages as packets. Byte tables in docs/protocol.md."""
+"""Encoding of the messages of the binary protocol, versions 1 and 2, as bytes of packets.
+
+docs/protocol.md has the byte tables.
+"""
 
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -69,11 +72,11 @@ _RATE = struct.Struct("<d")
 _SAMPLES = struct.Struct("<IQQBBH")
 _STATUS = struct.Struct("<QffQB")
 _DROPS = struct.Struct("<HI")
-"""Additional fields of a status in version 2."""
+"""Additional fields of `Status` in version 2: waiting drops, lost drops."""
 _TRIGGER = struct.Struct("<BBIHIII")
 _FETCH = struct.Struct("<IQHH")
 _DROP_NAME = struct.Struct("<IQ")
-"""Name of a drop: run of the sampler and index of the first sample."""
+"""Stream and index of the first sample, which identify a drop."""
 _RANGE = struct.Struct("<IQI")
 _CALIBRATE = struct.Struct("<BdddddII")
 _OFFER = struct.Struct("<IQQIIBBHId")
@@ -86,13 +89,13 @@ _SAMPLING = 1
 
 
 def encode_message(message: Message, counter: int) -> bytes:
-    """Return the frame of a message, including its closing zero.
+    """Return the bytes of the frame that carries a message, including its closing zero.
 
     Parameters
     ----------
     message : Message
     counter : int
-        Number of the frame, counted by the sender.
+        Number of the frame, counted by the sender; it is sent modulo 65536.
 
     Returns
     -------
@@ -275,7 +278,7 @@ def _read_refusal(payload: bytes) -> Refusal:
 def _read_identity(payload: bytes) -> Identity | Refusal:
     try:
         return read_identity(payload)
-    except SetupError as err:  # the frame is undamaged: the instrument itself sent the value
+    except SetupError as err:  # the CRC is right, so the instrument itself sent the invalid value
         return Refusal(RefusalCode.FAULT, str(err))
 
 
@@ -362,7 +365,7 @@ _FROM_HOST: dict[int, Callable[[bytes], HostMessage]] = {
 
 
 class BinaryDialect:
-    """Host end of the binary protocol."""
+    """Decoder and encoder of the binary protocol for the computer that reads an instrument."""
 
     name = "pfwd"
 
@@ -372,37 +375,50 @@ class BinaryDialect:
         self._sent = 0
 
     def feed(self, data: bytes) -> list[InstrumentMessage]:
-        """Return the messages that these bytes complete; consecutive sample blocks are joined."""
+        """Return the messages of the instrument that these bytes complete, in order.
+
+        Sample blocks that follow each other without a gap are joined to one.
+        """
         packets = self._deframer.feed(data)
         return list(_joined(_read(packets, _FROM_INSTRUMENT, self.counters)))
 
     def encode(self, message: HostMessage) -> bytes:
-        """Return the frame of a message, after a zero that ends preceding noise."""
+        """Return the bytes of a message to the instrument.
+
+        They begin with a zero, so that noise on the line before them is a frame of its own.
+        """
         frame = encode_message(message, self._sent)
         self._sent += 1
         return b"\0" + frame
 
     def reset(self) -> None:
-        """Discard an incomplete frame."""
+        """Discard an incomplete frame after the link was cut."""
         self._deframer.reset()
 
 
 class BinaryInstrumentEnd:
-    """Instrument end of the binary protocol, for a simulated instrument."""
+    """Decoder of the binary protocol for a simulated instrument."""
 
     def __init__(self) -> None:
         self.counters = LinkCounters()
         self._deframer = Deframer(self.counters)
 
     def feed(self, data: bytes) -> list[HostMessage]:
-        """Return the messages of the host that these bytes complete."""
+        """Return the messages of the host that these bytes complete, in order."""
         return list(_read(self._deframer.feed(data), _FROM_HOST, self.counters))
 
 
 def read_from_instrument(
     packets: Iterable[Packet], counters: LinkCounters
 ) -> Iterator[InstrumentMessage]:
-    """Return the messages of packets one by one; sample blocks are not joined."""
+    """Yield the message of each packet from an instrument; sample blocks are not joined.
+
+    Parameters
+    ----------
+    packets : iterable of Packet
+    counters : LinkCounters
+        Counters of unknown and damaged frames, which are updated.
+    """
     return _read(packets, _FROM_INSTRUMENT, counters)
 
 
@@ -424,7 +440,10 @@ def _read(
 
 
 def _joined(messages: Iterable[InstrumentMessage]) -> Iterator[InstrumentMessage]:
-    """Join sample blocks without a gap between them, for fewer and larger arrays."""
+    """Yield the messages with consecutive sample blocks joined.
+
+    Fewer and larger arrays take less time to process.
+    """
     run: list[SampleBlock] = []
     for message in messages:
         if run and not (isinstance(message, SampleBlock) and _follows(run[-1], message)):

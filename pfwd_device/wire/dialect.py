@@ -1,4 +1,4 @@
-"""Interface of a dialect, the protocol of an instrument."""
+"""Interface of a dialect: the decoder and encoder for the protocol of an instrument."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -8,7 +8,10 @@ from pfwd_device.wire.messages import HostMessage, InstrumentMessage
 
 @dataclass(slots=True)
 class LinkCounters:
-    """Number of received and of discarded bytes and frames."""
+    """Numbers of received and discarded bytes and of good, damaged and lost frames.
+
+    A frame is the packed form of one message; for instruments that print text it is a line.
+    """
 
     bytes_received: int = 0
     bytes_discarded: int = 0
@@ -23,17 +26,23 @@ class LinkCounters:
 
 
 class Dialect(Protocol):
-    """Decoder and encoder of messages; damaged input is counted and never raises an error."""
+    """Interface of the decoder and encoder of the messages of an instrument.
+
+    Damaged input is counted in `counters` and never raises an error.
+    """
 
     name: str
     counters: LinkCounters
 
     def feed(self, data: bytes) -> list[InstrumentMessage]:
-        """Return the messages that these bytes complete, in order, however the bytes are cut."""
+        """Return the messages that these bytes complete, in order.
+
+        The bytes may end at any place: an incomplete message is continued by the next call.
+        """
         ...
 
     def encode(self, message: HostMessage) -> bytes:
-        """Return the bytes of a message; empty if the dialect has no such message."""
+        """Return the bytes of a message to the instrument; empty if the dialect lacks it."""
         ...
 
     def reset(self) -> None:

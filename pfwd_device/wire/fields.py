@@ -1,4 +1,7 @@
-"""Fields of payloads: fixed structures, texts, days, optional numbers, 24-bit integers."""
+"""Encoding of the fields of a payload, the content of a message of the binary protocol.
+
+The fields are fixed structures, texts, dates, optional numbers and 24-bit integers.
+"""
 
 import datetime
 import math
@@ -16,10 +19,10 @@ MAX_TEXT_BYTES = 255
 
 
 class Reader:
-    """Reads the fields of a payload one after the other.
+    """Reads the fields of a payload, the content of a message, one after the other.
 
-    Bytes after the last field belong to a newer version and are ignored. A field that ends behind
-    the payload raises `struct.error`.
+    Bytes after the last field belong to a newer version of the protocol and may be left unread. A
+    field that extends beyond the end of the payload raises `struct.error`.
     """
 
     def __init__(self, payload: bytes) -> None:
@@ -27,27 +30,39 @@ class Reader:
         self._at = 0
 
     def fields(self, layout: struct.Struct) -> tuple[Any, ...]:
-        """Return the fields of one structure."""
+        """Return the next values, which have the given layout."""
         values = layout.unpack_from(self._payload, self._at)
         self._at += layout.size
         return values
 
     def text(self, limit: int = MAX_TEXT_BYTES) -> str:
-        """Return a text without control characters."""
+        """Return the next text, with U+FFFD in place of control characters.
+
+        Parameters
+        ----------
+        limit : int
+            Longest result, characters; the remainder is skipped.
+        """
         (length,) = self.fields(BYTE)
         start = self._at
         self._at += length
         if self._at > len(self._payload):
-            raise struct.error(f"text of {length} bytes ends behind the payload")
+            raise struct.error(f"text of {length} bytes extends beyond the end of the payload")
         return clean(self._payload[start : self._at], limit)
 
     def rest(self) -> bytes:
-        """Return the remaining bytes."""
+        """Return the bytes that were not read yet."""
         return self._payload[self._at :]
 
 
 def text(value: str) -> bytes:
-    """Return the length and the UTF-8 bytes of a text."""
+    """Return the encoding of a text: its length as one byte, and its UTF-8 bytes.
+
+    Raises
+    ------
+    ValueError
+        If the text has more than `MAX_TEXT_BYTES` bytes.
+    """
     data = value.encode()
     if len(data) > MAX_TEXT_BYTES:
         raise ValueError(f"expected a text of at most {MAX_TEXT_BYTES} bytes, got {len(data)}")
@@ -55,36 +70,45 @@ def text(value: str) -> bytes:
 
 
 def encode_optional(value: float | None) -> float:
-    """Return an optional number as it is sent: NaN stands for None."""
+    """Return a number unchanged, and NaN, which the protocol sends in its place, for None."""
     return math.nan if value is None else value
 
 
 def decode_optional(value: float) -> float | None:
-    """Return the inverse of `encode_optional`."""
+    """Return a received number; None for NaN, which stands for an undeclared value."""
     return None if math.isnan(value) else value
 
 
 def decode_reading(value: float) -> float | None:
-    """Return the inverse of `encode_optional` for a reading; None for infinity as well."""
+    """Return a received measurement such as a temperature; None if it is NaN or infinite."""
     return value if math.isfinite(value) else None
 
 
 def day(value: datetime.date | None) -> int:
-    """Return a day as the decimal number yyyymmdd; 0 stands for None."""
+    """Return a date as the decimal number yyyymmdd, and 0 for None."""
     return 0 if value is None else value.year * 10_000 + value.month * 100 + value.day
 
 
 def day_of(number: int) -> datetime.date | None:
-    """Return the inverse of `day`; raise `ValueError` if there is no such day."""
+    """Return the date of a decimal number yyyymmdd, and None for 0.
+
+    Raises
+    ------
+    ValueError
+        If the calendar has no such date.
+    """
     if number == 0:
         return None
     return datetime.date(number // 10_000, number // 100 % 100, number % 100)
 
 
 def pack_int24(counts: NDArray[np.int32]) -> bytes:
-    """Return integers as 3 bytes each, little-endian two's complement, in C order.
+    """Return integers as bytes: 3 each, little-endian two's complement, in C order.
 
-    Raises `ValueError` if one does not fit.
+    Raises
+    ------
+    ValueError
+        If an integer does not fit into 24 bits.
     """
     if counts.size and not (counts.min() >= -(1 << 23) and counts.max() < 1 << 23):
         raise ValueError(f"expected counts of 24 bits, got {counts.min()} to {counts.max()}")

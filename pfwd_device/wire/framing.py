@@ -1,9 +1,11 @@
-"""Frames on a byte stream: COBS, so that a zero ends each, and CRC-32, which detects damage.
+"""Frames of the binary protocol: the packing of messages into a stream of bytes.
 
-A packet is a type (1 byte), a counter (2 bytes), a payload and the CRC-32 of these (4 bytes), all
-little-endian; on the wire it is COBS-encoded and followed by one zero byte. Cheshire and Baker
-(1999), IEEE/ACM Trans. Networking 7(2), 159-172. Damage destroys only the frames in which it lies:
-after the next zero a new frame starts. Byte tables in docs/protocol.md.
+A packet carries one message: a type (1 byte), a counter (2 bytes), a payload, which is the content
+of the message, and the CRC-32 of these (4 bytes), all little-endian. A frame is the packet encoded
+by COBS (consistent overhead byte stuffing: Cheshire and Baker, 1999, IEEE/ACM Trans. Networking
+7(2), 159-172), which removes all zero bytes, and one zero byte as its end. The CRC detects damage.
+Damage destroys only the frames in which it lies, because a new frame starts after the next zero.
+docs/protocol.md has the byte tables.
 """
 
 import struct
@@ -25,15 +27,15 @@ COUNTER_PERIOD = 1 << 16
 
 
 class Cutter:
-    """Splits a byte stream at the byte that ends each frame or line, however the stream is cut.
+    """Splits a stream of bytes into frames or lines, at the byte that ends each of them.
 
     Parameters
     ----------
     end : bytes
-        End byte.
+        Byte that ends a frame or line.
     longest : int
-        Largest number of bytes before the end byte. The bytes of a longer piece are discarded as
-        they arrive, and it counts as one damaged frame.
+        Largest number of bytes before the end byte. A longer frame is discarded while its bytes
+        arrive, and counts as one damaged frame.
     counters : LinkCounters
         Counters of bytes and frames, which are updated.
     """
@@ -45,11 +47,11 @@ class Cutter:
 
     @property
     def held(self) -> int:
-        """Number of bytes of an incomplete piece."""
+        """Number of bytes of the incomplete frame or line at the end of the received bytes."""
         return len(self._partial)
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Return the pieces that these bytes complete, without their end bytes."""
+        """Return the frames or lines that these bytes complete, without their end bytes."""
         counters = self._counters
         counters.bytes_received += len(data)
         *pieces, rest = (self._partial + data).split(self._end)
@@ -71,29 +73,34 @@ class Cutter:
         return good
 
     def reset(self) -> None:
-        """Discard an incomplete piece after the link was cut."""
+        """Discard an incomplete frame or line after the link was cut."""
         self._counters.bytes_discarded += len(self._partial)
         self._partial = b""
         self._overlong = False
 
 
 class Packet(NamedTuple):
-    """Content of one frame."""
+    """Content of an undamaged frame, which carries one message."""
 
     type: int
+    """Number of the kind of message, 0 to 255."""
     counter: int
+    """Number of the frame, counted by the sender modulo 65536."""
     payload: bytes
+    """Content of the message."""
 
 
 def encode_frame(type_: int, counter: int, payload: bytes) -> bytes:
-    """Return the bytes of one frame, including the closing zero.
+    """Return the bytes of one frame, including its closing zero.
 
     Parameters
     ----------
     type_ : int, 0 to 255
+        Number of the kind of message.
     counter : int
         Number of the frame, counted by the sender; it is sent modulo 65536.
     payload : bytes, up to `MAX_PAYLOAD_BYTES`
+        Content of the message.
 
     Returns
     -------
@@ -111,7 +118,7 @@ def encode_frame(type_: int, counter: int, payload: bytes) -> bytes:
 
 
 class Deframer:
-    """Splits a byte stream into packets; damaged frames are counted and skipped.
+    """Decodes a stream of bytes into packets; damaged frames are counted and skipped.
 
     Parameters
     ----------
@@ -125,7 +132,7 @@ class Deframer:
         self._expected: int | None = None
 
     def feed(self, data: bytes) -> list[Packet]:
-        """Return the packets that these bytes complete."""
+        """Return the packets whose frames these bytes complete, in order."""
         counters = self._counters
         packets = []
         for frame in self._cutter.feed(data):
@@ -142,20 +149,24 @@ class Deframer:
         return packets
 
     def reset(self) -> None:
-        """Discard an incomplete frame and the expected frame number after the link was cut."""
+        """Discard an incomplete frame after the link was cut.
+
+        The next frame may have any number: no lost frames are counted before it.
+        """
         self._cutter.reset()
         self._expected = None
 
     def _count(self, counter: int) -> None:
         if self._expected is not None:
             ahead = (counter - self._expected) % COUNTER_PERIOD
-            if ahead < COUNTER_PERIOD // 2:  # else the counter restarted or the frame is a repeat
+            # A larger step means a restarted counter or a repeated frame, not lost frames.
+            if ahead < COUNTER_PERIOD // 2:
                 self._counters.frames_lost += ahead
         self._expected = (counter + 1) % COUNTER_PERIOD
 
 
 def _open(frame: bytes) -> Packet | None:
-    """Return the packet in a frame; None if it is damaged."""
+    """Return the packet of a frame; None if the frame is damaged."""
     try:
         packet = cobs.decode(frame)
     except cobs.DecodeError:

@@ -1,4 +1,7 @@
-"""Layout of the identity of an instrument in a payload. Byte tables in docs/protocol.md."""
+"""Encoding of the identity of an instrument as bytes of the binary protocol.
+
+docs/protocol.md has the byte tables.
+"""
 
 import datetime
 import struct
@@ -28,7 +31,7 @@ _SEATS = ("plate", "ground")
 
 
 def pack_identity(identity: Identity) -> bytes:
-    """Return the payload of an identity."""
+    """Return an identity as the bytes of a message's payload."""
     converter = _CONVERTER.pack(
         identity.sampling_rate,
         identity.adc_bits,
@@ -66,7 +69,7 @@ def _pack_channel(channel: ChannelIdentity) -> bytes:
 
 
 def read_identity(payload: bytes) -> Identity:
-    """Return the identity in a payload.
+    """Return the identity that the bytes of a message's payload contain.
 
     Raises
     ------
@@ -110,7 +113,7 @@ def _read_channel(reader: Reader) -> ChannelIdentity:
     )
     return ChannelIdentity(
         name=name,
-        # This program cannot use a role of a newer version.
+        # A role of a newer version is unknown to this program, so it ignores the channel.
         role=_ROLES[role] if role < len(_ROLES) else Role.UNUSED,
         offset=offset,
         sensitivity=sensitivity,

@@ -1,6 +1,12 @@
-"""Messages between instrument and host, independent of their encoding.
+"""Messages between the instrument and the host, independent of their encoding.
 
-The docstring of a message begins with its sender.
+The host is the computer that reads the instrument. The docstring of a message begins with its
+sender. Terms:
+
+- A stream is a run of samples from a start or reset of the instrument to the next. It has a random
+  number, and its samples are counted from 0.
+- A drop in the memory of the instrument is identified by its stream and its first sample.
+- A block is a part of the samples that fits into one message.
 """
 
 from dataclasses import dataclass
@@ -14,7 +20,7 @@ from pfwd_device.identity import Identity
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """Host: request the identity and negotiate the version of the protocol."""
+    """Host: request the identity of the instrument and propose versions of the protocol."""
 
     oldest_version: int = 1
     newest_version: int = 2
@@ -30,17 +36,20 @@ class Configure:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Command of the host to begin sending samples; the response is the first `SampleBlock`."""
+    """Host: begin to send samples. The response is the first `SampleBlock`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """Host: send no more samples."""
+    """Host: stop sending samples."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shunt:
-    """Host: switch the calibration shunt of the load cell; a flag of the samples reports it."""
+    """Host: switch the calibration shunt of the load cell on or off.
+
+    The shunt is a resistor that simulates a known load. `SampleBlock.shunt` reports its state.
+    """
 
     on: bool
 
@@ -57,7 +66,7 @@ class Trigger:
     channel: int
     """Index of the monitored channel."""
     threshold: int
-    """Deviation from rest that triggers, counts."""
+    """Deviation from the value at rest that triggers a drop, counts."""
     confirm: int
     """Number of samples for which the counts must exceed half of the threshold."""
     before: int
@@ -70,17 +79,18 @@ class Trigger:
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """Host: detect drops and store them. The response is `Armed`."""
+    """Host: detect drops in the instrument and store them there. The response is `Armed`."""
 
     trigger: Trigger
 
 
 @dataclass(frozen=True, slots=True)
 class Fetch:
-    """Host: send these blocks of a stored drop. The responses are `DropBlock`."""
+    """Host: send blocks of a stored drop. Each block is returned as a `DropBlock`."""
 
     stream: int
     first_sample: int
+    """Index of the first sample of the drop; stream and index identify the drop."""
     first_block: int = 0
     blocks: int = 0
     """Number of blocks; 0: all up to the last."""
@@ -88,24 +98,30 @@ class Fetch:
 
 @dataclass(frozen=True, slots=True)
 class Acknowledge:
-    """Host: this drop is safe on the disk, delete it. The response is `Released`."""
+    """Host: delete a stored drop, which is safe on the disk. The response is `Released`."""
 
     stream: int
     first_sample: int
+    """Index of the first sample of the drop; stream and index identify the drop."""
 
 
 @dataclass(frozen=True, slots=True)
 class Resend:
-    """Host: send these samples again. The responses are `SampleBlock` and `SamplesGone`."""
+    """Host: send samples of a stream again, as far as the instrument still has them.
+
+    The responses are a `SampleBlock` for available samples and `SamplesGone` for the others.
+    """
 
     stream: int
     first_sample: int
+    """Index of the first requested sample within the stream."""
     count: int
+    """Number of requested samples."""
 
 
 @dataclass(frozen=True, slots=True)
 class Calibrate:
-    """Host: store this calibration of a channel. The response is an `Identity` with it."""
+    """Host: store a calibration of a channel. The response is an `Identity` that contains it."""
 
     channel: int
     """Index of the channel from 0, in the order of the samples."""
@@ -129,7 +145,7 @@ class Calibrate:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SampleBlock:
-    """Instrument: consecutive samples of all channels."""
+    """Instrument: samples of all channels without a gap between them."""
 
     stream: int
     """Random number of this run of the sampler, 32 bits; another one after a start or a reset."""
@@ -145,7 +161,7 @@ class SampleBlock:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Instrument: its state, at least every half second, even while it does not sample."""
+    """Instrument: report of its state, sent at least every half second, also without sampling."""
 
     clock_us: int
     """Clock of the instrument, microseconds."""
@@ -164,7 +180,7 @@ class Status:
 
 
 class EventKind(IntEnum):
-    """Kind of an `Event`."""
+    """Kind of event that an instrument reports by `Event`."""
 
     BOOT = 1
     """The instrument has just started."""
@@ -180,7 +196,7 @@ class EventKind(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Instrument: report of an event."""
+    """Instrument: report of an event, such as a restart or a pressed button."""
 
     kind: int
     """An `EventKind`, or a number of a newer version."""
@@ -194,7 +210,7 @@ class RefusalCode(IntEnum):
     """Reason why an instrument refuses a command."""
 
     VERSION = 1
-    """No version in common."""
+    """Instrument and host have no version of the protocol in common."""
     UNKNOWN = 2
     """The instrument does not have the command."""
     ARGUMENT = 3
@@ -224,14 +240,17 @@ class Armed:
 
 @dataclass(frozen=True, slots=True)
 class DropOffer:
-    """Instrument: a drop is stored; fetch it, and acknowledge it when it is safe."""
+    """Instrument: announcement of a stored drop.
+
+    The host requests its samples by `Fetch` and deletes it by `Acknowledge` when it is on the disk.
+    """
 
     stream: int
-    """Number of the run of the sampler."""
+    """Number of the stream in which the drop was recorded."""
     first_sample: int
-    """Index of the first sample within the run; run and index identify the drop."""
+    """Index of the first sample within the stream; stream and index identify the drop."""
     clock_us: int | None
-    """Clock of the instrument at the trigger, microseconds; None if it is lost."""
+    """Clock of the instrument at the trigger, microseconds; None if it is unknown."""
     trigger: int
     """Number of samples before time 0."""
     samples: int
@@ -252,13 +271,13 @@ class DropOffer:
 
     @property
     def blocks(self) -> int:
-        """Number of blocks in which it is sent."""
+        """Number of blocks in which the drop is sent."""
         return -(-self.samples // self.block_samples)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DropBlock:
-    """Instrument: one block of a stored drop."""
+    """Instrument: one block of the samples of a stored drop, the response to `Fetch`."""
 
     stream: int
     first_sample: int
@@ -271,19 +290,22 @@ class DropBlock:
 
 @dataclass(frozen=True, slots=True)
 class Released:
-    """Instrument: this drop is deleted, or never existed."""
+    """Instrument: confirmation that a drop is not stored; it was deleted or never existed."""
 
     stream: int
     first_sample: int
+    """Index of the first sample of the drop; stream and index identify the drop."""
 
 
 @dataclass(frozen=True, slots=True)
 class SamplesGone:
-    """Instrument: these samples are no longer available."""
+    """Instrument: report that requested samples of a stream are no longer available."""
 
     stream: int
     first_sample: int
+    """Index of the first unavailable sample within the stream."""
     count: int
+    """Number of unavailable samples."""
 
 
 HostMessage = (

@@ -1,8 +1,8 @@
-"""Registry of the dialects, by the name in setup files.
+"""Registry of the dialects, the protocols of instruments, by their names in setup files.
 
 A new dialect is a module with a class like :class:`pfwd_device.wire.dialect.Dialect` and an entry
-in ``BUILT_IN``; in another package, an entry point of the group ``pfwd.dialects``. The entry holds
-what a dialect needs and how it is recognised at a port; no other code compares names.
+in ``BUILT_IN``; in another package, an entry point of the group ``pfwd.dialects``. The entry states
+which declarations a dialect needs and how it is recognised at a port.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -18,35 +18,35 @@ from pfwd_device.wire.dialect import Dialect
 
 @dataclass(frozen=True, slots=True)
 class DeclaredLink:
-    """Declarations of the setup file that a dialect may need."""
+    """Values of the setup file that a dialect may need to decode the data of its instrument."""
 
     identity: Identity | None = None
     """Declared identity of the instrument; None if the instrument reports it."""
     columns: tuple[int, ...] = ()
     """Column of each channel, 0 is the first; empty unless the dialect needs columns."""
     resolution: tuple[float, ...] = ()
-    """Value of one count for each channel."""
+    """Printed value of one count, for each channel."""
     first_stream: int = 0
-    """Number of the first run of a sampler that does not number its runs."""
+    """Number of the first stream (run of samples) of an instrument that does not number them."""
 
 
 @dataclass(frozen=True, slots=True)
 class DialectEntry:
-    """A dialect and its requirements."""
+    """Entry of the registry: a dialect, the declarations it needs and its recognition."""
 
     name: str
     """Name in setup files, scenarios and the header of captures; small letters."""
     title: str
     """Title on screen; the model of an instrument that does not report one."""
     make: Callable[[DeclaredLink], Dialect]
-    """Factory of the dialect."""
+    """Function that returns a new decoder and encoder of the dialect."""
     needs_identity: bool = False
     """True if the instrument reports no identity, so that the setup file has to declare it."""
     needs_columns: bool = False
     """True if each channel has to be declared with its column."""
     recognises: Callable[[bytes], bool] | None = None
-    """Test of whether unrequested bytes belong to this dialect; None if an instrument of this
-    dialect replies to a request for its identity."""
+    """Function that returns True if bytes that arrived without a request belong to this dialect;
+    None if an instrument of this dialect replies to a request for its identity."""
 
 
 def _ascii(declared: DeclaredLink) -> Dialect:
@@ -81,17 +81,17 @@ DEFAULT = next(iter(BUILT_IN))
 
 
 def find_dialect(name: str) -> DialectEntry | None:
-    """Return the dialect of a name; None if there is none."""
+    """Return the entry of the dialect with a name; None if no dialect has it."""
     return BUILT_IN.get(name) or pfwd_plugins.load(pfwd_plugins.DIALECTS, name, DialectEntry)
 
 
 def dialect_names() -> tuple[str, ...]:
-    """Return the names of all dialects, those of other packages last."""
+    """Return the names of all dialects, those from installed plugins last."""
     plugin_names = pfwd_plugins.names(pfwd_plugins.DIALECTS)
     return tuple(dict.fromkeys((*BUILT_IN, *plugin_names)))
 
 
 def all_dialects() -> Sequence[DialectEntry]:
-    """Return all dialects that can be loaded, those of other packages last."""
+    """Return the entries of all dialects that can be loaded, those from installed plugins last."""
     plugin_names = pfwd_plugins.load_all(pfwd_plugins.DIALECTS, DialectEntry, BUILT_IN)
     return (*BUILT_IN.values(), *(entry for _, entry in plugin_names))

@@ -79,7 +79,7 @@ def test_a_sensor_of_motion_is_needed() -> None:
 @pytest.mark.parametrize(
     ("dates", "said"),
     [
-        ({}, ["calibration of load: no date is known"]),
+        ({}, ["calibration of load: no date is declared"]),
         ({"calibrated": datetime.date(2020, 1, 1)}, []),
         ({"due": datetime.date(2026, 5, 3)}, ["calibration of load EXPIRED on 2026-05-03"]),
         ({"due": datetime.date(2026, 5, 4)}, ["calibration of load expires on 2026-05-04"]),

@@ -182,7 +182,7 @@ def test_silence_fails() -> None:
     failure = talk.conversation.failure
     assert failure is not None
     assert not failure.refused
-    assert "say what it is" in failure.reason
+    assert "expected the identity of the instrument" in failure.reason
     assert "2 s" in failure.reason
 
 
@@ -192,7 +192,7 @@ def test_another_instrument_fails() -> None:
     assert talk.receive(identity("SN-2")) == [SampleAction.SUSPEND]
     assert talk.conversation.failure is not None
     reason = talk.conversation.failure.reason
-    assert "another instrument answers: SN-2, waiting for SN-1" in reason
+    assert "expected the instrument SN-1, got SN-2" in reason
 
 
 @pytest.mark.parametrize(
@@ -335,6 +335,6 @@ def test_the_reason_of_the_last_refusal_is_in_the_failure() -> None:
     failure = talk.conversation.failure
     assert failure is not None
     assert failure.reason == (
-        "the instrument SN-1 refuses (code 3: too fast) a sampling rate of 4000.0 Hz; ask for "
+        "the instrument SN-1 refuses (code 3: too fast) a sampling rate of 4000.0 Hz; request "
         "another one or none"
     )

@@ -194,7 +194,7 @@ def test_another_instrument_is_not_taken(make: MakeDriver) -> None:
     port.unplug()
     port.instrument = other
     items = collect(driver, lambda seen: len(of(seen, Disconnected)) == 2)
-    assert "another instrument answers: SN-2, waiting for SN-1" in items[-1].reason  # type: ignore[union-attr]
+    assert "expected the instrument SN-1, got SN-2" in items[-1].reason  # type: ignore[union-attr]
     assert not of(items, Samples)
     assert not other.sampling
     assert driver.identity == instrument.identity
@@ -206,7 +206,7 @@ def test_another_instrument_is_not_taken(make: MakeDriver) -> None:
 def test_only_the_expected_instrument(make: MakeDriver) -> None:
     driver = make(Socket(Instrument("SN-2")), expected_serial_number="SN-1")
     items = collect(driver, lambda seen: bool(of(seen, Disconnected)))
-    assert "waiting for SN-1" in items[-1].reason  # type: ignore[union-attr]
+    assert "expected the instrument SN-1" in items[-1].reason  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize(

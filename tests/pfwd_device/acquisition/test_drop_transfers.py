@@ -159,7 +159,7 @@ def test_a_drop_with_another_number_of_channels_is_reported_once_and_not_fetched
     kept = DropTransfers(Counters())
     kept.channels = COUNTS.shape[1]
     other = dataclasses.replace(OFFER, channels=COUNTS.shape[1] + 1)
-    reason = f"expected {COUNTS.shape[1]} channels as in the Identity, got {COUNTS.shape[1] + 1}"
+    reason = f"expected {COUNTS.shape[1]} channels as in the identity, got {COUNTS.shape[1] + 1}"
     assert kept.take(other, 0.0, None) == UnusableDrop(other, reason)
     assert kept.take(other, 1.0, None) is None
     assert said(kept) == []
@@ -211,7 +211,7 @@ def test_a_drop_that_never_has_its_crc_is_told_once_and_fetched_rarely() -> None
     (unusable,) = [each for each in told if each is not None]
     assert isinstance(unusable, UnusableDrop)
     assert unusable.offer == wrong
-    assert f"got another one {N_UNSOUND_BEFORE_REPORT} times" in unusable.reason
+    assert f"got another checksum in {N_UNSOUND_BEFORE_REPORT} transfers" in unusable.reason
     assert fetched == N_UNSOUND_BEFORE_REPORT + int(100 / UNSOUND_RETRY_S)
     assert counters.blocks_refused == 10 * fetched
     kept.take(OFFER, 100.0, None)  # another CRC: offered anew

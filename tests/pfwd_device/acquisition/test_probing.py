@@ -70,7 +70,7 @@ def test_others_and_nobody() -> None:
     with talker(lambda k: b"$GPGGA,123519,4807.038,N\r\n") as url:
         answer = ask(url)
     assert answer.answers is None
-    assert "not as a PFWD" in answer.reason
+    assert "no known PFWD" in answer.reason
     with talker(lambda k: b"") as url:
         assert "silent" in ask(url).reason
     assert "refused" in ask(url).reason

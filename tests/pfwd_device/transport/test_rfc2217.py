@@ -59,7 +59,7 @@ def test_bytes_go_both_ways_and_close_ends_a_read(lender: str) -> None:
     assert data == b"hello\0\xff\xff"
     timer = threading.Timer(0.1, transport.close)
     timer.start()
-    with pytest.raises(DeviceLost, match="closed here"):
+    with pytest.raises(DeviceLost, match="this program closed"):
         transport.read(10)
     timer.join()
 

@@ -269,18 +269,18 @@ def test_what_is_no_port(tmp_path: Path, kind: str) -> None:
 
 
 def test_what_is_no_url() -> None:
-    with pytest.raises(PortError, match=r"foo.*check the spelling"):
+    with pytest.raises(PortError, match=r"foo.*Check the spelling"):
         open_transport("foo://bar")
 
 
 @pytest.mark.parametrize(
     ("cause", "match"),
     [
-        (serial.SerialException(errno.EACCES, "Permission denied"), "this user may not open"),
+        (serial.SerialException(errno.EACCES, "Permission denied"), "no permission"),
         (serial.SerialException("could not open port 'COM3': FileNotFoundError(2, '', None, 2)"),
          "port COM3: not found"),
         (serial.SerialException("could not open port 'COM3': PermissionError(13, '', None, 5)"),
-         "in use"),
+         "port COM3: cannot be opened: in use by another program. End that program"),
         (serial.SerialException(errno.EIO, "Input/output error"), "plug it in again"),
     ],
 )  # fmt: skip

@@ -259,7 +259,8 @@ def test_a_wrong_sampling_rate_is_told_once() -> None:
     messages = one.feed(lines(np.arange(0, 500_000, 110)))
     refusals = [message for message in messages if isinstance(message, Refusal)]
     assert [refusal.text for refusal in refusals] == [
-        "sampling_rate: expected 10000 Hz, the times say 9090.9 Hz"
+        "sampling_rate: expected 10000 Hz as declared, got 9090.9 Hz from the printed times; "
+        "correct sampling_rate_hz in the setup file"
     ]
     assert not any(
         isinstance(m, Refusal) for m in dialect().feed(lines(np.arange(0, 500_000, 100)))
@@ -330,11 +331,11 @@ def test_bytes_add_up() -> None:
 @pytest.mark.parametrize(
     ("columns", "options", "match"),
     [
-        ((0,), {}, r"columns: expected one for each of 2 channels, got \(0,\)"),
-        ((0, 0), {}, "columns: expected different ones from 0 to 63"),
-        ((0, -1), {}, "columns: expected different ones"),
-        ((0, 64), {}, "columns: expected different ones from 0 to 63"),
-        ((0, 1), {"resolution": [1.0]}, "resolution: expected one for each channel, 2"),
+        ((0,), {}, r"columns: expected 2, one for each channel, got \(0,\)"),
+        ((0, 0), {}, "columns: expected different numbers from 0 to 63"),
+        ((0, -1), {}, "columns: expected different numbers"),
+        ((0, 64), {}, "columns: expected different numbers from 0 to 63"),
+        ((0, 1), {"resolution": [1.0]}, "resolution: expected 2, one for each channel"),
         ((0, 1), {"resolution": [1.0, 0.0]}, "resolution: expected values from 1e-30 to 1e30"),
         ((0, 1), {"resolution": [1.0, float("nan")]}, "resolution: expected values"),
     ],
