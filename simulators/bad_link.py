@@ -1,7 +1,7 @@
-"""Link between host and instrument that can be cut, is slow, or damages bytes.
+"""Link between computer and instrument that can be cut, is slow, or damages bytes.
 
-It is a TCP port in front of the instrument's port, for tests and benchmarks. Its faults are drawn
-from a seed.
+It is a TCP port that relays to the port of the instrument, for tests and benchmarks. The damaged
+bytes are drawn at random from a seed.
 """
 
 from __future__ import annotations
@@ -22,21 +22,24 @@ _CHUNK_BYTES = 4096
 _POLL_INTERVAL_S = 0.002
 """Longest wait for bytes in the loop, s."""
 _BURST_S = 0.01
-"""Length of a burst at full speed, s of the rate, like the queue of a port."""
+"""Amount of data that is relayed without delay, as by the queue of a port: bytes that the rate
+transfers in this time, s."""
 
 
 class BadLink:
-    """Relay of bytes in both directions with faults.
+    """Relay between a computer and an instrument that slows down, damages and cuts the link.
 
     Parameters
     ----------
     target : callable
-        Returns the current URL of the instrument, socket://HOST:PORT; called for each connection.
+        Function that returns the present URL of the instrument, socket://HOST:PORT; it is called
+        for each connection.
     rate : float
         Bytes per second in each direction; 0: unlimited.
     bit_error_rate : float
-        Bytes with a flipped bit, fraction, in both directions.
+        Fraction of the bytes of both directions in which a bit is flipped.
     seed : int
+        Seed of the random errors.
     """
 
     def __init__(
@@ -53,7 +56,7 @@ class BadLink:
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._listener.settimeout(0.05)
         self.url = f"socket://127.0.0.1:{self._listener.getsockname()[1]}"
-        """URL for the host."""
+        """URL of the relay, which the computer opens in place of the instrument."""
         self._cut = threading.Event()
         self.cuts = 0
         """Number of times that the link was cut."""
@@ -62,7 +65,7 @@ class BadLink:
         self._thread.start()
 
     def cut(self) -> None:
-        """Close the connection; the host can open it again at once."""
+        """Cut the present connection; the computer can open it again at once."""
         self._cut.set()
 
     def close(self) -> None:
@@ -119,7 +122,7 @@ class BadLink:
 
 
 class _Direction:
-    """One direction of the relay."""
+    """One direction of the relay, with the bytes that wait for their transfer."""
 
     def __init__(
         self, source: socket.socket, sink: socket.socket, cable: BadCable, rate: float

@@ -1,4 +1,7 @@
-"""A blind campaign: trace files of simulated drops with effects that their headers do not declare.
+"""Trace files of simulated drops for a blind test of the diagnosis.
+
+A trace file is a text file with the samples of load and sensors, and a header with declared values.
+Each file of a campaign has an effect that its header does not declare, such as a delayed sensor.
 
 >>> cases = make_campaign(Path("campaign"), seed=1, cache=Path("cache"))  # doctest: +SKIP
 
@@ -8,8 +11,8 @@ campaign to some effects (keys of `simulators.effects.catalogue.EFFECTS`) and ``
 
 >>> make_campaign(Path("few"), seed=1, per_case=2, only=("clean", "sensor_lag"))  # doctest: +SKIP
 
-The ground is computed by finite elements; one run per site and contact, stored in `cache`, serves
-every drop on it (see `simulators.effects.response`). Equal seeds give equal files.
+The ground is computed by finite elements. One run for each site and contact serves every drop on it
+(see `simulators.effects.response`); the folder `cache` stores it. Equal seeds give equal files.
 """
 
 from __future__ import annotations
@@ -28,7 +31,7 @@ from simulators.effects.recording import Converter, write_signals
 from simulators.effects.scene import Laboratory, Scene, SimulatedPoint
 from simulators.mesh import ConstantQ, Ground, Growth, require
 
-CLEAN_FRACTION = 0.2
+CLEAN_FRACTION = 0.2  # fraction of the files without an effect
 DRAWN_LEVEL = -1  # level of a strength that is drawn at random
 # Larger than any level, so that drawn strengths have random streams of their own.
 _DRAWN_STREAM_OFFSET = 10_000
@@ -39,14 +42,20 @@ N_SURVEY_POINTS = 5
 
 @dataclass(frozen=True)
 class Site:
-    """Ground and plate of a finite-element run; offsets in plate radii."""
+    """Ground and plate of a finite-element run."""
 
     radius: float
+    """Radius of the plate, m."""
     depth: float
+    """Depth of the rigid base, m; infinite without base."""
     modulus: float
+    """Young's modulus, Pa."""
     viscosity: float
+    """Viscosity, Pa s."""
     poisson_ratio: float = 0.35
+    """Poisson's ratio."""
     offsets: tuple[float, ...] = (0.0, 2.0, 4.0)
+    """Distances of the sensors from the plate centre, in plate radii."""
     quality: float = math.inf
     """Q of constant-Q soil, whose modulus is that at `REFERENCE_RAD_S`; infinite: Kelvin-Voigt."""
     growth: float = 0.0
@@ -56,7 +65,7 @@ class Site:
 
     @property
     def ground(self) -> Ground:
-        """Ground before it is rescaled; density 1900 kg/m3."""
+        """Ground of the finite-element run, with a density of 1900 kg/m3."""
         uniform = Ground.uniform(
             self.modulus, self.viscosity, 1900.0, self.poisson_ratio, self.depth
         )
@@ -113,17 +122,18 @@ CONTACT_SITES = (
 
 @dataclass(frozen=True)
 class Case:
-    """The truth about one trace file."""
+    """True values of one trace file."""
 
     file: str
-    """Name inside the traces folder."""
+    """Name within the folder of the traces."""
     effect: str
-    """Name in the vocabulary of effects, `clean`, or that of an unmodelled effect."""
+    """Name of the effect; `clean` without one."""
     key: str
     """Name of the effect with its variant."""
     known: bool
-    """True if the effect is in the vocabulary."""
+    """True if the diagnosis knows the effect, so that it is expected to name it."""
     scope: str
+    """Part that the effect concerns: `drop`, `point` or `device`."""
     level: int
     """Strength: 0 the weakest; -1 for clean and for strengths that were drawn."""
     strength: float
@@ -138,13 +148,17 @@ class Case:
     viscosity_pa_s: float
     density_kg_m3: float
     bedrock_depth_m: float | None
-    """True depth; none: no rock."""
+    """True depth of the rigid base, m; None without rock."""
     depth_declared: bool
+    """True if the header declares a depth."""
     radius_m: float
     poisson_ratio: float
     drops: int
+    """Number of drops."""
     sensors: int
+    """Number of sensors."""
     quantity: str
+    """Quantity of the sensors, `velocity` or `displacement`."""
     noise: float
     """Root mean square over the peak of each channel."""
     noise_colour: float
@@ -161,7 +175,7 @@ class Case:
 
 @dataclass(frozen=True)
 class _Plan:
-    """Plan of one trace file."""
+    """Effect, strength and random streams of one trace file."""
 
     effect: SimulatedEffect
     level: int
@@ -183,20 +197,34 @@ def make_campaign(
     curve: int | None = None,
     drawn: bool = False,
 ) -> list[Case]:
-    """Write the trace files and, in another folder, the true values.
+    """Write the trace files of a campaign and, in another folder, the true values.
 
     Parameters
     ----------
-    folder : folder of `traces` and `truth`
-    seed : seed of all random numbers
-    per_case : smallest number of drops per effect and strength
-    cache : folder for finite-element responses, shared by all campaigns
-    only : keys of `EFFECTS`, and `clean`; None: all
-    levels : strengths 0 to 2; None: all
-    noise : fixed root mean square over peak; None: drawn
-    curve : number of strengths between the weakest and the strongest, without surveys, where the
-        effect allows it (see `SimulatedEffect.curve`); None: three
-    drawn : True: draw the strength of every point, without surveys
+    folder : Path
+        Folder in which the folders `traces` and `truth` are made.
+    seed : int
+        Seed of all random numbers.
+    per_case : int
+        Smallest number of drops for each effect and strength.
+    cache : Path, optional
+        Folder for finite-element responses, which all campaigns share.
+    only : iterable of str, optional
+        Keys of `EFFECTS`, of which `clean` is one; None: all.
+    levels : sequence of int, optional
+        Strengths from 0, the weakest, to 2; None: all.
+    noise : float, optional
+        Root mean square of the noise over the peak; None: drawn at random.
+    curve : int, optional
+        Number of strengths from the weakest to the strongest, where the effect allows it (see
+        `SimulatedEffect.curve`). None: three, and surveys of several points of one device.
+    drawn : bool
+        True: draw the strength of every point at random.
+
+    Returns
+    -------
+    list of Case
+        True values of each file.
 
     Raises
     ------
@@ -212,7 +240,7 @@ def make_campaign(
         for case in read_truth(folder):
             (traces / case.file).unlink(missing_ok=True)
     strange = sorted(path.name for path in traces.iterdir())
-    require(not strange, "folder", "no traces but those of a former campaign", strange[:3])
+    require(not strange, "folder", "only traces of a former campaign", strange[:3])
     truth.mkdir(parents=True, exist_ok=True)
     plans = list(_plans(seed, keys, per_case, levels, curve, drawn))
     order = np.random.default_rng([seed, 1]).permutation(len(plans))
@@ -226,7 +254,7 @@ def make_campaign(
 
 
 def read_truth(folder: Path) -> list[Case]:
-    """Return the true values of a campaign written by `make_campaign`."""
+    """Return the true values of each file of a campaign that `make_campaign` wrote."""
     text = (folder / "truth" / "truth.json").read_text(encoding="utf-8")
     return [Case(**case) for case in json.loads(text)["cases"]]
 
@@ -299,7 +327,7 @@ def _site(plan: _Plan, generator: np.random.Generator) -> Site:
 
 
 def _draw_site(sites: Sequence[Site], generator: np.random.Generator) -> Site:
-    """Draw a soil by `SOIL_PROBABILITIES` among those of the sites, then one of its sites."""
+    """Draw a kind of soil with `SOIL_PROBABILITIES`, then one of the sites with this soil."""
     soils = [site.ground.soil for site in sites]
     chances = np.array([SOIL_PROBABILITIES[soil] / soils.count(soil) for soil in soils])
     return sites[int(generator.choice(len(sites), p=chances / np.sum(chances)))]
@@ -393,7 +421,7 @@ def _header(
     plan: _Plan,
     generator: np.random.Generator,
 ) -> dict[str, str | float | int]:
-    """Return the header: the truth, except for the quantity that the effect conceals."""
+    """Return the header with the true values, except for the value that the effect falsifies."""
     header: dict[str, str | float | int] = {
         "pfwd-traces": 1,
         "plate_radius_m": scene.radius,

@@ -21,7 +21,10 @@ NOISE_OVER_PEAK = 0.003  # for load and sensors
 
 
 def demo_ground(seed: int) -> Ground:
-    """Return the ground of the demonstration: soil near 45 MPa on rock near 1.2 m."""
+    """Return the ground of the demonstration: soil of about 45 MPa on rock at about 1.2 m.
+
+    Equal seeds give equal grounds.
+    """
     generator = np.random.default_rng([seed, 0])
     return Ground.uniform(
         modulus=45e6 * float(np.exp(0.12 * generator.standard_normal())),
@@ -33,9 +36,9 @@ def demo_ground(seed: int) -> Ground:
 
 
 def demo_simulations(count: int, seed: int) -> list[SimulatedDrop]:
-    """Return ideal records of `count` drops whose heights scatter by some per cent.
+    """Return `count` simulated drops without noise, whose sizes scatter by 1.5 %.
 
-    The system is linear, so every drop is a scaled copy of one computed drop.
+    The ground is linear, so every drop is a scaled copy of one computed drop.
     """
     simulator = DropSimulator(
         demo_ground(seed),
@@ -51,14 +54,18 @@ def demo_simulations(count: int, seed: int) -> list[SimulatedDrop]:
 
 
 def demo_drops(count: int, seed: int, folder: Path) -> Path:
-    """Write a trace file of `count` drops with noise at one point and return its path.
+    """Write a trace file with noisy drops at one test point and return its path.
 
     Equal seeds give equal files.
 
     Parameters
     ----------
-    count : number of drops, >= 1
-    folder : created if it does not exist; the file is named after the seed
+    count : int
+        Number of drops, >= 1.
+    seed : int
+        Seed of ground, drops and noise; it is a part of the file name.
+    folder : Path
+        Folder of the file; it is created if it does not exist.
     """
     drops = demo_simulations(count, seed)
     recording = Recording(

@@ -25,7 +25,7 @@ STANDARD_GRAVITY = 9.80665  # m/s2
 
 @dataclass(frozen=True)
 class Hammer:
-    """Mass that falls on a spring above the plate. The spring transmits no tension."""
+    """Falling weight: a mass that hits a spring above the plate. The spring takes no tension."""
 
     mass: float
     """Mass, kg, > 0."""
@@ -43,13 +43,13 @@ class Hammer:
 
     @property
     def pulse_duration(self) -> float:
-        r"""Duration of the half-sine on unyielding ground, :math:`\pi \sqrt{m/k}`, s."""
+        r"""Duration of the half-sine pulse on rigid ground, :math:`\pi \sqrt{m/k}`, s."""
         return math.pi * math.sqrt(self.mass / self.stiffness)
 
 
 @dataclass(frozen=True)
 class PrescribedLoad:
-    """Force history above the plate, linear between its samples and zero outside."""
+    """Known force above the plate as a function of time, linear between samples, zero outside."""
 
     time: Array
     """Increasing times (n,), s; 0 is the start of the drop."""
@@ -63,18 +63,18 @@ class PrescribedLoad:
 
     @property
     def pulse_duration(self) -> float:
-        r"""Duration of the half-sine of equal peak and impulse, :math:`\pi I / (2 F_{max})`, s."""
+        r"""Duration of the half-sine of equal peak and impulse I, :math:`\pi I/(2 F_{max})`, s."""
         impulse = np.trapezoid(np.maximum(self.force, 0.0), self.time)
         return float(math.pi / 2 * impulse / np.max(self.force))
 
     def at(self, time: float) -> float:
-        """Force at one time, N."""
+        """Return the force at a time (s), N."""
         return float(np.interp(time, self.time, self.force, left=0.0, right=0.0))
 
 
 @dataclass(frozen=True)
 class SimulatedDrop:
-    """Signals of ideal instruments, and quantities that no instrument measures."""
+    """Computed load and motion of one drop, without any error of an instrument."""
 
     time: Array
     """Times (n,) from the first touch, s."""
@@ -94,7 +94,10 @@ class SimulatedDrop:
     """Velocity at the offsets, (n_offsets, n), m/s."""
 
     def scaled(self, factor: float) -> SimulatedDrop:
-        """Return the drop from another height; without gravity all signals are proportional."""
+        """Return the drop with all signals multiplied by a factor, as from another height.
+
+        It is exact for a `Hammer` without gravity, because the ground is linear.
+        """
         return SimulatedDrop(
             time=self.time,
             load=factor * self.load,
@@ -108,24 +111,33 @@ class SimulatedDrop:
 
 
 class Instant(NamedTuple):
-    """State of hammer, plate and ground at one time."""
+    """State of the finite elements at one time."""
 
     displacement: Array
+    """Displacement of each degree of freedom, (n,), m; the first is the plate."""
     velocity: Array
+    """Velocity of each degree of freedom, (n,), m/s."""
     acceleration: Array
+    """Acceleration of each degree of freedom, (n,), m/s2."""
     load: float
+    """Force above the plate, N."""
 
 
 class DropSimulator:
-    """Plate on the ground, whose grid and factorisation serve any number of drops.
+    """Finite-element simulator of a plate on the ground, which serves any number of drops.
 
     Parameters
     ----------
-    offsets : distances of the observed points from the plate centre, m
-    duration, time_step : of the record, s
-        The internal steps are an integer fraction of `time_step`.
-    pulse_duration : T0 of the loads, s
-        Sets the shortest wavelength and the step; a value that is too short only costs time.
+    ground : Ground
+    plate : Plate
+    offsets : sequence of float, m
+        Distances of the observed points from the plate centre.
+    duration, time_step : float, s
+        Length and sampling step of the record. The internal steps are an integer fraction of it.
+    pulse_duration : float, s
+        Duration of the load, which determines grid and internal step. A shorter value costs time; a
+        longer one makes the result inaccurate.
+    resolution : Resolution
     """
 
     def __init__(
@@ -155,7 +167,13 @@ class DropSimulator:
         self._unit_response = self._solve(model.plate_force())
 
     def run(self, source: Hammer | PrescribedLoad) -> SimulatedDrop:
-        """Return one drop; see `simulate_drop`."""
+        """Return the motion under one drop.
+
+        Parameters
+        ----------
+        source : Hammer or PrescribedLoad
+            Falling weight, or known force above the plate.
+        """
         load, contact, displacement, velocity = np.zeros((4, self.samples))
         ground = np.zeros((2, self.offsets.size, self.samples))
         for count, state in enumerate(self.march(source)):
@@ -180,7 +198,7 @@ class DropSimulator:
         )
 
     def march(self, source: Hammer | PrescribedLoad) -> Iterator[Instant]:
-        """Yield the state at every internal step, beginning at rest."""
+        """Yield the state of the finite elements at every internal step, from rest on."""
         model, rate = self.model, 2 / self.step
         force = _HammerForce(source, rate) if isinstance(source, Hammer) else source
         u, v, a = np.zeros((3, model.size))
@@ -223,12 +241,16 @@ class _Memory:
         self.stiffness = float(self.spring + self.shares @ self.gain + self.rate * self.dashpot)
 
     def history_displacement(self, u: Array, v: Array, extensions: Array) -> Array:
-        """Return the displacement whose elastic force is on the right side of the next step."""
+        """Return a displacement (m) that represents the past motion in the equation of a step.
+
+        The elastic force of this displacement is the force of the Maxwell elements by their present
+        extensions and by the present motion of the ground.
+        """
         past = (self.shares * self.decay) @ extensions
         return float(self.shares @ self.gain) * u - past + self.dashpot * (self.rate * u + v)
 
     def advanced(self, extensions: Array, change: Array) -> Array:
-        """Return the extensions after a change of the displacements."""
+        """Return the extensions of the springs after a change of the displacements, m."""
         return self.decay[:, None] * extensions + np.multiply.outer(self.gain, change)
 
 
@@ -240,7 +262,15 @@ class _HammerForce:
         self.x, self.v, self.a = 0.0, hammer.velocity, hammer.gravity
 
     def advance(self, free_plate: float, plate_response: float) -> float:
-        """Return the force at the end of the step, N, from :math:`u_{free}` and q of the plate."""
+        """Advance the hammer by one step and return the force on the plate at its end, N.
+
+        Parameters
+        ----------
+        free_plate : float, m
+            Displacement of the plate at the end of the step without a force.
+        plate_response : float, m/N
+            Displacement of the plate for a unit force at the end of the step.
+        """
         hammer, rate = self.hammer, self.rate
         hammer_response = 1 / (hammer.mass * rate**2)
         free = self.x + 2 * self.v / rate + (self.a + hammer.gravity) / rate**2
@@ -265,9 +295,15 @@ def simulate_drop(
 
     Parameters
     ----------
-    source : a hammer, or a known force above the plate
-    offsets : distances from the plate centre where the ground is observed, m
-    duration, time_step : of the record, s
+    ground : Ground
+    plate : Plate
+    source : Hammer or PrescribedLoad
+        Falling weight, or known force above the plate.
+    offsets : sequence of float, m
+        Distances from the plate centre at which the ground is observed.
+    duration, time_step : float, s
+        Length and sampling step of the record.
+    resolution : Resolution
 
     Raises
     ------

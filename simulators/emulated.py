@@ -1,4 +1,7 @@
-"""Core of the instrument on an emulated Cortex-M3: cross-compiled by zig, run by QEMU."""
+"""Instrument firmware on an emulated processor.
+
+The core of the firmware, in C, is compiled for a Cortex-M3 by zig and run by QEMU.
+"""
 
 from __future__ import annotations
 
@@ -33,18 +36,32 @@ MACHINE = "mps2-an385"
 _QUIET = ("-display", "none", "-monitor", "none")
 EMULATOR = "qemu-system-arm"
 EMULATED_DROP_SAMPLES = 1200
-"""Samples of the longest drop in its memory: 0.12 s at 10 kHz, three drops in half of 48 kB."""
+"""Samples of the longest drop that the emulated board stores: 0.12 s at 10 kHz. Three drops fit
+into half of its 48 kB."""
 
 
 def emulator() -> str | None:
-    """Return the command of QEMU; None: it is not installed."""
+    """Return the path of the program QEMU; None if it is not installed."""
     return shutil.which(EMULATOR)
 
 
 def cross_compile(
     sources: Sequence[Path], image: Path, linked: Path | None, *flags: str, target: Sequence[str]
 ) -> None:
-    """Compile for bare metal, without a linker script to a single object.
+    """Compile C sources for a processor without operating system, by zig.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        C files.
+    image : Path
+        File to write.
+    linked : Path or None
+        Linker script; None: the sources are only combined to one object file.
+    *flags : str
+        Additional flags of the compiler.
+    target : sequence of str
+        Flags that select the processor.
 
     Raises
     ------
@@ -54,8 +71,8 @@ def cross_compile(
     compiler = zig_command("cc")
     if compiler is None:
         raise FirmwareError(
-            "firmware: expected zig, which compiles for other processors, got none; "
-            "`pip install ziglang` brings it (400 MB)"
+            "firmware: expected zig, which compiles for other processors, got none; install it by "
+            "`pip install ziglang` (400 MB)"
         )
     common = [*COMPILER_FLAGS, "-Os", "-ffreestanding", "-fno-sanitize=all", "-ffunction-sections"]
     common += ["-fdata-sections", "-fno-builtin"]
@@ -75,17 +92,21 @@ def cross_compile(
 
 
 def build_emulated(played: Played, image: Path, *flags: str) -> None:
-    """Build the image of the emulated board, which contains the samples.
+    """Build the program of the emulated board, which contains the samples that it plays.
 
     Parameters
     ----------
     played : Played
-    image : path
-        Of the ELF file that is written.
+        Samples and identity of the instrument.
+    image : Path
+        ELF file to write.
+    *flags : str
+        Additional flags of the compiler.
 
     Raises
     ------
     FirmwareError
+        If zig is missing or reports an error.
     """
     folder = firmware_folder() / "mps2"
     with tempfile.TemporaryDirectory(prefix="pfwd-image-") as work:
@@ -111,7 +132,14 @@ extern const pfwd_identity table_identity;
 
 
 def table_text(played: Played, drop_samples: int = EMULATED_DROP_SAMPLES) -> str:
-    """Return samples and identity as C source."""
+    """Return C source with the samples and the identity of the emulated board.
+
+    Parameters
+    ----------
+    played : Played
+    drop_samples : int
+        Samples of the longest drop that the board stores.
+    """
     identity, counts = played.identity, played.counts
     shunts = [
         (number, channel.sensitivity * channel.shunt / identity.volts_per_count)
@@ -174,10 +202,10 @@ def _c_value(value: float | None) -> str:
 
 
 def section_sizes(image: Path) -> dict[str, int]:
-    """Return the bytes of each section of a 32-bit ELF file in the processor's memory."""
+    """Return the size of each section of a 32-bit ELF file that the processor loads, bytes."""
     data = image.read_bytes()
     if data[:6] != b"\x7fELF\x01\x01":
-        raise FirmwareError(f"{image}: expected a 32-bit ELF file, got something else")
+        raise FirmwareError(f"{image}: expected a 32-bit ELF file, got another kind of file")
     (offset,) = struct.unpack_from("<I", data, 32)
     size, count, names = struct.unpack_from("<HHH", data, 46)
     headers = [struct.unpack_from("<IIIIII", data, offset + k * size) for k in range(count)]
@@ -192,11 +220,12 @@ def section_sizes(image: Path) -> dict[str, int]:
 
 
 class EmulatedBoard:
-    """Running emulated board; hosts open its `url`.
+    """Emulated board that runs until it is closed; a host opens its `url`.
 
     Parameters
     ----------
-    image : path of what `build_emulated` wrote
+    image : Path
+        Program that `build_emulated` wrote.
 
     Raises
     ------
@@ -209,7 +238,7 @@ class EmulatedBoard:
         if program is None or os.name == "nt":
             raise FirmwareError(
                 f"firmware: expected {EMULATOR}, got none; install QEMU (Debian: "
-                "qemu-system-arm); on Windows the emulated board is not run"
+                "qemu-system-arm); on Windows the emulated board is not supported"
             )
         self._process = subprocess.Popen(
             [program, "-M", MACHINE, "-kernel", str(image), *_QUIET, "-serial", "pty"],
@@ -236,7 +265,7 @@ class EmulatedBoard:
         raise FirmwareError(f"{EMULATOR}: expected a serial port, got {' '.join(lines) or 'none'}")
 
     def close(self) -> None:
-        """Stop the board."""
+        """Stop the emulated board."""
         self._process.terminate()
         try:
             self._process.wait(BOARD_STOP_TIMEOUT_S)

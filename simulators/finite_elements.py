@@ -51,13 +51,16 @@ def _inertia_form(u: Any, v: Any, w: Any) -> Any:
 
 
 class FiniteElementModel:
-    """Matrices of a plate on the ground, reduced to the free degrees of freedom.
+    """Finite-element matrices of a plate on the ground, without the fixed degrees of freedom.
 
     Parameters
     ----------
-    ground, plate, grid
-    offsets : distances from the plate centre where the ground is observed, m
-        Up to the plate radius they follow the plate.
+    ground : Ground
+    plate : Plate
+    grid : Grid
+    offsets : sequence of float, m
+        Distances from the plate centre at which the ground is observed. Up to the plate radius the
+        motion is that of the plate.
     absorption : float, s, >= 0
         Viscosity over modulus added at the end of the absorbing zone, rising as the square of the
         distance from its start.
@@ -68,8 +71,10 @@ class FiniteElementModel:
         Degree of freedom `PLATE_INDEX` is the plate, whose mass is in `inertia`. A damping law of
         the ground multiplies `stiffness` and is not in it.
     observation : (n_offsets, n) sparse
-        Maps a state to the vertical displacement at the offsets.
-    size : int, n
+        Matrix that returns the vertical displacements at the offsets from those of all degrees of
+        freedom.
+    size : int
+        Number n of degrees of freedom.
     """
 
     def __init__(
@@ -103,13 +108,21 @@ class FiniteElementModel:
         self.observation = _observation(full, free, plate, offsets)
 
     def static_stiffness(self) -> float:
-        """Return the static force over displacement, N/m; for constant-Q soil with |E*(w0)|."""
+        """Return the static force on the plate over its displacement, N/m.
+
+        For constant-Q soil it is computed with the modulus at the reference frequency.
+        """
         return 1.0 / float(factorise(self.stiffness)(self.plate_force())[PLATE_INDEX])
 
     def compliance(self, laplace: complex) -> complex:
-        """Return displacement of the plate over contact force at a Laplace variable (1/s), m/N.
+        """Return the displacement of the plate over the force on the ground, m/N.
 
         The mass of the plate is excluded.
+
+        Parameters
+        ----------
+        laplace : complex, 1/s
+            Laplace variable, i omega for a steady vibration.
         """
         weightless = self.inertia.copy()
         weightless[PLATE_INDEX, PLATE_INDEX] -= self.plate.mass
@@ -131,7 +144,10 @@ class FiniteElementModel:
 
 
 def factorise(matrix: Any) -> Any:
-    """Return the solver (right-hand side to solution) of a symmetric sparse matrix."""
+    """Return a function that solves a linear system with a symmetric sparse matrix.
+
+    It maps the right-hand side to the solution.
+    """
     return splu(matrix.tocsc(), options={"SymmetricMode": True}, **ORDERING).solve
 
 
@@ -162,7 +178,10 @@ def effective_modulus(ground: Ground, plate: Plate) -> float:
 def _material(
     position: Any, ground: Ground, grid: Grid, absorption: float, viscous: bool
 ) -> dict[str, Array]:
-    """Return Lame's constants (of E or, if `viscous`, of eta) and density at positions (2, ...)."""
+    """Return shear modulus, Lame's first constant and density at positions (2, ...).
+
+    If `viscous`, the first two are those of the viscosity instead of the modulus.
+    """
     index = ground.layer_at(position[1])
 
     def value(name: str) -> Array:

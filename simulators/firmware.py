@@ -1,7 +1,8 @@
-"""Core of the instrument in C, compiled and run as a process that plays samples.
+"""Instrument firmware that is compiled for this computer and plays given samples.
 
-The sources are in the folder ``firmware`` of a checkout, and in the wheel. Any C compiler is
-suitable; `pip install pfwd[firmware]` installs one.
+The core of the firmware is written in C. Here it runs as a process, the host board, which sends
+samples as an instrument does. The sources are in the folder ``firmware`` of a checkout, and in the
+wheel. Any C compiler is suitable; `pip install pfwd[firmware]` installs one.
 """
 
 from __future__ import annotations
@@ -38,11 +39,11 @@ from simulators.mesh import SimulationError
 COMPILER_FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-Wconversion")
 """Flags of the compiler on every platform."""
 BUILD_TIMEOUT_S = 300.0
-"""Longest compilation, s; zig compiles its C library the first time."""
+"""Longest wait for the compiler, s; zig compiles its C library the first time."""
 BOARD_START_TIMEOUT_S = 20.0
-"""Time within which a board must report its URL, s."""
+"""Longest wait for the URL that a board reports after its start, s."""
 BOARD_STOP_TIMEOUT_S = 5.0
-"""Time within which a board must end, s."""
+"""Longest wait for the end of a board, s."""
 HOST_DROP_SAMPLES = 4000
 """Samples of the longest drop in the memory of the host board."""
 DEFAULT_DROPS = 60
@@ -50,19 +51,19 @@ DEFAULT_DROPS = 60
 PLAYED_RANGE_V = 5.0
 """Range of the converter for recorded drops, V."""
 _N_REST_SAMPLES = 20
-"""Number of first samples of a record that give the reading at rest and the noise."""
+"""Number of first samples of a record from which the values at rest and the noise are estimated."""
 PLAYED_REST_S = 2.0
-"""Pause between recorded drops, s, longer than the search for bounces."""
+"""Pause between recorded drops, s, longer than the time in which bounces are expected."""
 _HEAD = struct.Struct("<8sII")
 _MAGIC = b"PFWDPLAY"
 
 
 class FirmwareError(SimulationError):
-    """Failure to compile or run the core."""
+    """Error while the firmware is compiled or run."""
 
 
 def firmware_folder() -> Path:
-    """Return the folder of the sources.
+    """Return the folder with the C sources of the firmware.
 
     Raises
     ------
@@ -74,13 +75,16 @@ def firmware_folder() -> Path:
         if (folder / "core" / "pfwd.h").is_file():
             return folder
     raise FirmwareError(
-        "firmware: expected the sources of the core, got none; install pfwd from its wheel or use "
-        "a checkout of the project"
+        "firmware: expected the C sources of the firmware, got none; install pfwd from its wheel "
+        "or use a checkout of the project"
     )
 
 
 def find_compiler() -> list[str] | None:
-    """Return the command of a C compiler: of the variable CC, the platform, or zig, or None."""
+    """Return the command of a C compiler; None if there is none.
+
+    It is that of the environment variable CC, else cc, gcc or clang, else zig.
+    """
     variable = os.environ.get("CC")
     if variable and shutil.which(shlex.split(variable)[0]):
         return shlex.split(variable)
@@ -92,7 +96,7 @@ def find_compiler() -> list[str] | None:
 
 
 def zig_command(*arguments: str) -> list[str] | None:
-    """Return a command of zig; None: it is not installed."""
+    """Return a command line of the compiler zig; None if zig is not installed."""
     if importlib.util.find_spec("ziglang") is not None:
         return python_command("-m", "ziglang", *arguments)
     path = shutil.which("zig")
@@ -100,12 +104,14 @@ def zig_command(*arguments: str) -> list[str] | None:
 
 
 def core_sources() -> list[Path]:
-    """Return the C files of the core."""
+    """Return the C files of the firmware core, which all boards share."""
     return sorted((firmware_folder() / "core").glob("*.c"))
 
 
 def build_host(*flags: str, main: str = "host/board.c") -> Path:
-    """Compile the host board, or return the cached program.
+    """Compile the host board, the firmware for this computer, and return the path of the program.
+
+    A program that was compiled before from the same sources is returned at once.
 
     Parameters
     ----------
@@ -123,7 +129,7 @@ def build_host(*flags: str, main: str = "host/board.c") -> Path:
     if compiler is None:
         raise FirmwareError(
             "firmware: expected a C compiler (cc, gcc, clang, or the variable CC), got none; "
-            "`pip install ziglang` brings one (400 MB)"
+            "install one by `pip install ziglang` (400 MB)"
         )
     folder = firmware_folder()
     sources = [folder / main, *core_sources()]
@@ -145,16 +151,17 @@ def build_host(*flags: str, main: str = "host/board.c") -> Path:
 
 
 def run_compiler(command: Sequence[str]) -> None:
-    """Run a compiler; raise `FirmwareError` with its first error."""
+    """Run the command line of a compiler; raise `FirmwareError` with its first error message."""
     try:
         completed = subprocess.run(
             command, capture_output=True, text=True, timeout=BUILD_TIMEOUT_S, check=False
         )
     except (OSError, subprocess.TimeoutExpired) as err:
-        raise FirmwareError(f"firmware: {command[0]}: expected it to compile, got {err}") from err
+        raise FirmwareError(f"firmware: {command[0]}: expected a program, got {err}") from err
     if completed.returncode:
-        errors = [line for line in completed.stderr.splitlines() if "error" in line] or ["nothing"]
-        raise FirmwareError(f"firmware: {command[0]}: expected it to compile, got {errors[0]}")
+        errors = [line for line in completed.stderr.splitlines() if "error" in line]
+        reason = errors[0] if errors else f"exit status {completed.returncode}"
+        raise FirmwareError(f"firmware: {command[0]}: expected a program, got {reason}")
 
 
 def _cache() -> Path:
@@ -165,13 +172,14 @@ def _cache() -> Path:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Played:
-    """Samples that a board plays, and its identity."""
+    """Samples that a board plays in place of measured ones, and the identity that it reports."""
 
     identity: Identity
+    """Description of the instrument."""
     counts: NDArray[np.int32]
     """Counts of the converter, (n, channels)."""
     truth: tuple[dict[str, Any], ...] = ()
-    """True values of each drop, with `touch_sample`."""
+    """True values of each drop, with `touch_sample`, the index of the first touch."""
     rates: tuple[float, ...] = ()
     """Sampling rates that the host may choose, Hz; empty: only the present one."""
 
@@ -182,13 +190,16 @@ def play_scenario(
     drops: int = 6,
     seed: int = 0,
 ) -> Played:
-    """Return the finite-element drops of a scenario as one long record.
+    """Return simulated drops of a scenario as one long record.
 
     Parameters
     ----------
-    source : name, file or tables of a scenario, or a Scenario
+    source : str, path, mapping or Scenario
+        Name, file or content of the scenario, which describes a simulated instrument.
     drops : int
+        Number of drops.
     seed : int
+        Seed of the random numbers.
     """
     scenario = source if isinstance(source, Scenario) else load_scenario(source)
     scenario = with_drawn_soil(scenario, seed)
@@ -212,7 +223,7 @@ def play_records(
     plate_radius: float | None = None,
     name: str = "played",
 ) -> Played:
-    """Return recorded drops as one long record with the plate at rest in between.
+    """Return recorded drops as one long record, with the plate at rest between them.
 
     Parameters
     ----------
@@ -223,12 +234,12 @@ def play_records(
         `geophone` or `displacement`, and the distance from the plate centre, m.
     plate_radius : float or None, m
     name : str
-        Replaces the serial number.
+        Serial number that the board reports.
 
     Returns
     -------
     Played
-        24 bits; each channel uses half of the converter's range.
+        Samples of a converter with 24 bits; each channel uses half of its range.
     """
     peaks = np.max([np.nanmax(np.abs(record), axis=0) for record in records], axis=0)
     volts = PLAYED_RANGE_V / 2 / np.where(peaks > 0, peaks, 1.0)
@@ -256,7 +267,7 @@ def play_records(
         parts += [rest + noise / math.sqrt(2) * generator.standard_normal(rest.shape), samples]
         last = np.median(
             samples[:_N_REST_SAMPLES], axis=0
-        )  # at rest: how a record ends says nothing of it
+        )  # the start of a record is at rest, its end need not be
     counts = np.rint(np.concatenate(parts) * volts * (1 << 23) / PLAYED_RANGE_V)
     identity = Identity(
         serial_number=name[:LONGEST_NAME],
@@ -272,7 +283,7 @@ def play_records(
 
 
 def write_play(path: Path, counts: NDArray[np.int32]) -> None:
-    """Write a file of samples for the host board."""
+    """Write samples, (n, channels), to a file that the host board plays."""
     sets, channels = counts.shape
     data = np.ascontiguousarray(counts, dtype="<i4").tobytes()
     path.write_bytes(_HEAD.pack(_MAGIC, channels, sets) + data)
@@ -285,7 +296,19 @@ def identity_text(
     streams: bool = True,
     drop_samples: int = HOST_DROP_SAMPLES,
 ) -> str:
-    """Return the identity file of the host board."""
+    """Return the content of the file from which the host board reads its identity.
+
+    Parameters
+    ----------
+    identity : Identity
+        Description of the instrument.
+    rates : sequence of float, Hz
+        Sampling rates that the host may choose.
+    streams : bool
+        True if the board sends samples continuously.
+    drop_samples : int
+        Samples of the longest drop that the board stores; 0: it stores no drops.
+    """
 
     def field_text(value: float | None) -> str:
         return "-1" if value is None else repr(value)
@@ -332,43 +355,47 @@ def identity_text(
 
 @dataclass(frozen=True, slots=True)
 class BoardOptions:
-    """Options of the host board."""
+    """Options of the host board, the firmware that runs on this computer."""
 
     listen: str = "tcp://127.0.0.1:0"
-    """`tcp://HOST:PORT` or `pty`."""
+    """Port of the board: `tcp://HOST:PORT`, or `pty` for a virtual serial port."""
     streams: bool = True
+    """True if the board sends samples continuously."""
     drop_samples: int = HOST_DROP_SAMPLES
-    """Samples of the longest buffered drop; 0: drops are not buffered."""
+    """Samples of the longest drop that the board stores; 0: it stores no drops."""
     store: Path | None = None
-    """File in which drops outlast the process; None: they are lost with it."""
+    """File that serves as permanent memory; None: stored drops are lost when the process ends."""
     store_size: int = 262_144
+    """Size of the permanent memory, bytes."""
     memory: int = 262_144
     """Size of the memory for samples, bytes."""
     speed: float = 1.0
-    """Speed over real time."""
+    """Speed of the board relative to real time."""
     link_rate: float = 0.0
     """Bytes per second of the link; 0: unlimited."""
     begin: int = 0
-    """Number of the first sample."""
+    """Index of the sample with which the board begins."""
     loop: bool = False
+    """True: play the samples again after the last one."""
     log: Path | None = None
-    """File with one line for every buffered drop."""
+    """File to which the board writes a line for every stored drop."""
     flags: tuple[str, ...] = ()
-    """Flags of the compiler."""
+    """Additional flags of the compiler."""
 
 
 class HostBoard:
-    """Core of the instrument in another process.
+    """Host board: the firmware, compiled for this computer, in another process.
 
     Parameters
     ----------
     played : Played
-    options : BoardOptions
+        Samples that the board sends, and its identity.
+    options : BoardOptions, optional
 
     Raises
     ------
     FirmwareError
-        If it cannot be compiled or does not start.
+        If the firmware cannot be compiled or does not start.
     """
 
     def __init__(self, played: Played, options: BoardOptions | None = None) -> None:
@@ -411,7 +438,7 @@ class HostBoard:
             self._folder.cleanup()
             raise FirmwareError(f"firmware: {program}: {err}") from err
         self.url = self._first_line()
-        """URL for the host."""
+        """URL that the host opens."""
 
     def _first_line(self) -> str:
         assert self._process.stdout is not None
@@ -426,20 +453,20 @@ class HostBoard:
             assert self._process.stderr is not None
             message = self._process.stderr.read().decode(errors="replace").strip()
             self.close()
-            raise FirmwareError(message or "firmware: the board ended without a word")
+            raise FirmwareError(message or "firmware: the board ended without a message")
         return line
 
     def truth(self) -> list[dict[str, Any]]:
-        """Return the true values, one mapping per drop."""
+        """Return the true values of each simulated drop, in SI units; empty for recorded drops."""
         return list(self._truth)
 
     def kill(self) -> None:
-        """End the process at once, as a loss of power does."""
+        """End the board at once, as a loss of power does."""
         self._process.kill()
         self._process.wait()
 
     def stop(self) -> None:
-        """End the process."""
+        """End the board regularly; kill it if it does not end in time."""
         if self._process.stdin is not None:
             with suppress(OSError):
                 self._process.stdin.close()
@@ -449,7 +476,7 @@ class HostBoard:
             self.kill()
 
     def close(self) -> None:
-        """End the process and remove its files."""
+        """End the board and remove its temporary files."""
         self.stop()
         for pipe in (self._process.stdout, self._process.stderr):
             if pipe is not None:
@@ -476,22 +503,25 @@ def serve_firmware(
     rate: float = 1.0,
     listen: str = "tcp://127.0.0.1:0",
 ) -> HostBoard:
-    """Start the compiled core with the drops of a scenario; hosts open its `url`.
+    """Start the compiled firmware with simulated drops of a scenario; a host opens its `url`.
 
     Parameters
     ----------
-    scenario : as for `simulators.instrument.serve`
+    scenario : str, path or mapping
+        Name, file or content of the scenario, which describes a simulated instrument.
     drops : int or None
-        None: `DEFAULT_DROPS`.
+        Number of drops; None: `DEFAULT_DROPS`.
     seed : int
+        Seed of the random numbers.
     rate : float
-        Times real time, > 0.
+        Speed relative to real time, > 0.
     listen : str
+        Port of the board: `tcp://HOST:PORT`, or `pty` for a virtual serial port.
 
     Raises
     ------
     FirmwareError
-        If the core cannot be compiled, or the scenario cannot be played.
+        If the firmware cannot be compiled, or the scenario cannot be played by it.
 
     Examples
     --------
@@ -503,8 +533,8 @@ def serve_firmware(
     loaded = load_scenario(scenario)
     if loaded.link.dialect != "pfwd" or loaded.faults:
         raise FirmwareError(
-            f"firmware: scenario {loaded.name}: expected one without faults in the binary "
-            "protocol, which is all that the core plays; leave --firmware out for this one"
+            f"firmware: scenario {loaded.name}: expected a scenario in the binary protocol without "
+            "faults, got another one, which the firmware cannot play; omit --firmware"
         )
     played = play_scenario(loaded, drops=drops or DEFAULT_DROPS, seed=seed)
     named = replace(played.identity, model="PFWD core, host board", firmware=core_version())
@@ -513,7 +543,7 @@ def serve_firmware(
 
 
 def core_version() -> str:
-    """Return the version of the core's sources, the beginning of their digest."""
+    """Return the version of the firmware: "core" and the first digits of the sources' SHA-256."""
     digest = hashlib.sha256()
     for path in core_sources():
         digest.update(path.read_bytes())

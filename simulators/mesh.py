@@ -1,9 +1,9 @@
-"""Simulated ground, and the graded grid on which it is solved.
+"""Simulated ground, and the grid of finite elements on which its motion is computed.
 
 Axes: ``r`` outward from the plate centre, ``z`` downward from the surface. The grid is the product
-of a radial and a vertical line. Both are refined towards the plate edge, where the contact pressure
-is infinite, follow the shortest wavelength of interest further out, and grow without limit where no
-wave can return within the record.
+of a radial and a vertical line of points. Elements are smallest at the plate edge, where the
+contact pressure is infinite. Further out their size follows the shortest wavelength of interest,
+and it grows without limit where no wave can return within the record.
 """
 
 from __future__ import annotations
@@ -20,20 +20,31 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Rates of the Maxwell elements of constant-Q soil, rad/s: beyond 1 Hz and 3 kHz.
+# Limits (rad/s) and number of the Maxwell elements of constant-Q soil; they enclose 1 Hz to 3 kHz.
 MAXWELL_RATES, N_MAXWELL = (0.2, 1e5), 10
 
 
 class SimulationError(Exception):
-    """Base of the errors of the simulators."""
+    """Base class of the errors of the simulators."""
 
 
 class GroundError(SimulationError, ValueError):
-    """Quantity of ground, plate, load or record that cannot be simulated; the message names it."""
+    """A quantity of ground, plate, load or record cannot be simulated; the message names it."""
 
 
 def require(condition: bool, name: str, expected: str, value: object) -> None:
-    """Raise `GroundError` with the quantity, the expected and the actual value."""
+    """Raise `GroundError` if a condition is false.
+
+    Parameters
+    ----------
+    condition : bool
+    name : str
+        Name of the quantity.
+    expected : str
+        Description of the accepted values.
+    value : object
+        Actual value.
+    """
     if not condition:
         raise GroundError(f"{name}: expected {expected}, got {value!r}; correct the value passed")
 
@@ -61,19 +72,25 @@ class Layer:
         require(self.thickness > 0, "thickness", "m, > 0", self.thickness)
 
     def shear_speed(self, angular_frequency: float = 0.0) -> float:
-        r"""Speed of shear waves, :math:`\sqrt{|G^*(i\omega)|/\rho}`, m/s."""
+        r"""Return the speed of shear waves at a frequency (rad/s), m/s.
+
+        It is :math:`\sqrt{|G^*(i\omega)|/\rho}`.
+        """
         modulus = math.hypot(self.modulus, self.viscosity * angular_frequency)
         return math.sqrt(modulus / (2 * (1 + self.poisson_ratio) * self.density))
 
     def pressure_speed(self, angular_frequency: float = 0.0) -> float:
-        r"""Speed of pressure waves, :math:`c_s \sqrt{2(1-\nu)/(1-2\nu)}`, m/s."""
+        r"""Return the speed of pressure waves at a frequency (rad/s), m/s.
+
+        It is :math:`c_s \sqrt{2(1-\nu)/(1-2\nu)}` with the speed of shear waves :math:`c_s`.
+        """
         ratio = 2 * (1 - self.poisson_ratio) / (1 - 2 * self.poisson_ratio)
         return self.shear_speed(angular_frequency) * math.sqrt(ratio)
 
 
 @dataclass(frozen=True)
 class Growth:
-    r"""Modulus that grows with depth, :math:`E(z) = E_0 (1 + z/z_0)^n`, constant below a limit.
+    r"""Growth of the modulus with depth, :math:`E(z) = E_0 (1 + z/z_0)^n`, constant below a limit.
 
     Linear growth (n = 1) is the soil of Gibson (1967), Geotechnique 17, 58-67. Viscosity grows
     in proportion, so that the retardation time is the same at every depth.
@@ -92,14 +109,14 @@ class Growth:
         require(self.limit > 0, "growth limit", "m, > 0", self.limit)
 
     def factor(self, depth: Array) -> Array:
-        """Return the modulus at each depth over that at the surface, same shape as `depth`."""
+        """Return the modulus at each depth (m) divided by that at the surface, in equal shape."""
         factor: Array = (1 + np.minimum(depth, self.limit) / self.depth) ** self.exponent
         return factor
 
 
 @dataclass(frozen=True)
 class ConstantQ:
-    r"""Damping with the same loss per cycle at every frequency, and causal dispersion.
+    r"""Damping law with the same loss per cycle at every frequency (constant quality factor Q).
 
     .. math:: G^*(s) = G_0 (s/\omega_0)^{2\gamma}, \qquad \gamma = \arctan(1/Q)/\pi
 
@@ -126,16 +143,20 @@ class ConstantQ:
 
     @property
     def exponent(self) -> float:
-        r""":math:`\alpha = 2\gamma`, the slope of the modulus over frequency."""
+        r"""Exponent :math:`\alpha = 2\gamma` with which the modulus grows with the frequency."""
         return 2 * math.atan(1 / self.quality) / math.pi
 
     def stiffening(self, angular_frequency: float) -> float:
-        """Return the absolute modulus at a frequency (rad/s) over that at the reference."""
+        """Return the absolute modulus at a frequency (rad/s) divided by that at the reference."""
         return float((angular_frequency / self.reference) ** self.exponent)
 
     @cached_property
     def elements(self) -> tuple[float, Array, Array, float]:
-        """Spring c_0, rates (1/s) and shares c_j of the Maxwell elements, dashpot c_inf (s)."""
+        """Coefficients of the approximation in the docstring of the class.
+
+        They are the spring c_0, the rates omega_j (1/s) and shares c_j of the Maxwell elements,
+        and the dashpot c_inf (s).
+        """
         alpha = self.exponent
         edges = np.geomspace(*MAXWELL_RATES, N_MAXWELL + 1)
         scale = math.sin(math.pi * alpha) / math.pi / self.reference**alpha
@@ -146,12 +167,18 @@ class ConstantQ:
         return float(spring), rates, shares, float(dashpot)
 
     def factor(self, laplace: complex) -> complex:
-        """Return the approximated modulus over the reference modulus at `laplace`."""
+        """Return the approximated complex modulus divided by the reference modulus.
+
+        Parameters
+        ----------
+        laplace : complex, 1/s
+            Laplace variable, i omega for a steady vibration.
+        """
         spring, rates, shares, dashpot = self.elements
         return complex(spring + np.sum(shares * laplace / (laplace + rates)) + dashpot * laplace)
 
     def rescaled(self, time: float) -> ConstantQ:
-        """Return the same law with all times multiplied by `time`."""
+        """Return the damping law in a time unit in which all times are multiplied by `time`."""
         return replace(self, reference=self.reference / time)
 
 
@@ -191,7 +218,7 @@ class Ground:
 
     @property
     def soil_parameters(self) -> dict[str, float | list[float]]:
-        """Parameters of growth and damping law with SI units in their names, or empty."""
+        """Parameters of growth and damping law, with SI units in their names; empty without."""
         parameters: dict[str, float | list[float]] = {}
         modulus = self.layers[0].modulus
         if self.damping_law is not None:
@@ -216,7 +243,7 @@ class Ground:
         return sum(layer.thickness for layer in self.layers)
 
     def layer_at(self, depth: Array) -> NDArray[np.int64]:
-        """Return the index of the layer at each depth, same shape as `depth`."""
+        """Return the index of the layer at each depth (m), in equal shape."""
         return np.searchsorted(self.interfaces, depth, side="right").astype(np.int64)
 
     @classmethod
@@ -228,7 +255,18 @@ class Ground:
         poisson_ratio: float = 0.35,
         bedrock_depth: float = math.inf,
     ) -> Ground:
-        """Return ground of one layer, without base if `bedrock_depth` (m) is infinite."""
+        """Return ground of one layer.
+
+        Parameters
+        ----------
+        modulus : float, Pa
+            Young's modulus.
+        viscosity : float, Pa s
+        density : float, kg/m3
+        poisson_ratio : float
+        bedrock_depth : float, m
+            Depth of the rigid base; infinite: the ground is infinitely deep.
+        """
         layer = Layer(modulus, viscosity, density, poisson_ratio, bedrock_depth)
         return cls((layer,), "rigid" if math.isfinite(bedrock_depth) else "none")
 
@@ -252,7 +290,7 @@ class Plate:
 
 @dataclass(frozen=True)
 class Resolution:
-    """Resolution of the grid and of the time step."""
+    """Settings that determine the grid of finite elements and the time step."""
 
     edge_element: float = 5e-4
     """Smallest element at the plate edge over the plate radius."""
@@ -285,7 +323,7 @@ class Resolution:
 
 @dataclass(frozen=True)
 class Grid:
-    """Lines of the product grid and position of its absorbing zone."""
+    """Grid of finite elements: its radii and depths, and the place of its absorbing zone."""
 
     radii: Array
     """Radii of the grid lines, (n_r,), increasing from 0, m."""
@@ -298,12 +336,14 @@ class Grid:
 
 
 def graded_line(breaks: Sequence[float], size: Callable[[float], float]) -> Array:
-    """Return a grid line through all `breaks` with a spacing of about `size(position)` at most.
+    """Return the positions of grid points whose spacing varies along a line.
 
     Parameters
     ----------
-    breaks : increasing positions that become grid points, m
-    size : function of the spacing at a position, m; its slope must be below 1
+    breaks : sequence of float, m
+        Increasing positions that become grid points.
+    size : callable
+        Function that returns the largest spacing (m) at a position (m); its slope is below 1.
 
     Returns
     -------
@@ -331,13 +371,21 @@ def design_grid(
     duration: float,
     resolution: Resolution,
 ) -> Grid:
-    """Return the grid for a drop: fine at the plate edge, coarse where no waves return.
+    """Return the grid for the simulation of a drop.
+
+    It is fine at the plate edge and coarse where no wave can return within the record.
 
     Parameters
     ----------
-    offsets : distances from the plate centre where the ground is observed, m
-    pulse_duration : T0 of the load, s
-    duration : length of the record, s
+    ground : Ground
+    plate : Plate
+    offsets : sequence of float, m
+        Distances from the plate centre at which the ground is observed.
+    pulse_duration : float, s
+        Duration of the load.
+    duration : float, s
+        Length of the record.
+    resolution : Resolution
     """
     for offset in offsets:
         require(0 <= offset < math.inf, "offset", "m, >= 0", offset)
@@ -383,7 +431,7 @@ def design_grid(
 def _wave_sizes(
     ground: Ground, plate: Plate, pulse_duration: float, resolution: Resolution
 ) -> list[float]:
-    """Return the element size per layer that resolves the shortest shear wavelength, m.
+    """Return the element size for each layer that resolves the shortest shear wavelength, m.
 
     On soft ground the plate follows the load only up to omega a / c_s near 1. On stiff ground it
     does not filter, and the beginning and end of the load emit shorter waves.
@@ -398,7 +446,11 @@ def _wave_sizes(
 
 
 def _returning_depths(ground: Ground, pulse: float, duration: float) -> tuple[float, float]:
-    """Return depths from which S waves (one way as P) and P waves return in `duration`, m."""
+    """Return the depths from which waves return to the surface within `duration` seconds, m.
+
+    The first is that of waves that travel one way as shear and the other as pressure waves, the
+    second that of pressure waves.
+    """
     shear = max(layer.shear_speed(pulse) for layer in ground.layers)
     pressure = _fastest(ground, pulse)
     return duration * shear * pressure / (shear + pressure), duration * pressure / 2

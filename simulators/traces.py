@@ -1,8 +1,9 @@
 r"""Simulated drops as an instrument would record them, written as a trace file.
 
-The file declares what an operator would know of the instrument and never the ground that was
-simulated. Noise, quantisation, the wait before the trigger and the response of a geophone are added
-here and not in `simulators.drop`.
+A trace file is a text file with a header of declared values and a table of samples. Its header has
+the values that an operator knows of the instrument, and never the simulated ground. Noise,
+quantisation, samples before the trigger and the response of a geophone are added here, as
+`simulators.drop` computes ideal signals.
 """
 
 from __future__ import annotations
@@ -25,17 +26,17 @@ FORMAT_VERSION = 1
 
 @dataclass(frozen=True)
 class Geophone:
-    """Geophone: a second-order high-pass of the velocity."""
+    """Properties of a geophone, which acts as a second-order high-pass of the velocity."""
 
     natural_frequency: float
     """Natural frequency, Hz, > 0."""
     damping: float
-    """Fraction of critical, >= 0."""
+    """Damping as a fraction of critical damping, >= 0."""
 
 
 @dataclass(frozen=True)
 class Recording:
-    """Effects of the instrument on the true signals."""
+    """Properties of a simulated instrument that alter the true signals."""
 
     quantity: Literal["velocity", "displacement"] = "velocity"
     """Quantity of the sensor channels."""
@@ -55,7 +56,7 @@ class Recording:
 
 @dataclass(frozen=True)
 class RecordedDrop:
-    """Channels of one drop as the instrument stores them."""
+    """Recorded channels of one drop, with the errors of the instrument."""
 
     time: Array
     """Times (n,), s; 0 at the first touch, negative before."""
@@ -106,7 +107,19 @@ def geophone_output(velocity: Array, time_step: float, geophone: Geophone) -> Ar
 def record_drop(
     drop: SimulatedDrop, recording: Recording, generator: np.random.Generator
 ) -> RecordedDrop:
-    """Return a drop as recorded: with rest before, response, noise and quantisation."""
+    """Return a simulated drop as an instrument records it.
+
+    Samples at rest before the trigger, the response of the geophone, noise and quantisation are
+    added.
+
+    Parameters
+    ----------
+    drop : SimulatedDrop
+    recording : Recording
+        Properties of the instrument.
+    generator : numpy.random.Generator
+        Source of the noise.
+    """
     time_step = float(drop.time[1] - drop.time[0])
     wait = round(recording.pre_trigger / time_step)
     signals = drop.ground_velocity
@@ -140,13 +153,20 @@ def write_traces(
 
     Parameters
     ----------
-    path : an existing file is replaced
-    drops : one or more, with equal times and offsets
-    plate : radius and mass for the header
-    poisson_ratio : assumption of the operator
-    seed : seed of the noise
-    declared : further header keys, for example `bedrock_depth_m`, `device`, `site`; a value of
-        infinity is written as such. The ground that was simulated is not written.
+    path : Path
+        File to write; an existing file is replaced.
+    drops : sequence of SimulatedDrop
+        One drop or more, with equal times and offsets.
+    plate : Plate
+        Plate whose radius and mass are in the header.
+    poisson_ratio : float
+        Poisson's ratio that the operator assumes.
+    recording : Recording, optional
+        Properties of the instrument; by default an ideal one.
+    seed : int
+        Seed of the noise.
+    declared : mapping, optional
+        Further keys of the header, for example `bedrock_depth_m`, `device`, `site`.
     """
     recording = recording or Recording()
     require(len(drops) > 0, "drops", "at least one", drops)

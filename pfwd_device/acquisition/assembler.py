@@ -124,7 +124,7 @@ class Assembler:
         self._window = math.ceil(max(REORDER_WINDOW_S * rate, long_blocks))
 
     def add(self, block: SampleBlock, received: float, time_utc: datetime.datetime) -> list[Item]:
-        """Add a received block; return the samples that are now in order, and the proven gaps.
+        """Add a received block; return the samples that are now in order, and gaps between them.
 
         Parameters
         ----------

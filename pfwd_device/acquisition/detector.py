@@ -360,7 +360,10 @@ class Detector:
         self._open, self._released, self._low = None, False, math.inf
 
     def _classify_by_time(self, trigger: _Trigger | None) -> Iterator[DetectedItem]:
-        """Set `may_bounce` of a new trigger from its time; yield the end of earlier rebounds."""
+        """Decide from the time of a new pulse whether it may be a bounce of the last drop.
+
+        If it cannot be one, yield the message that the last drop has no further rebounds.
+        """
         if trigger is None or trigger.by_operator:
             return
         last = self._last

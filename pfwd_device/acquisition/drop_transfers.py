@@ -71,7 +71,7 @@ STALLED_AFTER_S = 5.0
 
 
 class DropId(NamedTuple):
-    """Identification of a drop that also distinguishes drops of the same name."""
+    """Identification of a drop, also among drops with the same stream and first sample."""
 
     stream: int
     first_sample: int

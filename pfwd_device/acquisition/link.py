@@ -163,7 +163,7 @@ class Link:
         self._thread = threading.Thread(target=self._run, name="pfwd-reader", daemon=True)
 
     def start(self, transport: Transport | None = None) -> None:
-        """Start the thread.
+        """Start the thread that opens and reads the port.
 
         Parameters
         ----------

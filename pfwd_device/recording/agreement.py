@@ -102,11 +102,11 @@ Integers = NDArray[np.int64]
 
 
 class InconsistentRecords(Exception):
-    """Ledger and journal differ in a record, for example because a program was interrupted."""
+    """Journal and ledger (list of saved records) differ, for example after an interruption."""
 
 
 class VerifiedRecord(NamedTuple):
-    """Record of the journal that agrees with its line in the ledger."""
+    """Record of the journal that agrees with its line in the ledger (list of saved records)."""
 
     entry: Entry
     payload: memoryview
@@ -115,7 +115,7 @@ class VerifiedRecord(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Lines of a ledger as arrays, for a fast comparison with the journal."""
+    """Lines of a ledger (list of saved records) as arrays, for a comparison with the journal."""
 
     survey: bytes
     """Identity of the survey."""
@@ -126,7 +126,7 @@ class Columns:
 
 
 def ledger_columns(data: bytes) -> Columns:
-    """Return the lines of a ledger as columns of numbers.
+    """Return the lines of a ledger (list of saved records) as columns of numbers.
 
     Parameters
     ----------
@@ -258,9 +258,9 @@ def verified_records(layout: Layout, ledger: Columns) -> Iterator[VerifiedRecord
 
 
 def _groups(ledger: Columns, segment: int, first: int, last: int) -> Iterator[tuple[int, int]]:
-    """Yield ranges (first, end) of records in a segment that are read in one piece.
+    """Yield ranges (first, end) of records in a file of the journal that are read in one piece.
 
-    Raise InconsistentRecords unless the records follow each other from the start of the segment.
+    Raise InconsistentRecords unless the records follow each other from the start of the file.
     """
     offsets, lengths = ledger.numbers[_OFFSET, first:last], ledger.numbers[_LENGTH, first:last]
     ends = offsets + lengths
@@ -292,9 +292,9 @@ def _fill(view: memoryview, stream: io.RawIOBase) -> None:
 def _compared(
     view: memoryview, ledger: Columns, first: int, after: int
 ) -> Iterator[VerifiedRecord]:
-    """Yield the records from number `first` to before `after` of the ledger.
+    """Yield the listed records from number `first` to before `after`.
 
-    Raise InconsistentRecords unless the bytes in `view` are these records, undamaged.
+    Raise InconsistentRecords unless the bytes in `view`, read from the journal, are these records.
     """
     sequence, kind, _, offset, length, check = ledger.numbers[:, first:after]
     starts = offset - offset[0]

@@ -159,7 +159,10 @@ def _check_ledger(index: Index, damaged: list[str], unfinished: list[str]) -> No
 
 
 def _check_listed(layout: Layout, index: Index, damaged: list[str]) -> int:
-    """Compare the listed files with their checksums; return the number of good drop files."""
+    """Compare the files that the journal lists with their checksums; append errors to `damaged`.
+
+    Return the number of drops whose HDF5 file is undamaged.
+    """
     published = 0
     for listed in index.files.values():
         path = layout.folder / listed.path

@@ -1,10 +1,11 @@
-"""Reading of texts of variable length in an HDF5 file without HDF5.
+"""Reading of the texts in an HDF5 file without the HDF5 library.
 
-For such a text the file contains its length and its place in a heap. HDF5 allocates memory of any
-stored length, and never ends reading a heap with wrong sizes: one changed bit is enough for either.
-Therefore both are read here, and each length is verified before its use. Only the layout that this
-program writes, the oldest one, is supported: object headers of version 1 ("HDF5 File Format
-Specification", sections III.E and IV.A.1.a).
+A text of variable length is stored as its length and its place in a heap, a block of the file with
+many texts. The library allocates memory of any stored length, and reads a heap with wrong sizes
+without end: one changed bit is enough for either. Therefore this module reads the texts and
+verifies each length before its use. Only the layout that this program writes, the oldest one, is
+supported: object headers of version 1 ("HDF5 File Format Specification", sections III.E and
+IV.A.1.a).
 """
 
 import io
@@ -15,10 +16,10 @@ from typing import BinaryIO
 from pfwd_device.errors import RecordingError
 
 MAX_OBJECT_HEADER_BYTES = 4 * 2**20
-"""Largest header of an object, including its attributes; 4096 attributes take 1 MB."""
+"""Largest header of an object with its attributes, bytes; 4096 attributes take 1 MB."""
 
 MAX_HEAPS = 16
-"""Largest number of heaps in memory; a drop has two or three."""
+"""Largest number of heaps in memory; the file of a drop has two or three."""
 
 _OBJECT = struct.Struct("<BBHIII")
 _MESSAGE = struct.Struct("<HHB3x")
@@ -30,13 +31,14 @@ _CONTINUATION, _ATTRIBUTE = 0x10, 0x0C
 
 
 class StoredTexts:
-    """Reader of the texts of an open file.
+    """Reader of the texts in an open HDF5 file.
 
     Parameters
     ----------
-    stream : stream of the file, from its first byte
+    stream : binary stream
+        Stream of the file, from its first byte.
     largest : int
-        Largest heap, and so the longest text, bytes.
+        Largest heap that is accepted, bytes; it limits the length of a text.
     """
 
     def __init__(self, stream: BinaryIO, largest: int) -> None:
@@ -45,34 +47,50 @@ class StoredTexts:
         self._heaps: dict[int, dict[int, bytes]] = {}
 
     def of_attributes(self, address: int) -> dict[bytes, bytes]:
-        """Return the values of the attributes of the object at `address` by name.
+        """Return the stored values of the attributes of an object, by name.
 
-        A value is a number or the place of a text.
+        The value of an attribute with a text is the place of the text; see `text`.
+
+        Parameters
+        ----------
+        address : int
+            Position of the header of the object in the file, bytes.
         """
         values: dict[bytes, bytes] = {}
         for kind, flags, data in self._messages(address):
             if kind != _ATTRIBUTE:
                 continue
             name, value = _attribute(data)
-            if flags & ~0x04 or name in values:  # 0x04: not to be shared
-                raise RecordingError("expected plain attributes, each once, got others")
+            if flags & ~0x04 or name in values:  # the flag 0x04 forbids sharing of the attribute
+                raise RecordingError("expected plain attributes, each once, got other attributes")
             values[name] = value
         return values
 
     def at(self, offset: int) -> bytes:
-        """Return the text of a dataset whose values are at `offset`."""
+        """Return the text of a dataset as UTF-8.
+
+        Parameters
+        ----------
+        offset : int
+            Position of the value of the dataset in the file, bytes.
+        """
         return self.text(self._read(offset, _TEXT_REFERENCE.size))
 
     def text(self, place: bytes) -> bytes:
-        """Return the text whose length and place are these 16 bytes.
+        """Return a text as UTF-8.
+
+        Parameters
+        ----------
+        place : bytes
+            Stored value, 16 bytes: length of the text, address of its heap, number in the heap.
 
         Raises
         ------
         RecordingError
-            If it does not exist, or has another length.
+            If the text does not exist or has another length.
         """
         if len(place) < _TEXT_REFERENCE.size:
-            raise RecordingError("expected the place of a text, got less")
+            raise RecordingError(f"expected the place of a text, 16 bytes, got {len(place)}")
         length, address, index = _TEXT_REFERENCE.unpack_from(place)
         if length == 0:
             if address or index:
@@ -85,9 +103,9 @@ class StoredTexts:
             heap = self._heaps[address] = self._heap(address)
         text = heap.get(index)
         if text is None or len(text) != length:
-            raise RecordingError(f"expected a text of {length} bytes, got another or none")
+            raise RecordingError(f"expected a text of {length} bytes, got another text or none")
         if b"\0" in text:
-            raise RecordingError("expected a text without NUL, got one with it")
+            raise RecordingError("expected a text without the character NUL, got one with it")
         return text
 
     def _messages(self, address: int) -> Iterator[tuple[int, int, bytes]]:
@@ -119,7 +137,7 @@ class StoredTexts:
     def _heap(self, address: int) -> dict[int, bytes]:
         magic, version, size = _HEAP.unpack(self._read(address, _HEAP.size))
         if magic != b"GCOL" or version != 1 or size > self._largest:
-            raise RecordingError("expected a heap of texts, got another thing or too long a one")
+            raise RecordingError("expected a heap of texts, got other data or a longer heap")
         data = self._read(address, size)
         texts: dict[int, bytes] = {}
         position = _HEAP.size
@@ -138,7 +156,7 @@ class StoredTexts:
 
     def _read(self, offset: int, length: int) -> bytes:
         if length > max(self._largest, MAX_OBJECT_HEADER_BYTES):
-            raise RecordingError(f"expected parts that are short, got {length} bytes")
+            raise RecordingError(f"expected a short part of the file, got {length} bytes")
         if self._stream.seek(0, io.SEEK_END) - offset < length:
             raise RecordingError("expected the whole file, got a part")
         self._stream.seek(offset)
@@ -149,7 +167,7 @@ class StoredTexts:
 
 
 def _attribute(data: bytes) -> tuple[bytes, bytes]:
-    """Return name and value of a message that describes an attribute."""
+    """Return name and stored value of an attribute from its entry in an object header."""
     if len(data) < 9 or data[0] not in (1, 3) or data[1]:
         raise RecordingError("expected an attribute as this program writes it, got another")
     lengths = struct.unpack_from("<HHH", data, 2)

@@ -1,10 +1,11 @@
-"""Visible content of an HDF5 file: safe reading with limits, writing, and its digest.
+"""Content of an HDF5 file as a tree of groups and datasets: safe reading, writing, digest.
 
-An HDF5 file may point outside (links, storage and datasets of other files), announce more than
-there is memory, or have bytes whose change remains undetected. Here a file is opened through a
-stream that refuses long reads, and every object is inspected before it is read. Only content that
-this program writes is accepted: hard links, numbers of 8, 32 and 64 bits, texts, its own filters.
-h5py is imported by the functions that need it; recording works without it.
+A file from a stranger may refer to other files (links, external storage), announce more data than
+there is memory, or have bytes whose change the library does not detect. Here a file is opened
+through a stream that refuses long reads, and every object is inspected before it is read. Only
+content that this program writes is accepted: hard links, numbers of 8, 32 and 64 bits, texts, and
+gzip, shuffle and checksum filters. h5py is imported by the functions that need it, because
+recording works without it.
 """
 
 import contextlib
@@ -28,17 +29,19 @@ from pfwd_device.recording.payload import MAX_ARRAY_BYTES, MAX_JSON_BYTES, Array
 from pfwd_device.text import clean
 
 MAX_READ_BYTES = MAX_JSON_BYTES + 2**20
-"""Largest single read of HDF5. A text is read in one piece together with its heap, so this allows
-for the longest text; arrays are read in smaller chunks."""
+"""Largest single read from the file, bytes. A text is read in one piece together with its heap, so
+this allows for the longest text; arrays are read in smaller chunks."""
 
 MAX_READS_OF_A_FILE = 16
-"""Number of bytes that may be read of a file, relative to its size; more means a cycle in it."""
+"""Largest number of bytes that may be read, relative to the size of the file. A file whose parts
+refer to each other in a circle would be read without end."""
 
 FREE_READ_BYTES = 2**20
 """Number of bytes that may be read in addition, for small files."""
 
 MAX_CHUNK_BYTES = 2**20
-"""Largest unpacked chunk; those of a drop have 512 KiB, those of a capture 1 MiB."""
+"""Largest chunk of a dataset without compression, bytes; those of a drop have 512 KiB, those of a
+capture 1 MiB."""
 
 MAX_CHUNKS = 4096
 """Largest number of chunks of a dataset; the largest array has 512."""
@@ -47,8 +50,8 @@ MAX_MEMBERS = 2048
 """Largest number of members of a group; a drop has at most 1024 sensors and 1024 rebounds."""
 
 MAX_ATTRIBUTES = 4096
-"""Largest number of attributes of an object; counts of 64 channels with 32 facts each have 2048.
-The time of HDF5 grows with the square of their number."""
+"""Largest number of attributes of an object; 64 channels with 32 calibration values have 2048. The
+time that HDF5 takes grows with the square of their number."""
 
 MAX_DEPTH = 4
 """Largest depth of nested objects; a drop has three levels, such as ``sensors/1/values``."""
@@ -62,7 +65,7 @@ Attribute = str | int | float
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Dataset:
-    """An array or a text with its attributes."""
+    """Dataset of an HDF5 file: an array or a text, with its attributes."""
 
     value: Array | str
     attributes: Mapping[str, Attribute] = field(default_factory=dict)
@@ -70,7 +73,7 @@ class Dataset:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Group:
-    """Groups and datasets by name, with the attributes of the group."""
+    """Group of an HDF5 file: its groups and datasets by name, and its attributes."""
 
     members: Mapping[str, "Group | Dataset"] = field(default_factory=dict)
     attributes: Mapping[str, Attribute] = field(default_factory=dict)
@@ -78,7 +81,7 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """An open file, group or dataset whose content is not verified yet."""
+    """File, group or dataset that was opened in HDF5 and not read or verified yet."""
 
     item: Any
     """Object of h5py."""
@@ -88,18 +91,19 @@ class Place:
 
 @contextlib.contextmanager
 def opened(source: str | os.PathLike[str] | bytes) -> Iterator[Place]:
-    """Open an HDF5 file for reading through a stream that limits the reads.
+    """Open an HDF5 file for reading, as a context manager, with limits on the amount that is read.
 
     Parameters
     ----------
-    source : path of a file, or the bytes of one
+    source : path or bytes
+        Path of the file, or its content.
 
     Raises
     ------
     RecordingError
-        If it is a pipe, a device or a folder, which may block for ever.
+        If the path is that of a pipe, a device or a folder, whose reading may never end.
     OSError
-        If it cannot be opened, or is no HDF5 file.
+        If the file cannot be opened, or is no HDF5 file.
     """
     import h5py
 
@@ -115,7 +119,7 @@ def opened(source: str | os.PathLike[str] | bytes) -> Iterator[Place]:
 
 
 class _BoundedStream(io.RawIOBase):
-    """Stream that refuses single reads that are too long, and an unlimited number of reads."""
+    """Stream that raises an error if a single read or the sum of all reads exceeds its limit."""
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
@@ -141,48 +145,64 @@ class _BoundedStream(io.RawIOBase):
                 f"expected parts of at most {MAX_READ_BYTES} bytes, got one of {size}"
             )
         if self._remaining < 0:
-            raise RecordingError("expected a file that ends, got one that leads in circles")
+            raise RecordingError("expected a file that ends, got parts that refer to each other")
         return self._stream.readinto(buffer)  # type: ignore[attr-defined, no-any-return]
 
 
 @dataclass(slots=True)
 class Allowance:
-    """Remaining limits for the reading of a file."""
+    """Amounts that may still be read from a file."""
 
     arrays: int = MAX_ARRAY_BYTES
     """Remaining bytes of arrays."""
     texts: int = MAX_JSON_BYTES
     """Remaining bytes of texts, including those of attributes."""
     addresses: set[int] = field(default_factory=set)
-    """Addresses of the objects read so far: each has one place."""
+    """Addresses of the objects read so far; an object with a second name is refused."""
 
 
 def read_group(group: Place, where: str, allowance: Allowance | None = None) -> Group:
-    """Read the visible content of an HDF5 file or one of its groups.
+    """Read the content of an HDF5 file or of one of its groups.
 
     Parameters
     ----------
     group : Place
+        Open file or group.
     where : str
-        Origin, for messages.
+        Name of the file or group, for messages.
     allowance : Allowance, optional
-        Limits, which are reduced by what is read.
+        Limits, which are reduced by the amounts that are read.
 
     Raises
     ------
     RecordingError
-        If there is anything that this program does not write, or more than it writes.
+        If the content has other kinds of objects than this program writes, or exceeds a limit.
     """
     reader = _Reader(group.texts, allowance or Allowance())
     return reader.group(group.item.id, where, MAX_DEPTH)
 
 
 def read_dataset(group: Place, name: str, where: str) -> Dataset:
-    """Read a dataset at a path within a group; parameters and errors as for `read_group`."""
+    """Read one dataset of an HDF5 file.
+
+    Parameters
+    ----------
+    group : Place
+        Open file or group.
+    name : str
+        Path of the dataset within the group.
+    where : str
+        Name of the file or group, for messages.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such dataset, or for the reasons of `read_group`.
+    """
     folder, _, last = name.rpartition("/")
     parent = find(group, folder, where) if folder else group
     if parent is None:
-        raise RecordingError(f"{where}, {name}: expected it in the file, got nothing")
+        raise RecordingError(f"{where}, {name}: expected a dataset in the file, got none")
     reader = _Reader(group.texts, Allowance())
     dataset = reader.member(parent.item.id, last.encode(), f"{where}, {name}", 0)
     if not isinstance(dataset, Dataset):
@@ -191,12 +211,15 @@ def read_dataset(group: Place, name: str, where: str) -> Dataset:
 
 
 def read_attributes(place: Place, where: str) -> dict[str, Attribute]:
-    """Read the attributes of an object; parameters and errors as for `read_group`."""
+    """Read all attributes of an open HDF5 file, group or dataset, by name.
+
+    Raise RecordingError for values that this program does not write.
+    """
     return _Reader(place.texts, Allowance()).attributes(place.item.id, where)
 
 
 def read_attribute(place: Place, name: str, where: str) -> Attribute | None:
-    """Read one attribute of an object; None if it does not exist."""
+    """Read one attribute of an open HDF5 file, group or dataset; None if it does not exist."""
     from h5py import h5a
 
     if not h5a.exists(place.item.id, name.encode()):
@@ -207,12 +230,12 @@ def read_attribute(place: Place, name: str, where: str) -> Attribute | None:
 
 
 def find(group: Place, path: str, where: str) -> Place | None:
-    """Open the object at a path within a group without reading it; None if there is none.
+    """Open the object at a path within an HDF5 group, without reading it; None if there is none.
 
     Raises
     ------
     RecordingError
-        If the path contains a link that is no hard link.
+        If the path contains a link that may lead to another file.
     """
     item = group.item
     for part in path.split("/"):
@@ -224,12 +247,15 @@ def find(group: Place, path: str, where: str) -> Place | None:
 
 
 def member_names(group: Place, where: str, limit: int = MAX_MEMBERS) -> list[str]:
-    """Return the names in a group, sorted; parameters and errors as for `read_group`."""
+    """Return the sorted names of the objects in an HDF5 group.
+
+    Raise RecordingError if there are more than `limit`.
+    """
     return [_name(name, where) for name in _links(group.item.id, where, limit)]
 
 
 def digest(group: Group) -> str:
-    """Return the SHA-256 of a group: names, structure, types, values.
+    """Return the SHA-256 of a group as hexadecimal digits: names, structure, types, values.
 
     It covers the following parts of every object, sorted by path: ``group`` or ``dataset`` and the
     path; for each attribute, sorted by name, ``attribute``, name, type and value; for a dataset
@@ -259,7 +285,7 @@ def digest(group: Group) -> str:
 
 
 def write_group(target: Any, group: Group) -> None:
-    """Write a group into an empty HDF5 file or group."""
+    """Write a group into an empty HDF5 file or group, an object of h5py."""
     write_attributes(target, group.attributes)
     for name, item in group.members.items():
         if isinstance(item, Group):
@@ -269,7 +295,10 @@ def write_group(target: Any, group: Group) -> None:
 
 
 def write_dataset(target: Any, name: str, dataset: Dataset) -> None:
-    """Write a dataset into an HDF5 file or group: arrays chunked, packed, with checksums."""
+    """Write a dataset into an HDF5 file or group, an object of h5py.
+
+    Arrays are stored in chunks, with compression and checksums.
+    """
     values = dataset.value
     options: dict[str, Any] = {}
     if not isinstance(values, str) and values.size:  # HDF5 has no empty chunks
@@ -285,7 +314,7 @@ def write_dataset(target: Any, name: str, dataset: Dataset) -> None:
 
 
 def write_attributes(target: Any, attributes: Mapping[str, Attribute]) -> None:
-    """Give attributes to an open HDF5 object."""
+    """Write attributes to an open file, group or dataset of h5py."""
     for name, value in attributes.items():
         target.attrs[name] = np.int64(value) if isinstance(value, int) else value
 
@@ -307,7 +336,7 @@ def _attribute_parts(value: Attribute) -> tuple[bytes, bytes]:
 
 @dataclass(frozen=True, slots=True)
 class _Reader:
-    """Reader of the objects of a file within an allowance."""
+    """Reader of the objects of an HDF5 file, with limits on the amount that is read."""
 
     texts: StoredTexts
     allowance: Allowance
@@ -321,7 +350,10 @@ class _Reader:
         return Group(members, attributes)
 
     def member(self, parent: Any, link: bytes, where: str, depth: int) -> Group | Dataset:
-        """Read the object of a link; `depth` is the remaining depth of nested objects."""
+        """Read the object with a name in a group.
+
+        `depth` is the number of levels of groups that may still follow.
+        """
         from h5py import h5d, h5g, h5o
 
         _require_hard_link(parent, link, where)
@@ -329,7 +361,7 @@ class _Reader:
         about = h5o.get_info(identity)
         if about.rc != 1 or about.addr in self.allowance.addresses:
             raise RecordingError(
-                f"{where}: expected an object with one place, got one with several"
+                f"{where}: expected an object with one name, got one with several names"
             )
         self.allowance.addresses.add(about.addr)
         if isinstance(identity, h5d.DatasetID):
@@ -361,7 +393,7 @@ class _Reader:
         return attributes
 
     def stored(self, identity: Any) -> dict[bytes, bytes]:
-        """Return the stored bytes of the attributes by name."""
+        """Return the stored values of all attributes of an object, by name, without HDF5."""
         from h5py import h5o
 
         return self.texts.of_attributes(h5o.get_info(identity).addr)
@@ -385,14 +417,14 @@ class _Reader:
                 attribute.read(integer)
                 return int(integer)
         raise RecordingError(
-            f"{where}, attribute {clean(name)}: expected a text or a number, got another thing"
+            f"{where}, attribute {clean(name)}: expected a text or a number, got another type"
         )
 
     def value(self, identity: Any, where: str) -> Array | str:
         """Read the array or text of a dataset."""
         from h5py import h5s
 
-        # Refuse storage outside of the file first: even the size of such a dataset is read there.
+        # Refuse storage in other files first: even the size of such a dataset is read from them.
         refuse_storage(identity, where)
         kind, space = identity.get_type(), identity.get_space()
         if kind.committed():
@@ -405,14 +437,15 @@ class _Reader:
         shape = space.get_simple_extent_dims()
         fixed = space.get_simple_extent_dims(True) == shape
         if space.get_simple_extent_type() != h5s.SIMPLE or not fixed:
-            raise RecordingError(f"{where}: expected an array of fixed size, got another thing")
+            raise RecordingError(f"{where}: expected an array of fixed size, got other data")
         dtype = next((dtype for dtype in _DTYPES if kind.equal(_types()[dtype])), None)
         if dtype is None or len(shape) > 2:
             raise RecordingError(f"{where}: expected an array of numbers, got another type")
         size = math.prod(shape) * np.dtype(dtype).itemsize
         if size > self.allowance.arrays:
             raise RecordingError(
-                f"{where}: expected at most {MAX_ARRAY_BYTES} bytes of arrays, got {size} in this"
+                f"{where}: expected at most {MAX_ARRAY_BYTES} bytes of arrays in the file, got "
+                f"{size} more in this one"
             )
         self.allowance.arrays -= size
         refuse_chunks(identity, where)
@@ -450,18 +483,24 @@ def _require_hard_link(parent: Any, link: bytes, where: str) -> None:
     from h5py import h5l
 
     if not parent.links.exists(link):
-        raise RecordingError(f"{where}: expected it in the file, got nothing")
+        raise RecordingError(f"{where}: expected an object in the file, got none")
     if parent.links.get_info(link).type != h5l.TYPE_HARD:
         raise RecordingError(
-            f"{where}: expected what the file itself holds, got a link to another place"
+            f"{where}: expected an object in the file itself, got a link to another place"
         )
 
 
 def refuse_storage(identity: Any, where: str) -> None:
-    """Refuse a dataset with values outside of the file, or with filters of other programs.
+    """Raise RecordingError for a dataset with values in other files or with unknown filters.
 
-    HDF5 opens other files when it reads values, and for a view of several datasets even when it
-    reads the size.
+    HDF5 opens other files when it reads such values, and for a view of several datasets even when
+    it reads the size.
+
+    Parameters
+    ----------
+    identity : h5py.h5d.DatasetID
+    where : str
+        Name of the file and dataset, for messages.
     """
     from h5py import h5d, h5z
 
@@ -473,13 +512,19 @@ def refuse_storage(identity: Any, where: str) -> None:
     filters = tuple(settings.get_filter(n)[0] for n in range(settings.get_nfilters()))
     all_filters = (h5z.FILTER_SHUFFLE, h5z.FILTER_DEFLATE, h5z.FILTER_FLETCHER32)
     if filters not in ((), (h5z.FILTER_DEFLATE,), all_filters):
-        raise RecordingError(f"{where}: expected gzip or nothing, got filters {filters[:8]}")
+        raise RecordingError(f"{where}: expected gzip or no filter, got filters {filters[:8]}")
 
 
 def refuse_chunks(identity: Any, where: str) -> None:
-    """Refuse chunks that are larger than those of this program, or than announced when unpacked.
+    """Raise RecordingError for chunks that are too large, or larger than announced when unpacked.
 
-    HDF5 itself unpacks without a limit.
+    The HDF5 library unpacks without a limit, so a few bytes could fill the memory.
+
+    Parameters
+    ----------
+    identity : h5py.h5d.DatasetID
+    where : str
+        Name of the file and dataset, for messages.
     """
     from h5py import h5d, h5z
 
@@ -491,7 +536,10 @@ def refuse_chunks(identity: Any, where: str) -> None:
     size = math.prod(chunk) * identity.get_type().get_size()
     limit = math.prod(-(-length // step) for length, step in zip(shape, chunk, strict=True))
     if size > MAX_CHUNK_BYTES or limit > MAX_CHUNKS:
-        raise RecordingError(f"{where}: expected chunks of at most 1 MiB, got others")
+        raise RecordingError(
+            f"{where}: expected at most {MAX_CHUNKS} chunks of up to 1 MiB, got {limit} chunks of "
+            f"{size} bytes"
+        )
     count = identity.get_num_chunks()
     if count > limit:
         raise RecordingError(f"{where}: expected at most {limit} chunks, got {count}")
@@ -506,7 +554,7 @@ def refuse_chunks(identity: Any, where: str) -> None:
         if mask >> packed & 1:
             continue
         try:
-            # The checksum behind the packed bytes is ignored.
+            # The decompressor ignores the checksum after the packed bytes.
             unpacked = zlib.decompressobj().decompress(data, size + 1)
         except zlib.error as err:
             raise RecordingError(f"{where}: expected packed values, got {err}") from err
@@ -517,7 +565,7 @@ def refuse_chunks(identity: Any, where: str) -> None:
 def _is_text(kind: Any) -> bool:
     from h5py import h5t
 
-    # For HDF5 types of different character sets are equal.
+    # HDF5 reports types of different character sets as equal.
     return bool(kind.equal(_types()["text"]) and kind.get_cset() == h5t.CSET_UTF8)
 
 
@@ -530,7 +578,7 @@ def _name(name: bytes, where: str) -> str:
 
 @functools.cache
 def _types() -> Mapping[str, Any]:
-    """Return the types that this program writes into arrays and texts."""
+    """Return the HDF5 types of the arrays and texts that this program writes, by name."""
     import h5py
     from h5py import h5t
 

@@ -1,4 +1,9 @@
-"""Index of the records of a survey: points, drops, files, and lost records."""
+"""Index of a survey: its points, drops, files and lost records, without the traces.
+
+The journal contains all records of a survey: points, drops, rebounds, edits, events and files. The
+ledger is a text file with a line for each record that reached the disk. A record has a sequence
+number. A drop has a survey-wide number and a number within its point.
+"""
 
 import contextlib
 import gc
@@ -37,10 +42,11 @@ EDITS = ("note", "target", "discard", "restore", "position", "name", "operator",
 """Kinds of edits of a point or drop; they change nothing that was recorded."""
 
 NUMBER_LIMIT = 10**9
-"""Limit of the numbers of drops and kinds, and a millionth of the limit of record numbers."""
+"""Limit of the numbers of drops and of kinds of record; record numbers may be a million times
+larger. A larger number means damage."""
 
 _DROP, _REBOUND, _FILES, _CLOSE = map(int, (Kind.DROP, Kind.REBOUND, Kind.FILE, Kind.CLOSE))
-"""Kinds as integers: a comparison with a member of an enumeration takes longer."""
+"""Kinds of record as integers: a comparison with a member of an enumeration takes longer."""
 
 _PUBLISHED_PATH = re.compile(r"(drops|results|captures)/\w[\w.-]*", re.ASCII)
 
@@ -57,38 +63,47 @@ _INDEXED_KEYS = {
 
 @dataclass(slots=True)
 class DropEntry:
-    """A drop of the journal."""
+    """Drop in the journal of a survey."""
 
     number: int
-    """Survey-wide number."""
+    """Number within the survey."""
     point: str
+    """Name of the test point."""
     drop: int
     """Number within the point."""
     key: str | None
+    """Text that identifies the drop on its instrument; None: without one, or not read yet."""
     entry: Entry
+    """Place of its record in the journal."""
     rebounds: list[Entry]
+    """Places of the records of its rebounds."""
     restored_from: int | None
-    """Sequence number of the damaged record that it replaces."""
+    """Sequence number of the damaged record that it replaces; None for an original record."""
 
 
 @dataclass(slots=True)
 class FileEntry:
-    """A published file."""
+    """File of a drop, a result or a raw capture, as it is listed in the journal."""
 
     path: str
+    """Path within the folder of the survey."""
     size: int
+    """Size, bytes."""
     sha256: str
+    """SHA-256 of the content, hexadecimal digits."""
     number: int | None
-    """Survey-wide number of the drop."""
+    """Survey-wide number of its drop; None for a capture."""
     entry: Entry
+    """Place of the record that lists the file."""
 
 
 FileStates = tuple[tuple[str, int, int, int, int, int], ...]
-"""Name, device, inode, size (bytes), and times of the last changes (ns) of every file."""
+"""Name, device, inode, size (bytes) and times of the last changes (ns) of each file of ledger and
+journal. If they are unchanged, so are the files."""
 
 
 class _DropNumbers:
-    """Used numbers of drops, for a fast choice of the next one."""
+    """Used numbers of drops, for a fast choice of the next number."""
 
     def __init__(self) -> None:
         self.largest = 0
@@ -96,7 +111,7 @@ class _DropNumbers:
         self._of_point: dict[str, Counter[int]] = {}
         """Number of drops for each number within a point; other programs may write duplicates."""
         self._largest: dict[str, int] = {}
-        """Largest number within each point; determined again where it is missing."""
+        """Largest number within each point; a missing value is computed when it is needed."""
 
     def is_used(self, point: str, drop: int) -> bool:
         """Return True if a drop of the point has this number."""
@@ -126,34 +141,44 @@ class _DropNumbers:
 
 @dataclass(slots=True)
 class Index:
-    """Content of a survey without its arrays."""
+    """Content of a survey without the traces of its drops."""
 
     survey: bytes | None = None
+    """Identity of the survey, 16 bytes; None if it is lost."""
     info: dict[str, Any] = field(default_factory=dict)
+    """Record of the survey: time and program of its creation, format version."""
     points: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """Records of the test points by name."""
     drops: dict[int, DropEntry] = field(default_factory=dict)
+    """Drops by survey-wide number."""
     keys: dict[str, int] = field(default_factory=dict)
-    """Survey-wide number of a drop by its key, which identifies it on the instrument."""
+    """Survey-wide number of a drop by its key, the text that identifies it on its instrument."""
     has_all_keys: bool = True
-    """True if `keys` contains those of all drops; see :func:`complete_keys`."""
+    """True if `keys` contains the keys of all drops; see :func:`complete_keys`."""
     rebounds: dict[int, list[Entry]] = field(default_factory=dict)
+    """Records of rebounds by the survey-wide number of their drop."""
     files: dict[str, FileEntry] = field(default_factory=dict)
+    """Listed files by path within the survey."""
     edits: list[dict[str, Any]] = field(default_factory=list)
+    """Later changes by the user, in order."""
     events: list[Entry] = field(default_factory=list)
+    """Records of events such as gaps and recoveries."""
     checks: list[Entry] = field(default_factory=list)
+    """Records of checks of the zero or the span of a channel."""
     entries: dict[int, Entry] = field(default_factory=dict)
     """Undamaged records by sequence number."""
     lost: dict[int, Entry] = field(default_factory=dict)
-    """Acknowledged records that the journal no longer contains."""
+    """Records that the ledger lists and the journal no longer contains, by sequence number."""
     gaps: list[int] = field(default_factory=list)
     """Sequence numbers that neither journal nor ledger contains."""
     unacknowledged: list[int] = field(default_factory=list)
-    """Undamaged records without a line in the ledger."""
+    """Sequence numbers of undamaged records without a line in the ledger."""
     damage: list[Stretch] = field(default_factory=list)
+    """Damaged parts of the journal."""
     strange: list[tuple[Entry, str]] = field(default_factory=list)
     """Undamaged records that do not belong to this survey, and the reason."""
     settled: set[int] = field(default_factory=set)
-    """Lost records that recovery has replaced completely."""
+    """Sequence numbers of lost records that a recovery has replaced completely."""
     handled_damage: set[tuple[int, int, int, int]] = field(default_factory=set)
     """Segment, offset, length and CRC-32 of damaged parts that recovery has handled."""
     ledger: LedgerText = field(default_factory=lambda: LedgerText(None, (), ()))
@@ -163,7 +188,7 @@ class Index:
 
     @property
     def lost_drops(self) -> dict[int, tuple[str, int]]:
-        """Point and number of the acknowledged drops that are lost, by survey-wide number."""
+        """Lost drops: point and number within it, by survey-wide number."""
         lost = {}
         for entry in self.lost.values():
             about = read_about(entry.about) if entry.kind == Kind.DROP else None
@@ -172,7 +197,7 @@ class Index:
         return lost
 
     def next_drop(self, point: str) -> int:
-        """Return the number of the next drop of the point."""
+        """Return the number within the point for its next drop, from 1."""
         lost = [drop for name, drop in self.lost_drops.values() if name == point]
         return max([self._numbers.largest_of(point), *lost]) + 1
 
@@ -181,11 +206,24 @@ class Index:
         return self._numbers.is_used(point, drop)
 
     def next_number(self) -> int:
-        """Return the survey-wide number of the next drop."""
+        """Return the survey-wide number for the next drop, from 1."""
         return max([self._numbers.largest, *self.lost_drops]) + 1
 
     def add(self, entry: Entry, data: Mapping[str, Any]) -> None:
-        """Add a record; raise RecordingError if its data are not those of its kind."""
+        """Add a record of the journal to the index.
+
+        Parameters
+        ----------
+        entry : Entry
+            Kind and place of the record.
+        data : mapping
+            Data of the record.
+
+        Raises
+        ------
+        RecordingError
+            If the data do not fit the kind of the record.
+        """
         try:
             self._add(entry, data)
         except (KeyError, TypeError, ValueError, AttributeError) as err:
@@ -193,12 +231,12 @@ class Index:
         self._added(entry)
 
     def add_file(self, entry: Entry, facts: tuple[str, int, str, int | None]) -> None:
-        """Add the record of a file whose facts are already parsed."""
+        """Add the record of a file: path, size (bytes), SHA-256, survey-wide number of its drop."""
         self.files[facts[0]] = FileEntry(*facts, entry)
         self._added(entry)
 
     def add_rebound(self, entry: Entry, number: int) -> None:
-        """Add the record of a rebound of the drop with this number."""
+        """Add the record of a rebound of the drop with this survey-wide number."""
         self.rebounds.setdefault(number, []).append(entry)
         self._added(entry)
 
@@ -207,7 +245,13 @@ class Index:
         self.closed = entry.kind == _CLOSE
 
     def relocate(self, moved: Mapping[int, Entry]) -> None:
-        """Set the new places of records, by sequence number."""
+        """Replace the places of records that were written again elsewhere.
+
+        Parameters
+        ----------
+        moved : mapping of int to Entry
+            New places by sequence number.
+        """
 
         def now(entry: Entry) -> Entry:
             return moved.get(entry.sequence, entry)
@@ -217,7 +261,7 @@ class Index:
             drop.entry = now(drop.entry)
         for listed in self.files.values():
             listed.entry = now(listed.entry)
-        # A drop's own list of rebounds is one of these.
+        # The lists of rebounds of the drops are the same objects as those in `rebounds`.
         for entries in (self.events, self.checks, *self.rebounds.values()):
             entries[:] = map(now, entries)
 
@@ -248,7 +292,7 @@ class Index:
             case Kind.FILE:
                 _types(data, path=str, size=int, sha256=str)
                 if _PUBLISHED_PATH.fullmatch(data["path"]) is None:
-                    raise ValueError("a path that leads out of the survey")
+                    raise ValueError("path: expected one within the survey")
                 self.files[data["path"]] = FileEntry(
                     data["path"], data["size"], data["sha256"], data.get("number"), entry
                 )
@@ -257,7 +301,7 @@ class Index:
         _types(data, number=int, point=str, drop=int)
         _check_name(data["point"])
         if not (0 < data["number"] < NUMBER_LIMIT and 0 < data["drop"] < NUMBER_LIMIT):
-            raise ValueError("a number that no drop has")
+            raise ValueError(f"number of a drop: expected 1 to {NUMBER_LIMIT - 1}")
         key = data.get("key")
         drop = DropEntry(
             data["number"],
@@ -265,7 +309,7 @@ class Index:
             data["drop"],
             key if isinstance(key, str) else None,
             entry,
-            # A drop restored from its file follows its rebounds.
+            # The records of its rebounds may precede a drop that was restored from its file.
             self.rebounds.setdefault(data["number"], []),
             data.get("restored_from"),
         )
@@ -284,15 +328,15 @@ class _ParsedRecord(NamedTuple):
 
 
 def build_index(layout: Layout) -> Index:
-    """Read ledger and journal.
+    """Return the index of a survey from its ledger and the content of each record of its journal.
 
-    The ledger is read first: its records are then in the journal, even while another program
-    writes.
+    The ledger is read first. So the journal contains its records, even while another program
+    writes the survey. Damage is part of the index.
 
     Raises
     ------
     RecordingError
-        If a file cannot be read at all; the index contains the damage.
+        If a file cannot be read at all, or a newer version of the program wrote the survey.
     """
     ledger = read_ledger(layout.ledger)
     index = Index(ledger=ledger)
@@ -303,15 +347,15 @@ def build_index(layout: Layout) -> Index:
     for record in records:
         entry = record.entry
         if entry.kind > NUMBER_LIMIT or not 0 < entry.sequence < 10**6 * NUMBER_LIMIT:
-            index.strange.append((entry, "a record with numbers that no survey has"))
+            index.strange.append((entry, "a record with impossible numbers"))
             continue
         if record.identity != index.survey:
             index.strange.append((entry, "a record of another survey"))
             continue
         earlier = chosen.get(entry.sequence)
         line = acknowledged.get(entry.sequence)
-        # A record may be written twice after a failed sync: the copy in the ledger counts, or else
-        # the later one.
+        # A record may be written twice after a failed sync. The copy that the ledger lists counts,
+        # and otherwise the later one.
         if earlier is None or line is None or not _same_place(earlier.entry, line):
             chosen[entry.sequence] = record
     for sequence in sorted(chosen):
@@ -333,7 +377,15 @@ def build_index(layout: Layout) -> Index:
 
 
 def file_states(layout: Layout) -> FileStates:
-    """Return the states of ledger and journal files, which every write changes; raise OSError."""
+    """Return sizes and times of all files with records of a survey.
+
+    Every write changes them, so equal states mean that nothing was written.
+
+    Raises
+    ------
+    OSError
+        If a file does not exist or cannot be accessed.
+    """
     paths = [layout.ledger, *map(layout.segment, layout.segments())]
     states = []
     for path in paths:
@@ -352,17 +404,17 @@ def file_states(layout: Layout) -> FileStates:
 
 
 def read_index(layout: Layout) -> Index:
-    """Read ledger and journal faster than :func:`build_index`, with the same comparison of bytes.
+    """Return the index of a survey as :func:`build_index` does, in less time.
 
-    If ledger and journal agree about every record, the lines of the ledger contain the number,
-    the point and the number within it of each drop, under a checksum that covers the record's. So
-    the JSON of a drop, the longest of all, is not parsed, and the keys of drops are missing. If
-    they differ in anything, :func:`build_index` reads everything.
+    All bytes are compared with their checksums. If ledger and journal agree about every record,
+    the numbers and the point of each drop are taken from the ledger. The JSON of drops, the longest
+    of all, is then not parsed, and their keys are missing; see :func:`complete_keys`. If ledger and
+    journal differ in anything, :func:`build_index` reads everything.
 
     Raises
     ------
     RecordingError
-        If a file cannot be read at all.
+        If a file cannot be read at all, or a newer version of the program wrote the survey.
     """
     try:
         with no_collections():
@@ -374,9 +426,9 @@ def read_index(layout: Layout) -> Index:
 
 @contextlib.contextmanager
 def no_collections() -> Iterator[None]:
-    """Suspend Python's search for reference cycles.
+    """Suspend Python's search for reference cycles within a ``with`` block, to save time.
 
-    An index has several 100,000 tuples and no cycle; the rows of a table are similar.
+    The search takes long for an index, which has several 100,000 tuples and no cycle.
     """
     enabled = gc.isenabled()
     gc.disable()
@@ -388,7 +440,9 @@ def no_collections() -> Iterator[None]:
 
 
 def complete_keys(layout: Layout, index: Index) -> None:
-    """Read the keys of the drops, which :func:`read_index` skips.
+    """Add the keys of the drops to an index, which :func:`read_index` does not read.
+
+    A key is the text that identifies a drop on its instrument.
 
     Raises
     ------
@@ -408,7 +462,10 @@ def complete_keys(layout: Layout, index: Index) -> None:
 
 
 def _verified_index(layout: Layout) -> Index | None:
-    """Return the index if ledger and journal agree; None or RecordingError if they do not."""
+    """Return the index if the journal agrees with the ledger (list of saved records), else None.
+
+    RecordingError may be raised as well; the caller then reads record by record.
+    """
     try:
         data = ledger_data(layout.ledger) or b""
         columns = ledger_columns(data)
@@ -425,7 +482,7 @@ def _verified_index(layout: Layout) -> Index | None:
 
 
 def _add_verified(layout: Layout, index: Index, entry: Entry, payload: memoryview) -> None:
-    """Add a record about which ledger and journal agree."""
+    """Add a record of the journal that agrees with its line in the ledger."""
     kind = entry.kind
     if kind == _DROP:
         about = read_about(entry.about)
@@ -447,7 +504,7 @@ def _add_verified(layout: Layout, index: Index, entry: Entry, payload: memoryvie
 
 
 def _add_unlisted(layout: Layout, index: Index, item: Located) -> None:
-    """Add a record that is not in the ledger yet, because another program is writing."""
+    """Add a record that is not yet in the list of saved records; another program is writing."""
     frame = item.frame
     if frame.sequence != len(index.entries) + 1 or frame.identity != index.survey:
         raise InconsistentRecords
@@ -469,7 +526,7 @@ def _check_version(layout: Layout, data: Mapping[str, Any]) -> None:
 
 
 def missing_numbers(numbers: set[int] | Any, limit: int = 1000) -> list[int]:
-    """Return the first missing numbers from 1 to the largest one."""
+    """Return the numbers between 1 and the largest number that are missing, at most `limit`."""
     gaps: list[int] = []
     expected = 1
     for number in sorted(numbers):
@@ -481,7 +538,11 @@ def missing_numbers(numbers: set[int] | Any, limit: int = 1000) -> list[int]:
 
 
 def damage_key(layout: Layout, stretch: Stretch) -> tuple[int, int, int, int]:
-    """Return segment, offset, length and CRC-32 of a damaged part."""
+    """Return the values that identify a damaged part of the journal.
+
+    They are the number of the file, the position and the length (bytes), and the CRC-32 of the
+    damaged bytes.
+    """
     crc = 0
     with layout.segment(stretch.segment).open("rb") as stream:
         stream.seek(stretch.damage.offset)
@@ -516,7 +577,10 @@ def _indexed_data(kind: int, payload: Payload) -> dict[str, Any]:
 
 
 def about_of(kind: int, data: Mapping[str, Any]) -> str:
-    """Return the description of a record in the ledger."""
+    """Return the description of a record for its line in the ledger (list of saved records).
+
+    That of a drop has its numbers and its point; any other record has "-".
+    """
     if kind == Kind.DROP:
         number, point, drop = data.get("number"), data.get("point"), data.get("drop")
         if type(number) is int and isinstance(point, str) and type(drop) is int:
@@ -544,10 +608,10 @@ def _same_place(a: Entry, b: Entry) -> bool:
 
 def _check_name(name: str) -> None:
     if point_name(name) != name:
-        raise ValueError("a name that no point has")
+        raise ValueError("name of a point: expected one without control characters")
 
 
 def _types(data: Mapping[str, Any], **keys: type) -> None:
     for key, expected in keys.items():
         if type(data[key]) is not expected:
-            raise TypeError(f"{key} is no {expected.__name__}")
+            raise TypeError(f"{key}: expected {expected.__name__}, got {type(data[key]).__name__}")

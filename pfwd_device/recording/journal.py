@@ -1,4 +1,8 @@
-"""Segments of the journal: an appended record is on the disk when the append returns."""
+"""Writing and reading of the journal, the files with all records of a survey.
+
+A file of the journal is called a segment. An appended record is on the disk when the append
+returns. The ledger is a text file with a line for each record that reached the disk.
+"""
 
 import contextlib
 import io
@@ -15,10 +19,11 @@ from pfwd_device.recording.ledger import Entry
 from pfwd_device.recording.storage import Stamp, Storage
 
 MAX_SEGMENT_BYTES = 256 * 2**20
-"""Size after which a new segment begins, so that copying and reading one stay fast."""
+"""Largest segment, bytes, so that copying and reading one stay fast."""
 
 MAX_OPEN_SEGMENTS = 64
-"""Number of segments that stay open, so that they can be read if their files are deleted: 16 GB."""
+"""Number of segments that stay open, so that they can be read if their files are deleted; together
+they have 16 GB."""
 
 _N_LOCK_TRIES = 5
 _LOCK_PAUSE_S = 0.02
@@ -27,21 +32,32 @@ _LOCK_PAUSE_S = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """A record to write."""
+    """Record that is to be written to the journal."""
 
     sequence: int
+    """Sequence number, from 1."""
     kind: int
+    """One of `framing.Kind`."""
     data: bytes
-    """Header and payload."""
+    """Header and content."""
     about: str = "-"
+    """Description for the ledger."""
 
     @property
     def check(self) -> int:
-        """CRC-32 in the header."""
+        """CRC-32 in the header, which covers the CRC-32 of the content."""
         return int.from_bytes(self.data[44:48], "little")
 
     def at(self, segment: int, offset: int) -> Entry:
-        """Return the entry for the ledger."""
+        """Return the entry of this record for the ledger (list of saved records).
+
+        Parameters
+        ----------
+        segment : int
+            Number of the file of the journal in which the record is.
+        offset : int
+            Position in this file, bytes.
+        """
         return Entry(
             self.sequence, self.kind, segment, offset, len(self.data), self.check, self.about
         )
@@ -49,6 +65,8 @@ class Record:
 
 @dataclass(slots=True)
 class _Segment:
+    """Open file of the journal."""
+
     descriptor: int
     end: int
     """Length according to this program, bytes."""
@@ -59,13 +77,23 @@ class _Segment:
 
 
 def open_segment(layout: Layout, number: int, storage: Storage) -> int:
-    """Open an existing segment, lock it and return its descriptor.
+    """Open and lock an existing file of the journal, and return its descriptor.
+
+    Parameters
+    ----------
+    layout : Layout
+        Paths of the survey.
+    number : int
+        Number of the file (segment).
+    storage : Storage
+        Access to the files.
 
     Raises
     ------
     SurveyLocked
         If another program has locked it.
     OSError
+        If it cannot be opened.
     """
     descriptor = storage.open(layout.segment(number))
     try:
@@ -76,7 +104,7 @@ def open_segment(layout: Layout, number: int, storage: Storage) -> int:
         else:
             raise SurveyLocked(
                 f"{layout.segment(number)}: expected to be the only program that writes, got "
-                "another that has the journal open; end it first, or name another folder"
+                "another program that has the journal open; end it first, or name another folder"
             )
     except BaseException:
         storage.close(descriptor)
@@ -85,18 +113,20 @@ def open_segment(layout: Layout, number: int, storage: Storage) -> int:
 
 
 class JournalWriter:
-    """Writer that appends to the last segment, at an offset that it keeps itself.
+    """Writer that appends records to the last file (segment) of a journal.
 
     After a failed write the segment is cut back to its last good end. A new segment begins if that
-    fails, if a sync fails, if another program wrote to the segment, or if it has a second name.
-    Segments stay open, so that they can be read if their files are deleted.
+    fails, if a sync fails, if another program wrote to the segment, or if the file has a second
+    name. Segments stay open, so that they can be read if their files are deleted.
 
     Parameters
     ----------
     layout : Layout
+        Paths of the survey.
     storage : Storage
+        Access to the files.
     continued : (int, int), optional
-        Number and descriptor of the segment to continue.
+        Number and descriptor of the segment to continue; by default a new one begins.
     """
 
     def __init__(
@@ -110,7 +140,7 @@ class JournalWriter:
         last = continued[0] if continued is not None else None
         for number in layout.segments()[-MAX_OPEN_SEGMENTS:]:
             if number != last:
-                with contextlib.suppress(OSError):  # it is then unreadable if it is deleted
+                with contextlib.suppress(OSError):  # it only cannot be read after a deletion
                     descriptor = storage.open(layout.segment(number))
                     self._earlier[number] = self._segment(descriptor)
         if continued is not None:
@@ -118,7 +148,7 @@ class JournalWriter:
             self._current = self._segment(descriptor)
 
     def append(self, record: Record) -> Entry:
-        """Write a record; return its entry for the ledger when it is on the disk.
+        """Append a record; return its entry for the list of saved records when it is on the disk.
 
         Raises
         ------
@@ -145,13 +175,13 @@ class JournalWriter:
         return entry
 
     def append_all(self, records: Iterable[Record]) -> dict[int, Entry]:
-        """Write records; return their entries by sequence number when all are on the disk.
+        """Append records; return their entries by sequence number when all are on the disk.
 
         Raises
         ------
         OSError
-            If the disk fails. Some records may be written then; without a line in the ledger they
-            do not count, and they are written again.
+            If the disk fails. Some records may be written then. They do not count, because the list
+            of saved records (ledger) lacks them, and the caller writes all again.
         """
         entries: dict[int, Entry] = {}
         for record in records:
@@ -167,16 +197,18 @@ class JournalWriter:
         return entries
 
     def mark(self) -> tuple[int, int]:
-        """Return the state to which `rewind` goes back if a record cannot be acknowledged."""
+        """Return the present end of the journal, to which `rewind` can go back."""
         return self._number, self._current.end if self._current is not None else 0
 
     def rewind(self, mark: tuple[int, int], *, cut: bool = True) -> None:
-        """Go back to a mark.
+        """Remove the record that was appended since `mark` was called.
 
         Parameters
         ----------
+        mark : (int, int)
+            Result of `mark`.
         cut : bool
-            Remove the record; else it stays, and the next one follows it.
+            False: leave the record in the journal; the next one follows it.
         """
         if cut and self._current is not None:
             number, end = mark
@@ -184,7 +216,7 @@ class JournalWriter:
             self._cut(self._current)
 
     def problem(self) -> str | None:
-        """Return the difference between the open segments and the files; None without one."""
+        """Return a message if a file of the journal was deleted, replaced or changed; else None."""
         for number, segment in sorted(self._open().items()):
             path = self._layout.segment(number)
             why = self._storage.misplaced(segment.descriptor, path, segment.end)
@@ -193,15 +225,18 @@ class JournalWriter:
         return None
 
     def has_names(self) -> bool:
-        """Return True if no open segment was deleted; a moved one still has a path."""
+        """Return True if no open file of the journal was deleted; it may have been moved."""
         return all(self._storage.names(each.descriptor) for each in self._open().values())
 
     def name_of(self, number: int) -> str:
-        """Return the path of a segment within the survey."""
+        """Return the path within the survey of the file of the journal with a number."""
         return self._layout.relative(self._layout.segment(number))
 
     def stamps_changed(self) -> dict[int, Stamp]:
-        """Return the segments that were changed by others, with their present stamps."""
+        """Return the files of the journal that another program may have changed, by number.
+
+        A stamp is the pair of times at which content and metadata of a file were changed.
+        """
         stamps = {}
         for number, segment in self._open().items():
             stamp = self._storage.stamp(segment.descriptor)
@@ -210,13 +245,19 @@ class JournalWriter:
         return stamps
 
     def accept_stamps(self, stamps: Mapping[int, Stamp]) -> None:
-        """Accept stamps of segments after a verification of their records."""
+        """Store the stamps of files as those of unchanged files, after their records were verified.
+
+        Parameters
+        ----------
+        stamps : mapping
+            Result of `stamps_changed`.
+        """
         for number, segment in self._open().items():
             if number in stamps:
                 segment.stamp, segment.doubtful = stamps[number], False
 
     def read(self, entry: Entry) -> Record | None:
-        """Read a record from an open segment, whatever its path leads to; None if damaged."""
+        """Read a record of the journal, also if its file was deleted; None if it is damaged."""
         segment = self._earlier.get(entry.segment)
         if segment is None and entry.segment == self._number:
             segment = self._current
@@ -232,7 +273,7 @@ class JournalWriter:
         return Record(entry.sequence, entry.kind, data, entry.about)
 
     def close(self) -> None:
-        """Close all segments."""
+        """Close all files of the journal."""
         self._leave()
         for segment in self._earlier.values():
             with contextlib.suppress(OSError):  # all its records were synced
@@ -250,13 +291,13 @@ class JournalWriter:
         return {**self._earlier, self._number: self._current}
 
     def _ready(self, length: int) -> _Segment:
-        """Return a segment with room for a record of this length; begin a new one if needed."""
+        """Return the file for a record of `length` bytes; begin a new file if necessary."""
         segment = self._current
         if segment is not None and (
             segment.end + length > MAX_SEGMENT_BYTES
             # Data of other programs must not be overwritten.
             or self._storage.size(segment.descriptor) != segment.end
-            # A second name, as in a backup made of links: the backup must not change.
+            # A file with a second name may belong to a backup made of links, which must not change.
             or self._storage.names(segment.descriptor) > 1
         ):
             segment = None
@@ -281,7 +322,10 @@ class JournalWriter:
             self._leave(keeps_length=False)
 
     def _leave(self, *, keeps_length: bool = True) -> None:
-        """End writing to the segment; `keeps_length`: its length is that of this program."""
+        """End writing to the present file of the journal, which stays open for reading.
+
+        `keeps_length` is False if its length may differ from the one that this program wrote.
+        """
         segment, self._current = self._current, None
         if segment is None:
             return
@@ -310,7 +354,7 @@ class JournalWriter:
 
 
 class Located(NamedTuple):
-    """A record with its segment."""
+    """Record of the journal with the number of its file (segment)."""
 
     segment: int
     frame: Frame
@@ -318,19 +362,21 @@ class Located(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A damaged part with its segment."""
+    """Damaged part of the journal with the number of its file (segment)."""
 
     segment: int
     damage: Damage
 
 
 def scan_journal(layout: Layout) -> Iterator[Located | Stretch]:
-    """Yield records and damaged parts of all segments; one record is in memory at a time.
+    """Yield the records and the damaged parts of the journal of a survey, in order.
+
+    One record is in memory at a time.
 
     Raises
     ------
     RecordingError
-        If a segment exists and cannot be read.
+        If a file of the journal exists and cannot be read.
     """
     for segment in layout.segments():
         path = layout.segment(segment)
@@ -349,6 +395,15 @@ def scan_journal(layout: Layout) -> Iterator[Located | Stretch]:
 
 def read_record(layout: Layout, segment: int, offset: int) -> Frame:
     """Read the record at a place of the journal.
+
+    Parameters
+    ----------
+    layout : Layout
+        Paths of the survey.
+    segment : int
+        Number of the file of the journal.
+    offset : int
+        Position in the file, bytes.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Names of the files of a survey."""
+"""Names of the files and folders of a survey."""
 
 import os
 import re
@@ -10,113 +10,137 @@ from typing import Literal
 from pfwd_device.errors import RecordingError
 
 ResultKind = Literal["drop", "trial", "diagnosis"]
-"""Kind of a stored result, with which the name of its file begins: the result of a drop, a trial
-with other settings, or a diagnosis of its point."""
+"""Kind of a stored result, with which the name of its file begins: the result that counts for a
+drop, a trial of its analysis with other settings, or a diagnosis of its point."""
 
 FORMAT_VERSION = 1
 
 PEAKS_FORMAT_VERSION = 2
-"""Format version of a survey with drops without traces, which programs of version 1 refuse. A
-survey without such drops stays one of version 1."""
+"""Format version of a survey with drops without traces, which programs of version 1 refuse. Any
+other survey has version 1."""
 
 _JUNCTION: int | None = getattr(stat, "IO_REPARSE_TAG_MOUNT_POINT", None)  # exists on Windows
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Paths of the files of a survey."""
+    """Paths of the files of a survey within its folder."""
 
     folder: Path
+    """Folder of the survey."""
 
     @property
     def journal(self) -> Path:
+        """Folder of the journal, the files with all records."""
         return self.folder / "journal"
 
     @property
     def ledger(self) -> Path:
+        """Text file with a line for each record that reached the disk."""
         return self.folder / "acknowledged.txt"
 
     @property
     def drops(self) -> Path:
+        """Folder of the HDF5 files, one for each drop."""
         return self.folder / "drops"
 
     @property
     def results(self) -> Path:
+        """Folder of the stored results of analyses."""
         return self.folder / "results"
 
     @property
     def captures(self) -> Path:
+        """Folder of the raw captures, which contain every byte of a link."""
         return self.folder / "captures"
 
     @property
     def damaged(self) -> Path:
+        """Folder to which recovery moves damaged and unfinished files."""
         return self.folder / "damaged"
 
     @property
     def reserve(self) -> Path:
+        """File that reserves space, which is freed when the disk is full."""
         return self.folder / "reserve"
 
     @property
     def lock(self) -> Path:
+        """File that the program that writes the survey locks."""
         return self.folder / "survey.lock"
 
     @property
     def publish_lock(self) -> Path:
+        """File that the process that makes HDF5 files locks."""
         return self.folder / "publish.lock"
 
     @property
     def writer(self) -> Path:
+        """Text file that names the program that writes the survey."""
         return self.folder / "writer.txt"
 
     @property
     def log(self) -> Path:
+        """Folder of the log files of programs."""
         return self.folder / "log"
 
     @property
     def folders(self) -> tuple[Path, ...]:
+        """Folders that every survey has."""
         return (self.journal, self.drops, self.results, self.captures, self.damaged)
 
     def segment(self, number: int) -> Path:
+        """Return the file of the journal (segment) with a number."""
         return self.journal / f"{number:04d}.pfwdj"
 
     def drop_file(self, number: int) -> Path:
+        """Return the HDF5 file of the drop with a survey-wide number."""
         return self.folder / self.drop_file_name(number)
 
     @staticmethod
     def drop_file_name(number: int) -> str:
-        """Return the path of a drop's file within the survey, as in records."""
+        """Return the path within the survey of the HDF5 file of a drop, with ``/``."""
         return f"drops/drop-{number:06d}.h5"
 
     def result(self, number: int, count: int, kind: ResultKind) -> Path:
-        """Return the file of the ``count``-th result of a kind for a drop."""
+        """Return the file of a result.
+
+        Parameters
+        ----------
+        number : int
+            Survey-wide number of the drop.
+        count : int
+            Number of the result among those of this kind for the drop, from 1.
+        kind : "drop", "trial" or "diagnosis"
+        """
         return self.results / f"{kind}-{number:06d}-{count}.json"
 
     def segments(self) -> list[int]:
-        """Return the numbers of the existing segments of the journal."""
+        """Return the sorted numbers of the existing files of the journal."""
         return sorted(_numbers(self.journal, r"(\d{4,})\.pfwdj"))
 
     def drop_files(self) -> list[int]:
-        """Return the survey-wide numbers of the drops with a file."""
+        """Return the sorted survey-wide numbers of the drops with an HDF5 file."""
         return sorted(_numbers(self.drops, r"drop-(\d{6,})\.h5"))
 
     def relative(self, path: Path) -> str:
-        """Return the path within the survey as in records, with ``/`` on every system."""
+        """Return the path of a file within the survey, with ``/`` on every system."""
         return path.relative_to(self.folder).as_posix()
 
     def exists(self) -> bool:
-        """Return True if the folder contains any part of a survey."""
+        """Return True if the folder contains records or the HDF5 file of a drop."""
         return bool(self.ledger.exists() or self.segments() or self.drop_files())
 
 
 def refuse_links(layout: Layout) -> None:
-    """Refuse a survey with links in it, through which a write would leave its folder.
+    """Raise an error if a part of a survey is a link, so that a write could leave its folder.
 
-    The folder itself may be a link, as the user has named it.
+    The folder itself may be a link, because the user has named it.
 
     Raises
     ------
     RecordingError
-        If a part of the survey is a link, or no file where a file belongs; the message names it.
+        If a part of the survey is a link, a pipe or a device; the message names the first.
     """
     inner = (*layout.folders, layout.log)
     for folder in (layout.folder, *inner):
@@ -125,27 +149,27 @@ def refuse_links(layout: Layout) -> None:
                 path = Path(entry.path)
                 expected = "a folder" if path in inner else "a file"
                 raise RecordingError(
-                    f"{path}: expected {expected} of the survey, got a link; move it away, and "
-                    "put in its place what it leads to if that belongs to the survey"
+                    f"{path}: expected {expected} of the survey, got a link; move the link away, "
+                    "and copy its target to this place if it belongs to the survey"
                 )
     refuse_special_files(layout)
 
 
 def refuse_special_files(layout: Layout) -> None:
-    """Refuse a survey with named pipes or devices in it, whose reading may never end.
+    """Raise an error if a survey contains named pipes or devices, whose reading may never end.
 
     Raises
     ------
     RecordingError
-        If there is one; the message names the first.
+        If there is a pipe or a device; the message names the first.
     """
     for folder in (layout.folder, *layout.folders):
         for entry in _entries(folder):
             special = not (entry.is_file() or entry.is_dir() or entry.is_symlink())
             if special or (entry.is_symlink() and _leads_to_special(entry)):
                 raise RecordingError(
-                    f"{entry.path}: expected a file of the survey, got something else (a named "
-                    "pipe or a device); move it away"
+                    f"{entry.path}: expected a file of the survey, got a named pipe or a device; "
+                    "move it away"
                 )
 
 
@@ -166,14 +190,14 @@ def _entries(folder: Path) -> list[os.DirEntry[str]]:
 
 
 def _is_junction(entry: os.DirEntry[str]) -> bool:
-    """Return True for a junction of Windows, which is no symbolic link."""
+    """Return True for a junction, a link of Windows that Python does not report as a link."""
     if _JUNCTION is None:  # on other systems the test would only cost a system call
         return False
     return getattr(entry.stat(follow_symlinks=False), "st_reparse_tag", 0) == _JUNCTION
 
 
 def names_in(folder: Path) -> list[str]:
-    """Return the names in a folder, sorted; an empty list if it does not exist."""
+    """Return the sorted names in a folder; an empty list if the folder cannot be read."""
     try:
         return sorted(os.listdir(folder))
     except OSError:

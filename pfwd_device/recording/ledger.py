@@ -1,9 +1,11 @@
-"""The ledger: one line of text for each acknowledged record, which identifies lost records.
+"""The ledger of a survey, a text file that lists the records of its journal that reached the disk.
 
-A line is ``sequence kind segment offset length check about crc``, separated by single blanks;
-``check`` is the CRC of the record's header, ``crc`` the CRC-32 of the line before it, both as eight
-hexadecimal digits. ``about`` is ``-`` or for a drop ``number:point/drop`` with the point's name
-percent-encoded. The first line names the format and the survey.
+The journal contains the data; if it is damaged later, the ledger shows which records are lost. It
+has a line for each record: ``sequence kind segment offset length check about crc``, separated by
+single blanks. ``segment`` is the number of the file of the journal, ``check`` the CRC-32 in the
+header of the record and ``crc`` the CRC-32 of the line before it, both as eight hexadecimal digits.
+``about`` is ``-``, or for a drop ``number:point/drop`` with the name of the point percent-encoded.
+The first line names the format and the survey.
 """
 
 import contextlib
@@ -22,8 +24,8 @@ from pfwd_device.recording.storage import Stamp, Storage, has_content
 from pfwd_device.text import clean
 
 MAX_LEDGER_BYTES = 24 * 2**20
-"""Largest ledger: ten times that of a survey of 10,000 drops. Reading takes ten times its size in
-memory, so that a larger one would need more than 500 MB."""
+"""Largest ledger, bytes: ten times that of a survey of 10,000 drops. Reading needs memory of ten to
+twenty times its size."""
 
 MAX_LEDGER_LINE_BYTES = 4096
 
@@ -31,25 +33,32 @@ _LINE = re.compile(
     rb"(0|[1-9]\d{0,17}) (0|[1-9]\d{0,8}) (0|[1-9]\d{0,8}) (0|[1-9]\d{0,17}) (0|[1-9]\d{0,8}) "
     rb"([0-9a-f]{8}) ([!-~]{1,999}) ([0-9a-f]{8})"
 )
-"""Pattern of the lines that :meth:`Entry.line` writes: a number in another form is damage."""
+"""Pattern of the lines that :meth:`Entry.line` writes. Any other line counts as damaged."""
 
 _ABOUT = re.compile(r"(\d{1,9}):([^/\s]+)/(\d{1,18})", re.ASCII)
 _FIRST_LINE = re.compile(r"pfwd-ledger 1 ([0-9a-f]{32}) ([0-9a-f]{8})", re.ASCII)
 
 
 class Entry(NamedTuple):
-    """One acknowledged record; a tuple, because a survey has many."""
+    """Line of the ledger (list of saved records): number, kind and place of one record."""
 
     sequence: int
+    """Sequence number, from 1."""
     kind: int
+    """One of `framing.Kind`."""
     segment: int
+    """Number of the file of the journal."""
     offset: int
+    """Position in the file, bytes."""
     length: int
+    """Length of the record, bytes."""
     check: int
+    """CRC-32 in the header of the record."""
     about: str = "-"
+    """Numbers and point of a drop; "-" for any other record."""
 
     def line(self) -> bytes:
-        """Return the line of the ledger, including its end."""
+        """Return the line of the ledger for this record, with its checksum and line feed."""
         text = (
             f"{self.sequence} {self.kind} {self.segment} {self.offset} {self.length} "
             f"{self.check:08x} {self.about}"
@@ -59,27 +68,37 @@ class Entry(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class LedgerText:
-    """Content of a ledger."""
+    """Content of a ledger, the text file that lists the saved records of a survey."""
 
     survey: bytes | None
     """Identity of the survey; None if the first line is damaged."""
     entries: tuple[Entry, ...]
-    """Undamaged lines."""
+    """Records of the undamaged lines."""
     damaged: tuple[int, ...]
     """Numbers of the damaged lines, from 1."""
     missing: bool = False
-    """True if there is no ledger."""
+    """True if the file does not exist."""
     data: bytes | None = field(default=None, compare=False, repr=False)
-    """Bytes of the ledger, if they are known to be exactly these lines."""
+    """Bytes of the file if they consist of exactly these lines; None if unknown."""
 
 
 def head_line(survey: bytes) -> bytes:
-    """Return the first line of the ledger of a survey."""
+    """Return the first line of the ledger (list of saved records), with the survey's identity."""
     return _closed(f"pfwd-ledger 1 {survey.hex()}")
 
 
 def about_drop(number: int, point: str, drop: int) -> str:
-    """Return the description of a drop in the ledger."""
+    """Return the text ``number:point/drop``, which describes a drop in the list of saved records.
+
+    Parameters
+    ----------
+    number : int
+        Survey-wide number.
+    point : str
+        Name of the test point.
+    drop : int
+        Number within the point.
+    """
     return f"{number}:{_quoted(point)}/{drop}"
 
 
@@ -89,7 +108,10 @@ def _quoted(point: str) -> str:
 
 
 def read_about(about: str) -> tuple[int, str, int] | None:
-    """Return survey-wide number, point and number within it; None if it is no drop."""
+    """Return survey-wide number, point and number within it from the description of a drop.
+
+    It is the inverse of `about_drop`; None if the description is not that of a drop.
+    """
     match = _ABOUT.fullmatch(about)
     if match is None:
         return None
@@ -102,12 +124,15 @@ def _unquoted(point: str) -> str:
 
 
 def ledger_bytes(survey: bytes, entries: Iterable[Entry]) -> bytes:
-    """Return the bytes of a complete ledger."""
+    """Return the content of a ledger, the text file that lists these records as saved."""
     return head_line(survey) + b"".join(entry.line() for entry in entries)
 
 
 def read_ledger(path: Path) -> LedgerText:
-    """Read the ledger at `path`; damage is part of the result and never raised."""
+    """Read a ledger, the text file that lists the saved records of a survey.
+
+    Damaged lines are part of the result and raise no error.
+    """
     try:
         data = ledger_data(path)
     except FileNotFoundError:
@@ -118,12 +143,26 @@ def read_ledger(path: Path) -> LedgerText:
 
 
 def ledger_data(path: Path) -> bytes | None:
-    """Return the bytes of a ledger, or None if the file is too large; raise OSError."""
+    """Return the bytes of a ledger (list of saved records); None above `MAX_LEDGER_BYTES`.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    """
     return None if os.path.getsize(path) > MAX_LEDGER_BYTES else path.read_bytes()
 
 
 def head_survey(line: bytes) -> bytes | None:
-    """Return the identity of the survey in the first line, without its end; None if damaged."""
+    """Return the identity of a survey from the first line of its ledger (list of saved records).
+
+    None if the line is damaged.
+
+    Parameters
+    ----------
+    line : bytes
+        The line without its line feed.
+    """
     head = _FIRST_LINE.fullmatch(_text(line))
     if head is None or head_line(bytes.fromhex(head[1])) != line + b"\n":
         return None
@@ -131,7 +170,7 @@ def head_survey(line: bytes) -> bytes | None:
 
 
 def parse_ledger(data: bytes) -> LedgerText:
-    """Parse the bytes of a ledger, with any damage."""
+    """Parse the bytes of a ledger (list of saved records); damaged lines are part of the result."""
     survey = None
     entries: list[Entry] = []
     damaged: list[int] = []
@@ -150,7 +189,23 @@ def parse_ledger(data: bytes) -> LedgerText:
 
 
 class LedgerWriter:
-    """Writer that appends lines; after a failure it first writes a complete new ledger."""
+    """Writer that appends lines to the ledger, the list of the saved records of a survey.
+
+    After a failure the next append writes a complete new file first.
+
+    Parameters
+    ----------
+    path : Path
+        File of the ledger.
+    survey : bytes
+        Identity of the survey, 16 bytes.
+    entries : list of Entry
+        Records that the ledger lists; the writer appends to this list.
+    storage : Storage
+        Access to the files.
+    data : bytes, optional
+        Content of a ledger with these entries, so that it need not be formatted again.
+    """
 
     def __init__(
         self,
@@ -173,7 +228,13 @@ class LedgerWriter:
         self._in_place = True
 
     def append(self, entry: Entry) -> None:
-        """Append a line and wait for the disk; on OSError the ledger is unchanged or rewritten."""
+        """Append the line of a saved record; return when the line is on the disk.
+
+        Raises
+        ------
+        OSError
+            If the disk fails or the ledger is too long; the record does not count then.
+        """
         if self._descriptor is None:
             self._reopen()
         assert self._descriptor is not None
@@ -188,13 +249,14 @@ class LedgerWriter:
             stamp = self._storage.stamp_after_write(self._descriptor)
             self._stamp = stamp if unchanged else None
         except OSError:
-            self.doubtful = None  # an incomplete line does not count
+            self.doubtful = None  # readers ignore an incomplete line
             self._cut()
             raise
         try:
             self._storage.sync(self._descriptor)
         except OSError:
-            # After a failed sync the disk is unknown, and a second sync may falsely succeed.
+            # After a failed sync the state of the disk is unknown, and a second sync may report
+            # success without having written the data.
             self.close()
             self._rewrite([*self._entries, entry])
         else:
@@ -204,18 +266,18 @@ class LedgerWriter:
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """Acknowledged records, in the order of the lines."""
+        """Records that are listed as saved, in the order of the lines."""
         return tuple(self._entries)
 
     def problem(self) -> str | None:
-        """Return the difference between the written ledger and the file; None without one."""
+        """Return a message if the file was deleted, replaced or changed by others; else None."""
         if self._descriptor is None:  # the next append writes a complete ledger
             return None
         why = self._storage.misplaced(self._descriptor, self._path, self._end)
         return why if why is not None else self._changed()
 
     def _changed(self) -> str | None:
-        """Return the problem if the lines were changed at the same length; None otherwise."""
+        """Return a message if another program changed the lines and not their length; else None."""
         assert self._descriptor is not None
         stamp = self._storage.stamp(self._descriptor)
         if stamp is not None and stamp == self._stamp:
@@ -224,35 +286,35 @@ class LedgerWriter:
         try:
             actual = self._storage.read_at(self._descriptor, self._end, 0)
         except OSError as err:
-            return f"{self._path.name} cannot be read any more ({err.strerror or err})"
+            return f"{self._path.name} can no longer be read ({err.strerror or err})"
         if actual != content:
-            return f"{self._path.name} was written over by another program"
+            return f"{self._path.name} was overwritten by another program"
         self._stamp = stamp
         return None
 
     def replace(self, entries: list[Entry]) -> None:
-        """Write a complete ledger of these entries; raise OSError."""
+        """Replace the file by one that lists exactly these records; raise OSError if that fails."""
         self.close()
         self._data = None
         self._rewrite(entries)
         self._entries = entries
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file; the next append opens it again."""
         if self._descriptor is not None:
             descriptor, self._descriptor = self._descriptor, None
             with contextlib.suppress(OSError):  # all its lines were synced
                 self._storage.close(descriptor)
 
     def forget(self, sequence: int) -> None:
-        """Remove the lines from this number on; the next append rewrites the ledger."""
+        """Remove the lines from a sequence number on; the next append rewrites the file."""
         self.close()
         self._data = None
         while self._entries and self._entries[-1].sequence >= sequence:
             self._entries.pop()
 
     def _reopen(self) -> None:
-        # The bytes from the start of the program are valid until the first line is added.
+        # `_data` is the content at the start; it is valid until the first line is added.
         content, self._data = self._data or ledger_bytes(self._survey, self._entries), None
         if not (self._in_place and has_content(self._path, content)):
             self._rewrite(self._entries)
@@ -261,7 +323,7 @@ class LedgerWriter:
         self._stamp = None  # the next call of `problem` compares the content
 
     def _rewrite(self, entries: list[Entry]) -> None:
-        # Until its name is on the disk, a power cut may bring back an earlier ledger.
+        # Until the new name is on the disk, a power cut may restore an earlier ledger.
         self._in_place = False
         self._storage.write_file(self._path, ledger_bytes(self._survey, entries))
         self._in_place = True
@@ -282,7 +344,7 @@ def _closed(text: str) -> bytes:
 
 
 def _lines(data: bytes) -> Iterator[bytes]:
-    """Yield the lines without their ends; an unfinished last line is made invalid."""
+    """Yield the lines without line feeds; an unfinished last line gets a NUL, so it is invalid."""
     *lines, rest = data.split(b"\n")
     yield from lines
     if rest:

@@ -1,4 +1,7 @@
-"""Lock of a survey: one program writes it, and the message to a second one names the first."""
+"""Lock of a survey, which lets only one program write it at a time.
+
+The message to a second program names the first.
+"""
 
 import contextlib
 import os
@@ -22,7 +25,17 @@ _RETRY_PAUSE_S = 0.02
 
 
 class SurveyLock:
-    """Lock from creation to :meth:`release`; the system frees it when the program is killed."""
+    """Lock of a survey, held from the creation of the object to :meth:`release`.
+
+    The system frees it if the program is killed.
+
+    Raises
+    ------
+    SurveyLocked
+        If another program writes the survey.
+    RecordingError
+        If the folder cannot be written.
+    """
 
     def __init__(self, layout: Layout, storage: Storage) -> None:
         self._layout = layout
@@ -30,25 +43,27 @@ class SurveyLock:
         self._acquire()
 
     def problem(self) -> str | None:
-        """Return the reason why the lock no longer excludes other programs; None if it does."""
+        """Return a message if the lock file was deleted or replaced; None if the lock is valid."""
         path = self._layout.lock
         try:
             status = os.lstat(path)
         except FileNotFoundError:
-            return f"{path.name} is gone"
+            return f"{path.name} was deleted"
         except OSError as err:
-            return f"{path.name} cannot be reached any more ({err.strerror or err})"
+            return f"{path.name} can no longer be accessed ({err.strerror or err})"
         if (status.st_dev, status.st_ino) != self._file:
             return f"{path.name} was replaced by another file"
         return None
 
     def reacquire(self) -> None:
-        """Lock the file that is now at the path of the lock.
+        """Lock the present file at the path of the lock, after the former one was deleted.
 
         Raises
         ------
-        SurveyLocked, RecordingError
-            If another program was faster, or the folder cannot be written.
+        SurveyLocked
+            If another program has locked it first.
+        RecordingError
+            If the folder cannot be written.
         """
         before = self._lock
         self._acquire()
@@ -56,7 +71,7 @@ class SurveyLock:
             before.release()
 
     def release(self) -> None:
-        """Release the lock."""
+        """Release the lock, so that other programs may write the survey."""
         # After a failed unlock the system releases it when the program ends.
         with contextlib.suppress(OSError):
             self._lock.release()
@@ -87,15 +102,24 @@ class SurveyLock:
 
 @contextlib.contextmanager
 def file_locked(path: Path, timeout: float, storage: Storage) -> Iterator[None]:
-    """Hold the lock of a file, which is created if it is missing.
+    """Lock a file within a ``with`` block; the file is created if it is missing.
 
-    On POSIX systems closing the file unlocks it. If an explicit unlock failed, the lock would stay
-    with this program, and the next lock in the same program would wait for it.
+    On POSIX systems the file is unlocked by closing it. An explicit unlock that fails would leave
+    the lock with this program, and its next lock would wait for it.
+
+    Parameters
+    ----------
+    path : Path
+        File to lock.
+    timeout : float, s
+        Longest wait for another program.
+    storage : Storage
+        Access to the files.
 
     Raises
     ------
     TimeoutError
-        If another program holds it for longer than `timeout` s.
+        If another program holds the lock for longer.
     OSError
         If the file cannot be opened.
     """
@@ -115,7 +139,7 @@ def file_locked(path: Path, timeout: float, storage: Storage) -> Iterator[None]:
                 time.sleep(_RETRY_PAUSE_S)
             yield
         finally:
-            with contextlib.suppress(OSError):  # it is closed nevertheless, and has no content
+            with contextlib.suppress(OSError):  # the file has no content, and is closed anyway
                 storage.close(descriptor)
 
 
@@ -131,12 +155,12 @@ def _try(lock: FileLock) -> None:
 
 
 def is_locked(layout: Layout) -> bool:
-    """Return True while a program writes the survey."""
+    """Return True while a program has the survey open for writing."""
     return _lock_is_held(layout) or _journal_is_held(layout)
 
 
 def _journal_is_held(layout: Layout) -> bool:
-    """Return True if the last segment is locked, which holds even without ``survey.lock``."""
+    """Return True if the last file of the journal is locked, even if ``survey.lock`` is missing."""
     storage = Storage()
     for number in layout.segments()[-1:]:
         try:
@@ -169,5 +193,5 @@ def _holder(path: Path) -> str:
         with path.open("rb") as stream:
             text = stream.read(512)
     except OSError:
-        return "it did not leave its name"
+        return "its name is unknown, as writer.txt cannot be read"
     return clean(b", ".join(text.split(b"\n")).strip(b", "), limit=200)

@@ -1,8 +1,8 @@
-"""Payload of a record: JSON, then the arrays that the JSON describes.
+"""Payload (content) of a record of the journal: JSON, then the arrays that the JSON describes.
 
-``u32 length of the JSON | JSON in ASCII, keys sorted | arrays, little-endian``. The JSON is an
-object with ``data`` (the values), ``arrays`` (name, dtype and shape of each, in order) and
-``packed`` (true: the arrays together are compressed by zlib). Numbers that are not finite are
+The layout is ``u32 length of the JSON | JSON in ASCII, keys sorted | arrays, little-endian``. The
+JSON is an object with ``data`` (the values), ``arrays`` (name, dtype and shape of each, in order)
+and ``packed`` (true: the arrays together are compressed by zlib). Numbers that are not finite are
 written NaN, Infinity and -Infinity, as Python's json does.
 """
 
@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from pfwd_device.errors import RecordingError
 
 MAX_ARRAY_BYTES = 128 * 2**20
-"""Largest size of all unpacked arrays of a record: twice a drop of 8 channels and 10 s at 50 kHz,
-which has 58 MB with its counts. A few packed bytes can announce any size."""
+"""Largest size of all arrays of a record before compression, bytes. It is twice that of a drop of 8
+channels and 10 s at 50 kHz with its counts, 58 MB. A few compressed bytes can announce any size."""
 
 MAX_JSON_BYTES = 32 * 2**20
-"""Largest JSON text. The longest describes the drops of an exported survey, some 300 bytes each:
-3 MB for 10,000 drops."""
+"""Largest JSON text, bytes. The longest describes the drops of an exported survey, some 300 bytes
+each: 3 MB for 10,000 drops."""
 
 MAX_JSON_VALUES = 2_500_000
 """Largest number of commas, colons and brackets in a JSON text. Each may be a value of up to 100
@@ -40,7 +40,7 @@ DTYPES = ("<f8", "<i4", "|u1")
 _JSON_LENGTH = struct.Struct("<I")
 _DECODE = json.JSONDecoder().raw_decode
 _JSON_BLANKS = b" \t\n\r"
-"""White space of JSON."""
+"""White space that JSON allows between values."""
 _SIGNS = (",", ":", "[", "{")
 
 Array = NDArray[Any]
@@ -49,12 +49,12 @@ Parsed = TypeVar("Parsed")
 
 
 def encode_json(data: Any) -> str:
-    """Return `data` as JSON in ASCII, always the same text for the same data.
+    """Return data as JSON in ASCII, always the same text for the same data.
 
     Raises
     ------
     RecordingError
-        If it contains a value that JSON does not have.
+        If the data contain a value that JSON cannot express.
     """
     try:
         return json.dumps(
@@ -71,18 +71,24 @@ def _plain(value: object) -> object:
         return value.tolist()
     if isinstance(value, Mapping):
         return dict(value)
-    raise TypeError(f"a {type(value).__name__}")
+    raise TypeError(f"an object of the class {type(value).__name__}")
 
 
 def decode_json(text: str | bytes) -> Any:
-    """Parse JSON; every refusal is a RecordingError."""
+    """Return the value of a JSON text.
+
+    Raises
+    ------
+    RecordingError
+        If the text is not JSON or exceeds a limit of this module.
+    """
     if (problem := json_excess(text)) is not None:
         raise RecordingError(problem)
     try:
         if isinstance(text, bytes) and text.isascii():
-            # Half of the time of json.loads goes to the detection of UTF-16 and others and to
-            # leading blanks, which no program writes here. The file of a result ends with a line
-            # feed. json.loads below raises the errors.
+            # json.loads takes twice as long, because it detects encodings and skips leading blanks.
+            # It is only used for unusual texts, and to raise the errors. The file of a result ends
+            # with a line feed.
             with contextlib.suppress(ValueError):
                 value, end = _DECODE(text.decode("ascii"))
                 if end == len(text) or not text[end:].strip(_JSON_BLANKS):
@@ -93,7 +99,10 @@ def decode_json(text: str | bytes) -> Any:
 
 
 def json_excess(text: str | bytes) -> str | None:
-    """Return the limit that a JSON text exceeds, before it is parsed; None if it exceeds none."""
+    """Return a message if a JSON text exceeds a limit of length or number of values; else None.
+
+    The text is not parsed, because parsing could fill the memory.
+    """
     if len(text) > MAX_JSON_BYTES:
         return f"expected JSON of at most {MAX_JSON_BYTES} bytes, got {len(text)}"
     if len(text) <= MAX_JSON_VALUES:  # every record of the journal is shorter
@@ -110,7 +119,22 @@ def json_excess(text: str | bytes) -> str | None:
 def encode_payload(
     data: Mapping[str, Any], arrays: Mapping[str, Array] | None = None, *, pack: bool = True
 ) -> bytes:
-    """Return `data` and `arrays` as the payload of a record."""
+    """Return the payload of a record.
+
+    Parameters
+    ----------
+    data : mapping
+        Values that JSON can express.
+    arrays : mapping of str to ndarray, optional
+        Arrays with one or two dimensions and a dtype of `DTYPES`.
+    pack : bool
+        Compress the arrays.
+
+    Raises
+    ------
+    RecordingError
+        If data or arrays cannot be encoded or are too large.
+    """
     head, parts = _described_parts(data, arrays or {}, pack=pack)
     if not (pack and parts):
         return b"".join([head, *parts])
@@ -121,7 +145,7 @@ def encode_payload(
 def _described_parts(
     data: Mapping[str, Any], arrays: Mapping[str, Array], *, pack: bool
 ) -> tuple[bytes, list[memoryview]]:
-    """Return the bytes before the arrays, and the bytes of the arrays that are not empty."""
+    """Return the encoded JSON with its length, and the bytes of the arrays that are not empty."""
     described = []
     parts = []
     total = 0
@@ -145,14 +169,14 @@ def _described_parts(
 def decode_payload(
     payload: bytes, select: Callable[[str], bool] = lambda _: True
 ) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Return data and arrays (read-only) of a payload.
+    """Return the data and the arrays (read-only) of the payload of a record.
 
     Parameters
     ----------
     payload : bytes
     select : callable
-        Function of the name of an array that returns True if it is required; nothing behind the
-        last required one is unpacked.
+        Function of the name of an array that returns True if the array is needed. Arrays after the
+        last needed one are not unpacked.
 
     Raises
     ------
@@ -166,7 +190,17 @@ def decode_payload(
 def decode_payload_unless(
     payload: bytes, find: Callable[[dict[str, Any]], Parsed | None], select: Callable[[str], bool]
 ) -> tuple[dict[str, Any], Parsed | dict[str, Array]]:
-    """Return the data and what `find` makes of them; the selected arrays where it returns None."""
+    """Return the data of a payload, and either the result of a function of them or its arrays.
+
+    Parameters
+    ----------
+    payload : bytes
+        Content of a record.
+    find : callable
+        Function of the data. If it returns None, the arrays are returned in place of its result.
+    select : callable
+        Function of the name of an array that returns True if the array is needed.
+    """
     head, end = _head(payload)
     data = _object(head.get("data"))
     parsed = find(data)
@@ -178,7 +212,7 @@ def _arrays(
 ) -> dict[str, Array]:
     described = head.get("arrays")
     if not isinstance(described, list) or len(described) > MAX_ARRAYS:
-        raise RecordingError(f"expected a list of at most {MAX_ARRAYS} arrays, got another thing")
+        raise RecordingError(f"expected a list of at most {MAX_ARRAYS} arrays, got other data")
     layout = [_described(entry) for entry in described]
     total = sum(size for *_, size in layout)
     if total > MAX_ARRAY_BYTES:
@@ -205,12 +239,15 @@ def _arrays(
 
 
 def payload_data(payload: Payload) -> dict[str, Any]:
-    """Return the data of a payload without reading its arrays."""
+    """Return the data of the payload of a record, without its arrays."""
     return _object(_head(payload)[0].get("data"))
 
 
 def content_digest(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
-    """Return the SHA-256 of data and arrays, independent of compression."""
+    """Return the SHA-256 of the data and arrays of a record as hexadecimal digits.
+
+    It does not depend on the compression of the arrays.
+    """
     head, parts = _described_parts(data, arrays, pack=False)
     digest = hashlib.sha256(head)
     for part in parts:
@@ -219,7 +256,7 @@ def content_digest(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
 
 
 def _head(payload: Payload) -> tuple[dict[str, Any], int]:
-    """Return the JSON and the position of the arrays, which are not copied."""
+    """Return the JSON object of a payload, and the position at which its arrays begin."""
     if len(payload) < _JSON_LENGTH.size:
         raise RecordingError(f"expected a payload, got {len(payload)} bytes")
     (length,) = _JSON_LENGTH.unpack_from(payload)
@@ -251,7 +288,7 @@ def _described(entry: object) -> tuple[str, str, tuple[int, ...], int]:
 
 
 def _begin_of_unpacked(packed: bytes, size: int) -> bytes:
-    """Unpack the first bytes; the checksum of the record has verified the rest."""
+    """Return the first `size` unpacked bytes; the record's CRC has already verified all bytes."""
     if not size:
         return b""
     try:
@@ -261,12 +298,12 @@ def _begin_of_unpacked(packed: bytes, size: int) -> bytes:
 
 
 def _unpacked(packed: bytes, size: int) -> bytes:
-    # Unpack no more than announced: a few bytes can contain gigabytes.
+    # Limit the output to the announced size: a few compressed bytes can contain gigabytes.
     opener = zlib.decompressobj()
     try:
         block = opener.decompress(packed, size + 1)
     except (zlib.error, MemoryError) as err:
         raise RecordingError(f"expected compressed arrays, got {err}") from err
     if not opener.eof or opener.unused_data or len(block) > size:
-        raise RecordingError(f"expected compressed arrays of {size} bytes, got others")
+        raise RecordingError(f"expected compressed arrays of {size} bytes, got another size")
     return block

@@ -1,7 +1,8 @@
-"""Program that makes drop files, so that HDF5 does not run in the process that records drops.
+"""Program that makes the HDF5 files of drops from their records in the journal ("publishing").
 
-It is started as ``python -m pfwd_device.recording.publisher``, reads requests as JSON lines from
-its input and responds to each with one line. After an error of HDF5 or of the disk it responds and
+It is a process of its own, so that an error in the HDF5 library cannot end the recording. It is
+started as ``python -m pfwd_device.recording.publisher``, reads requests as JSON lines from its
+input and responds to each with one line. After an error of HDF5 or of the disk it responds and
 ends, because the later behaviour of HDF5 is undefined.
 """
 
@@ -35,15 +36,17 @@ from pfwd_device.recording.record import DropRecord
 from pfwd_device.recording.storage import Storage, draft_of
 
 LOCK_TIMEOUT_S = 30.0
-"""Longest wait for the lock, s: one file takes 0.1 s, so a program that holds it longer hangs."""
+"""Longest wait for another publisher of the same survey, s: a file takes 0.1 s, so a process that
+needs longer hangs."""
 
 
 def answer(request: Mapping[str, Any], storage: Storage) -> dict[str, Any]:
-    """Return the response to a request.
+    """Execute a request and return the response.
 
-    The response to ``{"do": "publish", "survey", "drop": [segment, offset], "rebounds": [[...]]}``
-    is path, size and SHA-256 of the file; that to ``{"do": "read", "survey", "number"}`` is the
-    payload of a record of the drop in the file, for recovery.
+    The request ``{"do": "publish", "survey", "drop": [segment, offset], "rebounds": [[...]]}``
+    makes the file of the drop at this place of the journal; the response has path, size and SHA-256
+    of the file. The request ``{"do": "read", "survey", "number"}`` reads the file of a drop for
+    recovery; the response has its content in the form of a record of the journal.
 
     Raises
     ------
@@ -55,22 +58,37 @@ def answer(request: Mapping[str, Any], storage: Storage) -> dict[str, Any]:
         return _read(layout, int(request["number"]))
     drop = (int(request["drop"][0]), int(request["drop"][1]))
     rebounds = [(int(segment), int(offset)) for segment, offset in request["rebounds"]]
-    if not layout.journal.is_dir():  # the lock would create the folder
+    if not layout.journal.is_dir():  # no lock file may be created in a folder without a survey
         raise RecordingError(f"{layout.journal}: expected the journal, got none")
     try:
         with file_locked(layout.publish_lock, LOCK_TIMEOUT_S, storage):
             return publish(layout, drop, rebounds, storage, parent=request.get("parent"))
     except TimeoutError as err:
         raise RecordingError(
-            f"{layout.publish_lock}: expected to be alone, got another program that publishes; "
-            "end it and try again"
+            f"{layout.publish_lock}: expected to be the only program that makes drop files, got "
+            "another one; end it and try again"
         ) from err
 
 
 def journal_drop(
     layout: Layout, drop: tuple[int, int], rebounds: list[tuple[int, int]]
 ) -> tuple[DropRecord, int, bytes]:
-    """Return the drop with its rebounds, its survey-wide number, and the identity of the survey."""
+    """Read a drop with its rebounds from the journal of a survey.
+
+    Parameters
+    ----------
+    layout : Layout
+        Paths of the survey.
+    drop : (int, int)
+        Place of the record of the drop: number of the file of the journal, position in bytes.
+    rebounds : list of (int, int)
+        Places of the records of its rebounds.
+
+    Returns
+    -------
+    (DropRecord, int, bytes)
+        The drop, its survey-wide number, and the identity of the survey.
+    """
     frame = read_record(layout, *drop)
     data, arrays = decode_payload(frame.payload)
     later = tuple(rebound_from_payload(read_record(layout, *place).payload) for place in rebounds)
@@ -88,17 +106,44 @@ def publish(
     *,
     parent: int | None = None,
 ) -> dict[str, Any]:
-    """Make the file of a drop: write a draft, wait for the disk, read, compare, rename."""
+    """Make the HDF5 file of a drop from its record in the journal.
+
+    The file is written under a temporary name, read again from the disk, compared and renamed. A
+    file that exists already is compared with the record and left as it is.
+
+    Parameters
+    ----------
+    layout : Layout
+        Paths of the survey.
+    drop : (int, int)
+        Place of the record of the drop: number of the file of the journal, position in bytes.
+    rebounds : list of (int, int)
+        Places of the records of its rebounds.
+    storage : Storage
+        Access to the files.
+    parent : int, optional
+        Process that requests the file. If it has ended meanwhile, no file is made.
+
+    Returns
+    -------
+    dict
+        ``path`` within the survey, ``size`` in bytes, ``sha256``, survey-wide ``number``.
+
+    Raises
+    ------
+    RecordingError, OSError
+        If the record is damaged, another file has the name, or the disk fails.
+    """
     record, number, survey = journal_drop(layout, drop, rebounds)
     target = layout.drop_file(number)
     if target.exists():
         # It was published before a crash, or by a killed program that was still running.
         stored, stored_number, stored_survey = read_drop_file_parts(target)
         if not _same_drop(stored, record) or (stored_number, stored_survey) != (number, survey):
-            raise RecordingError(f"{target}: expected the file of drop {number}, got another")
+            raise RecordingError(f"{target}: expected the file of drop {number}, got another drop")
         return _published(layout, target, target.read_bytes(), number)
     data = drop_file_bytes(record, number, survey)
-    if not layout.drops.is_dir():  # the folder was deleted meanwhile
+    if not layout.drops.is_dir():  # the user may have deleted the folder
         storage.make_folder(layout.drops)
     draft = draft_of(target)
     storage.write_draft(draft, data)
@@ -115,7 +160,7 @@ def publish(
 
 
 def _same_drop(stored: DropRecord, record: DropRecord) -> bool:
-    """Return True if the file contains the drop, perhaps without later rebounds."""
+    """Return True if a stored drop is that of the record; later rebounds may be missing in it."""
     all_rebounds = (*stored.rebounds, *record.rebounds[len(stored.rebounds) :])
     completed = DropRecord(
         stored.point, stored.drop, stored.counts, stored.declared, stored.metadata, all_rebounds
@@ -144,9 +189,9 @@ def _read(layout: Layout, number: int) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Respond to requests until the input ends; return 1 after an error."""
+    """Execute requests from the standard input until it ends; return 0, or 1 after an error."""
     answers = os.fdopen(os.dup(1), "w", encoding="ascii")
-    # Output of libraries must not mix with the responses.
+    # Redirect the standard output, so that output of libraries does not mix with the responses.
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     storage = Storage()

@@ -1,4 +1,7 @@
-"""Requests to the program that makes drop files, in a thread, so that recording never waits."""
+"""Requests to the process that makes the HDF5 files of drops ("publishing").
+
+A thread waits for the responses, so that the recording of drops never waits for a file.
+"""
 
 import contextlib
 import json
@@ -16,28 +19,39 @@ from pfwd_device.errors import RecordingError
 from pfwd_device.recording.storage import Storage
 
 PUBLISHER_TIMEOUT_S = 60.0
-"""Longest wait for a response, s: a file takes 0.1 s, the start of the child 0.5 s."""
+"""Longest wait for a response, s: a file takes 0.1 s, the start of the child process 0.5 s."""
 
 MAX_RETRY_PAUSE_S = 30.0
-"""Longest time between two starts of a failing child, s."""
+"""Longest pause after a failure before the next file is requested, s."""
 
 _log = logging.getLogger(__name__)
 
 
 class Publisher(Protocol):
-    """Interface that responds to the requests of :mod:`pfwd_device.recording.publisher`."""
+    """Interface of the objects that make and read the HDF5 files of drops on request.
+
+    :mod:`pfwd_device.recording.publisher` describes the requests and responses.
+    """
 
     def ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the response; raise RecordingError without one."""
+        """Execute a request and return its response; raise RecordingError if it fails."""
         ...
 
     def close(self) -> None:
-        """End all processes."""
+        """End the process that executes the requests."""
         ...
 
 
 class ChildPublisher:
-    """Publisher in a child process, which is started for the first request and after a failure."""
+    """Publisher in a child process.
+
+    The process is started for the first request, and again for the first request after a failure.
+
+    Parameters
+    ----------
+    timeout : float, s
+        Longest wait for a response.
+    """
 
     def __init__(self, timeout: float = PUBLISHER_TIMEOUT_S) -> None:
         self._timeout = timeout
@@ -45,12 +59,18 @@ class ChildPublisher:
         self._lock = threading.Lock()
 
     def ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the response; raise RecordingError if the child fails, ends or is too slow."""
+        """Execute a request in the child process and return its response.
+
+        Raises
+        ------
+        RecordingError
+            If the request fails, or the process ends or does not respond in time.
+        """
         with self._lock:
             child = self._child = self._child or _start()
             assert child.stdin is not None
             assert child.stdout is not None
-            # A read from a pipe has no timeout on some systems; killing the child ends it.
+            # A read from a pipe has no timeout on some systems. Killing the child ends the read.
             watch = threading.Timer(self._timeout, child.kill)
             watch.daemon = True
             watch.start()
@@ -61,22 +81,22 @@ class ChildPublisher:
                 reply = json.loads(child.stdout.readline() or b"null")
             except (OSError, ValueError) as err:
                 self._end()
-                raise RecordingError(f"the program that publishes failed: {err}") from err
+                raise RecordingError(f"the program that makes drop files failed: {err}") from err
             finally:
                 watch.cancel()
             if not isinstance(reply, dict) or "error" in reply:
                 self._end()
                 reason = reply["error"] if isinstance(reply, dict) else "it ended"
-                raise RecordingError(f"the program that publishes failed: {reason}")
+                raise RecordingError(f"the program that makes drop files failed: {reason}")
             return reply
 
     def close(self) -> None:
-        """End the child; kill it if it does not end by itself."""
+        """End the child process; kill it if it does not end within 5 s."""
         with self._lock:
             self._end()
 
     def kill(self) -> None:
-        """Kill the child at once, even during a request."""
+        """Kill the child process at once, even during a request."""
         child = self._child
         if child is not None:
             child.kill()
@@ -98,14 +118,14 @@ class ChildPublisher:
 
 
 class InlinePublisher:
-    """Publisher in this process, for tests and where no child can be started."""
+    """Publisher without a child process, for tests and for the end of a program."""
 
     def __init__(self, storage: Storage) -> None:
         self._storage = storage
 
     def ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the response; raise RecordingError without one."""
-        from pfwd_device.recording.publisher import answer  # recording does not load HDF5
+        """Execute a request in this process and return its response; raise RecordingError."""
+        from pfwd_device.recording.publisher import answer  # loads HDF5, which recording avoids
 
         try:
             return answer(request, self._storage)
@@ -117,13 +137,17 @@ class InlinePublisher:
 
 
 class PublishingThread:
-    """Thread that publishes drops one after the other and calls back with the results.
+    """Thread that has the HDF5 files of drops made one after the other, and reports the results.
 
     Parameters
     ----------
     publisher : Publisher
-    published : called with the request and the response
-    failed : called with the survey-wide number of a drop and the reason why it has no file yet
+        Object that executes the requests.
+    published : callable
+        Function that is called in the thread with a request and its response.
+    failed : callable
+        Function that is called in the thread with the survey-wide number of a drop, and the reason
+        why its file cannot be made yet.
     """
 
     def __init__(
@@ -133,7 +157,7 @@ class PublishingThread:
         failed: Callable[[int, str], None] = lambda number, reason: None,
     ) -> None:
         self.failures: dict[int, str] = {}
-        """Reasons why drops have no file yet, by survey-wide number; recovery tries again."""
+        """Reasons why drops have no file yet, by survey-wide number; a recovery tries again."""
         self._publisher = publisher
         self._published = published
         self._failed = failed
@@ -144,11 +168,14 @@ class PublishingThread:
         self._thread.start()
 
     def submit(self, request: Mapping[str, Any]) -> None:
-        """Add a drop to the queue; return at once."""
+        """Add the request for the file of a drop to the queue, and return at once."""
         self._queue.put(request)
 
     def close(self, timeout: float) -> bool:
-        """End the thread; return True if all submitted drops were processed within `timeout` s."""
+        """Wait for the queued requests, at most `timeout` seconds, and end the thread.
+
+        Return True if all requests were executed in time.
+        """
         self._queue.put(None)
         self._hurry.set()  # skip the pause after a failure while the program ends
         self._thread.join(timeout)
@@ -169,20 +196,20 @@ class PublishingThread:
             number = int(request["number"])
             try:
                 self._published(request, self._publisher.ask(request))
-            except Exception as err:  # after any error the drop stays safe in the journal
+            except Exception as err:  # any error is only reported: the drop is safe in the journal
                 self.failures[number] = str(err)
-                _log.warning("drop %d is not published yet: %s", number, err)
+                _log.warning("the file of drop %d is not made yet: %s", number, err)
                 self._failed(number, str(err))
                 pause = min(MAX_RETRY_PAUSE_S, max(0.5, 2 * pause))
             else:
                 self.failures.pop(number, None)
                 pause = 0.0
-                _log.debug("drop %d published in %.3f s", number, time.monotonic() - started)
+                _log.debug("file of drop %d made in %.3f s", number, time.monotonic() - started)
 
 
 def _start() -> subprocess.Popen[bytes]:
     try:
-        # Ctrl+C ends the recording, which lets the child finish its file.
+        # Ctrl+C does not reach the child, so that it can finish its file while the recording ends.
         return start_child("-m", "pfwd_device.recording.publisher")
     except OSError as err:
-        raise RecordingError(f"the program that publishes cannot be started: {err}") from err
+        raise RecordingError(f"the program that makes drop files cannot be started: {err}") from err

@@ -1,4 +1,4 @@
-"""Record of one drop: calibrated traces, raw counts and metadata."""
+"""Complete record of one drop: calibrated traces, raw counts, declarations and metadata."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from pfwd_device.text import LONGEST_TEXT, clean
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rebound:
-    """A later bounce of the weight, recorded with its drop."""
+    """Rebound of a drop: a later impact of the weight after it bounced off the plate."""
 
     delay: float
     """Time from the trigger of the drop to the trigger of the rebound, s."""
@@ -31,19 +31,19 @@ class Rebound:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DropRecord:
-    """Complete record of one drop, sufficient to invert it again."""
+    """Complete record of one drop, which suffices to repeat the analysis."""
 
     point: str
     """Name of the test point; the drop's number counts within it."""
     drop: Drop
-    """Calibrated, not response-corrected; NaN where samples are missing."""
+    """Calibrated traces, not corrected for the response of geophones; NaN for missing samples."""
     counts: NDArray[np.int32] | None = None
     """Raw counts of the converter, (n, channels), 0 where samples are missing; None for an imported
     drop, which never had any. Channel order as in metadata["identity"]["channels"]."""
     declared: Mapping[str, Any] = field(default_factory=dict)
     """Declared values, with the keys of a trace file's header (plate_radius_m, ...)."""
     metadata: Mapping[str, Any] = field(default_factory=dict)
-    """Everything else as JSON values: identity, calibration, detection, missing samples, marks,
+    """All other facts as JSON values: identity, calibration, detection, missing samples, marks,
     checks, time_utc, software version, position, operator."""
     rebounds: tuple[Rebound, ...] = ()
     """Later bounces of the weight, in order."""
@@ -57,12 +57,12 @@ class DropRecord:
 
 
 def point_name(name: str) -> str:
-    """Return the name of a test point without control characters and outer blanks.
+    """Return the name of a test point without control characters, leading and trailing blanks.
 
     Raises
     ------
     RecordingError
-        If it is empty or longer than 64 characters.
+        If the name is then empty or longer than 64 characters.
     """
     text = clean(name, limit=4 * LONGEST_TEXT).strip()
     if not text or len(text) > LONGEST_TEXT:
@@ -81,6 +81,6 @@ def _read_only_counts(values: NDArray[np.int32], where: str) -> NDArray[np.int32
         )
     counts = np.array(array_like, dtype=np.int32)
     if array_like.dtype != counts.dtype and not np.array_equal(counts, array_like):
-        raise RecordingError(f"{where}: expected counts of 32 bits, got larger ones")
+        raise RecordingError(f"{where}: expected counts of 32 bits, got larger numbers")
     counts.flags.writeable = False
     return counts

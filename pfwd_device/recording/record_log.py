@@ -1,10 +1,13 @@
-"""Journal and ledger of a survey: a record is acknowledged when both contain it at their paths.
+"""Writing of the records of a survey so that none is lost, even if files are deleted meanwhile.
 
-A record is written to the survey's folder, called home. Before it counts, the open files are
-compared with the files at their paths. If journal, ledger or lock was deleted, replaced, cut or
-written to by another program, new files are created there, and the records that the folder has
+The journal contains the records; the ledger is a text file with a line for each record that reached
+the disk. A record is acknowledged, reported as saved, when both contain it.
+
+A record is written to the folder of the survey, called home. Before it counts, the open files are
+compared with the files at their paths. If journal, ledger or lock file was deleted, replaced, cut
+or written to by another program, new files are created there, and the records that the folder has
 lost are written again. If home fails, the record is written to the spare folder, if there is one,
-with the same number; it is merged into home as soon as home works again.
+with the same number. It is merged into home as soon as home works again.
 """
 
 import contextlib
@@ -36,20 +39,40 @@ from pfwd_device.recording.storage_reports import (
 )
 
 RESERVE_BYTES = 2 * 2**20
-"""Disk space reserved for the present drop when the disk is full: enough for several drops."""
+"""Disk space that is reserved for the present drop when the disk is full, bytes: enough for several
+drops."""
 
 RECENT_BYTES = 32 * 2**20
-"""Memory for the latest records, some 300 drops, in case the journal is cut while it is open."""
+"""Memory for the latest records, bytes, some 300 drops: they are written again if the journal is
+cut while it is open."""
 
 HOME_RETRY_INTERVAL_S = 2.0
-"""Time between attempts to write at home while records go to the spare folder, s."""
+"""Time between attempts to write to the survey's folder while the spare folder is used, s."""
 
 MAX_REPAIRS = 3
 """Largest number of times that new files are created for one record, if they are deleted again."""
 
 
 class RecordFiles:
-    """Journal and ledger of one folder, each on the disk before the next step."""
+    """Journal (all records) and ledger (list of saved records) of a folder, open for writing.
+
+    Parameters
+    ----------
+    layout : Layout
+        Paths of the folder.
+    survey : bytes
+        Identity of the survey, 16 bytes.
+    storage : Storage
+        Access to the files.
+    entries : list of Entry
+        Records that the ledger lists.
+    ledger : bytes, optional
+        Content of a ledger with these entries, so that it need not be formatted again.
+    continued : (int, int), optional
+        Number and descriptor of the file of the journal to continue; by default a new one begins.
+    lost : iterable of int
+        Sequence numbers of listed records that the journal no longer contains.
+    """
 
     def __init__(
         self,
@@ -63,19 +86,22 @@ class RecordFiles:
         lost: Iterable[int] = (),
     ) -> None:
         self.lost = set(lost)
-        """Sequence numbers of acknowledged records that were lost before the start."""
+        """Sequence numbers of listed records that the journal no longer contains."""
         self._journal = JournalWriter(layout, storage, continued=continued)
         self._ledger = LedgerWriter(layout.ledger, survey, entries, storage, ledger)
 
     @property
     def entries(self) -> tuple[Entry, ...]:
-        """Acknowledged records of this folder."""
+        """Records that are listed as saved in this folder."""
         return self._ledger.entries
 
     def append(self, record: Record) -> Entry:
-        """Write a record; return its entry when journal and ledger are on the disk.
+        """Write a record; return its entry in the list of saved records when both are on the disk.
 
-        Raise OSError if the disk fails.
+        Raises
+        ------
+        OSError
+            If the disk fails; the record does not count then.
         """
         mark = self._journal.mark()
         entry: Entry | None = None
@@ -83,31 +109,35 @@ class RecordFiles:
             entry = self._journal.append(record)
             self._ledger.append(entry)
         except BaseException as err:
-            # If its line may be on the disk, the record stays: else the line would mean a loss.
+            # The record stays in the journal if the ledger may list it on the disk. Otherwise the
+            # line would be the line of a lost record.
             listed = entry is not None and self._ledger.doubtful == entry
             self._journal.rewind(mark, cut=not listed)
-            if not isinstance(err, OSError):  # an interrupt at any step
+            if not isinstance(err, OSError):  # an interrupt, for example Ctrl+C
                 self._ledger.forget(record.sequence)
             raise
         return entry
 
     def append_all(self, records: Iterable[Record]) -> dict[int, Entry]:
-        """Write records; return their entries by number when journal and ledger are on the disk."""
+        """Write records; return their entries in the list of saved records by sequence number.
+
+        When it returns, all of it is on the disk. Raise OSError if the disk fails.
+        """
         new = self._journal.append_all(records)
         entries_by_number = {entry.sequence: entry for entry in self._ledger.entries} | new
         self._ledger.replace([entry for _, entry in sorted(entries_by_number.items())])
         return new
 
     def forget(self, sequence: int) -> None:
-        """Remove the acknowledgement of the records from this number on."""
+        """Remove the records from a sequence number on from the list of saved records."""
         self._ledger.forget(sequence)
 
     def problem(self) -> str | None:
-        """Return the difference between written and present files; None without one."""
+        """Return a message if a file was deleted, replaced or changed by others; else None."""
         return self._journal.problem() or self._overwritten() or self._ledger.problem()
 
     def _overwritten(self) -> str | None:
-        """Return the problem if records were changed at the same length; None otherwise."""
+        """Return a message if another program changed records and not the file size; else None."""
         changed = self._journal.stamps_changed()
         if not changed:
             return None
@@ -116,16 +146,16 @@ class RecordFiles:
                 continue
             if self._journal.read(entry) is None:
                 name = self._journal.name_of(entry.segment)
-                return f"{name} was written over by another program ({_name_of(entry)})"
+                return f"{name} was overwritten by another program ({_name_of(entry)})"
         self._journal.accept_stamps(changed)
         return None
 
     def has_names(self) -> bool:
-        """Return True if the open journal was not deleted; a moved one still has a path."""
+        """Return True if no open file of the journal was deleted; it may have been moved."""
         return self._journal.has_names()
 
     def read(self, entry: Entry) -> Record | None:
-        """Read a record from the open files, whatever their paths lead to; None if unreadable."""
+        """Read a record from the open files, also if they were deleted; None if unreadable."""
         return self._journal.read(entry)
 
     def close(self) -> None:
@@ -135,23 +165,24 @@ class RecordFiles:
 
 
 class RecordLog:
-    """Writer of the records of a survey.
+    """Writer of the records of a survey, to its folder or while that fails to the spare folder.
 
     Parameters
     ----------
     layout : Layout
-        Paths of the survey's folder.
+        Paths of the survey.
     survey : bytes
-        Identity of the survey.
+        Identity of the survey, 16 bytes.
     storage : Storage
+        Access to the files.
     entries : list of Entry
-        Acknowledged records.
+        Records that the ledger lists.
     ledger : bytes, optional
-        Bytes of the ledger with these entries, so that they need not be formatted again.
+        Content of a ledger with these entries, so that it need not be formatted again.
     lost : iterable of int
-        Sequence numbers of acknowledged records that the journal no longer contains.
+        Sequence numbers of listed records that the journal no longer contains.
     continued : (int, int), optional
-        Number and descriptor of the segment to continue.
+        Number and descriptor of the file of the journal to continue; by default a new one begins.
     lock : SurveyLock
         Lock that excludes other programs.
     """
@@ -173,11 +204,11 @@ class RecordLog:
         self.storage = storage
         self.lock = threading.RLock()
         self.report: Callable[[StorageReport], None] = lambda _: None
-        """Function that receives reports on the files."""
+        """Function that receives reports for the operator on the state of the files."""
         self.moved: Callable[[Mapping[int, Entry]], None] = lambda _: None
         """Function that receives the new places of records, by sequence number."""
         self.spare: SpareFolder | None = None
-        """Folder for records when home fails; None: they are refused."""
+        """Folder for records while home cannot be written; None: an error is raised instead."""
         self._closed = False
         self._ending = False
         self.is_abandoned = False
@@ -215,25 +246,36 @@ class RecordLog:
         arrays: Mapping[str, Array] | None = None,
         about: str = "-",
     ) -> Entry:
-        """Write a record; return its entry when journal and ledger are on the disk.
+        """Write a record; return its entry in the list of saved records when both are on the disk.
+
+        Parameters
+        ----------
+        kind : int
+            One of `Kind`.
+        data : mapping
+            Values that JSON can express.
+        arrays : mapping of str to ndarray, optional
+            Arrays of the record by name.
+        about : str
+            Description for the ledger.
 
         Raises
         ------
         StorageFull
-            If there is no room, even with the reserve. Nothing is recorded; try again when there
-            is room.
+            If the disk has no room, even with the reserved space. Nothing is recorded; the caller
+            may try again when there is room.
         RecordingError
-            If the disk fails otherwise, or the data cannot be written as JSON.
+            If the disk fails for another reason, or the data cannot be expressed in JSON.
         """
         return self.append_payload(kind, encode_payload(data, arrays), about)
 
     def append_payload(self, kind: int, payload: bytes, about: str = "-") -> Entry:
-        """Write a record with an encoded payload; see :meth:`append`."""
+        """Write a record whose content is encoded already; otherwise as :meth:`append`."""
         with self.lock:
             self._refuse_closed()
             data = encode_frame(kind, self.survey, self._sequence, payload)
             record = Record(self._sequence, kind, data, about)
-            self._remember(record)  # first, as the journal may be cut while it is written
+            self._remember(record)  # before the write, during which the journal may be cut
             try:
                 entry = self._append(record)
             except BaseException:
@@ -243,7 +285,7 @@ class RecordLog:
             return entry
 
     def append_record(self, record: Record) -> Entry:
-        """Write a record of this survey under its present number, which must be free."""
+        """Write a record from the spare folder with its sequence number, which must be free."""
         with self.lock:
             self._refuse_closed()
             self._remember(record)
@@ -252,16 +294,17 @@ class RecordLog:
             return entry
 
     def spare_folder_of(self, entry: Entry) -> Path | None:
-        """Return the spare folder that contains a record; None if it is at home."""
+        """Return the spare folder that contains a record; None if it is in the survey's folder."""
         with self.lock:
             if entry.sequence in self._away and self._spare_part is not None:
                 return self._spare_part.layout.folder
             return None
 
     def maintain(self) -> None:
-        """Verify that the files are in place, and restore them if not; never raise.
+        """Verify that the files of the survey are in place, and restore them if they are not.
 
-        Call it about every second: the files may be deleted while no drop is recorded.
+        No error is raised; problems are passed to `report`. The caller should call it about every
+        second, because files may be deleted while no drop is recorded.
         """
         with self.lock:
             if self._closed or (self._home_failure is not None and not self._try_home()):
@@ -280,15 +323,22 @@ class RecordLog:
                 self._home_failure = None
 
     def expect_end(self) -> None:
-        """Announce the end: a survey that is moved away from now on is only reported.
+        """Announce the end of the session.
 
-        Before, and for a late drop, it is written again in its old place.
+        If the survey is moved to another place from now on, that is only reported. Before, and for
+        a late drop, its files are written again in the old place.
         """
         with self.lock:
             self._ending = True
 
     def make_reserve(self, size: int = RESERVE_BYTES) -> bool:
-        """Create the reserve; return False if the disk is nearly full."""
+        """Create the file that reserves disk space; return False if the disk is nearly full.
+
+        Parameters
+        ----------
+        size : int
+            Space to reserve, bytes.
+        """
         path = self.layout.reserve
         with contextlib.suppress(OSError):
             if path.exists() and path.stat().st_size == size:
@@ -301,7 +351,7 @@ class RecordLog:
         return False
 
     def release_reserve(self) -> bool:
-        """Free the space of the reserve; return False if there is none."""
+        """Delete the file that reserves disk space; return False if there is none."""
         try:
             self.storage.unlink(self.layout.reserve)
             self.storage.sync_directory(self.layout.folder)
@@ -319,7 +369,7 @@ class RecordLog:
     def _refuse_closed(self) -> None:
         if self._closed:
             raise RecordingError(
-                f"{self.layout.folder}: expected an open survey, got a closed one; open it"
+                f"{self.layout.folder}: expected an open survey, got a closed one; open it again"
             )
 
     def _remember(self, record: Record) -> None:
@@ -351,7 +401,7 @@ class RecordLog:
 
     def _home_refused(self, err: RecordingError) -> None:
         self._home_failure = err
-        # Without a spare folder every drop is an attempt at home.
+        # Without a spare folder the write of every record tries the survey's folder again.
         self._next_try = time.monotonic() + (
             HOME_RETRY_INTERVAL_S if self.spare is not None else 0.0
         )
@@ -378,15 +428,18 @@ class RecordLog:
 
     def _problem(self) -> str | None:
         if not self.layout.folder.is_dir():
-            return f"{self.layout.folder.name}, the folder of the survey, is gone"
+            return f"{self.layout.folder.name}, the folder of the survey, was deleted or moved"
         return self._survey_lock.problem() or self._home.problem()
 
     def _is_moved_away(self) -> bool:
-        """Return True if the survey was moved: its files still have names."""
+        """Return True if the folder of the survey was moved and not deleted."""
         return not self.layout.folder.is_dir() and self._home.has_names()
 
     def _settle(self, *, for_drop: bool) -> dict[int, Entry]:
-        """Restore all acknowledged records at home; return their new places."""
+        """Write lost records, and those of the spare folder, to the survey's folder.
+
+        Return their new places by sequence number.
+        """
         moved: dict[int, Entry] = {}
         repairs = 0
         while (problem := self._problem()) is not None:
@@ -397,7 +450,7 @@ class RecordLog:
                     self.report(report)
                 raise RecordingError(report.text)
             if repairs == MAX_REPAIRS:
-                raise OSError(errno.EBUSY, f"{problem}, again and again")
+                raise OSError(errno.EBUSY, f"{problem}, also after {MAX_REPAIRS} repairs")
             repairs += 1
             moved |= self._rewrite_files(problem)
         self._reported_problem, self.is_abandoned = None, False
@@ -406,7 +459,10 @@ class RecordLog:
         return moved
 
     def _rewrite_files(self, problem: str) -> dict[int, Entry]:
-        """Create new files in the survey's folder with the records that it has lost."""
+        """Create new files in the survey's folder and write the lost records to them.
+
+        Return the places of all records by sequence number.
+        """
         if problem != self._reported_problem:
             self._reported_problem = problem
             self.report(SurveyFilesRemoved(self.layout.folder, problem))
@@ -442,7 +498,7 @@ class RecordLog:
         return moved
 
     def _refuse_strangers(self, index: Index, acknowledged: dict[int, Entry]) -> None:
-        """Refuse a folder in which another program has acknowledged records."""
+        """Raise RecordingError if the folder contains records of another program."""
         mine = {(number, entry.check) for number, entry in (acknowledged | self._away).items()}
         mine |= self._refused_records
         theirs = {(line.sequence, line.check) for line in index.ledger.entries} - mine
@@ -455,8 +511,9 @@ class RecordLog:
     def _prepare_folder(self) -> None:
         folder = self.layout.folder
         if not folder.is_dir() and _disk_of(folder.parent) != self._disk:
-            # On the disk below the mount point it would be hidden when the right disk is back.
-            raise OSError(errno.ENOENT, f"{folder.parent} is not the disk that it was")
+            # A new folder would be on the disk below the mount point, and hidden when the right
+            # disk is connected again.
+            raise OSError(errno.ENOENT, f"{folder.parent} is on another disk than before")
         self.storage.make_folder(folder)
         if self._survey_lock.problem() is not None:
             self._survey_lock.reacquire()
@@ -465,7 +522,7 @@ class RecordLog:
             self.storage.make_folder(path)
 
     def _still_readable(self, entries: Iterable[Entry], lost: list[Entry]) -> Iterator[Record]:
-        """Yield the records that the open files or the memory contain; add the rest to `lost`."""
+        """Yield records from the open files or from memory; append unreadable ones to `lost`."""
         for entry in entries:
             record = self._home.read(entry) or self._recent.get(entry.sequence)
             if record is not None:
@@ -481,7 +538,7 @@ class RecordLog:
         for number, entry in sorted(self._away.items()):
             record = self._spare_files.read(entry) or self._recent.get(number)
             if record is None:
-                raise OSError(errno.EIO, f"{folder} cannot be read")
+                raise OSError(errno.EIO, f"the spare folder {folder} cannot be read")
             records.append(record)
         moved = self._home.append_all(records)
         problem = self._problem()
@@ -504,7 +561,7 @@ class RecordLog:
                 if problem is not None:
                     raise OSError(errno.EBUSY, problem)
             except BaseException:
-                # After any error the number is free for the next record.
+                # The next record gets the same number.
                 files.forget(record.sequence)
                 raise
         except (OSError, RecordingError) as err:
@@ -517,7 +574,10 @@ class RecordLog:
         return entry
 
     def _open_spare(self) -> RecordFiles:
-        """Return journal and ledger in the spare folder, with the records that home lacks."""
+        """Return the journal and ledger in the spare folder, open for writing.
+
+        They also receive the records that the survey's folder has lost.
+        """
         assert self.spare is not None
         if self._spare_files is not None and self._spare_files.problem() is not None:
             self._replace_spare()
@@ -558,7 +618,10 @@ class RecordLog:
         self._away |= self._begin_spare().append_all(records)
 
     def _copy_to_spare(self, spare: RecordFiles) -> None:
-        """Copy the records that the spare folder needs, and those that are nowhere else."""
+        """Copy the records of survey and points to the spare folder.
+
+        If the survey's folder is damaged, all records are copied.
+        """
         home_is_damaged = self._home.problem() is not None
         if self._spare_holds_home and home_is_damaged:
             return
@@ -582,15 +645,23 @@ class RecordLog:
 
 
 def refused(err: OSError, where: str) -> RecordingError:
-    """Return the error of this package for an error of the system."""
+    """Return the error to raise for an error of the system: `StorageFull` or `RecordingError`.
+
+    Parameters
+    ----------
+    err : OSError
+        Error of the system.
+    where : str
+        File or folder, for the message.
+    """
     reason = err.strerror or str(err)
     if is_full(err):
         return StorageFull(
-            f"{where}: expected room to write, got {reason!r}; nothing is lost yet: free some "
-            "space and save again"
+            f"{where}: expected free space on the disk, got {reason!r}; nothing is lost yet: free "
+            "some space and save again"
         )
     return RecordingError(
-        f"{where}: expected a disk that can be written, got {reason!r}; save to another one"
+        f"{where}: expected a disk that can be written, got {reason!r}; save to another disk"
     )
 
 

@@ -1,4 +1,10 @@
-"""Recovery of a survey after a crash or damage; each step may be interrupted and repeated."""
+"""Recovery of a survey after a crash or damage; each step may be interrupted and repeated.
+
+The journal contains all records of a survey; the ledger is a text file that lists the records that
+reached the disk; each drop also has an HDF5 file. A recovery restores each of them from the others
+as far as possible. It also merges the records of the spare folder, a second folder that received
+records while the folder of the survey could not be written.
+"""
 
 import base64
 import contextlib
@@ -42,7 +48,7 @@ from pfwd_device.recording.spare_merge import (
 from pfwd_device.recording.storage import Storage, has_content
 
 PUBLISHER_WAIT_S = 30.0
-"""Longest wait for the publisher of a killed program to finish its present file, s."""
+"""Longest wait for a process of a killed program to finish the drop file that it is making, s."""
 
 
 MAX_NAMED_RECORDS = 1000
@@ -56,19 +62,19 @@ class RecoveryReport:
     survey: str
     """Folder of the survey."""
     drops_acknowledged: int
-    """Number of acknowledged drops, including lost ones."""
+    """Number of drops that were reported as saved, including lost ones."""
     drops_published: int
-    """Number of drops with a verified file."""
+    """Number of drops with a verified HDF5 file."""
     recovered: int
-    """Number of drops restored: in the ledger, in the journal, or as a file."""
+    """Number of drops that were restored in the ledger, in the journal or as a file."""
     damaged: tuple[str, ...]
-    """Remaining damage and losses, a short text each."""
+    """Descriptions of the remaining damage and losses."""
     actions: tuple[str, ...]
-    """Actions, a short text each."""
+    """Descriptions of the actions of the recovery."""
 
     @property
     def ok(self) -> bool:
-        """True if nothing acknowledged is missing."""
+        """True if no saved data are missing."""
         return not self.damaged
 
 
@@ -81,22 +87,31 @@ def recover(
 ) -> RecoveryReport:
     """Recover a survey after a crash or damage; a repetition changes nothing.
 
-    The records of the survey in the spare folder are merged into it; if nothing else is left, the
-    survey is restored from them.
+    Parameters
+    ----------
+    folder : path
+        Folder of the survey. It may be missing if the spare folder has records of the survey.
+    storage : Storage, optional
+        Access to the files; by default that of the system.
+    publisher : Publisher, optional
+        Object that makes the HDF5 files of drops; by default a child process.
+    spare : SpareFolder, optional
+        Folder that received records while the folder of the survey could not be written. They are
+        merged into the survey.
 
     Raises
     ------
     SurveyLocked
         If a program writes the survey.
     RecordingError
-        If the folder holds no survey, or cannot be written.
+        If the folder contains no survey, or cannot be written.
     """
     storage = storage or Storage()
     layout = Layout(Path(folder).absolute())
     if not prepare(layout):
         if not (spare is not None and spare.parts(home=layout.folder)):
             raise RecordingError(
-                f"{layout.folder}: expected the folder of a survey, got none; is the path right?"
+                f"{layout.folder}: expected the folder of a survey, got no survey; check the path"
             )
         try:
             storage.make_folder(layout.folder)
@@ -128,18 +143,20 @@ def recover(
 
 
 def prepare(layout: Layout) -> bool:
-    """Return True if there is a survey; refuse a folder that must not be written as one.
+    """Return True if a folder contains a survey.
 
     Raises
     ------
     RecordingError
-        If it is a part of the spare folder, contains links, or cannot be read.
+        If no survey may be written there: the folder belongs to the spare folder, contains links,
+        or cannot be read.
     """
     facts = home_of(layout.folder)
     if facts is not None:
         raise RecordingError(
-            f"{layout.folder}: expected a survey, got the part of the spare folder for "
-            f"{facts['survey']}; try pfwd recover {facts['survey']}, or pfwd import it elsewhere"
+            f"{layout.folder}: expected a survey, got the records in the spare folder for "
+            f"{facts['survey']}; run pfwd recover {facts['survey']}, or import them elsewhere with "
+            "pfwd import"
         )
     try:
         refuse_links(layout)
@@ -158,16 +175,43 @@ def begin(
     fall_back: bool = False,
     read: Callable[[Layout], Index] = read_index,
 ) -> tuple[RecordLog, Index, list[str]]:
-    """Open journal and ledger for writing; return them, the index, and the merged records as texts.
+    """Open the journal and the ledger of a survey for writing, after their repair.
 
-    Unfinished ends are cut, and the ledger is repaired. With `fall_back` the spare folder receives
-    the records that the survey's folder refuses later. `read` reads the index after the lock is
-    held; :func:`build_index` reads the content of every record. Raise OSError or RecordingError.
+    Unfinished ends of the journal are cut, the ledger is made to agree with the journal, and the
+    records in the spare folder are merged.
+
+    Parameters
+    ----------
+    layout : Layout
+        Paths of the survey.
+    storage : Storage
+        Access to the files.
+    helper : Publisher
+        Object that reads the HDF5 files of drops.
+    lock : SurveyLock
+        Lock of the survey, which the caller holds.
+    spare : SpareFolder, optional
+        Folder whose records of the survey are merged.
+    fall_back : bool
+        True: records that the survey's folder refuses later are written to the spare folder.
+    read : callable
+        Function that reads the index: `read_index`, or `build_index`, which reads the content of
+        every record.
+
+    Returns
+    -------
+    (RecordLog, Index, list of str)
+        Writer of records, content of the survey, and descriptions of the merged records.
+
+    Raises
+    ------
+    OSError, RecordingError
+        If the survey cannot be read or written.
     """
     segments = layout.segments()
     continued: tuple[int, int] | None = None
     if segments:
-        # Lock first: nothing may be cut while another program has the segment open.
+        # Lock first: nothing may be cut while another program has the file open.
         continued = segments[-1], open_segment(layout, segments[-1], storage)
     try:
         log, index = _begin(layout, storage, helper, lock, spare, continued, read)
@@ -239,19 +283,25 @@ def repair(
     publish: bool = True,
     thorough: bool = False,
 ) -> RecoveryReport:
-    """Restore drops and files, and report the losses.
+    """Restore drops, rebounds and files of a survey that is open for writing, and report losses.
 
     Parameters
     ----------
+    log : RecordLog
+        Writer of the records of the survey.
+    index : Index
+        Content of the survey, which is updated.
+    helper : Publisher
+        Object that makes and reads the HDF5 files of drops.
     publish : bool
-        Make missing files of drops.
+        True: make missing HDF5 files.
     thorough : bool
-        Compare the content of every file, not only its size.
+        True: compare the content of every file with its checksum, not only its size.
     """
     layout = log.layout
     unlisted = set(index.unacknowledged)
     recovered = {d.number for d in index.drops.values() if d.entry.sequence in unlisted}
-    actions = [f"drop {number} entered in the ledger" for number in sorted(recovered)]
+    actions = [f"drop {number} added to the ledger" for number in sorted(recovered)]
     _wait_for_publisher(layout, log.storage)
     files = FileRepair(log, index, helper, thorough=thorough)
     files.remove_drafts()
@@ -264,7 +314,7 @@ def repair(
     actions += [f"rebound of drop {number} restored from its file" for number in rebounds.values()]
     made = files.repair_drop_files(publish=publish)
     recovered |= set(made)
-    actions += [f"drop {number} published" for number in made]
+    actions += [f"file of drop {number} made" for number in made]
     files.repair_results_and_captures()
     _settle(log, index, files_listed=publish, restored=set(rebounds))
     return RecoveryReport(
@@ -278,9 +328,10 @@ def repair(
 
 
 def lost_texts(index: Index) -> list[str]:
-    """Return a short text for each acknowledged record that is missing, by number.
+    """Return a text for each lost record: one that was saved and that the journal now lacks.
 
-    Each drop is named; for very many other records only the first and the last are.
+    Each drop is named. If more than `MAX_NAMED_RECORDS` other records are lost, one text has their
+    first and last number.
     """
     lost = [entry for number, entry in sorted(index.lost.items()) if number not in index.settled]
     unnamed = [entry.sequence for entry in lost if entry.kind != Kind.DROP]
@@ -291,12 +342,15 @@ def lost_texts(index: Index) -> list[str]:
         texts.append(f"{len(unnamed)} records between {unnamed[0]} and {unnamed[-1]} are lost")
     if index.gaps:
         first, last = index.gaps[0], index.gaps[-1]
-        texts.append(f"{len(index.gaps)} records between {first} and {last} are lost unnamed")
+        texts.append(
+            f"{len(index.gaps)} records between {first} and {last} are lost, and the ledger does "
+            "not list them"
+        )
     return texts
 
 
 def describe(entry: Entry) -> str:
-    """Return the name of a record for messages: a drop by its point and number."""
+    """Return the name of a record for messages, such as "drop P 1/3" or "record 7 (event)"."""
     about = read_about(entry.about) if entry.kind == Kind.DROP else None
     if about is not None:
         return f"drop {about[1]}/{about[2]}"
@@ -308,7 +362,7 @@ def describe(entry: Entry) -> str:
 
 
 def _cut(layout: Layout, storage: Storage, segment: int, offset: int, length: int) -> None:
-    """Cut the unfinished end of a segment; its bytes are copied to ``damaged``."""
+    """Cut the unfinished end of a file of the journal, after copying it to ``damaged``."""
     path = layout.segment(segment)
     keep_copy(layout, storage, path, f"journal-{segment:04d}-{offset}.bytes", offset, length)
     descriptor = storage.open(path)
@@ -320,9 +374,9 @@ def _cut(layout: Layout, storage: Storage, segment: int, offset: int, length: in
 
 
 def _sync_journal(layout: Layout, storage: Storage, index: Index) -> None:
-    """Sync segments that a killed program wrote: their records may not be on the disk yet.
+    """Wait until the records that a killed program wrote to the journal are on the disk.
 
-    Only then may the ledger name them, and may records follow them.
+    Only then may the ledger list them, and may further records follow them.
     """
     segments = {index.entries[number].segment for number in index.unacknowledged}
     for segment in sorted(segments | set(layout.segments()[-1:])):
@@ -335,7 +389,7 @@ def _sync_journal(layout: Layout, storage: Storage, index: Index) -> None:
 
 
 def _repair_ledger(layout: Layout, storage: Storage, index: Index, entries: list[Entry]) -> bytes:
-    """Rewrite the ledger if it differs from the entries; return its bytes."""
+    """Rewrite the list of saved records (ledger) if it is not exactly this; return its content."""
     assert index.survey is not None
     ledger = index.ledger
     recorded = ledger.survey == index.survey and ledger.entries == tuple(entries)
@@ -348,7 +402,7 @@ def _repair_ledger(layout: Layout, storage: Storage, index: Index, entries: list
 
 
 def _wait_for_publisher(layout: Layout, storage: Storage) -> None:
-    """Wait for the publisher of a killed program, which may be writing its last file."""
+    """Wait for a process of a killed program that may still be making a drop file."""
     if not layout.publish_lock.exists():
         return
     try:
@@ -356,13 +410,13 @@ def _wait_for_publisher(layout: Layout, storage: Storage) -> None:
             pass
     except TimeoutError as err:
         raise RecordingError(
-            f"{layout.publish_lock}: expected to be free, got a program that still publishes; "
-            "end it and try again"
+            f"{layout.publish_lock}: expected no other program, got one that still makes drop "
+            "files; end it and try again"
         ) from err
 
 
 def _restore(log: RecordLog, index: Index, helper: Publisher, number: int) -> bool:
-    """Restore a drop with a damaged record from its file; return True on success."""
+    """Restore the record of a drop from its HDF5 file; return True on success."""
     lost = {
         about[0]: entry
         for entry in index.lost.values()
@@ -375,7 +429,7 @@ def _restore(log: RecordLog, index: Index, helper: Publisher, number: int) -> bo
         data, arrays = decode_payload(base64.b64decode(response["payload"]))
         key = data["metadata"].get("key")
     except (RecordingError, KeyError, ValueError, TypeError, AttributeError):
-        return False  # the file is damaged too; repair_drop_files names it
+        return False  # the file is damaged too, which `repair_drop_files` reports
     entry = lost.get(number)
     data |= {
         "number": number,
@@ -387,10 +441,11 @@ def _restore(log: RecordLog, index: Index, helper: Publisher, number: int) -> bo
 
 
 def _restore_rebounds(log: RecordLog, index: Index, helper: Publisher) -> dict[int, int]:
-    """Restore lost rebounds from the files; return the drops by number of the lost record.
+    """Restore lost records of rebounds from the HDF5 files of their drops.
 
-    The ledger does not contain the drop of a lost rebound: each rebound that only a file contains
-    replaces one of them.
+    Return the survey-wide number of the drop by the sequence number of each restored record. The
+    ledger does not show to which drop a lost rebound belongs. So each rebound that only a file
+    contains counts as one of the lost records.
     """
     lost = [
         number
@@ -411,7 +466,7 @@ def _restore_rebounds(log: RecordLog, index: Index, helper: Publisher) -> dict[i
 def _rebounds_of_file_alone(
     log: RecordLog, index: Index, helper: Publisher, number: int
 ) -> list[Rebound]:
-    """Return the rebounds that only the drop's file contains."""
+    """Return the rebounds in the HDF5 file of a drop that the journal does not contain."""
     layout, drop = log.layout, index.drops[number]
     if not layout.drop_file(number).exists():
         return []
@@ -436,7 +491,7 @@ def _file_record(layout: Layout, helper: Publisher, number: int) -> dict[str, An
 
 
 def _survey_of_files(layout: Layout, helper: Publisher) -> bytes | None:
-    """Return the identity of the survey from a drop file, without journal and ledger."""
+    """Return the identity of the survey from the HDF5 file of a drop; None without such a file."""
     for number in layout.drop_files():
         try:
             return bytes.fromhex(str(_file_record(layout, helper, number)["survey_id"]))
@@ -446,7 +501,7 @@ def _survey_of_files(layout: Layout, helper: Publisher) -> bytes | None:
 
 
 def _survey_of_spare(layout: Layout, spare: SpareFolder | None) -> bytes | None:
-    """Return the identity of the survey from the spare folder, without any file at home."""
+    """Return the identity of the survey from the spare folder; None if it has no such records."""
     for part in spare.parts(home=layout.folder) if spare is not None else ():
         facts = home_of(part.folder)
         if facts is not None:
@@ -463,7 +518,7 @@ def _restore_points(log: RecordLog, index: Index) -> None:
 
 
 def _settle(log: RecordLog, index: Index, *, files_listed: bool, restored: set[int]) -> None:
-    """Record the handled damage, so that a check does not report it again."""
+    """Append a record of the damage that was repaired, so that a check does not report it again."""
     replaced = {Kind.CLOSE, Kind.SURVEY} | ({Kind.FILE} if files_listed else set())
     settled = sorted(
         number

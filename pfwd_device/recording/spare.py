@@ -1,9 +1,10 @@
-"""The spare folder: a second place for records when the folder of a survey, its home, fails.
+"""The spare folder, which receives records while the folder of a survey (home) cannot be written.
 
-It contains one folder for each survey that needed it, named after the survey and its identity,
-with a journal and a ledger like those of the survey. The records have the survey's identity and
-the numbers that they would have at home, so that they can be merged unchanged. ``home.json``
-contains the path of home.
+It has a subfolder, here called a part, for each survey that needed it. A part is named after the
+survey and its identity, and has a journal and a ledger like those of the survey. The records have
+the identity of the survey and the numbers that they would have at home, so that they can be merged
+unchanged. ``home.json`` contains the path of home. ``returned.json`` lists records that were merged
+under other numbers.
 """
 
 import contextlib
@@ -26,39 +27,59 @@ HOME_FILE = "home.json"
 RETURNED_FILE = "returned.json"
 
 _MAX_JSON_FILE_BYTES = 64 * 2**20
-"""Largest JSON file of the spare folder; a million merged records take less."""
+"""Largest JSON file of the spare folder, bytes; a million merged records take less."""
 
 _MAX_FOLDER_NAME_LENGTH = 40
 
 
 @dataclass(frozen=True, slots=True)
 class SparePart:
-    """Part of the spare folder for one survey, open for writing."""
+    """Subfolder of the spare folder for one survey, open for writing."""
 
     layout: Layout
+    """Paths of the subfolder."""
     entries: list[Entry]
-    """Acknowledged records in it."""
+    """Records that its ledger lists."""
     lock: SurveyLock
+    """Lock that excludes other programs."""
 
 
 @dataclass(frozen=True, slots=True)
 class SpareFolder:
-    """Folder with the parts of all surveys."""
+    """Folder that receives records of surveys whose own folders cannot be written."""
 
     root: Path
+    """Path of the folder, which contains a subfolder for each survey."""
 
     def layout_of(self, home: Path, survey: bytes) -> Layout:
-        """Return the paths of the files for a survey."""
+        """Return the paths of the subfolder for a survey.
+
+        Parameters
+        ----------
+        home : Path
+            Folder of the survey.
+        survey : bytes
+            Identity of the survey, 16 bytes.
+        """
         name = "".join(c if c.isalnum() and c.isascii() else "-" for c in home.name)
         return Layout(self.root / f"{name[:_MAX_FOLDER_NAME_LENGTH] or 'survey'}-{survey.hex()}")
 
     def open(self, home: Path, survey: bytes, storage: Storage) -> SparePart:
-        """Open the part of a survey, and create it if it is missing.
+        """Open the subfolder for a survey, and create it if it is missing.
+
+        Parameters
+        ----------
+        home : Path
+            Folder of the survey.
+        survey : bytes
+            Identity of the survey, 16 bytes.
+        storage : Storage
+            Access to the files.
 
         Raises
         ------
         OSError, RecordingError
-            If it cannot be created or written, or another program writes it.
+            If the subfolder cannot be created or written, or another program writes it.
         """
         layout = self.layout_of(home, survey)
         storage.make_folder(layout.journal)
@@ -70,7 +91,7 @@ class SpareFolder:
                 text = encode_json({"survey": str(home), "survey_id": survey.hex()})
                 storage.write_file(where, text.encode("ascii") + b"\n")
             index = build_index(layout)
-            # Records of an ended program can be read, but may not be on the disk yet.
+            # The records of a killed program can be read, but may not be on the disk yet.
             for number in layout.segments():
                 descriptor = storage.open(layout.segment(number))
                 try:
@@ -85,7 +106,15 @@ class SpareFolder:
         return SparePart(layout, entries, lock)
 
     def parts(self, *, home: Path | None = None, survey: bytes | None = None) -> list[Layout]:
-        """Return the parts of the survey with this identity, or of any survey at `home`."""
+        """Return the subfolders with records of a survey.
+
+        Parameters
+        ----------
+        home : Path, optional
+            Folder of the survey, if its identity is not known.
+        survey : bytes, optional
+            Identity of the survey, 16 bytes.
+        """
         layouts = []
         for name in names_in(self.root):
             layout = Layout(self.root / name)
@@ -102,7 +131,11 @@ class SpareFolder:
 
 
 def home_of(folder: Path) -> dict[str, str] | None:
-    """Return path (``survey``) and identity (``survey_id``) of the survey of a part; else None."""
+    """Return the survey to which a subfolder of the spare folder belongs.
+
+    The keys are ``survey`` (path of its folder) and ``survey_id`` (its identity, hexadecimal). None
+    if the folder is not a part of a spare folder.
+    """
     data = _read_json(folder / HOME_FILE)
     if not isinstance(data, dict):
         return None
@@ -116,7 +149,10 @@ def home_of(folder: Path) -> dict[str, str] | None:
 
 
 def renumbered_records(layout: Layout) -> set[tuple[int, int]]:
-    """Return sequence number and check of the records that were merged under other numbers."""
+    """Return the records of a subfolder of the spare folder that were merged under other numbers.
+
+    Each is a pair of its sequence number and the CRC-32 in its header.
+    """
     data = _read_json(layout.folder / RETURNED_FILE)
     pairs = data if isinstance(data, list) else []
     return {
@@ -127,7 +163,7 @@ def renumbered_records(layout: Layout) -> set[tuple[int, int]]:
 
 
 def store_renumbered_records(layout: Layout, storage: Storage, pairs: set[tuple[int, int]]) -> None:
-    """Store which records were merged under other numbers; raise OSError."""
+    """Store the pairs that `renumbered_records` returns; raise OSError if that fails."""
     text = json.dumps(sorted(pairs)) + "\n"
     storage.write_file(layout.folder / RETURNED_FILE, text.encode("ascii"))
 

@@ -1,4 +1,7 @@
-"""Merging of the records in the spare folder into their survey."""
+"""Merging of the records in the spare folder into their survey.
+
+The spare folder received records while the folder of the survey (home) could not be written.
+"""
 
 import contextlib
 from typing import Any
@@ -16,18 +19,31 @@ from pfwd_device.recording.record_log import RecordLog
 from pfwd_device.recording.spare import SpareFolder, renumbered_records, store_renumbered_records
 
 _OF_THE_FILES = (Kind.SURVEY, Kind.FILE, Kind.CLOSE)
-"""Kinds of records that describe the files at home and have no meaning under another number."""
+"""Kinds of records that describe files of the survey's folder. They have no meaning under another
+number, so they are not merged then."""
 
 
 def records_only_in_spare(
     spare: SpareFolder | None, index: Index
 ) -> list[tuple[Layout, list[Entry]]]:
-    """Return the records of the survey that only the spare folder contains."""
+    """Return the records of a survey that only the spare folder contains.
+
+    Parameters
+    ----------
+    spare : SpareFolder or None
+    index : Index
+        Content of the survey's folder.
+
+    Returns
+    -------
+    list of (Layout, list of Entry)
+        Subfolder of the spare folder, and its records that the survey's folder lacks.
+    """
     if spare is None or index.survey is None:
         return []
     parts_with_records = []
     for part in spare.parts(survey=index.survey):
-        with contextlib.suppress(RecordingError):  # an unreadable part stays where it is
+        with contextlib.suppress(RecordingError):  # unreadable records stay in the spare folder
             away = build_index(part)
             renumbered = renumbered_records(part)
             entries = [
@@ -41,7 +57,7 @@ def records_only_in_spare(
 
 
 def describe_records_only_in_spare(spare: SpareFolder | None, index: Index) -> list[str]:
-    """Return a short text for each drop, and one for all other records, in the spare folder."""
+    """Return a message for each drop that only the spare folder contains, and one for the rest."""
     texts = []
     for part, entries in records_only_in_spare(spare, index):
         remaining = 0
@@ -51,23 +67,36 @@ def describe_records_only_in_spare(spare: SpareFolder | None, index: Index) -> l
                 remaining += entry.kind not in _OF_THE_FILES
             else:
                 texts.append(
-                    f"drop {about[1]}/{about[2]} is in the spare folder {part.folder} only"
+                    f"drop {about[1]}/{about[2]} is only in the spare folder {part.folder}"
                 )
         if remaining:
-            texts.append(f"{remaining} other records are in the spare folder {part.folder} only")
+            texts.append(f"{remaining} other records are only in the spare folder {part.folder}")
     return texts
 
 
 def merge_spare_records(log: RecordLog, index: Index, spare: SpareFolder | None) -> list[str]:
-    """Write the records in the spare folder into the survey; return the actions as texts.
+    """Write the records that only the spare folder contains into the survey.
 
-    A record keeps its number if that is free. If the survey was continued without the records in
-    the spare folder, they get the next numbers, and so do drops.
+    A record keeps its sequence number if that is free. If the survey was continued without the
+    records in the spare folder, they get the next numbers, and so do their drops.
+
+    Parameters
+    ----------
+    log : RecordLog
+        Writer of the records of the survey.
+    index : Index
+        Content of the survey, which is updated.
+    spare : SpareFolder or None
+
+    Returns
+    -------
+    list of str
+        Descriptions of the actions.
 
     Raises
     ------
     OSError, RecordingError
-        If home cannot be written or the spare folder cannot be read.
+        If the survey cannot be written or the spare folder cannot be read.
     """
     actions = []
     for part, entries in records_only_in_spare(spare, index):
@@ -82,17 +111,17 @@ def merge_spare_records(log: RecordLog, index: Index, spare: SpareFolder | None)
             if free and not is_renumbering:
                 data, _ = decode_payload(frame.payload)
                 if data.get("number") in numbers or _is_present(entry, data, index):
-                    pass  # the record or its drop exists at home under another number
+                    pass  # the survey has this drop under another number
                 else:
                     _take_in(log, index, part, frame, entry, data)
                     drops += entry.kind == Kind.DROP
                     continue
             drops += _write_renumbered(log, index, frame, numbers)
             renumbered.add((frame.sequence, frame.check))
-            # Later records must not keep their numbers: the gap would look like a loss.
+            # If later records kept their numbers, the gap before them would look like a loss.
             is_renumbering |= free and frame.sequence not in index.entries
         store_renumbered_records(part, log.storage, renumbered)
-        actions.append(f"{drops} drops moved home from the spare folder {part.folder}")
+        actions.append(f"{drops} drops moved to the survey from the spare folder {part.folder}")
     return actions
 
 
@@ -111,7 +140,7 @@ def _take_in(
 
 
 def _is_present(entry: Entry, data: dict[str, Any], index: Index) -> bool:
-    """Return True if the number, or point and number within it, of a drop are used at home."""
+    """Return True if a drop of the survey has the same key, number or number within its point."""
     if entry.kind != Kind.DROP:
         return False
     return (
@@ -125,7 +154,7 @@ def _is_present(entry: Entry, data: dict[str, Any], index: Index) -> bool:
 
 
 def _write_renumbered(log: RecordLog, index: Index, frame: Frame, numbers: dict[int, int]) -> int:
-    """Write a record under new numbers; return the number of added drops."""
+    """Write a record with new numbers to the survey; return the number of added drops, 0 or 1."""
     data, arrays = decode_payload(frame.payload)
     if frame.kind in _OF_THE_FILES:
         return 0
@@ -162,7 +191,19 @@ def _write_renumbered_drop(
 
 
 def append_point(log: RecordLog, index: Index, name: str, declared: object) -> None:
-    """Append the record of a point with the declarations of its first drop."""
+    """Append the record of a test point to a survey.
+
+    Parameters
+    ----------
+    log : RecordLog
+        Writer of the records of the survey.
+    index : Index
+        Content of the survey, which is updated.
+    name : str
+        Name of the point.
+    declared : object
+        Declarations of its first drop; anything but a mapping counts as none.
+    """
     data = {
         "name": name,
         "order": len(index.points) + 1,
@@ -175,7 +216,19 @@ def append_point(log: RecordLog, index: Index, name: str, declared: object) -> N
 def append_drop(
     log: RecordLog, index: Index, data: dict[str, Any], arrays: dict[str, Array]
 ) -> None:
-    """Append the record of a drop, after a survey record if it needs another format version."""
+    """Append the record of a drop to a survey.
+
+    If the drop needs a higher format version, a record of the survey with it is appended first.
+
+    Parameters
+    ----------
+    log : RecordLog
+        Writer of the records of the survey.
+    index : Index
+        Content of the survey, which is updated.
+    data, arrays : mapping
+        Data and arrays of the record.
+    """
     if (info := raised_version(index.info, data)) is not None:
         info = {**info, "survey_id": log.survey.hex()}
         index.add(log.append(Kind.SURVEY, info), info)

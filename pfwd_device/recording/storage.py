@@ -1,4 +1,4 @@
-"""Thin layer over the files of the operating system, which tests replace by failing ones."""
+"""Access to files through the operating system; tests replace it to simulate failing disks."""
 
 import contextlib
 import errno
@@ -24,31 +24,35 @@ _NOT_INHERITED = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOINHERIT", 0)
 Stamp = tuple[int, int] | None
 """Times (ns) of the last change of a file's content and of its metadata; None if unknown.
 
-An equal stamp does not prove that nothing was written: the clock of a file system may stand still
-for 4 ms, or for 2 s. Another stamp does not prove that something was written. The content decides.
+An equal stamp does not prove that nothing was written: the clock of a file system may advance in
+steps of 4 ms, or of 2 s. A different stamp does not prove that something was written. So after a
+change of the stamp the content is compared.
 """
 
 
 class Storage:
-    """Writing of files that survive a power cut, without buffers.
+    """Unbuffered access to files, which lets the caller wait until data are on the disk.
 
-    Unless stated otherwise every method may raise OSError. The caller passes all offsets, and no
-    descriptor has a position, so that an incomplete write can be repeated.
+    Unless stated otherwise every method may raise OSError. Files are identified by descriptors of
+    the system. The caller passes all offsets (bytes), so that an incomplete write can be repeated.
     """
 
     def open(self, path: Path, *, create: bool = False) -> int:
-        """Open a file for reading and writing; with `create` the file must not exist yet."""
+        """Open a file for reading and writing and return its descriptor.
+
+        With `create` the file is created and must not exist yet.
+        """
         flags = os.O_RDWR | _BINARY | _NOT_INHERITED | _NO_FOLLOW
         if create:
             flags |= os.O_CREAT | os.O_EXCL
         return os.open(path, flags, 0o666)
 
     def close(self, descriptor: int) -> None:
-        """Close a descriptor."""
+        """Close a file."""
         os.close(descriptor)
 
     def pwrite(self, descriptor: int, data: memoryview, offset: int) -> int:
-        """Write at an offset; return the number of written bytes, perhaps fewer than all."""
+        """Write bytes at an offset; return the number of written bytes, which may be smaller."""
         if sys.platform != "win32":
             return os.pwrite(descriptor, data, offset)
         else:  # noqa: RET505 - only an else is left out of the checks for other platforms
@@ -56,17 +60,17 @@ class Storage:
             return os.write(descriptor, data)
 
     def write_at(self, descriptor: int, data: bytes, offset: int) -> None:
-        """Write all of `data`, with further writes after an incomplete one."""
+        """Write all bytes at an offset, if necessary by several writes."""
         rest = memoryview(data)
         while rest:
             written = self.pwrite(descriptor, rest, offset)
             if written <= 0:
-                raise OSError(errno.ENOSPC, "the disk took no more bytes")
+                raise OSError(errno.ENOSPC, "the disk accepted no more bytes")
             rest = rest[written:]
             offset += written
 
     def sync(self, descriptor: int) -> None:
-        """Wait until content and length are on the disk."""
+        """Wait until content and length of a file are on the disk."""
         if sys.platform == "darwin":  # fsync of macOS only reaches the drive's cache
             import fcntl
 
@@ -77,7 +81,7 @@ class Storage:
             os.fsync(descriptor)
 
     def read_at(self, descriptor: int, length: int, offset: int) -> bytes:
-        """Read at `offset`; return fewer than `length` bytes at the end of the file."""
+        """Return `length` bytes from an offset; fewer at the end of the file."""
         parts = []
         while length > 0:
             if sys.platform != "win32":
@@ -95,8 +99,8 @@ class Storage:
     def lock(self, descriptor: int) -> bool:
         """Lock a file until it is closed; return False if another program has locked it.
 
-        On Windows no lock is needed: a lock would exclude readers, and an open file, such as
-        ``survey.lock``, can be neither deleted nor replaced.
+        On Windows no lock is taken. It would exclude readers, and it is not needed, because an open
+        file such as ``survey.lock`` can be neither deleted nor replaced.
         """
         if sys.platform == "win32":
             return True
@@ -106,21 +110,21 @@ class Storage:
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as err:
-                # Other errors: a file system without locks. Writes of other programs are detected
-                # nevertheless.
+                # Any other error means a file system without locks. Writes of other programs are
+                # detected by their effects then.
                 return err.errno not in (errno.EACCES, errno.EAGAIN)
             return True
 
     def size(self, descriptor: int) -> int:
-        """Return the length of the file, bytes."""
+        """Return the length of a file, bytes."""
         return os.fstat(descriptor).st_size
 
     def names(self, descriptor: int) -> int:
-        """Return the number of names of the file: 0 after a deletion, 2 after a link was made."""
+        """Return the number of names of a file: 0 after its deletion, 2 with an additional link."""
         return os.fstat(descriptor).st_nlink
 
     def stamp(self, descriptor: int) -> Stamp:
-        """Return the stamp of the file, which changes with each write; never raise."""
+        """Return the times of the last changes of a file, a `Stamp`; None instead of an error."""
         try:
             status = os.fstat(descriptor)
         except OSError:
@@ -128,25 +132,36 @@ class Storage:
         return status.st_mtime_ns, status.st_ctime_ns
 
     def stamp_after_write(self, descriptor: int) -> Stamp:
-        """Return the stamp after a write of this program, with a time that no clock gives.
+        """Return the times of the last changes after a write of this program, and make them unique.
 
-        The clock of a file system stands still for some ms: a write of another program within the
-        same tick would leave the same time. Not all systems can set the time.
+        The clock of a file system advances in steps of some ms, so a later write of another program
+        within the same step would leave the same time. Therefore the time of the file is set 1 ns
+        later, on systems that can set it.
         """
         if os.utime in os.supports_fd:
-            with contextlib.suppress(OSError):  # writes within one tick then have equal stamps
+            with contextlib.suppress(OSError):  # without it only such a write remains undetected
                 status = os.fstat(descriptor)
                 os.utime(descriptor, ns=(status.st_atime_ns, status.st_mtime_ns + 1))
         return self.stamp(descriptor)
 
     def misplaced(self, descriptor: int, path: Path, end: int) -> str | None:
-        """Return why the file at `path` is not the open one with `end` bytes; None if it is."""
+        """Return a message if a path no longer leads to an open file of the right length, or None.
+
+        Parameters
+        ----------
+        descriptor : int
+            The open file.
+        path : Path
+            Path at which it was opened.
+        end : int
+            Length that this program has written, bytes.
+        """
         try:
             present = os.lstat(path)
         except OSError as err:
             if isinstance(err, FileNotFoundError):
-                return f"{path.name} is gone"
-            return f"{path.name} cannot be reached any more ({err.strerror or err})"
+                return f"{path.name} was deleted"
+            return f"{path.name} can no longer be accessed ({err.strerror or err})"
         opened = os.fstat(descriptor)
         if not os.path.samestat(opened, present):
             return f"{path.name} was replaced by another file"
@@ -157,15 +172,15 @@ class Storage:
         return None
 
     def truncate(self, descriptor: int, size: int) -> None:
-        """Cut the file to `size` bytes."""
+        """Cut a file to `size` bytes."""
         os.ftruncate(descriptor, size)
 
     def replace(self, source: Path, target: Path) -> None:
-        """Rename within one folder; a file at `target` is replaced."""
+        """Rename a file within its folder; an existing file `target` is replaced."""
         os.replace(source, target)
 
     def unlink(self, path: Path) -> None:
-        """Delete a file: the reserve, a draft, or a file with a copy in ``damaged``."""
+        """Delete a file."""
         os.unlink(path)
 
     def make_directory(self, path: Path) -> None:
@@ -173,13 +188,13 @@ class Storage:
         if not path.is_dir():
             try:
                 os.mkdir(path)
-            except FileExistsError:  # another program was faster
+            except FileExistsError:  # another program has just created it
                 if not path.is_dir():
                     raise
 
     def sync_directory(self, path: Path) -> None:
-        """Wait until new and changed names in the folder are on the disk."""
-        if os.name == "nt":  # Windows has no such call; NTFS has a journal of names
+        """Wait until new and changed names in a folder are on the disk."""
+        if os.name == "nt":  # Windows has no such call, and its file system records names safely
             return
         descriptor = os.open(path, os.O_RDONLY | _NOT_INHERITED)
         try:
@@ -192,14 +207,14 @@ class Storage:
         return shutil.disk_usage(path).free
 
     def make_folder(self, path: Path) -> None:
-        """Create the folder and its parents, and wait until each is on the disk."""
+        """Create a folder with its parents, and wait until each of them is on the disk."""
         missing = []
         while not path.is_dir():
             missing.append(path)
             if path.parent == path:
                 break
             path = path.parent
-        # A former run may have ended before the name of the last existing folder was on the disk.
+        # A run that was killed may have created this folder without waiting for the disk.
         with contextlib.suppress(PermissionError):  # a folder of another user
             self.sync_directory(path.parent)
         for folder in reversed(missing):
@@ -207,7 +222,10 @@ class Storage:
             self.sync_directory(folder.parent)
 
     def write_file(self, path: Path, data: bytes) -> None:
-        """Replace a file atomically: write a draft, sync, rename, sync the name."""
+        """Write a file so that after a power cut either the old or the new content exists.
+
+        The content is written under a temporary name, which is renamed when it is on the disk.
+        """
         draft = draft_of(path)
         self.write_draft(draft, data)
         self.replace(draft, path)
@@ -229,7 +247,7 @@ class Storage:
 
 
 def draft_of(path: Path) -> Path:
-    """Return the temporary name of a file that becomes `path` when it is complete."""
+    """Return the temporary path at which a file is written before it is renamed to `path`."""
     return path.with_name(f".{path.name}.tmp")
 
 
@@ -242,5 +260,5 @@ def has_content(path: Path, data: bytes) -> bool:
 
 
 def is_full(err: OSError) -> bool:
-    """Return True if the error means that there is no room."""
+    """Return True if an error means a full disk, a full quota or a file that is too long."""
     return err.errno in FULL_ERRORS

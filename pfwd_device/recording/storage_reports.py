@@ -1,4 +1,4 @@
-"""Reports for the operator on the storage of a survey while it is written."""
+"""Reports for the operator on the safety of the recorded data while a survey is written."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 
 @dataclass(frozen=True, slots=True)
 class SurveyFilesRemoved:
-    """Report that files of the survey were deleted or changed, so that records are not safe."""
+    """Report that files of the survey were deleted or changed, so that its data are not safe."""
 
     folder: Path
     """Folder of the survey."""
@@ -21,7 +21,7 @@ class SurveyFilesRemoved:
 
 @dataclass(frozen=True, slots=True)
 class FilesRewritten:
-    """Report that new files contain all acknowledged records again."""
+    """Report that the recorded data were written again after files were deleted or changed."""
 
     folder: Path
     """Folder of the survey."""
@@ -46,20 +46,21 @@ class FilesRewritten:
             names = ", ".join(self.lost[:10]) + (", ..." if len(self.lost) > 10 else "")
             text = (
                 f"NOT SAFE: {self.folder} lost {len(self.lost)} records that could not be written "
-                f"again ({names}); drops that have a file come back with pfwd recover"
+                f"again ({names}); pfwd recover restores drops that have a file"
             )
         return text
 
 
 @dataclass(frozen=True, slots=True)
 class SpareUsed:
-    """Report that the survey's folder fails and further records go to the spare folder."""
+    """Report that the survey's folder cannot be written, and records go to the spare folder."""
 
     folder: Path
     """Folder of the survey."""
     spare: Path
     """Folder that receives the records."""
     reason: str
+    """Reason why the survey's folder cannot be written."""
 
     @property
     def text(self) -> str:
@@ -94,8 +95,11 @@ class FallbackMerged:
     folder: Path
     """Folder of the survey."""
     spare: Path
+    """Folder in which the records were."""
     records: int
+    """Number of merged records."""
     drops: int
+    """Number of drops among them."""
 
     @property
     def text(self) -> str:
@@ -105,14 +109,16 @@ class FallbackMerged:
 
 @dataclass(frozen=True, slots=True)
 class PublishingFailed:
-    """Report that a drop has no file yet; its record is safe in the journal."""
+    """Report that the HDF5 file of a drop cannot be made yet; the drop is safe in the journal."""
 
     number: int
     """Number of the drop within the survey."""
     point: str
+    """Name of the test point."""
     drop: int
     """Number of the drop within the point."""
     reason: str
+    """Reason why the file cannot be made."""
 
 
 StorageReport = (

@@ -1,6 +1,8 @@
-"""Content of a survey, independent of its storage in a folder or in one exported file.
+"""Content of a survey, whether it is stored in its folder or in one exported file.
 
-Both have the same points and drops; a drop reads its data through its survey.
+Both have the same points and drops. A drop reads its traces and results only on request, through
+the survey to which it belongs. A drop has a survey-wide number and a number within its test point.
+A key is the text that identifies a drop on its instrument.
 """
 
 from collections.abc import Mapping
@@ -15,57 +17,57 @@ from pfwd_device.recording.payload import decode_json
 from pfwd_device.recording.record import DropRecord
 
 MAX_RESULT_BYTES = 10_000_000
-"""Largest stored result; a usual one takes 3 kB."""
+"""Largest stored result, bytes; a usual one takes 3 kB."""
 
 Result = Mapping[str, Any]
 
 
 class DropOrigin(Protocol):
-    """Interface of a survey that reads its drops by their survey-wide number."""
+    """Interface of a survey that reads the data of its drops, given their survey-wide number."""
 
     def key_of(self, number: int, /) -> str | None:
-        """Return the key of a drop, which identifies it on the instrument."""
+        """Return the text that identifies a drop on its instrument; None without one."""
 
     def results_of(self, number: int, /) -> tuple[Path, ...]:
-        """Return the files with results of a drop, in order."""
+        """Return the files with stored results of a drop: trials first, the valid result last."""
 
     def result_count_of(self, number: int, /) -> int:
         """Return the number of stored results of a drop."""
 
     def last_result_of(self, number: int, /) -> Path | None:
-        """Return the last of the files with results of a drop."""
+        """Return the file with the valid result of a drop; None without a stored result."""
 
     def read_diagnosis(self, number: int, /) -> Result | None:
-        """Return the last diagnosis that was stored with a drop."""
+        """Return the latest diagnosis that was stored with a drop; None without one."""
 
     def place_of(self, number: int, /) -> DropPlace | None:
-        """Return the place from which another process reads a drop; None if it cannot."""
+        """Return the location from which another process can read a drop; None if it cannot."""
 
     def file_of(self, number: int, /) -> Path | None:
-        """Return the HDF5 file of a drop; None if it is not published."""
+        """Return the HDF5 file of a drop; None if it has not been made."""
 
     def file_bytes_of(self, number: int, /) -> bytes | None:
-        """Return the bytes of the HDF5 file of a drop; None unless it is unchanged."""
+        """Return the content of the HDF5 file of a drop; None if it is missing or changed."""
 
     def read_drop(self, number: int, /) -> DropRecord:
-        """Read a drop with all its rebounds."""
+        """Read the complete record of a drop with all its rebounds."""
 
     def read_traces(self, number: int, /) -> DropRecord:
-        """Read a drop without rebounds and without raw counts."""
+        """Read the record of a drop without rebounds and without raw counts."""
 
     def read_facts(self, number: int, /) -> DropFacts:
-        """Read the recorded peaks of a drop, or else its traces, with its declarations."""
+        """Read the declarations of a drop with its recorded peaks, or without these its traces."""
 
     def read_results(self, number: int, /) -> tuple[Result, ...]:
-        """Read the stored results of a drop: trials first, the result that counts last."""
+        """Read the stored results of a drop: trials first, the valid result last."""
 
     def read_last_result(self, number: int, /) -> Result | None:
-        """Read the last stored result; None if there is none."""
+        """Read the valid result of a drop; None without a stored result."""
 
 
 @dataclass(slots=True)
 class SurveyDrop:
-    """A drop with its later edits; its arrays are read on request."""
+    """Drop of a survey with its later edits; its traces and results are read on request."""
 
     number: int
     """Survey-wide number, from 1."""
@@ -74,10 +76,13 @@ class SurveyDrop:
     drop: int
     """Number within the point, from 1."""
     discarded: bool
+    """True if the user has discarded the drop."""
     notes: tuple[str, ...]
+    """Notes of the user, in order."""
     position: Any
     """Position after the last edit; None: as recorded."""
     target: Any
+    """Target value after the last edit; None: as recorded."""
     edits: tuple[dict[str, Any], ...]
     """All edits, in order."""
     source: str
@@ -87,14 +92,14 @@ class SurveyDrop:
 
     @property
     def key(self) -> str | None:
-        """Key that identifies the drop on the instrument; read on request."""
+        """Text that identifies the drop on its instrument; None without one."""
         return self._origin.key_of(self.number)
 
     @property
     def results(self) -> tuple[Path, ...]:
-        """Files with results: trials first, the result that counts last.
+        """Files with stored results: trials first, the valid result last.
 
-        An exported survey has no such files, as it contains the results.
+        Empty for an exported survey, which contains the results itself.
         """
         return self._origin.results_of(self.number)
 
@@ -105,21 +110,21 @@ class SurveyDrop:
 
     @property
     def last_result(self) -> Path | None:
-        """File of the last result, which another process can read as well."""
+        """File with the valid result of the drop; None without a stored result."""
         return self._origin.last_result_of(self.number)
 
     @property
     def place(self) -> DropPlace | None:
-        """Place from which another process reads its facts; None if only this one can."""
+        """Location from which another process can read the drop; None if only this process can."""
         return self._origin.place_of(self.number)
 
     @property
     def file(self) -> Path | None:
-        """HDF5 file of the drop; None if it is not published, or in an exported survey."""
+        """HDF5 file of the drop; None if it has not been made, or in an exported survey."""
         return self._origin.file_of(self.number)
 
     def read(self) -> DropRecord:
-        """Read the drop with all its rebounds.
+        """Read the complete record of the drop with all its rebounds.
 
         Raises
         ------
@@ -129,69 +134,81 @@ class SurveyDrop:
         return self._origin.read_drop(self.number)
 
     def read_traces(self) -> DropRecord:
-        """Read the drop without rebounds and without raw counts; errors as in :meth:`read`."""
+        """Read the record without rebounds and without raw counts; errors as in :meth:`read`."""
         return self._origin.read_traces(self.number)
 
     def read_facts(self) -> DropFacts:
-        """Read the recorded peaks, or else the traces, with the declarations."""
+        """Read the declarations with the recorded peaks, or without these the traces.
+
+        It is the fastest access to the values of a row in a table; errors as in :meth:`read`.
+        """
         return self._origin.read_facts(self.number)
 
     def read_results(self) -> tuple[Result, ...]:
-        """Read the stored results: trials first, the result that counts last.
+        """Read the stored results: trials first, the valid result last.
 
         Raises
         ------
         RecordingError
-            If one of them is damaged.
+            If the file of a result is damaged.
         """
         return self._origin.read_results(self.number)
 
     def read_last_result(self) -> Result | None:
-        """Read the last stored result; None if there is none; errors as in `read_results`.
+        """Read the valid result of the drop; None without a stored result.
 
-        In the folder of a survey the other results are not read.
+        The errors are those of `read_results`.
         """
         return self._origin.read_last_result(self.number)
 
     def read_diagnosis(self) -> Result | None:
-        """Read the last diagnosis stored with this drop, the last one of its point at that time.
+        """Read the latest diagnosis of the point that was stored with this drop; None without one.
 
-        None if there is none.
+        A diagnosis is stored with the drop that was the last one of its point at that time.
 
         Raises
         ------
         RecordingError
-            If it is damaged.
+            If the file of the diagnosis is damaged.
         """
         return self._origin.read_diagnosis(self.number)
 
     def read_file(self) -> bytes | None:
-        """Read the bytes of its HDF5 file; None unless it is unchanged. Rebounds may be missing."""
+        """Read the content of the HDF5 file of the drop; None if it is missing or changed.
+
+        The file may lack rebounds that were recorded after it was made.
+        """
         return self._origin.file_bytes_of(self.number)
 
 
 @dataclass(slots=True)
 class SurveyPoint:
-    """A test point."""
+    """Test point of a survey with its drops and later edits."""
 
     name: str
     """Name in the records of its drops."""
     title: str
     """Name after the last edit."""
     order: int
+    """Position in the order of the points, from 1."""
     declared: dict[str, Any]
     """Declared values, including edits."""
     discarded: bool
+    """True if the user has discarded the point."""
     notes: tuple[str, ...]
+    """Notes of the user, in order."""
     position: Any
+    """Position after the last edit; None without one."""
     target: Any
+    """Target value after the last edit; None without one."""
     edits: tuple[dict[str, Any], ...]
+    """All edits, in order."""
     drops: tuple[SurveyDrop, ...]
     """Drops in the order of recording, including discarded ones."""
 
 
 class SurveyContent(Protocol):
-    """Interface of a survey, independent of its storage."""
+    """Interface of a survey, whether it is stored in its folder or in one exported file."""
 
     @property
     def path(self) -> str:
@@ -199,39 +216,39 @@ class SurveyContent(Protocol):
 
     @property
     def survey_id(self) -> str:
-        """Identity, 32 hexadecimal digits; empty if it is lost."""
+        """Identity of the survey, 32 hexadecimal digits; empty if it is lost."""
 
     @property
     def info(self) -> Mapping[str, Any]:
-        """Time and program of its creation."""
+        """Time and program of the creation of the survey: ``created_utc``, ``software``."""
 
     @property
     def points(self) -> tuple[SurveyPoint, ...]:
-        """Points in order."""
+        """Test points in their order."""
 
     @property
     def drops(self) -> tuple[SurveyDrop, ...]:
-        """All drops by their number within the survey."""
+        """All drops in the order of their survey-wide numbers."""
 
     @property
     def events(self) -> tuple[Mapping[str, Any], ...]:
-        """Gaps, reconnections and the like, in order."""
+        """Recorded events, such as gaps and reconnections, in order."""
 
     @property
     def checks(self) -> tuple[Mapping[str, Any], ...]:
-        """Checks of zero and span, in order."""
+        """Recorded checks of the zero and the span of channels, in order."""
 
     @property
     def captures(self) -> tuple[Path, ...]:
-        """Files with raw captures; an exported survey contains the captures."""
+        """Files with raw captures, the bytes of a link; empty for an exported survey."""
 
     @property
     def damage(self) -> tuple[str, ...]:
-        """Losses, a short text each."""
+        """Descriptions of lost records."""
 
 
 def read_result(path: Path) -> Result:
-    """Read a stored result from its file; errors as in `parse_result`."""
+    """Read a stored result of an analysis from its file; errors as in `parse_result`."""
     try:
         if path.stat().st_size > MAX_RESULT_BYTES:
             raise RecordingError(f"{path}: expected a result, got a file of over 10 MB")
@@ -241,18 +258,24 @@ def read_result(path: Path) -> Result:
 
 
 def parse_result(data: bytes | str, where: str) -> Result:
-    """Parse a stored result.
+    """Return a stored result of an analysis from its JSON text.
+
+    Parameters
+    ----------
+    data : bytes or str
+        JSON text.
+    where : str
+        Name of the file, for messages.
 
     Raises
     ------
     RecordingError
-        If the data are no result.
+        If the text is not a JSON object.
     """
     try:
         result = decode_json(data)
     except RecordingError as err:
-        hint = "try pfwd recover"
-        raise RecordingError(f"{where}: of a result {err}; {hint}") from err
+        raise RecordingError(f"{where}: stored result: {err}; try pfwd recover") from err
     if not isinstance(result, dict):
         raise RecordingError(f"{where}: expected a result, got {type(result).__name__}")
     return result

@@ -1,4 +1,7 @@
-"""Reading of a survey without a lock, even while another program writes it."""
+"""Reading of a survey without a lock, even while another program writes it.
+
+The journal of a survey contains all records; each drop also has an HDF5 file.
+"""
 
 import hashlib
 import os
@@ -39,15 +42,26 @@ _MAX_NOTE_LENGTH = 4096
 
 
 class Survey:
-    """Content of the folder of a survey, read by :func:`read_survey`."""
+    """Content of the folder of a survey, as :func:`read_survey` returns it.
+
+    Parameters
+    ----------
+    layout : Layout
+        Paths of the survey.
+    index : Index
+        Content of its journal.
+    states : FileStates, optional
+        Sizes and times of its files before they were read.
+    """
 
     def __init__(self, layout: Layout, index: Index, states: FileStates | None = None) -> None:
         self.folder = layout.folder
         self.info: dict[str, Any] = dict(index.info)
-        """Survey record: ``created_utc``, ``software``, ``format_version``."""
+        """Record of the survey: ``created_utc``, ``software``, ``format_version``."""
         self.survey_id = index.survey.hex() if index.survey else ""
+        """Identity of the survey, 32 hexadecimal digits; empty if it is lost."""
         self.damage: tuple[str, ...] = ()
-        """Losses, a short text each; ``check`` reports more."""
+        """Descriptions of lost records; `check` reports further damage."""
         self._layout = layout
         self._index = index
         self._states = states
@@ -64,20 +78,20 @@ class Survey:
                 self._results.setdefault(listed.number, []).append(listed.path)
         drops = self._read_drops()
         self.drops: tuple[SurveyDrop, ...] = tuple(drop for _, drop in sorted(drops.items()))
-        """All drops by survey-wide number."""
+        """All drops in the order of their survey-wide numbers."""
         self.points: tuple[SurveyPoint, ...] = self._points(drops)
-        """Points in order."""
+        """Test points in their order."""
 
     @property
     def path(self) -> str:
-        """Path of its folder."""
+        """Path of the folder of the survey."""
         return os.fspath(self.folder)
 
     def index_if_unchanged(self) -> Index | None:
-        """Return the index for writing; None if ledger or journal have changed since the reading.
+        """Return the index for a writer; None if a file was changed since the survey was read.
 
-        Call it while the lock excludes other programs. Reading again would not be safer: each
-        change of a byte changes the time of the file.
+        The caller holds the lock of the survey. A change of any byte changes the time of its file,
+        so that an unchanged time makes another reading unnecessary.
         """
         try:
             return self._index if self._states == file_states(self._layout) else None
@@ -85,7 +99,7 @@ class Survey:
             return None
 
     def close(self) -> None:
-        """Release the drops and points.
+        """Free the memory of drops and points; the survey cannot be used afterwards.
 
         Drops and survey refer to each other. Without this call their memory is only freed by
         Python's search for reference cycles, which takes long for many drops.
@@ -94,22 +108,28 @@ class Survey:
 
     @property
     def events(self) -> tuple[dict[str, Any], ...]:
-        """Gaps, reconnections and the like, in order."""
+        """Recorded events, such as gaps and reconnections, in order."""
         return tuple(self._data(self._index.events))
 
     @property
     def checks(self) -> tuple[dict[str, Any], ...]:
-        """Checks of zero and span, in order."""
+        """Recorded checks of the zero and the span of channels, in order."""
         return tuple(self._data(self._index.checks))
 
     @property
     def captures(self) -> tuple[Path, ...]:
-        """Raw captures that are closed."""
+        """Files of the complete raw captures, which contain every byte of a link."""
         paths = [path for path in self._index.files if path.startswith("captures/")]
         return tuple(self.folder / path for path in sorted(paths, key=_last))
 
     def read_traces(self, number: int) -> DropRecord:
-        """Read a drop without rebounds and without raw counts; errors as in `read_drop`."""
+        """Read the record of a drop without rebounds and raw counts; errors as in `read_drop`.
+
+        Parameters
+        ----------
+        number : int
+            Survey-wide number of the drop.
+        """
         place = self.place_of(number)
         if place is not None:
             try:
@@ -119,7 +139,13 @@ class Survey:
         return replace(self.read_drop(number), counts=None, rebounds=())
 
     def read_facts(self, number: int) -> DropFacts:
-        """Read the recorded peaks of a drop, or else its traces, with its declarations."""
+        """Read the declarations of a drop with its recorded peaks, or without these its traces.
+
+        Parameters
+        ----------
+        number : int
+            Survey-wide number of the drop.
+        """
         place = self.place_of(number)
         if place is not None:
             try:
@@ -129,14 +155,22 @@ class Survey:
         return facts_of(self.read_traces(number))
 
     def place_of(self, number: int) -> DropPlace | None:
-        """Return the place of a drop in the journal; None if the journal lacks it."""
+        """Return the location of a drop in the journal, given its survey-wide number.
+
+        None if the journal does not contain the drop.
+        """
         entry = self._index.drops.get(number)
         if entry is None:
             return None
         return DropPlace(self._layout, entry.entry, number, entry.point, entry.drop)
 
     def read_drop(self, number: int) -> DropRecord:
-        """Read the drop with this survey-wide number and all its rebounds.
+        """Read the complete record of a drop with all its rebounds.
+
+        Parameters
+        ----------
+        number : int
+            Survey-wide number of the drop.
 
         Raises
         ------
@@ -153,13 +187,16 @@ class Survey:
         record = self._from_file(number)
         if record is None:
             raise RecordingError(
-                f"{self.folder}: expected drop {number} in the journal or in a file, got neither "
-                "whole; try pfwd recover"
+                f"{self.folder}: expected drop {number} in the journal or in a file, got no "
+                "undamaged record; try pfwd recover"
             )
         return with_rebounds(record, self._rebounds(later))
 
     def key_of(self, number: int) -> str | None:
-        """Return the key of a drop, which identifies it on the instrument."""
+        """Return the text that identifies a drop on its instrument, given its survey-wide number.
+
+        None if the drop has no such text or cannot be read.
+        """
         entry = self._index.drops.get(number)
         key: object = None if entry is None else entry.key
         if entry is not None and key is None:
@@ -173,7 +210,7 @@ class Survey:
         return key if isinstance(key, str) else None
 
     def results_of(self, number: int) -> tuple[Path, ...]:
-        """Return the files with results of a drop, in order."""
+        """Return the files with stored results of a drop: trials first, the valid result last."""
         return tuple(
             self.folder / path for path in sorted(self._results.get(number, ()), key=_last)
         )
@@ -183,31 +220,31 @@ class Survey:
         return len(self._results.get(number, ()))
 
     def last_result_of(self, number: int) -> Path | None:
-        """Return the last of the files with results of a drop."""
+        """Return the file with the valid result of a drop; None without a stored result."""
         paths = self._results.get(number)
         return self.folder / max(paths, key=_last) if paths else None
 
     def read_diagnosis(self, number: int) -> Result | None:
-        """Return the last diagnosis that was stored with a drop."""
+        """Return the latest diagnosis that was stored with a drop; None without one."""
         paths = self._diagnoses.get(number)
         return read_result(self.folder / max(paths, key=_last)) if paths else None
 
     def read_results(self, number: int) -> tuple[Result, ...]:
-        """Return the stored results of a drop, in order."""
+        """Return the stored results of a drop: trials first, the valid result last."""
         return tuple(read_result(path) for path in self.results_of(number))
 
     def read_last_result(self, number: int) -> Result | None:
-        """Return the last stored result of a drop without reading the others; None if none."""
+        """Return the valid result of a drop; None without a stored result."""
         path = self.last_result_of(number)
         return None if path is None else read_result(path)
 
     def file_of(self, number: int) -> Path | None:
-        """Return the HDF5 file of a drop; None if it is not published."""
+        """Return the HDF5 file of a drop, given its survey-wide number; None if it was not made."""
         name = self._layout.drop_file_name(number)
         return self.folder / name if name in self._index.files else None
 
     def file_bytes_of(self, number: int) -> bytes | None:
-        """Return the bytes of the drop's HDF5 file; None unless it is unchanged since publication.
+        """Return the content of the HDF5 file of a drop; None if it is missing or was changed.
 
         Parameters
         ----------
@@ -225,7 +262,7 @@ class Survey:
         return data if hashlib.sha256(data).hexdigest() == listed.sha256 else None
 
     def _read_drops(self) -> dict[int, SurveyDrop]:
-        """Return the drops of the journal, and lost ones from their files; set `damage`."""
+        """Return the drops of the journal, and lost drops from their HDF5 files; set `damage`."""
         drops = {entry.number: self._drop(entry) for entry in self._index.drops.values()}
         restored: set[str] = set()
         for number in sorted({*self._index.lost_drops, *self._layout.drop_files()} - set(drops)):
@@ -238,7 +275,7 @@ class Survey:
 
     def _points(self, drops_by_number: dict[int, SurveyDrop]) -> tuple[SurveyPoint, ...]:
         points = dict(self._index.points)
-        for drop in drops_by_number.values():  # in the order of their records
+        for drop in drops_by_number.values():
             if drop.point not in points:
                 order = len(points) + 1
                 points[drop.point] = {"name": drop.point, "order": order, "declared": {}}
@@ -322,11 +359,11 @@ class Survey:
         return tuple(rebounds)
 
     def _from_file(self, number: int) -> DropRecord | None:
-        """Return the drop in its file; None unless the file is unchanged."""
+        """Return the drop in its HDF5 file; None if the file is missing or was changed."""
         path = self._layout.drop_file(number)
         listed = self._index.files.get(self._layout.drop_file_name(number))
         try:
-            # HDF5 may do anything with damaged bytes: compare the checksum first if there is one.
+            # HDF5 may crash on damaged bytes, so a known checksum is compared first.
             if listed and file_facts(self._layout, path)["sha256"] != listed.sha256:
                 return None
             from pfwd_device.recording.drop_file import read_drop_file_parts
@@ -339,19 +376,19 @@ class Survey:
 
 
 def read_survey(folder: str | os.PathLike[str]) -> Survey:
-    """Read the survey in a folder; arrays are read on request.
+    """Read the survey in a folder; the traces and results of its drops are read on request.
 
-    Drops are read from the journal; where it is damaged, from the drop's file.
+    Drops are read from the journal, or from their HDF5 files if the journal is damaged there.
 
     Raises
     ------
     RecordingError
-        If there is no survey, or it cannot be read at all.
+        If the folder contains no survey, or the survey cannot be read at all.
     """
     layout = Layout(Path(folder).absolute())
     if not layout.exists():
         raise RecordingError(
-            f"{layout.folder}: expected the folder of a survey, got none; is the path right?"
+            f"{layout.folder}: expected the folder of a survey, got no survey; check the path"
         )
     refuse_special_files(layout)
     try:
@@ -363,12 +400,12 @@ def read_survey(folder: str | os.PathLike[str]) -> Survey:
 
 
 def _last(path: str) -> tuple[bool, int, str]:
-    """Return the sort key of the file of a result: trials first, then by number."""
+    """Return the sort key of the file of a result: trials first, then in the order of storing."""
     return not path.startswith("results/trial-"), len(path), path
 
 
 def _state(edits: tuple[dict[str, Any], ...]) -> dict[str, Any]:
-    """Return the values after all edits: the last of each kind."""
+    """Return the values after all edits: by kind, the value of the last edit of that kind."""
     state: dict[str, Any] = {}
     for edit in edits:
         kind = edit["what"]

@@ -1,4 +1,9 @@
-"""Writing of a survey: a drop is safe on the disk when :meth:`SurveyWriter.save_drop` returns."""
+"""Writing of a survey: a drop is safe on the disk when :meth:`SurveyWriter.save_drop` returns.
+
+All data are appended to the journal of the survey. A child process makes an HDF5 file of each drop
+from the journal ("publishing"). If the folder of the survey (home) cannot be written, records go to
+the spare folder and are merged later.
+"""
 
 import contextlib
 import hashlib
@@ -42,16 +47,17 @@ from pfwd_device.recording.storage_reports import PublishingFailed, StorageRepor
 from pfwd_device.recording.survey_reader import Survey
 
 WARNING_FREE_BYTES = 200 * 10**6
-"""Free space below which the operator is warned."""
+"""Free space of the disk below which the operator is warned, bytes."""
 
 WARNING_FREE_DROPS = 500
-"""Room for drops below which the operator is warned: those of a long day."""
+"""Number of drops that the disk must have room for, else the operator is warned: a long day."""
 
 MIN_FREE_DROPS = 20
-"""Room for drops below which no drop is started: enough to complete the present point."""
+"""Number of drops that the disk must have room for, else no drop is started. It suffices to
+complete the present point."""
 
 DEFAULT_DROP_BYTES = 250_000
-"""Size of a drop in journal and file, until one has been saved."""
+"""Size of a drop in journal and file that is assumed until a drop has been saved, bytes."""
 
 _MAX_EDIT_BYTES = 65_536
 
@@ -61,8 +67,8 @@ _log = logging.getLogger(__name__)
 class SurveyWriter:
     """Writer of one survey; create it by :meth:`open` and use it as a context manager.
 
-    Its methods may be called from several threads. Nothing is buffered: when a method returns, its
-    data are on the disk.
+    Its methods may be called from several threads. When a method that saves data returns, they are
+    on the disk.
     """
 
     def __init__(
@@ -109,9 +115,9 @@ class SurveyWriter:
         edits_only: bool = False,
         already_read: Survey | None = None,
     ) -> Self:
-        """Begin a survey in `folder`, or continue an existing one.
+        """Begin a survey in a folder, or continue an existing one after repairing it.
 
-        All new files and their names are on the disk before this returns.
+        All new files and their names are on the disk when the method returns.
 
         Parameters
         ----------
@@ -120,20 +126,22 @@ class SurveyWriter:
         storage : Storage, optional
             Access to the files; by default that of the system.
         publish : bool
-            Make a file of each drop in a child process. Otherwise recovery makes them later.
+            True: make the HDF5 file of each drop in a child process. False: a recovery makes them.
         publisher : Publisher, optional
-            Publisher in place of the child process.
+            Object that makes the files in place of the child process.
         reserve_bytes : int
-            Disk space reserved for the present drop when the disk is full.
+            Disk space reserved for the present drop when the disk is full, bytes.
         spare : SpareFolder, optional
-            Spare folder, whose records of the survey are merged.
+            Folder whose records of the survey are merged.
         fall_back : bool
-            Write records that the folder refuses to the spare folder; else raise an error.
+            True: write records to the spare folder while the survey's folder cannot be written.
+            False: raise an error.
         edits_only : bool
-            No drops will be saved: the keys of drops are not read beforehand.
+            True: no drops will be saved. The keys of drops, by which a drop that is sent twice is
+            recognised, are not read beforehand then.
         already_read : Survey, optional
-            The survey as read before; it is read again only if it has changed since. It must not
-            be used afterwards.
+            The survey as it was read before. It is read again only if it has changed since, and
+            must not be used afterwards.
 
         Raises
         ------
@@ -195,13 +203,13 @@ class SurveyWriter:
 
     @property
     def points(self) -> tuple[str, ...]:
-        """Names of the test points, in order."""
+        """Names of the test points in their order."""
         with self._lock:
             ordered = sorted(self._index.points.values(), key=lambda point: int(point["order"]))
             return tuple(str(point["name"]) for point in ordered)
 
     def contents(self) -> Survey:
-        """Return the survey as acknowledged so far, without reading it again."""
+        """Return the content of the survey as saved so far, without reading it again."""
         with self._lock:
             return Survey(self._layout, self._index)
 
@@ -212,17 +220,20 @@ class SurveyWriter:
 
     @property
     def drops_acknowledged(self) -> int:
-        """Number of acknowledged drops."""
+        """Number of drops that are saved in the survey."""
         with self._lock:
             return len(self._index.drops)
 
     @property
     def publishing_failures(self) -> dict[int, str]:
-        """Reasons why drops have no file yet, by survey-wide number; the journal has the drops."""
+        """Reasons why drops have no HDF5 file yet, by survey-wide number.
+
+        The drops themselves are safe in the journal.
+        """
         return dict(self._thread.failures) if self._thread else {}
 
     def take_reports(self) -> list[StorageReport]:
-        """Return the reports on the files since the last call, in order; from any thread."""
+        """Return the reports on the safety of the data since the last call, in order."""
         reports = []
         with contextlib.suppress(queue.Empty):
             while True:
@@ -230,27 +241,34 @@ class SurveyWriter:
         return reports
 
     def maintain(self) -> None:
-        """Verify that all records are at home, and restore them if not; call it every second.
+        """Verify that the survey's folder has all saved data, and restore them if it has not.
 
-        Deleted files are written again, and records in the spare folder are merged.
-        :meth:`take_reports` returns reports on it.
+        Deleted files are written again, and records in the spare folder are merged. The caller
+        should call it about every second; :meth:`take_reports` returns reports on the result.
         """
         self._records.maintain()
 
     def expect_end(self) -> None:
-        """Announce the end: a survey that is moved away from now on is only reported.
+        """Announce the end of the session.
 
-        It is not written again in its old place; see :meth:`take_reports`.
+        If the survey is moved to another place from now on, it is not written again in the old
+        place, but only reported; see :meth:`take_reports`.
         """
         self._records.expect_end()
 
     def spare_folder_of(self, number: int) -> Path | None:
-        """Return the spare folder that contains a drop; None if the drop is at home."""
+        """Return the spare folder that contains a drop, given its survey-wide number.
+
+        None if the drop is in the survey's folder.
+        """
         with self._lock:
             return self._records.spare_folder_of(self._drop(number).entry)
 
     def drops_in_spare(self) -> dict[int, Path]:
-        """Return the spare folders of the drops that are not at home, by survey-wide number."""
+        """Return the spare folder of each drop that is not in the survey's folder.
+
+        The keys are survey-wide numbers.
+        """
         with self._lock:
             places = {
                 n: self._records.spare_folder_of(drop.entry)
@@ -259,18 +277,29 @@ class SurveyWriter:
         return {number: place for number, place in places.items() if place is not None}
 
     def next_number(self, point: str) -> int:
-        """Return the number of the next drop of the point, from 1."""
+        """Return the number within the point for its next drop, from 1."""
         with self._lock:
             return self._index.next_drop(point_name(point))
 
     def find_key(self, key: str) -> int | None:
-        """Return the survey-wide number of the drop with this ``metadata["key"]``, or None."""
+        """Return the survey-wide number of the drop with a key; None if no drop has it.
+
+        A key, ``metadata["key"]``, is the text that identifies a drop on its instrument.
+        """
         with self._lock:
             complete_keys(self._layout, self._index)
             return self._index.keys.get(key)
 
     def add_point(self, name: str, declared: Mapping[str, Any] | None = None) -> str:
-        """Add a point, or change its declarations; return its name as it is recorded."""
+        """Add a test point, or change its declarations; return its name as it is recorded.
+
+        Parameters
+        ----------
+        name : str
+            Name of the point; control characters, leading and trailing blanks are removed.
+        declared : mapping, optional
+            Declared values with the keys of a trace file's header.
+        """
         name = point_name(name)
         plain = decode_json(encode_json(declared or {}))
         with self._lock:
@@ -284,15 +313,14 @@ class SurveyWriter:
     def save_drop(self, record: DropRecord) -> int:
         """Save a drop; return its survey-wide number when it is on the disk.
 
-        The return is the acknowledgement. A drop with a recorded ``metadata["key"]`` is not
-        recorded again; its number is returned, so that a drop that the instrument sends twice is
-        acknowledged twice.
+        An instrument may send a drop twice. If a drop with the same ``metadata["key"]`` is saved
+        already, it is not recorded again, and its number is returned.
 
         Raises
         ------
         StorageFull, RecordingError
-            If it is not on the disk, or its number within the point is used. The caller keeps
-            the drop and may try again.
+            If the drop is not on the disk, or its number within the point is used. The caller still
+            has the drop and may try again.
         """
         key = record.metadata.get("key")
         if key is not None and not isinstance(key, str):
@@ -317,7 +345,14 @@ class SurveyWriter:
             return number
 
     def save_rebound(self, number: int, rebound: Rebound) -> None:
-        """Save a rebound of the drop with this survey-wide number."""
+        """Save a rebound of a saved drop.
+
+        Parameters
+        ----------
+        number : int
+            Survey-wide number of the drop.
+        rebound : Rebound
+        """
         with self._lock:
             self._drop(number)
             payload = rebound_payload(number, rebound)
@@ -327,19 +362,23 @@ class SurveyWriter:
     def edit(
         self, kind: str, value: Any = None, *, point: str | None = None, number: int | None = None
     ) -> None:
-        """Add an edit of a point or drop; no record changes, and the last edit counts.
+        """Save an edit of a point or drop. Recorded data do not change; the last edit is valid.
 
         Parameters
         ----------
-        kind : one of ``note, target, discard, restore, position, name, operator, declared``
+        kind : str
+            ``note, target, discard, restore, position, name, operator`` or ``declared``.
         value : JSON value
-        point : name of the point
-        number : survey-wide number of the drop, in place of a point
+            New value; None for ``discard`` and ``restore``.
+        point : str, optional
+            Name of the point to edit.
+        number : int, optional
+            Survey-wide number of the drop to edit, in place of a point.
         """
         if kind not in EDITS:
             raise RecordingError(f"edit: expected one of {', '.join(EDITS)}, got {kind!r}")
         if (point is None) == (number is None):
-            raise RecordingError("edit: expected a point or the number of a drop")
+            raise RecordingError("edit: expected a point or the number of a drop, got both or none")
         text = encode_json(value)
         if len(text) > _MAX_EDIT_BYTES:
             raise RecordingError(f"edit: expected at most {_MAX_EDIT_BYTES} bytes, got {len(text)}")
@@ -354,27 +393,36 @@ class SurveyWriter:
             )
 
     def note_event(self, kind: str, details: Mapping[str, Any] | None = None) -> None:
-        """Record an event: a gap, a reconnection, an overrun."""
+        """Record an event.
+
+        Parameters
+        ----------
+        kind : str
+            Name of the event, such as ``gap`` or ``overrun``.
+        details : mapping, optional
+            Values that JSON can express.
+        """
         if kind == "recovery":
-            raise RecordingError("event: expected another name, got recovery's own")
+            raise RecordingError("event: expected any name but 'recovery', which is reserved")
         self._write(Kind.EVENT, {"event": kind, "details": dict(details or {})})
 
     def save_check(self, details: Mapping[str, Any]) -> None:
-        """Record a check of zero or span."""
+        """Record a check of the zero or the span of a channel, with its details as JSON values."""
         self._write(Kind.CHECK, {"details": dict(details)})
 
     def save_result(
         self, number: int, result: Mapping[str, Any], kind: ResultKind = "drop"
     ) -> Path:
-        """Store a result of the drop and return the path of its file; earlier results stay.
+        """Store a result of an analysis and return the path of its file; earlier results remain.
 
         Parameters
         ----------
         number : int
             Survey-wide number of the drop; for a diagnosis that of the last drop of the point.
         result : mapping
+            Result as JSON values.
         kind : "drop", "trial" or "diagnosis"
-            Result that counts for the drop, trial with other settings, or diagnosis of its point.
+            Valid result of the drop, trial with other settings, or diagnosis of its point.
         """
         with self._lock:
             self._drop(number)
@@ -387,24 +435,40 @@ class SurveyWriter:
             except OSError as err:
                 if not self._records.spare:
                     raise refused(err, str(path)) from err
-                # The record in the journal contains it, and recovery makes the file from that.
+                # The record in the journal contains the result; a recovery makes the file from it.
             self._list_file(path, text.encode("ascii"), number, content=text)
             return path
 
     def publish(self, number: int) -> None:
-        """Request the drop's file after its last rebound; return at once; ignore repetitions."""
+        """Request the HDF5 file of a drop, whose rebounds are all saved, and return at once.
+
+        A repeated request has no effect.
+
+        Parameters
+        ----------
+        number : int
+            Survey-wide number of the drop.
+        """
         with self._lock:
             drop = self._drop(number)
             if self._thread is None or number in self._submitted:
                 return
             if any(self._records.spare_folder_of(entry) for entry in (drop.entry, *drop.rebounds)):
-                self._deferred.add(number)  # its file is made when it is at home
+                self._deferred.add(number)  # its file is made when the survey's folder has it
                 return
             self._submitted.add(number)
             self._thread.submit(publish_request(self._layout, drop))
 
     def open_capture(self, name: str, header: Mapping[str, Any]) -> CaptureWriter:
-        """Begin a raw capture ``captures/NAME-1.pfwdc`` (then -2, ...), closed with the survey."""
+        """Begin a raw capture, a file with every byte of a link, which is closed with the survey.
+
+        Parameters
+        ----------
+        name : str
+            Begin of its file name: ``captures/NAME-1.pfwdc``, then ``-2`` and so on.
+        header : mapping
+            Description of the capture as JSON values: url, dialect, identity, setup.
+        """
         stem = "".join(c if c.isalnum() and c.isascii() else "-" for c in name)[:40] or "link"
         with self._lock:
             count = 1
@@ -415,12 +479,12 @@ class SurveyWriter:
             return capture
 
     def free_drops(self, size_estimate: int | None = None) -> int:
-        """Return the number of drops for which the disk has room.
+        """Return the number of further drops for which the disk has room.
 
         Parameters
         ----------
         size_estimate : int, optional
-            Size of a drop in journal and file, bytes.
+            Size of a drop in journal and file, bytes; by default that of the last saved drop.
         """
         try:
             free = self._storage.free_bytes(self.folder)
@@ -429,9 +493,10 @@ class SurveyWriter:
         return int(free // max(size_estimate or self._drop_bytes, 1))
 
     def scarce_drops(self) -> int | None:
-        """Return the number of drops for which there is room if it is below 200 MB or 500 drops.
+        """Return the number of drops for which the disk has room, if the operator must be warned.
 
-        None with more room, or if the folder is missing.
+        That is with less than 200 MB or with room for fewer than 500 drops. None with more room, or
+        if the folder is missing.
         """
         if not self.folder.is_dir():  # `maintain` reports a missing folder
             return None
@@ -441,7 +506,10 @@ class SurveyWriter:
         return drops
 
     def check_room(self) -> None:
-        """Raise StorageFull if there is room for fewer than 20 drops: do not start one then."""
+        """Raise `StorageFull` if the disk has room for fewer than 20 drops.
+
+        No drop should be started then.
+        """
         drops = self.free_drops()
         if drops < MIN_FREE_DROPS:
             raise StorageFull(
@@ -450,7 +518,7 @@ class SurveyWriter:
             )
 
     def close(self, timeout: float = 60.0) -> None:
-        """Wait for the files of the drops, at most `timeout` s, and close the survey."""
+        """Wait for the HDF5 files of the drops, at most `timeout` seconds, and close the survey."""
         with self._lock:
             if self._closed:
                 return
@@ -496,13 +564,13 @@ class SurveyWriter:
             helper.close()
 
     def _not_published(self, number: int, reason: str) -> None:
-        """Report, in the publishing thread, that a file cannot be made."""
+        """Report that the file of a drop cannot be made; called in the publishing thread."""
         with self._lock:
             drop = self._drop(number)
         self._reports.put(PublishingFailed(number, drop.point, drop.drop, reason))
 
     def _relocate(self, moved: Mapping[int, Entry]) -> None:
-        """Set new places of records, in new files or at home instead of in the spare folder."""
+        """Store the new places of records that were written again; request missing drop files."""
         self._index.relocate(moved)
         self._rewritten = True
         to_publish = self._deferred | {
@@ -514,7 +582,7 @@ class SurveyWriter:
             self.publish(number)
 
     def _list_published(self, request: Mapping[str, Any], answer: Mapping[str, Any]) -> None:
-        """Record, in the publishing thread, that a file was made."""
+        """Record that the file of a drop was made; called in the publishing thread."""
         listed = {key: answer[key] for key in ("path", "size", "sha256", "number")}
         try:
             self._write(Kind.FILE, listed)
@@ -555,8 +623,8 @@ class SurveyWriter:
         is_used = self._index.is_used(record.point, drop)
         if drop < 1 or is_used or (drop < expected and self._lost(record.point, drop)):
             raise RecordingError(
-                f"drop {record.point}/{drop}: expected a number that is free from 1 on, got one "
-                f"that is not; {expected} is the next"
+                f"drop {record.point}/{drop}: expected an unused number from 1 on, got a used or "
+                f"invalid one; the next free number is {expected}"
             )
 
     def _lost(self, point: str, drop: int) -> bool:
@@ -570,7 +638,10 @@ class SurveyWriter:
 
 
 def _reader_of(already_read: Survey | None, layout: Layout) -> Callable[[Layout], Index]:
-    """Return the function that reads the index when the lock is held."""
+    """Return the function that reads the content of a survey after the survey was locked.
+
+    It returns the content that was read before if no file has changed since.
+    """
 
     def read(layout_to_read: Layout) -> Index:
         if already_read is not None and already_read.folder == layout.folder:

@@ -1,4 +1,8 @@
-"""All simulated effects by name: scope, strengths, and the function that builds a point."""
+"""Catalogue of the simulated effects: name, scope, strengths and the function that simulates it.
+
+An effect is a deviation of ground, plate or instrument from the declared model. The function builds
+a test point, whose drops all have the effect with a given strength.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +20,17 @@ Build = Callable[[Scene, float], SimulatedPoint]
 
 @dataclass(frozen=True)
 class SimulatedEffect:
-    """One effect with its strengths."""
+    """Entry of the catalogue: an effect with its strengths and its simulation."""
 
     name: str
+    """Name of the effect."""
     scope: Literal["drop", "point", "device"]
+    """Part that has the effect: a drop, all drops of a point, or all points of an instrument."""
     strengths: tuple[float, ...]
-    """Strengths from below to well above the detectable one, in the unit of the builder."""
+    """Strengths from undetectable to well detectable, in the unit of the second argument of
+    `build`."""
     build: Build
+    """Function that simulates a point with the effect, given its scene and the strength."""
     misread: str
     """Usual misinterpretation of the record."""
     group: Literal["clean", "known", "unknown", "soil"] = "known"
@@ -31,10 +39,13 @@ class SimulatedEffect:
     sites: Literal["any", "few", "shallow", "contact", "kelvin-voigt", "constant-q", "growth"] = (
         "any"
     )
-    """Grounds of the effect: any; few (each strength needs a finite-element run); with bedrock;
-    with a low or typical Poisson's ratio, for which slip under the plate matters; of one soil."""
+    """Grounds on which the effect is simulated: `any`; `few`, because each strength needs a run of
+    finite elements; `shallow`, with bedrock; `contact`, with a Poisson's ratio for which slip under
+    the plate matters; or the name of a soil."""
     min_drops: int = 1
+    """Smallest number of drops at a point."""
     min_sensors: int = 1
+    """Smallest number of sensors."""
     variant: str = ""
     """Name of one of several ways to produce an effect."""
 
@@ -45,17 +56,23 @@ class SimulatedEffect:
 
     @property
     def key(self) -> str:
-        """Name and variant."""
+        """Name of the effect, with its variant after a colon; key of `EFFECTS`."""
         return f"{self.name}:{self.variant}" if self.variant else self.name
 
     def curve(self, count: int) -> tuple[float, ...]:
-        """Return `count` strengths from weakest to strongest if all grounds allow any strength."""
+        """Return `count` strengths from the weakest to the strongest, in geometric progression.
+
+        If a ground allows only certain strengths, these are returned instead.
+        """
         if self.sites not in ("any", "kelvin-voigt"):
             return self.strengths
         return tuple(float(x) for x in np.geomspace(self.strengths[0], self.strengths[-1], count))
 
     def drawn(self, generator: np.random.Generator) -> float:
-        """Draw a strength, log-uniformly from weakest to strongest if any is allowed."""
+        """Return a random strength between the weakest and the strongest, log-uniform.
+
+        If a ground allows only certain strengths, one of these is returned.
+        """
         if self.sites not in ("any", "kelvin-voigt") or self.strengths[0] == 0:
             return float(generator.choice(self.strengths))
         weakest, strongest = self.strengths[0], self.strengths[-1]

@@ -1,6 +1,7 @@
-"""Undeclared effects of an instrument on its channels, as operators in time.
+"""Effects of an instrument on its channels, each a function that changes the signals of a drop.
 
-Filters are difference equations (`scipy.signal`); differential equations are stepped.
+Filters are applied as difference equations (`scipy.signal`); differential equations are integrated
+step by step.
 """
 
 from __future__ import annotations
@@ -19,7 +20,10 @@ from simulators.mesh import Array, require
 
 
 def sensor_lag(signals: Signals, delay: float) -> Signals:
-    """Delay the sensors against the load by `delay` (s), by cubic splines between samples."""
+    """Return the signals with all sensors delayed against the load by `delay` seconds.
+
+    Values between samples are interpolated by cubic splines.
+    """
     return replace(
         signals,
         velocity=delayed(signals.velocity, delay / signals.time_step),
@@ -28,7 +32,10 @@ def sensor_lag(signals: Signals, delay: float) -> Signals:
 
 
 def delayed(values: Array, samples: float) -> Array:
-    """Return values (..., n) delayed by a number of samples; the ends are constant."""
+    """Return values (..., n) delayed by a number of samples, which need not be whole.
+
+    The first or the last value is repeated beyond the ends.
+    """
     index = np.arange(values.shape[-1], dtype=float)
     source_index = np.clip(index - samples, 0, index[-1])
     result: Array = CubicSpline(index, values, axis=-1)(source_index)
@@ -38,10 +45,18 @@ def delayed(values: Array, samples: float) -> Array:
 def geophone_coefficients(
     frequency: float, damping: float, time_step: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    r"""Return the difference equation of a geophone (numerator, denominator), bilinear rule.
+    r"""Return the digital filter of a geophone: coefficients of numerator and denominator.
 
-    :math:`s \to (2/h)(1 - z^{-1})/(1 + z^{-1})` in :math:`s^2/(s^2 + 2 \zeta \omega s + \omega^2)`:
-    mass and spring stepped by the trapezoidal rule.
+    The bilinear rule :math:`s \to (2/h)(1 - z^{-1})/(1 + z^{-1})`, with h the time step, is applied
+    to the response :math:`s^2/(s^2 + 2 \zeta \omega s + \omega^2)`.
+
+    Parameters
+    ----------
+    frequency : float, Hz
+        Natural frequency.
+    damping : float
+        Damping as a fraction of critical damping.
+    time_step : float, s
     """
     omega, rate = 2 * math.pi * frequency, 2 / time_step
     friction, spring = 2 * damping * omega * rate, omega**2
@@ -53,7 +68,16 @@ def geophone_coefficients(
 
 
 def geophone_response(signals: Signals, frequency: float, damping: float) -> Signals:
-    """Apply the second-order high-pass of a geophone (Hz, fraction of critical) to the velocity."""
+    """Return the signals with the sensors' velocity filtered by the response of a geophone.
+
+    Parameters
+    ----------
+    signals : Signals
+    frequency : float, Hz
+        Natural frequency.
+    damping : float
+        Damping as a fraction of critical damping.
+    """
     require(frequency > 0, "frequency", "Hz, > 0", frequency)
     numerator, denominator = geophone_coefficients(frequency, damping, signals.time_step)
     return signals.with_velocity(lfilter(numerator, denominator, signals.velocity, axis=-1))
@@ -69,9 +93,20 @@ def acquisition_filter(
     advance: float,
     channel: AffectedChannels = "sensors",
 ) -> Signals:
-    """Apply a causal Butterworth low-pass (corner in Hz), then advance the record by `advance` (s).
+    """Return the signals filtered by a low-pass whose delay the instrument compensates in part.
 
-    The advance is rounded to full samples, and the last sample is repeated at the end.
+    Parameters
+    ----------
+    signals : Signals
+    corner : float, Hz
+        Corner frequency of the causal Butterworth filter.
+    order : int
+        Number of its poles.
+    advance : float, s
+        Time by which the filtered signals are advanced, rounded to whole samples. The last sample
+        is repeated at the end.
+    channel : "load", "sensors" or "both"
+        Channels that are filtered.
     """
     sections = butter(order, corner, fs=1 / signals.time_step, output="sos")
     count = round(advance / signals.time_step)
@@ -90,27 +125,53 @@ def acquisition_filter(
 
 
 def load_channel_filter(signals: Signals, corner: float, order: int) -> Signals:
-    """Apply a causal Butterworth low-pass (corner in Hz) to the load only."""
+    """Return the signals with only the load filtered by a low-pass.
+
+    Parameters
+    ----------
+    signals : Signals
+    corner : float, Hz
+        Corner frequency of the causal Butterworth filter.
+    order : int
+        Number of its poles.
+    """
     sections = butter(order, corner, fs=1 / signals.time_step, output="sos")
     return replace(signals, load=np.asarray(sosfilt(sections, signals.load)))
 
 
 def baseline_drift(signals: Signals, offset: float, drift: float) -> Signals:
-    """Add an offset (m/s) and a drift (m/s2, from the first sample) to every velocity channel."""
+    """Return the signals with an error of the velocity that increases linearly with time.
+
+    It is `offset` (m/s) at the first sample and increases by `drift` (m/s2).
+    """
     return signals.with_velocity(
         signals.velocity + offset + drift * (signals.time - signals.time[0])
     )
 
 
 def mains_hum(signals: Signals, amplitude: float, frequency: float, phase: float) -> Signals:
-    """Add mains hum with its third and fifth harmonic (a quarter and a tenth of it), m/s."""
+    """Return the signals with mains hum in the velocity of the sensors.
+
+    The hum includes the third and the fifth harmonic, with a quarter and a tenth of its amplitude.
+
+    Parameters
+    ----------
+    signals : Signals
+    amplitude : float, m/s
+    frequency : float, Hz
+    phase : float, rad
+        Phase at time 0.
+    """
     angle = 2 * math.pi * frequency * signals.time + phase
     hum = np.sin(angle) + 0.25 * np.sin(3 * angle + 1.0) + 0.1 * np.sin(5 * angle + 2.0)
     return signals.with_velocity(signals.velocity + amplitude * hum)
 
 
 def saturation(signals: Signals, level: float, channel: Literal["load", "sensors"]) -> Signals:
-    """Clip the load or every velocity at a level (N or m/s)."""
+    """Return the signals with the load, or the velocity of all sensors, clipped at a level.
+
+    The level is in N or m/s.
+    """
     require(level > 0, "level", "> 0", level)
     if channel == "load":
         return replace(signals, load=np.clip(signals.load, -level, level))

@@ -1,7 +1,7 @@
-"""Faults of plate, cell, sensor and converter that the vocabulary of effects does not name.
+"""Faults of plate, load cell, sensor and converter that the diagnosis does not know.
 
-Each fault has an operator, which alters the channels, and a builder, which draws the random
-parameters of a device or point.
+Each fault has two functions: one that changes the signals of a drop, and one that draws random
+parameters and builds a test point with the fault.
 """
 
 from __future__ import annotations
@@ -31,7 +31,14 @@ def rocking_mode(
 
     Parameters
     ----------
-    inertia : of the plate about its diameter at the ground, kg m2
+    modulus : float, Pa
+        Young's modulus of the half-space.
+    density : float, kg/m3
+    poisson_ratio : float
+    radius : float, m
+        Radius of the disc.
+    inertia : float, kg m2
+        Moment of inertia of the disc about its diameter at the ground.
     """
     shear = modulus / (2 * (1 + poisson_ratio))
     stiffness = 8 * shear * radius**3 / (3 * (1 - poisson_ratio))
@@ -40,9 +47,19 @@ def rocking_mode(
 
 
 def tilt(signals: Signals, share: float, frequency: float, damping: float) -> Signals:
-    """Add what an eccentric sensor reads of a plate that tilts under an eccentric load.
+    """Return the signals with the reading of an eccentric sensor on a plate that tilts.
 
-    `share`: the sensor's reading of the tilt at rest under the peak load over the peak deflection.
+    The load is eccentric too, so that the plate tilts and the sensor moves with it.
+
+    Parameters
+    ----------
+    signals : Signals
+    share : float
+        Static motion of the sensor by the tilt under the peak load, over the peak deflection.
+    frequency : float, Hz
+        Natural frequency of the tilting.
+    damping : float
+        Damping as a fraction of critical damping.
     """
     moved, speed = mode(signals.load / signals.peak_load, frequency, damping, signals.time_step)
     size = share * float(np.max(signals.displacement[0]))
@@ -53,10 +70,11 @@ def tilt(signals: Signals, share: float, frequency: float, damping: float) -> Si
 
 
 def tilted_plate(scene: Scene, product: float) -> SimulatedPoint:
-    """Build a point with load and sensor off the plate's axis.
+    """Return a test point whose load and centre sensor are beside the axis of the plate.
 
-    `product`: of both eccentricities, over the square of the radius. At rest the tilt over the
-    deflection is :math:`(e_F / K_{tilt}) e_s K = 1.5 e_F e_s / a^2`, with :math:`K = 4 G a/(1-nu)`.
+    `product` is the product of the eccentricities of load and sensor, over the square of the plate
+    radius. The static motion of the sensor by the tilt over the deflection is
+    :math:`(e_F / K_{tilt}) e_s K = 1.5 e_F e_s / a^2`, with :math:`K = 4 G a/(1-nu)`.
     """
     soil = scene.ground.layers[0]
     # a plate whose centre of mass lies half a radius above the ground
@@ -74,12 +92,18 @@ def tilted_plate(scene: Scene, product: float) -> SimulatedPoint:
 
 
 def creep(signals: Signals, gains: Sequence[float], times: Sequence[float]) -> Signals:
-    r"""Add :math:`g x` to the displacement w of every sensor, with :math:`\tau \dot x = w - x`.
+    r"""Return the signals of sensors that creep under a deflection.
+
+    :math:`g x` is added to the displacement w of every sensor, with :math:`\tau \dot x = w - x`,
+    integrated by the trapezoidal rule.
 
     Parameters
     ----------
-    gains : g of each sensor, -
-    times : tau of each sensor, s; stepped by the trapezoidal rule
+    signals : Signals
+    gains : sequence of float
+        Factor g of each sensor.
+    times : sequence of float, s
+        Time constant tau of each sensor.
     """
     velocity = signals.velocity.copy()
     for row, (gain, time) in enumerate(zip(gains, times, strict=True)):
@@ -90,7 +114,11 @@ def creep(signals: Signals, gains: Sequence[float], times: Sequence[float]) -> S
 
 
 def sensor_creep(scene: Scene, gain: float) -> SimulatedPoint:
-    """Build a point whose sensors drift one by one: gains up to `gain`, times of 20 to 100 ms."""
+    """Return a test point whose sensors creep, each with other random constants.
+
+    The factors are between -`gain` and `gain`, the time constants between 20 and 100 ms; see
+    `creep`.
+    """
     gains: list[float] = (gain * scene.device.uniform(-1.0, 1.0, scene.sensors)).tolist()
     slowest = scene.device.uniform(math.log(0.02), math.log(0.1), scene.sensors)
     times: list[float] = np.exp(slowest).tolist()
@@ -98,12 +126,24 @@ def sensor_creep(scene: Scene, gain: float) -> SimulatedPoint:
 
 
 def load_cell_ringing(signals: Signals, frequency: float, damping: float) -> Signals:
-    """Return the force in the spring of a load cell that carries a mass (Hz, of critical)."""
+    """Return the signals with the reading of a load cell that vibrates with a mass on it.
+
+    Parameters
+    ----------
+    signals : Signals
+    frequency : float, Hz
+        Natural frequency of load cell and mass.
+    damping : float
+        Damping as a fraction of critical damping.
+    """
     return replace(signals, load=mode(signals.load, frequency, damping, signals.time_step)[0])
 
 
 def ringing_load_cell(scene: Scene, frequency: float) -> SimulatedPoint:
-    """Build a point whose load cell rings at `frequency` (Hz) with 1 to 5 % of critical damping."""
+    """Return a test point whose load cell rings at `frequency` (Hz).
+
+    The damping is random, 1 to 5 % of critical damping.
+    """
     damping = float(scene.device.uniform(0.01, 0.05))
     return undisturbed(scene).through(
         lambda s: load_cell_ringing(s, frequency, damping), frequency_hz=frequency, damping=damping
@@ -113,9 +153,19 @@ def ringing_load_cell(scene: Scene, frequency: float) -> SimulatedPoint:
 def rod_ringing(
     signals: Signals, share: float, frequency: float, damping: float, on_load: bool
 ) -> Signals:
-    """Add the speed of a rod that the load sets ringing, to the load cell or to all sensors.
+    """Return the signals disturbed by a guide rod that rings after the impact.
 
-    `share`: largest disturbance over the peak of the load, or of the centre's velocity.
+    Parameters
+    ----------
+    signals : Signals
+    share : float
+        Largest disturbance, over the peak load or over the peak velocity of the centre.
+    frequency : float, Hz
+        Natural frequency of the rod.
+    damping : float
+        Damping as a fraction of critical damping.
+    on_load : bool
+        True: the load is disturbed. False: all sensors are.
     """
     speed = mode(signals.load, frequency, damping, signals.time_step)[1]
     shape = speed / np.max(np.abs(speed))
@@ -125,7 +175,10 @@ def rod_ringing(
 
 
 def ringing_guide_rod(scene: Scene, share: float) -> SimulatedPoint:
-    """Build a point whose guide rod rings at 25 to 120 Hz and drags at load cell or carrier."""
+    """Return a test point whose guide rod rings at 25 to 120 Hz and disturbs load or sensors.
+
+    `share` is the largest disturbance, over the peak load or the peak velocity of the centre.
+    """
     frequency = float(np.exp(scene.device.uniform(math.log(25.0), math.log(120.0))))
     damping = float(scene.device.uniform(0.02, 0.08))
     on_load = bool(scene.device.random() < 0.5)
@@ -141,10 +194,22 @@ def ringing_guide_rod(scene: Scene, share: float) -> SimulatedPoint:
 def coil_travel(
     velocity: Array, frequency: float, damping: float, time_step: float, stop: float = math.inf
 ) -> tuple[Array, Array]:
-    """Return travel (m) of a geophone's coil against its case, and the equalised reading (m/s).
+    """Return the travel (m) of a geophone's coil in its case, and the corrected reading (m/s).
 
-    The coil stays at the stop (m) until it is driven back. The instrument integrates the coil's
-    relative speed by the same steps, so that without a stop it reads the velocity of the case.
+    The instrument corrects the reading for the response of the geophone. Without a stop it reads
+    the velocity of the case.
+
+    Parameters
+    ----------
+    velocity : (n,) ndarray of float, m/s
+        Velocity of the case.
+    frequency : float, Hz
+        Natural frequency of the geophone.
+    damping : float
+        Damping as a fraction of critical damping.
+    time_step : float, s
+    stop : float, m
+        Largest travel of the coil to either side. The coil stays there until it is driven back.
     """
     omega = 2 * math.pi * frequency
     travel, reading = np.zeros((2, velocity.size))
@@ -162,7 +227,10 @@ def coil_travel(
 
 
 def coil_at_stop(scene: Scene, share: float) -> SimulatedPoint:
-    """Build a point with a stop at `share` of the centre coil's travel in the largest drop."""
+    """Return a test point whose geophone coils hit a stop.
+
+    The stop is at `share` of the largest travel of the centre coil in the largest drop.
+    """
     clean = undisturbed(scene)
     frequency, damping = (float(x) for x in scene.device.uniform([4.5, 0.3], [12.0, 0.7]))
     travels = [
@@ -181,9 +249,10 @@ def coil_at_stop(scene: Scene, share: float) -> SimulatedPoint:
 
 
 def without_codes(values: Array, level: float, share: float) -> Array:
-    """Move values out of gaps of `share` times `level` around multiples of a quarter of `level`.
+    """Return values as converted by a converter that lacks some codes.
 
-    The converter's range is twice `level` to either side; zero has no gap.
+    Values within a gap are moved to its edge. The gaps have a width of `share` times `level` and
+    lie around the multiples of a quarter of `level`, except around zero.
     """
     code = np.round(4 * values / level)
     beyond = values - code * level / 4
@@ -193,7 +262,10 @@ def without_codes(values: Array, level: float, share: float) -> Array:
 
 
 def missing_codes(scene: Scene, share: float) -> SimulatedPoint:
-    """Build a point whose converter lacks codes; `share`: width of a gap over the peak."""
+    """Return a test point whose converter lacks some codes.
+
+    `share` is the width of a gap between codes over the peak of the channel.
+    """
     clean = undisturbed(scene)
     load = max(s.peak_load for s in clean.signals)
     speed = max(s.peak_velocity for s in clean.signals)
@@ -206,13 +278,25 @@ def missing_codes(scene: Scene, share: float) -> SimulatedPoint:
 
 
 def crosstalk(signals: Signals, share: float, load: float, speed: float) -> Signals:
-    """Mix the channels over a common ground wire: each gets `share` of the other, by full scale."""
+    """Return the signals of channels that leak into each other through a common ground wire.
+
+    Parameters
+    ----------
+    signals : Signals
+    share : float
+        Leaked part of the other channel, when both are scaled by their full scale.
+    load, speed : float, N and m/s
+        Full scale of load and sensors.
+    """
     changed = replace(signals, load=signals.load + share * load / speed * signals.velocity[0])
     return changed.with_velocity(signals.velocity + share * speed / load * signals.load)
 
 
 def channel_crosstalk(scene: Scene, share: float) -> SimulatedPoint:
-    """Build a point whose load and sensor channels leak into one another, in either sign."""
+    """Return a test point whose load and sensor channels leak into each other.
+
+    `share` is the leaked part of the other channel, when both are scaled by their peaks.
+    """
     clean = undisturbed(scene)
     signed = share * (-1.0 if scene.device.random() < 0.5 else 1.0)
     load = max(s.peak_load for s in clean.signals)

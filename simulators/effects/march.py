@@ -1,7 +1,8 @@
-r"""Hammer, plate and finite-element ground stepped through time, with nonlinear contact.
+r"""Motion of hammer, plate and finite-element ground, step by step, with nonlinear contact.
 
-The ground enters by its response to hats of force (`GroundResponse`). At each step the displacement
-w of the ground under the plate is the root of one scalar equation, found by Newton's method:
+The ground is represented by its response to a short triangular pulse of force, the hat
+(`GroundResponse`). At each step the displacement w of the ground under the plate is the root of one
+scalar equation, which is solved by Newton's method:
 
 .. math::
     m (u - \hat u)/(\beta h^2) = F_{cell}(u) - F, \qquad
@@ -28,30 +29,34 @@ from simulators.drop import Hammer, SimulatedDrop
 from simulators.effects.response import GroundResponse
 from simulators.mesh import Array, require
 
-# Parameters of Newmark's rule with damping of unresolved vibration: first order, after an impact.
+# Parameters (beta, gamma) of Newmark's rule. The first pair damps the unresolved vibration after
+# the plate has hit the ground again; it is of first order.
 DISSIPATIVE = (0.3025, 0.6)
 TRAPEZOIDAL = (0.25, 0.5)
 
 
 class SoilLaw(Protocol):
-    """Deviation of the ground's resistance from the linear one."""
+    """Interface of nonlinear soils: deviation of their static resistance from the linear one."""
 
     def deviation(self, displacement: float) -> tuple[float, float]:
-        """Force above the linear static resistance, N, and its slope, N/m."""
+        """Return the force beyond the linear static resistance, N, and its slope, N/m.
+
+        The displacement (m) is that of the ground under the plate.
+        """
 
     def commit(self, displacement: float) -> None:
-        """Accept the displacement of the ground, m, at the end of a step."""
+        """Store the displacement of the ground (m) at the end of a step, for soils with memory."""
 
 
 class Linear:
-    """Linear ground."""
+    """Linear soil, which has no deviation from the linear resistance."""
 
     def deviation(self, displacement: float) -> tuple[float, float]:
-        """Return no deviation."""
+        """Return no force (0 N) and no slope (0 N/m), because linear soil does not deviate."""
         return 0.0, 0.0
 
     def commit(self, displacement: float) -> None:
-        """Linear ground has no memory."""
+        """Do nothing, because linear soil has no memory."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +71,11 @@ class Indentation:
     """Exponent m, >= 1."""
 
     def at(self, largest_force: float) -> float:
-        """Return the indentation, m, for the largest contact force so far, N."""
+        """Return the indentation for the largest contact force (N) so far, m."""
         return float(self.depth * (max(largest_force, 0.0) / self.force) ** self.exponent)
 
     def slope(self, largest_force: float) -> float:
-        """Return the derivative of the indentation, m/N."""
+        """Return the derivative of the indentation by the largest contact force (N), m/N."""
         share = max(largest_force, 0.0) / self.force
         return float(self.depth * self.exponent / self.force * share ** (self.exponent - 1))
 
@@ -90,17 +95,27 @@ def strike(
     weight: float = math.inf,
     pull: Pull | None = None,
 ) -> SimulatedDrop:
-    """Return one drop on finite-element ground.
+    """Return the motion under one drop on finite-element ground with nonlinear contact.
 
     Parameters
     ----------
-    plate_mass : mass between the load cell and the ground, kg, > 0
-    source : a hammer, or the force above the plate at the samples, N
-    samples : length of the record
-    law : deviation of the soil from a linear one
-    indentation : plastic part of the plate's displacement
-    weight : static force of the contact, N; infinite: plate and ground never separate
-    pull : upward force of the hammer's frame on the load cell at a time (s), N
+    response : GroundResponse
+        Response of the ground to a short triangular pulse of force.
+    plate_mass : float, kg
+        Mass between the load cell and the ground, > 0.
+    source : Hammer or (samples,) ndarray of float, N
+        Falling weight, or the force above the plate.
+    samples : int
+        Length of the record.
+    law : SoilLaw, optional
+        Nonlinear soil; by default linear.
+    indentation : Indentation, optional
+        Plastic part of the plate's displacement.
+    weight : float, N
+        Static force between plate and ground; infinite: they never separate.
+    pull : callable, optional
+        Function that returns the upward force of the hammer's frame on the load cell (N) at a
+        time (s).
 
     Raises
     ------
@@ -133,7 +148,7 @@ def strike(
 
 
 class _March:
-    """State of hammer and plate, and the equation of one step."""
+    """State of hammer and plate, and the solution of one step."""
 
     def __init__(
         self,
@@ -155,7 +170,7 @@ class _March:
         self.z = hammer.gravity if hammer else 0.0
 
     def advance(self, n: int, past: Array, upward: float) -> tuple[float, float, float]:
-        """Return load, contact force and the linear ground's part of it at sample n, N."""
+        """Advance to sample n; return load, contact force and its part on the linear ground, N."""
         h, (beta, gamma) = self.h, self.rule
         guess = self.u + h * self.v + (0.5 - beta) * h**2 * self.a
         back = self.response.reversed_centre
@@ -180,7 +195,10 @@ class _March:
     def _in_contact(
         self, guess: float, inertia: float, history: float, applied: Applied
     ) -> tuple[float, float, float, float]:
-        """Return plate displacement, load, contact force and its linear part; moves the ground."""
+        """Return plate displacement (m), load, contact force and its linear part (N).
+
+        The displacement of the ground is updated.
+        """
         w = self.w
         for _ in range(50):
             extra, extra_slope = self.law.deviation(w)
@@ -199,7 +217,11 @@ class _March:
         return u, load, force, share
 
     def _cell(self, n: int, upward: float) -> tuple[Applied, Callable[[float], None]]:
-        """Return two functions: load at a plate displacement, and hammer's step under a load."""
+        """Return two functions for the step to sample n.
+
+        The first returns the load and its slope for a displacement of the plate. The second
+        advances the hammer under a load.
+        """
         if not isinstance(self.source, Hammer):
             load_value = float(self.source[n]) - upward
             return (lambda u: (load_value, 0.0)), (lambda load: None)
@@ -223,9 +245,9 @@ class _March:
 
 
 def _in_flight(guess: float, inertia: float, force: float, applied: Applied) -> tuple[float, float]:
-    """Return the displacement of a plate in flight, and the load on it."""
+    """Return the displacement (m) of a plate that has left the ground, and the load on it (N)."""
     u = guess
-    for _ in range(3):  # the load is linear on either side of the touch
+    for _ in range(3):  # enough, because the load is linear with and without touch of the hammer
         load, slope = applied(u)
         u -= (inertia * (u - guess) - load + force) / (inertia - slope)
     return u, applied(u)[0]

@@ -1,4 +1,8 @@
-"""Effects in ground, plate and hammer, each computed on finite-element ground."""
+"""Effects in ground, plate and hammer, computed with finite elements.
+
+Each function builds a test point with an effect, given the scene (ground, plate, hammer, sensors)
+and the strength of the effect.
+"""
 
 from __future__ import annotations
 
@@ -17,21 +21,31 @@ from simulators.mesh import Array
 
 
 def bedrock(scene: Scene, strength: float) -> SimulatedPoint:
-    """Build a point on a rigid base that the header denies; the strength only selects the site."""
+    """Return a test point on rock, whose header declares ground without rock.
+
+    The strength has no further effect than the choice of the site, which was made before.
+    """
     depth = scene.ground.bedrock_depth
     signals = scene.signals(scene.strike_all())
     return SimulatedPoint(signals, scene.modulus, {"depth_m": depth}, declared_depth=math.inf)
 
 
 def undeclared_soil(scene: Scene, strength: float) -> SimulatedPoint:
-    """Build a point on constant-Q or growing soil; the strength, Q or a/z0, selects the site."""
+    """Return a test point on soil that the analysis does not model.
+
+    It is constant-Q soil, or soil whose modulus grows with depth. The strength has no further
+    effect than the choice of the site, which was made before.
+    """
     return SimulatedPoint(
         scene.signals(scene.strike_all()), scene.modulus, scene.ground.soil_parameters
     )
 
 
 def layer(scene: Scene, ratio: float) -> SimulatedPoint:
-    """Build a point with a top layer of `ratio` times the modulus, one plate radius thick."""
+    """Return a test point with a top layer, one plate radius thick.
+
+    Its modulus is `ratio` times that of the ground below.
+    """
     below = scene.site.layers[-1]
     thickness = scene.radius
     site = layered_ground(
@@ -46,7 +60,10 @@ def layer(scene: Scene, ratio: float) -> SimulatedPoint:
 
 
 def two_layers(scene: Scene, ratio: float) -> SimulatedPoint:
-    """Build a point with two layers of `ratio` squared and `ratio`, one plate radius thick each."""
+    """Return a test point with two layers on the ground, each one plate radius thick.
+
+    Their moduli are `ratio` squared (top) and `ratio` times that of the ground below.
+    """
     below = scene.site.layers[-1]
     thickness = scene.radius
     above = ((ratio**2, thickness), (ratio, thickness))
@@ -60,15 +77,15 @@ def two_layers(scene: Scene, ratio: float) -> SimulatedPoint:
 
 
 def stress_within(scene: Scene, exponent: float) -> SimulatedPoint:
-    """Build a point whose modulus grows with the instantaneous stress.
+    """Return a test point whose modulus grows with the momentary stress to the power `exponent`.
 
-    The true modulus is the secant at the largest peak.
+    Its true modulus is the secant modulus at the largest peak.
     """
     response = scene.response()
     linear = scene.strike_all()
     reference = max(float(np.max(drop.plate_displacement)) for drop in linear)
     weight = (scene.plate_mass + scene.hammer_mass) * STANDARD_GRAVITY
-    # the static weight, and interlocking equivalent to a pressure of 5 kPa
+    # the static weight, and interlocking of the grains, equivalent to a pressure of 5 kPa
     rest = (weight + 5e3 * math.pi * scene.radius**2) / response.static_stiffness
 
     def law() -> PowerLaw:
@@ -82,9 +99,10 @@ def stress_within(scene: Scene, exponent: float) -> SimulatedPoint:
 
 
 def stress_between(scene: Scene, exponent: float) -> SimulatedPoint:
-    """Build a point of linear ground whose modulus and viscosity follow each drop's peak stress.
+    """Return a test point whose modulus and viscosity are constant in each drop.
 
-    Every height needs a finite-element run.
+    They grow from drop to drop with the drop height to the power `exponent`. Every height needs a
+    run of finite elements.
     """
     responses = []
     for height in scene.heights:
@@ -110,7 +128,10 @@ def _pressure(scene: Scene, drops: list[SimulatedDrop]) -> float:
 
 
 def hysteretic_unloading(scene: Scene, unrecovered: float) -> SimulatedPoint:
-    """Build a point whose soil unloads on a steeper path and recovers only partly."""
+    """Return a test point whose soil unloads on a steeper path and recovers only partly.
+
+    `unrecovered` is the fraction of the peak deflection that remains.
+    """
     stiffness = scene.response().static_stiffness
     exponent = 1 + 4 * unrecovered
     drops = scene.strike_all(law=lambda: Hysteresis(stiffness, exponent, unrecovered))
@@ -119,7 +140,11 @@ def hysteretic_unloading(scene: Scene, unrecovered: float) -> SimulatedPoint:
 
 
 def permanent_set(scene: Scene, share: float) -> SimulatedPoint:
-    """Build a point whose plate settles by `share` of the peak deflection, halved per drop."""
+    """Return a test point whose plate settles permanently.
+
+    It settles by `share` of the peak deflection in the first drop, and by half as much in each
+    further one.
+    """
     linear = scene.strike_all()
     reference = max(float(np.max(drop.plate_displacement)) for drop in linear)
 
@@ -133,14 +158,21 @@ def permanent_set(scene: Scene, share: float) -> SimulatedPoint:
 
 
 def plate_inertia(scene: Scene, extra: float) -> SimulatedPoint:
-    """Build a point with `extra` times the declared mass in addition below the load cell."""
+    """Return a test point with an undeclared mass below the load cell.
+
+    The mass is `extra` times the declared mass of the plate.
+    """
     mass = extra * scene.plate_mass
     drops = scene.strike_all(plate_mass=scene.plate_mass + mass)
     return SimulatedPoint(scene.signals(drops), scene.modulus, {"mass_kg": mass})
 
 
 def rough_contact(scene: Scene, share: float) -> SimulatedPoint:
-    """Build a point with a smooth contact, or a contact out to `share` < 1 of the radius."""
+    """Return a test point whose plate is not bonded to the ground as assumed.
+
+    For `share` = 1 the contact has no friction. Otherwise the plate touches the ground only out to
+    `share` of its radius.
+    """
     bonded = scene.response()
     if share < 1:
         response = scene.response(radius=share * scene.radius)
@@ -157,9 +189,12 @@ def rough_contact(scene: Scene, share: float) -> SimulatedPoint:
 
 
 def rebound(scene: Scene, flight: float) -> SimulatedPoint:
-    """Build a point whose plate is lifted by the hammer's frame for about `flight` seconds."""
+    """Return a test point whose plate the frame of the hammer lifts off the ground after the pulse.
+
+    The plate is in the air for about `flight` seconds.
+    """
     weight = scene.plate_mass * STANDARD_GRAVITY
-    tug = 0.003  # duration of the pull, s
+    tug = 0.003  # duration of the upward force, s
     linear = scene.strike_all()[0]
     loaded = np.flatnonzero(linear.load > 0.02 * np.max(linear.load))
     begin = float(linear.time[loaded[-1]])
@@ -180,7 +215,10 @@ def rebound(scene: Scene, flight: float) -> SimulatedPoint:
 
 
 def spring_rig(scene: Scene, damping: float) -> SimulatedPoint:
-    """Build a point of plate and frame on springs (`damping` of critical) instead of ground."""
+    """Return a test point with plate and frame on springs instead of ground.
+
+    `damping` is the damping as a fraction of critical damping.
+    """
     stiffness = float(scene.device.uniform(8e6, 30e6))
     moving = scene.plate_mass * float(scene.device.uniform(1.0, 2.0))
     dashpot = 2 * damping * math.sqrt(stiffness * moving)
@@ -207,7 +245,7 @@ def spring_rig(scene: Scene, damping: float) -> SimulatedPoint:
 
 
 def load_shape(scene: Scene, asymmetry: float) -> SimulatedPoint:
-    """Build a point with the pulse of worn buffers: a steep front, a long tail and a hump."""
+    """Return a test point with the load pulse of worn buffers; see `worn_pulse`."""
     response = scene.response()
     steps = scene.samples
     force = worn_pulse(
@@ -219,7 +257,22 @@ def load_shape(scene: Scene, asymmetry: float) -> SimulatedPoint:
 
 
 def worn_pulse(time: Array, duration: float, asymmetry: float) -> Array:
-    """Return a half-sine with distorted time and a hump of `asymmetry`/2 late in the pulse."""
+    """Return the load pulse of worn buffers: a steep front, a long tail and a hump.
+
+    Parameters
+    ----------
+    time : (n,) ndarray of float, s
+        0 is the start of the pulse.
+    duration : float, s
+        Length of the pulse.
+    asymmetry : float
+        0 gives a half-sine; the hump is `asymmetry`/2 of the pulse.
+
+    Returns
+    -------
+    (n,) ndarray of float
+        Force relative to the peak of the half-sine.
+    """
     phase = np.clip(time / duration, 0.0, 1.0)
     bent = phase ** (1 / (1 + asymmetry))
     pulse = np.sin(math.pi * bent) * (1 + asymmetry / 2 * np.sin(3 * math.pi * phase) ** 2)
@@ -227,9 +280,9 @@ def worn_pulse(time: Array, duration: float, asymmetry: float) -> Array:
 
 
 def false_trigger(scene: Scene, share: float) -> SimulatedPoint:
-    """Build a point whose last drop is a step on the plate or a bounce, with `share` of the load.
+    """Return a test point whose last record is not a drop, but for example a step on the plate.
 
-    It consists of small bumps at irregular times.
+    The record has small pulses at irregular times, up to `share` of the peak load.
     """
     response = scene.response()
     steps = scene.samples

@@ -1,4 +1,7 @@
-"""Noise, converter and trace file: the last steps of every simulated record."""
+"""Noise, conversion to counts and writing of the trace file, the last steps of a simulated record.
+
+A trace file has a header of declared values and a table of samples.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ from simulators.mesh import Array
 
 @dataclass(frozen=True)
 class Converter:
-    """Noise and sampling of one record."""
+    """Noise, sampling and quantisation of a simulated instrument."""
 
     quantity: str
     """`velocity` or `displacement`, the quantity of the sensor columns."""
@@ -34,7 +37,17 @@ class Converter:
     def drawn(
         cls, generator: np.random.Generator, device: np.random.Generator, noise: float | None
     ) -> Converter:
-        """Draw a converter: its kind from the device, its noise from the point."""
+        """Return a converter with random properties.
+
+        Parameters
+        ----------
+        generator : numpy.random.Generator
+            Random numbers of the point, which give the noise.
+        device : numpy.random.Generator
+            Random numbers of the instrument, which give quantity, sampling and bits.
+        noise : float or None
+            Fixed root mean square of the noise over the peak; None: random.
+        """
         quantity = "velocity" if device.random() < 0.6 else "displacement"
         decimation = int(device.choice([2, 4, 4, 6]))
         bits = int(device.choice([14, 16, 24]))
@@ -43,7 +56,7 @@ class Converter:
         return cls(quantity, drawn if noise is None else noise, colour, decimation, bits)
 
     def noise_of(self, shape: tuple[int, ...], generator: np.random.Generator) -> Array:
-        """Return unit noise along the last axis, white or autoregressive of first order."""
+        """Return noise with a root mean square of 1, correlated along the last axis by `colour`."""
         settling = 60
         white = generator.standard_normal((*shape[:-1], shape[-1] + settling))
         size = math.sqrt(1 - self.colour**2)
@@ -51,7 +64,10 @@ class Converter:
         return coloured[..., settling:]
 
     def stored(self, signals: Signals, generator: np.random.Generator) -> tuple[Array, Array]:
-        """Return time (n,) and table (1 + n_sensors, n) of load and sensors as stored."""
+        """Return the stored samples: time (n,), s, and load and sensors (1 + n_sensors, n).
+
+        The load is in N, the sensors are in m/s or m according to `quantity`.
+        """
         origin = int(np.argmin(np.abs(signals.time)))
         is_stored = slice(origin % self.decimation, None, self.decimation)
         sensors = signals.velocity if self.quantity == "velocity" else signals.displacement
@@ -72,7 +88,23 @@ def write_signals(
     converter: Converter,
     generator: np.random.Generator,
 ) -> None:
-    """Write the trace file of one point with a header."""
+    """Write the trace file of a test point.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    signals : sequence of Signals
+        Signals of each drop.
+    offsets : sequence of float, m
+        Distances of the sensors from the plate centre.
+    header : mapping
+        Declared values with their keys.
+    converter : Converter
+        Noise, sampling and quantisation of the instrument.
+    generator : numpy.random.Generator
+        Source of the noise.
+    """
     unit = "velocity_m_s" if converter.quantity == "velocity" else "displacement_m"
     columns = ["drop", "time_s", "load_N", *(f"{unit}@{offset:.4f}" for offset in offsets)]
     with path.open("w", encoding="utf-8", newline="\n") as file:

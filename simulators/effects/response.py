@@ -1,16 +1,17 @@
-r"""Response of finite-element ground to one hat-shaped force, from which any drop can be built.
+r"""Response of finite-element ground to a short pulse of force, from which any drop is computed.
+
+The pulse, called hat, is triangular: it rises over one sample and falls over the next.
 
 Ground and step rule are linear, so the displacement under a contact force that is linear between
 samples is, without any further approximation,
 
 .. math:: w(t_n) = \sum_{j=1}^{n} F_j \, k_{n-j+1}
 
-with :math:`k` the response to a hat of height 1 N that rises over one sample and falls over the
-next. One finite-element run of a weightless plate thus serves every hammer, plate mass and contact
-nonlinearity, see `simulators.effects.march`. The finite elements must take one step per sample: the
-march, whose plate obeys the same rule, is then equivalent to finite elements of ground and plate
-together, and as stable. With internal steps the response starts too softly and the march is
-unstable.
+with :math:`k` the response to a hat of 1 N. One finite-element run of a weightless plate thus
+serves every hammer, plate mass and contact nonlinearity, see `simulators.effects.march`. The finite
+elements must take one step per sample. Then the steps of `march`, whose plate obeys the same rule,
+are equivalent to finite elements of ground and plate together, and as stable. With several internal
+steps the response starts too softly, and `march` is unstable.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ _CACHE_VERSION = 3
 
 @dataclass(frozen=True)
 class GroundResponse:
-    """Response to a hat of 1 N on the plate, at the plate centre and at the offsets."""
+    """Response of the ground to a triangular pulse of 1 N on the plate, at each sensor."""
 
     ground: Ground
     plate: Plate
@@ -49,7 +50,7 @@ class GroundResponse:
     time_step: float
     """Step between samples, s; the hat is two steps wide."""
     offsets: tuple[float, ...]
-    """m from the plate centre; the first is 0, the plate itself."""
+    """Distances of the sensors from the plate centre, m; the first is 0, the plate itself."""
     displacement: Array
     """Displacement response (n_offsets, n), m/N; 0 at the first sample."""
     velocity: Array
@@ -62,15 +63,16 @@ class GroundResponse:
 
     @cached_property
     def reversed_centre(self) -> Array:
-        """(n,) hat response of the plate in reversed order, for the march."""
+        """Displacement of the plate, (n,), m/N, in reversed order, for a fast convolution."""
         return np.ascontiguousarray(self.displacement[0][::-1])
 
     def motion(self, force: Array) -> tuple[Array, Array]:
-        """Return displacement (m) and velocity (m/s) at the offsets under a contact force.
+        """Return displacement (m) and velocity (m/s) at the offsets under a force on the ground.
 
         Parameters
         ----------
-        force : (m,) N, m <= n, at the samples; the first must be 0
+        force : (m,) ndarray of float, N
+            Force at the samples, m <= n; the first must be 0.
         """
         count = force.size
         require(count <= self.displacement.shape[1], "force", "no longer than the response", count)
@@ -86,11 +88,11 @@ class GroundResponse:
         return self.displacement, self.velocity
 
     def rescaled(self, time: float, density: float) -> GroundResponse:
-        r"""Return the response in other units, exact for another modulus, viscosity and density.
+        r"""Return the response of ground with another modulus, viscosity and density, exactly.
 
-        With all lengths unchanged, time multiplied by `time` and density by `density`, the modulus
-        becomes :math:`E \, density / time^2` and the viscosity
-        :math:`\eta \, density / time`; the time step is multiplied by `time`.
+        It is the same response in other units. All times are multiplied by `time` and the density
+        by `density`; lengths are unchanged. The modulus becomes :math:`E \, density / time^2`, the
+        viscosity :math:`\eta \, density / time`, and the time step is multiplied by `time`.
         """
         modulus, law = density / time**2, self.ground.damping_law
         layers = tuple(
@@ -122,15 +124,21 @@ def ground_response(
     duration: float = RESPONSE_DURATION_S,
     cache: Path | None = None,
 ) -> GroundResponse:
-    """Return the finite-element response of a ground to a hat of force on a weightless plate.
+    """Return the response of a ground to a triangular pulse of force on a weightless plate.
 
     Parameters
     ----------
-    radius : of the plate, m
-    offsets : distances of the sensors from the plate centre, m; the first is 0
-    contact : `rough` or `smooth`
-    duration : of the response, s
-    cache : folder where responses are stored between runs; None: not stored
+    ground : Ground
+    radius : float, m
+        Radius of the plate.
+    offsets : tuple of float, m
+        Distances of the sensors from the plate centre; the first is 0.
+    contact : "rough" or "smooth"
+        Contact of plate and ground.
+    duration : float, s
+        Length of the response.
+    cache : Path, optional
+        Folder in which responses are stored for later runs; None: they are not stored.
     """
     require(offsets[:1] == (0.0,), "offsets", "the plate centre first", offsets)
     plate = Plate(radius, 0.0, "smooth" if contact == "smooth" else "rough")
@@ -174,7 +182,21 @@ def layered_ground(
     density: float,
     poisson_ratio: float,
 ) -> Ground:
-    """Return ground with a top layer of `ratio` times modulus and viscosity, without a base."""
+    """Return infinitely deep ground with a top layer.
+
+    Parameters
+    ----------
+    modulus : float, Pa
+        Young's modulus of the ground below.
+    ratio : float
+        Modulus and viscosity of the layer, relative to the ground below.
+    thickness : float, m
+        Thickness of the layer.
+    viscosity : float, Pa s
+        Viscosity of the ground below.
+    density : float, kg/m3
+    poisson_ratio : float
+    """
     return stacked_ground(modulus, ((ratio, thickness),), viscosity, density, poisson_ratio)
 
 
@@ -185,7 +207,19 @@ def stacked_ground(
     density: float,
     poisson_ratio: float,
 ) -> Ground:
-    """Return layers (ratio and thickness, from the top down) on ground without a base."""
+    """Return infinitely deep ground with layers above it.
+
+    Parameters
+    ----------
+    modulus : float, Pa
+        Young's modulus of the ground below.
+    above : sequence of (ratio, thickness)
+        Layers from the top down: modulus and viscosity relative to the ground below, thickness, m.
+    viscosity : float, Pa s
+        Viscosity of the ground below.
+    density : float, kg/m3
+    poisson_ratio : float
+    """
     layers = [
         Layer(modulus * ratio, viscosity * ratio, density, poisson_ratio, thickness)
         for ratio, thickness in above

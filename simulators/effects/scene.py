@@ -1,4 +1,4 @@
-"""Test point without an effect: ground, plate, hammer, drops, sensors."""
+"""Description of a simulated test point (ground, plate, hammer, drops, sensors), and its drops."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from simulators.mesh import Ground
 
 
 class Laboratory:
-    """Finite-element responses, computed once and shared by all scenes.
+    """Store of finite-element responses, which are computed once for all test points.
 
     Parameters
     ----------
-    cache : folder where responses are stored between runs; None: only in this object
+    cache : Path, optional
+        Folder in which responses are stored for later runs; None: they are only in this object.
     """
 
     def __init__(self, cache: Path | None = None) -> None:
@@ -31,7 +32,7 @@ class Laboratory:
     def response(
         self, ground: Ground, radius: float, offsets: tuple[float, ...], contact: str = "rough"
     ) -> GroundResponse:
-        """See `ground_response`."""
+        """Return the response of a ground to a triangular pulse; see `ground_response`."""
         key = (ground, radius, offsets, contact)
         if key not in self._responses:
             self._responses[key] = ground_response(
@@ -42,7 +43,7 @@ class Laboratory:
 
 @dataclass(frozen=True)
 class Scene:
-    """Test point with its ground, device and drops."""
+    """Simulated test point: ground, plate, hammer, sensors and heights of the drops."""
 
     laboratory: Laboratory
     site: Ground
@@ -56,11 +57,11 @@ class Scene:
     hammer_mass: float
     """Mass of the hammer, kg."""
     hammer_pulse: float
-    """Pulse of hammer and spring on unyielding ground, s."""
+    """Duration of the pulse of hammer and spring on rigid ground, s."""
     pressure: float
     """Peak of the mean pressure under the plate in the largest drop, Pa."""
     heights: tuple[float, ...]
-    """Speed of the hammer in each drop over that in the largest."""
+    """Speed of the hammer in each drop, relative to the largest drop."""
     sensors: int
     """Number of recorded offsets."""
     generator: np.random.Generator = field(repr=False)
@@ -70,14 +71,24 @@ class Scene:
     pre_trigger: float = 0.015
     """Time before the pulse, s."""
     time_scale: float = 1.0
-    """See `GroundResponse.rescaled`."""
+    """Factor on all times of the finite-element run; see `GroundResponse.rescaled`."""
     density_scale: float = 1.0
-    """See `GroundResponse.rescaled`."""
+    """Factor on the density of the finite-element run; see `GroundResponse.rescaled`."""
 
     def response(
         self, site: Ground | None = None, contact: str = "rough", radius: float | None = None
     ) -> GroundResponse:
-        """Return the response of this ground, or of another in the units of the finite elements."""
+        """Return the response of the ground to a triangular pulse of force, in SI units.
+
+        Parameters
+        ----------
+        site : Ground, optional
+            Another ground, in the units of the finite-element run.
+        contact : "rough" or "smooth"
+            Contact of plate and ground.
+        radius : float, optional, m
+            Another radius of the plate.
+        """
         raw = self.laboratory.response(
             site or self.site, radius or self.radius, self.offsets, contact
         )
@@ -90,9 +101,10 @@ class Scene:
 
     @property
     def modulus(self) -> float:
-        """Modulus as `GroundResponse.modulus`; for constant-Q soil |E*| at 1/(2 T0), Pa.
+        """True modulus of the ground, Pa, as in `GroundResponse.modulus`.
 
-        T0 is the duration of the half-sine of equal peak and impulse.
+        For constant-Q soil it is the absolute modulus at the frequency 1/(2 T0), with T0 the
+        duration of the half-sine of equal peak and impulse.
         """
         response = self.response()
         law = response.ground.damping_law
@@ -109,19 +121,26 @@ class Scene:
 
     @property
     def samples(self) -> int:
-        """Length of a record in time steps of the finite elements."""
+        """Number of samples of a record."""
         step = self.response().time_step
         available = round(RESPONSE_DURATION_S * self.time_scale / step)
         required = math.ceil((2.5 * self.hammer_pulse + 0.025) / step)
         return min(required, available)
 
     def hammer(self, velocity: float, gravity: float = 0.0) -> Hammer:
-        """Return the hammer with its spring."""
+        """Return the hammer with its spring, at a speed (m/s) and with an acceleration (m/s2)."""
         stiffness = self.hammer_mass * (math.pi / self.hammer_pulse) ** 2
         return Hammer(self.hammer_mass, stiffness, velocity, gravity)
 
     def velocity(self, response: GroundResponse, plate_mass: float) -> float:
-        """Return the speed of the hammer for the intended peak on linear ground, m/s."""
+        """Return the speed of the hammer that gives the intended peak load on linear ground, m/s.
+
+        Parameters
+        ----------
+        response : GroundResponse
+            Response of the ground.
+        plate_mass : float, kg
+        """
         drop = strike(response, plate_mass, self.hammer(1.0), self.samples)
         return self.peak_force / float(np.max(drop.load))
 
@@ -136,15 +155,24 @@ class Scene:
         pull: Pull | None = None,
         gravity: float = 0.0,
     ) -> list[SimulatedDrop]:
-        """Return all drops of the point.
+        """Return the motion under each drop of the point.
 
         Parameters
         ----------
-        responses : responses of the ground, one per drop
-        plate_mass : true mass if it differs from the declared one, kg
-        law : returns the soil of a drop
-        indentation : returns the indentation of drop 0, 1, ...
-        weight, pull, gravity : see `strike`
+        responses : sequence of GroundResponse, optional
+            Response of the ground in each drop; by default that of the scene.
+        plate_mass : float, optional, kg
+            True mass, if it differs from the declared one.
+        law : callable, optional
+            Function that returns a new nonlinear soil for each drop.
+        indentation : callable, optional
+            Function that returns the plastic indentation of drop 0, 1 and so on.
+        weight : float, N
+            Static force between plate and ground; see `strike`.
+        pull : callable, optional
+            Upward force of the hammer's frame; see `strike`.
+        gravity : float, m/s2
+            Acceleration of the hammer after the first touch.
         """
         responses = responses or [self.response()] * len(self.heights)
         mass = self.plate_mass if plate_mass is None else plate_mass
@@ -164,18 +192,18 @@ class Scene:
         ]
 
     def signals(self, drops: Sequence[SimulatedDrop]) -> list[Signals]:
-        """Return the channels of ideal instruments for the drops."""
+        """Return the signals of the sensors for each drop, without errors of the instrument."""
         return [signals_of(drop, self.sensors, self.pre_trigger) for drop in drops]
 
 
 @dataclass(frozen=True)
 class SimulatedPoint:
-    """Test point with an effect."""
+    """Signals of a simulated test point with an effect, and its true values."""
 
     signals: list[Signals]
     """Signals of each drop."""
     modulus: float | None
-    """Modulus that a perfect diagnosis reports, Pa; None: it reports none."""
+    """Modulus that a perfect diagnosis reports, Pa; None if it cannot report a modulus."""
     parameters: Mapping[str, float | list[float]]
     """True values of the effect, SI units in the names; the first is its `value`."""
     declared_depth: float | None = None
@@ -186,11 +214,19 @@ class SimulatedPoint:
     def through(
         self, operator: Callable[[Signals], Signals], **parameters: float | list[float]
     ) -> SimulatedPoint:
-        """Return the point with an operator applied to its channels."""
+        """Return the point with changed signals.
+
+        Parameters
+        ----------
+        operator : callable
+            Function that changes the signals of a drop.
+        **parameters : float or list of float
+            True values of the effect, with SI units in their names.
+        """
         changed = [operator(signals) for signals in self.signals]
         return replace(self, signals=changed, parameters={**self.parameters, **parameters})
 
 
 def undisturbed(scene: Scene) -> SimulatedPoint:
-    """Return the point without an effect."""
+    """Return the test point of a scene without any effect."""
     return SimulatedPoint(scene.signals(scene.strike_all()), scene.modulus, {})

@@ -1,4 +1,4 @@
-"""Channels of one drop on their way through the instrument, before noise and converter."""
+"""Signals of one drop inside a simulated instrument, before noise and conversion to counts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from simulators.mesh import Array
 
 @dataclass(frozen=True)
 class Signals:
-    """Analogue signals of the channels; downward positive."""
+    """Signals of load and sensors in one drop, downward positive, before conversion to counts."""
 
     time: Array
     """Times (n,), s; 0 at the first touch, negative before."""
@@ -40,17 +40,24 @@ class Signals:
         return float(np.max(self.load))
 
     def with_velocity(self, velocity: Array) -> Signals:
-        """Return signals with another velocity; the change is integrated into the displacement."""
+        """Return the signals with another velocity of the sensors, (n_sensors, n), m/s.
+
+        The displacement changes by the integral of the change of velocity.
+        """
         change = cumulative_trapezoid(velocity - self.velocity, dx=self.time_step, initial=0)
         return replace(self, velocity=velocity, displacement=self.displacement + change)
 
 
 def signals_of(drop: SimulatedDrop, sensors: int, pre_trigger: float) -> Signals:
-    """Return the channels of a drop, preceded by `pre_trigger` seconds without motion.
+    """Return the signals of the sensors in a simulated drop, without errors of the instrument.
 
     Parameters
     ----------
-    sensors : how many, from the plate centre outward
+    drop : SimulatedDrop
+    sensors : int
+        Number of sensors, from the plate centre outward.
+    pre_trigger : float, s
+        Time without motion before the drop.
     """
     step = float(drop.time[1] - drop.time[0])
     wait = round(pre_trigger / step)

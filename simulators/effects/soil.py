@@ -1,4 +1,4 @@
-r"""Nonlinear ground: its static resistance deviates from that of the finite elements.
+r"""Nonlinear soils, whose static resistance deviates from that of the linear finite elements.
 
 Waves and viscosity are those of the linear ground. The restoring force near the plate changes,
 :math:`K w \to K r(w)`, with K the static stiffness of the finite elements (a spring with :math:`K
@@ -15,7 +15,7 @@ from simulators.mesh import require
 
 @dataclass
 class PowerLaw:
-    r"""Modulus growing with stress, :math:`E \sim \sigma^n`, within the drop.
+    r"""Soil whose modulus grows with the momentary stress, :math:`E \sim \sigma^n`.
 
     .. math:: r(w) = w_{ref} \frac{(w + w_0)^q - w_0^q}{(w_{ref} + w_0)^q - w_0^q},
         \qquad q = \frac{1}{1 - n}
@@ -41,7 +41,7 @@ class PowerLaw:
         self._factor = self.reference / end
 
     def curve(self, displacement: float) -> tuple[float, float]:
-        """r (m) and its slope."""
+        """Return the function r (m) of the class docstring and its slope at a displacement (m)."""
         q, rest = self._power, self.rest
         inside = max(displacement, -rest / 2)
         slope = self._factor * q * (inside + rest) ** (q - 1)
@@ -49,17 +49,17 @@ class PowerLaw:
         return value + slope * (displacement - inside), slope
 
     def deviation(self, displacement: float) -> tuple[float, float]:
-        """Force above the linear static resistance, N, and its slope, N/m."""
+        """Return the force beyond the linear static resistance, N, and its slope, N/m."""
         value, slope = self.curve(displacement)
         return self.stiffness * (value - displacement), self.stiffness * (slope - 1)
 
     def commit(self, displacement: float) -> None:
-        """The law has no memory."""
+        """Do nothing, because this soil has no memory."""
 
 
 @dataclass
 class Hysteresis:
-    r"""Linear loading, and unloading on another path.
+    r"""Soil that is linear while it is loaded, and unloads on a steeper path.
 
     .. math:: r(w) = w_{max} \left( \frac{w - f w_{max}}{(1 - f) w_{max}} \right)^m
 
@@ -74,13 +74,14 @@ class Hysteresis:
     unrecovered: float
     """Unrecovered fraction f, 0 to < 1."""
     largest: float = field(default=0.0, init=False)
+    """Largest displacement so far, m."""
 
     def __post_init__(self) -> None:
         require(self.exponent >= 1, "exponent", ">= 1", self.exponent)
         require(0 <= self.unrecovered < 1, "unrecovered", "0 to < 1", self.unrecovered)
 
     def curve(self, displacement: float) -> tuple[float, float]:
-        """r (m) and its slope."""
+        """Return the function r (m) of the class docstring and its slope at a displacement (m)."""
         if displacement >= self.largest:
             return displacement, 1.0
         unrecovered = self.unrecovered * self.largest
@@ -91,10 +92,10 @@ class Hysteresis:
         return self.largest * share**self.exponent, slope
 
     def deviation(self, displacement: float) -> tuple[float, float]:
-        """Force above the linear static resistance, N, and its slope, N/m."""
+        """Return the force beyond the linear static resistance, N, and its slope, N/m."""
         value, slope = self.curve(displacement)
         return self.stiffness * (value - displacement), self.stiffness * (slope - 1)
 
     def commit(self, displacement: float) -> None:
-        """Accept the displacement at the end of a step."""
+        """Store the largest displacement (m) so far, at the end of a step."""
         self.largest = max(self.largest, displacement)

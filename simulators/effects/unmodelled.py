@@ -1,4 +1,7 @@
-"""Effects outside the vocabulary of the diagnosis, which should report them as unexplained."""
+"""Effects that the diagnosis does not know, and should report as unexplained.
+
+Each function changes the signals of a drop.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +17,18 @@ from simulators.mesh import Array
 def oscillator(
     force: Array, mass: float, damping: float, stiffness: float, time_step: float
 ) -> tuple[Array, Array]:
-    r"""Return displacement and velocity of :math:`m \ddot x + c \dot x + k x = F`, from rest.
+    r"""Return displacement (m) and velocity (m/s) of a damped mass on a spring, from rest.
 
-    Newmark's rule with beta = 1/4 and gamma = 1/2; F is linear between samples.
+    The equation :math:`m \ddot x + c \dot x + k x = F` is integrated by Newmark's rule with
+    beta = 1/4 and gamma = 1/2; F is linear between samples.
+
+    Parameters
+    ----------
+    force : (n,) ndarray of float, N
+    mass : float, kg
+    damping : float, N s/m
+    stiffness : float, N/m
+    time_step : float, s
     """
     h = time_step
     x, v = np.zeros((2, force.size))
@@ -31,22 +43,44 @@ def oscillator(
 
 
 def mode(force: Array, frequency: float, damping: float, time_step: float) -> tuple[Array, Array]:
-    """Return the motion of an oscillator of unit static compliance (Hz, fraction of critical)."""
+    """Return displacement and velocity of an oscillator with a static displacement of 1 per force.
+
+    Parameters
+    ----------
+    force : (n,) ndarray of float
+        Force in any unit, in which the displacement is returned as well.
+    frequency : float, Hz
+        Natural frequency.
+    damping : float
+        Damping as a fraction of critical damping.
+    time_step : float, s
+    """
     omega = 2 * math.pi * frequency
     return oscillator(force, 1 / omega**2, 2 * damping / omega, 1.0, time_step)
 
 
 def plate_flexure(signals: Signals, frequency: float, damping: float, share: float) -> Signals:
-    """Add the first bending mode of the plate (150 to 300 Hz) to the centre sensor.
+    """Return the signals with the first bending mode of the plate at the centre sensor.
 
-    `share`: static deflection of the mode under the peak load over the peak deflection.
+    Parameters
+    ----------
+    signals : Signals
+    frequency : float, Hz
+        Natural frequency of the mode, usually 150 to 300 Hz.
+    damping : float
+        Damping as a fraction of critical damping.
+    share : float
+        Static deflection of the mode under the peak load, over the peak deflection.
     """
     moved, speed = mode(signals.load / signals.peak_load, frequency, damping, signals.time_step)
     return _centre_moves(signals, moved, speed, share)
 
 
 def plate_rocking(signals: Signals, frequency: float, damping: float, share: float) -> Signals:
-    """Add the rocking of a tilted plate on its edge (20 to 50 Hz) to the centre sensor."""
+    """Return the signals with the rocking of a tilted plate at the centre sensor.
+
+    The parameters are those of `plate_flexure`; the frequency is usually 20 to 50 Hz.
+    """
     return plate_flexure(signals, frequency, damping, share)
 
 
@@ -59,10 +93,17 @@ def _centre_moves(signals: Signals, moved: Array, speed: Array, share: float) ->
 
 
 def cable_crosstalk(signals: Signals, share: float, corner: float) -> Signals:
-    """Add the load to the sensors, coupled through the capacitance of the cable.
+    """Return the signals with crosstalk of the load to the sensors through the cable capacitance.
 
-    First-order high-pass of the load (corner in Hz, stepped by the trapezoidal rule), with `share`
-    of the velocity's peak at the load's peak.
+    The crosstalk is the load after a first-order high-pass, integrated by the trapezoidal rule.
+
+    Parameters
+    ----------
+    signals : Signals
+    share : float
+        Crosstalk of the unfiltered peak load, over the peak velocity of the centre sensor.
+    corner : float, Hz
+        Corner frequency of the high-pass.
     """
     ratio = math.pi * corner * signals.time_step
     coupled = np.zeros_like(signals.load)
@@ -74,16 +115,20 @@ def cable_crosstalk(signals: Signals, share: float, corner: float) -> Signals:
 
 
 def time_base_error(signals: Signals, error: float) -> Signals:
-    """Shorten the stated times by `error`, as a slow clock of the converter does.
+    """Return the signals with wrong times, as from a converter with a slow clock.
 
-    Displacements are integrated with the stated times.
+    The recorded times are too short by the fraction `error`, and so are displacements, which the
+    instrument integrates from velocities with these times.
     """
     slower = replace(signals, time=signals.time / (1 + error))
     return replace(slower, displacement=signals.displacement / (1 + error))
 
 
 def gain_glitch(signals: Signals, time: float, share: float) -> Signals:
-    """Increase the gain of the sensors by `share` at `time` (s), as a change of range does."""
+    """Return the signals with the gain of the sensors increased by `share` from `time` (s) on.
+
+    A converter that changes its range has this error.
+    """
     gain = 1 + share * (signals.time >= time)
     return signals.with_velocity(signals.velocity * gain)
 
@@ -91,22 +136,44 @@ def gain_glitch(signals: Signals, time: float, share: float) -> Signals:
 def passing_traffic(
     signals: Signals, amplitude: float, frequency: float, centre: float, width: float
 ) -> Signals:
-    """Add the ground vibration of a passing lorry: a burst (m/s, Hz) around a time, s."""
+    """Return the signals with the ground vibration of a passing lorry in all sensors.
+
+    Parameters
+    ----------
+    signals : Signals
+    amplitude : float, m/s
+    frequency : float, Hz
+    centre : float, s
+        Time at which the vibration is largest.
+    width : float, s
+        Time over which it rises and falls.
+    """
     burst = np.exp(-(((signals.time - centre) / width) ** 2))
     wave = burst * np.sin(2 * math.pi * frequency * (signals.time - centre))
     return signals.with_velocity(signals.velocity + amplitude * wave)
 
 
 def load_cell_curvature(signals: Signals, share: float) -> Signals:
-    """Add a quadratic error of an overloaded load cell, `share` of the load at the peak."""
+    """Return the signals with a quadratic error of the load, as from an overloaded load cell.
+
+    The error is the fraction `share` of the load at its peak.
+    """
     return replace(signals, load=signals.load * (1 + share * signals.load / signals.peak_load))
 
 
 def loose_sensor(signals: Signals, frequency: float, damping: float) -> Signals:
-    """Add the ringing of sensor cases on a soft seat (Hz, fraction of critical).
+    """Return the signals of sensors whose cases vibrate on a soft support.
 
-    :math:`\\ddot x + 2 \\zeta \\omega (\\dot x - \\dot u) + \\omega^2 (x - u) = 0` for the case on
-    a plate that moves by u; the sensor shows the case's velocity.
+    The case moves by x on a plate that moves by u, and the sensor measures the velocity of the
+    case: :math:`\\ddot x + 2 \\zeta \\omega (\\dot x - \\dot u) + \\omega^2 (x - u) = 0`.
+
+    Parameters
+    ----------
+    signals : Signals
+    frequency : float, Hz
+        Natural frequency of a case on its support.
+    damping : float
+        Damping as a fraction of critical damping.
     """
     omega = 2 * math.pi * frequency
     velocity = np.empty_like(signals.velocity)
@@ -117,7 +184,16 @@ def loose_sensor(signals: Signals, frequency: float, damping: float) -> Signals:
 
 
 def lost_samples(signals: Signals, time: float, count: int) -> Signals:
-    """Remove samples of the sensors at a time (s); the following samples move forward."""
+    """Return the signals with lost samples of the sensors; the following samples move forward.
+
+    Parameters
+    ----------
+    signals : Signals
+    time : float, s
+        Time of the first lost sample.
+    count : int
+        Number of lost samples.
+    """
     first = int(np.searchsorted(signals.time, time))
     remaining = np.delete(signals.velocity, slice(first, first + count), axis=1)
     padding = np.repeat(remaining[:, -1:], count, axis=1)

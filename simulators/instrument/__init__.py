@@ -1,4 +1,7 @@
-"""Simulated instrument: drops from finite elements, over a virtual serial port or TCP."""
+"""Simulated instrument that sends drops from finite elements over a virtual serial port or TCP.
+
+A scenario describes the simulation: soil, falling weight, instrument, link and faults.
+"""
 
 from simulators.instrument.endpoint import EndpointError
 from simulators.instrument.run import SimulatedInstrument, SimulateOptions, serve, simulate

@@ -1,4 +1,4 @@
-"""`python -m simulators.instrument OPTIONS`: the process behind `SimulatedInstrument`."""
+"""Process that `SimulatedInstrument` starts: `python -m simulators.instrument OPTIONS`."""
 
 import sys
 

@@ -1,4 +1,7 @@
-"""Simulated instrument without port and real clock: bytes in, bytes out, simulated time."""
+"""Simulated instrument without port and clock.
+
+Its caller passes received bytes, takes bytes to send, and advances the simulated time.
+"""
 
 from __future__ import annotations
 
@@ -46,32 +49,38 @@ from simulators.instrument.timeline import PAGE, Bench, Timeline
 from simulators.instrument.units import UnitDrops, with_drawn_soil
 
 MAX_BLOCK_S = 0.005
-"""Longest frame of samples, s; a lost frame then hides only part of a pulse."""
+"""Longest time that the samples of a frame cover, s, so that a lost frame hides only part of a
+pulse."""
 MAX_SHUNT_S = 10.0
 """Time after which the shunt is switched off without a command, s."""
 COMPUTE_AHEAD_S = 1.0
-"""Time before a touch at which its drop must have been computed, s; longer than one loop."""
+"""Time before the first touch of a drop at which its motion must have been computed, s; longer than
+one cycle of the server."""
 _STREAM = 7  # stream of random numbers
 
 
 @dataclass(slots=True)
 class _Stream:
-    """Run of the sampler."""
+    """Run of samples from a start or reset of the instrument to the next."""
 
     number: int
+    """Random number that identifies the stream."""
     began: float
     """Simulated time at which it began, s."""
     origin: float
     """Duration of all earlier streams, s."""
     timeline: Timeline
+    """Samples of the stream."""
     first_drop: int
+    """Number of the first drop of the stream."""
     end: int | None
+    """Number of samples after the last drop; None without a last drop."""
     index: int = 0
     """Index of the next sample."""
 
 
 class PortlessInstrument:
-    """Simulated instrument.
+    """Simulated instrument whose caller connects it to a port and to a clock.
 
     The caller passes the bytes of the host (`receive`), advances the time (`advance`), and takes
     the bytes to send (`output`, `sent`).
@@ -79,14 +88,16 @@ class PortlessInstrument:
     Parameters
     ----------
     scenario : Scenario
+        Description of soil, falling weight, instrument, link and faults.
     seed : int
+        Seed of the random numbers.
     drops : int or None
         Number of drops before the end; None: no end.
     overruns : bool
-        True: samples are lost if nobody takes them. False: they wait without limit, and the caller
-        must stop the time.
+        True: samples are lost if the caller does not take them in time. False: they wait without
+        limit, and the caller must stop the time.
     power_on : int, >= 0
-        Seed of the stream numbers, to be different at every start of an instrument.
+        Seed of the stream numbers, which must be different at every start of an instrument.
     """
 
     def __init__(
@@ -127,7 +138,7 @@ class PortlessInstrument:
         self.ended = False
         """True after the last message."""
         self.unplugged: Fault | None = None
-        """Fault that unplugs the cable once the host has all bytes, until `plug`; or None."""
+        """Fault that unplugs the cable when the host has all bytes, until `plug`; None without."""
         self.time = 0.0
         """Time since the instrument was first switched on, s."""
         self._switch_on()
@@ -145,17 +156,17 @@ class PortlessInstrument:
 
     @property
     def sampling(self) -> bool:
-        """True while the sampler runs."""
+        """True while samples are taken, also if they are not sent."""
         return self._stream is not None
 
     @property
     def stalled(self) -> bool:
-        """True while a fault keeps it from sending."""
+        """True while a fault prevents the instrument from sending."""
         return self.time < self._stalled_until
 
     @property
     def ready(self) -> bool:
-        """True if time can advance without waiting for a drop that is still being computed."""
+        """True if the time can advance without a wait for the computation of the next drop."""
         stream, number = self._stream, self._drops_sent + 1
         if stream is None or (self._last_drop is not None and number > self._last_drop):
             return True
@@ -166,7 +177,7 @@ class PortlessInstrument:
     # Actions of the host
 
     def connect(self) -> None:
-        """Connect a host."""
+        """Process that a host has opened the port."""
         if not self._greeted:
             self._greeted = True
             self.output += self._cable.garbage(self.scenario.link.garbage_at_start)
@@ -174,9 +185,10 @@ class PortlessInstrument:
             self._start()
 
     def disconnect(self) -> None:
-        """Disconnect the host: bytes that it did not take are lost.
+        """Process that the host has closed the port.
 
-        Sampling stops unless the instrument detects drops itself.
+        Bytes that the host did not read are lost. Sampling stops unless the instrument detects
+        drops itself.
         """
         self._sending = False
         if not self._drop_buffer.trigger.on:
@@ -186,7 +198,7 @@ class PortlessInstrument:
         self.ended = self.ended or self._all_drops_sent()
 
     def receive(self, data: bytes) -> None:
-        """Receive bytes of the host."""
+        """Process bytes from the host; responses are appended to `output`."""
         for message in self._language.receive(data):
             self._answer(message)
 
@@ -198,7 +210,9 @@ class PortlessInstrument:
                 self._configure(message.sampling_rate)
             case Start():
                 if not self.scenario.link.streams:
-                    self._refuse(RefusalCode.UNKNOWN, "keeps drops and sends no stream")
+                    self._refuse(
+                        RefusalCode.UNKNOWN, "the instrument stores drops and sends no samples"
+                    )
                 elif self.ended:
                     self._refuse(RefusalCode.BUSY, "there are no more drops")
                 else:
@@ -222,8 +236,8 @@ class PortlessInstrument:
     def _greet(self, hello: Hello) -> None:
         newest = min(hello.newest_version, VERSION)
         if newest < max(hello.oldest_version, OLDEST_VERSION):
-            speaks = f"this instrument speaks versions {OLDEST_VERSION} to {VERSION}"
-            self._refuse(RefusalCode.VERSION, speaks)
+            reason = f"this instrument supports versions {OLDEST_VERSION} to {VERSION}"
+            self._refuse(RefusalCode.VERSION, reason)
             return
         self._version = newest
         self._send(self._identity())
@@ -252,7 +266,7 @@ class PortlessInstrument:
                 drop = self._drop_buffer.find(message.stream, message.first_sample)
                 blocks = drop.blocks(message) if drop is not None else []
                 if not blocks:
-                    self._refuse(RefusalCode.ARGUMENT, "no such drop or block")
+                    self._refuse(RefusalCode.ARGUMENT, "there is no such drop or block")
                 for block in blocks:
                     self._send(block)
             case Acknowledge():
@@ -260,7 +274,7 @@ class PortlessInstrument:
                 self._send(Released(message.stream, message.first_sample))
                 self._offer()
             case Resend(count=0):
-                self._refuse(RefusalCode.ARGUMENT, "no samples asked for")
+                self._refuse(RefusalCode.ARGUMENT, "expected a request for one sample or more")
             case Resend():
                 for stored in self._ring.find_samples(message):
                     for part in (
@@ -276,7 +290,7 @@ class PortlessInstrument:
             trigger.threshold and trigger.confirm and trigger.after
         )
         if not sound or (trigger.on and longest == 0):
-            self._refuse(RefusalCode.ARGUMENT, "channel, threshold, confirm or after")
+            self._refuse(RefusalCode.ARGUMENT, "channel, threshold, confirm or after is invalid")
             return
         after = min(trigger.after, longest)
         before = min(trigger.before, longest - after)
@@ -294,13 +308,14 @@ class PortlessInstrument:
             self._refuse(RefusalCode.ARGUMENT, str(err)[:255])
             return
         if self._sending or self._shunt or self._drop_buffer.busy:
-            self._refuse(RefusalCode.BUSY, "stop sampling, switch off the shunt, fetch what waits")
+            reason = "stop sampling, switch off the shunt, and acknowledge stored drops first"
+            self._refuse(RefusalCode.BUSY, reason)
             return
         self._calibration = stored
         self._send(self._identity())
 
     def _offer(self) -> None:
-        """Offer a waiting drop to the host."""
+        """Send the announcement of a stored drop to the host, if there is one."""
         if self._version >= BUFFERS_SINCE and (offer := self._drop_buffer.next_offer()) is not None:
             self._send(offer)
 
@@ -308,7 +323,9 @@ class PortlessInstrument:
         if self._sending:
             self._refuse(RefusalCode.BUSY, "stop sampling first")
         elif not 0 < requested_rate <= FASTEST_SAMPLING:  # false for NaN too
-            self._refuse(RefusalCode.ARGUMENT, f"no sampling rate of {requested_rate:g} Hz")
+            self._refuse(
+                RefusalCode.ARGUMENT, f"a sampling rate of {requested_rate:g} Hz is impossible"
+            )
         else:
             rates = self.scenario.device.sampling_rates
             self._rate = min(rates, key=lambda rate: (abs(rate - requested_rate), rate))
@@ -318,7 +335,7 @@ class PortlessInstrument:
 
     def _switch_shunt(self, on: bool) -> None:
         if all(channel.shunt is None for channel in self.scenario.device.channels):
-            self._refuse(RefusalCode.ARGUMENT, "there is no shunt")
+            self._refuse(RefusalCode.ARGUMENT, "the instrument has no calibration shunt")
             return
         self._shunt = on
         self._shunt_until = self.time + MAX_SHUNT_S
@@ -340,7 +357,7 @@ class PortlessInstrument:
         self._sending = True
 
     def _run(self) -> None:
-        """Begin a new run of the sampler."""
+        """Begin a new stream of samples."""
         self._halt()
         self._ring.begin()
         self._drop_buffer.begin()
@@ -359,7 +376,10 @@ class PortlessInstrument:
     # Time
 
     def advance(self, seconds: float) -> None:
-        """Advance the simulated time; stops early if the cable is to be unplugged."""
+        """Advance the simulated time and append the samples of this time to `output`.
+
+        The time advances less if a fault unplugs the cable meanwhile; see `unplugged`.
+        """
         until = self.time + seconds
         while self._stream is not None and self.unplugged is None:
             stream = self._stream
@@ -375,7 +395,7 @@ class PortlessInstrument:
                     self.time = max(self.time, stream.began + stream.index / self._rate)
                     self._happen(self._due.pop(0))
                     continue
-                stop = min(stop, at)  # a block ends where a fault happens
+                stop = min(stop, at)  # a block of samples ends where a fault happens
             if stream.began + stop / self._rate > until + 1e-9:
                 break
             self.time = max(self.time, stream.began + stream.index / self._rate)
@@ -386,7 +406,7 @@ class PortlessInstrument:
             self._watch_shunt()
 
     def pass_unplugged(self, seconds: float) -> None:
-        """Advance the time without a cable; samples in that time are lost."""
+        """Advance the time while the cable is unplugged; samples in this time are lost."""
         self.time += seconds
         stream = self._stream
         if stream is not None:
@@ -409,7 +429,7 @@ class PortlessInstrument:
         return min(samples, max_samples)
 
     def _emit(self, stream: _Stream, stop: int) -> None:
-        """Emit the samples before `stop`, or lose them if there is no room."""
+        """Send and store the samples before the index `stop`; lose them if the output is full."""
         room = self.scenario.link.buffer * self._rate * self._bytes_per_sample
         if self._overruns_on and self._sending and len(self.output) > room:
             self._overruns += stop - stream.index
@@ -439,14 +459,14 @@ class PortlessInstrument:
         return np.clip(counts + self._shunt_shift(), -full, full - 1)
 
     def _shunt_shift(self) -> NDArray[np.int32]:
-        """Return the counts that the shunt adds."""
+        """Return the counts that the calibration shunt adds to each channel, (channels,)."""
         device = self.scenario.device
         full = 1 << (device.adc_bits - 1)
         volts = [channel.sensitivity * (channel.shunt or 0.0) for channel in device.channels]
         return np.rint(np.array(volts) * full / device.adc_range).astype(np.int32)
 
     def _note_drops(self, stream: _Stream) -> None:
-        """Store the true values of the drops that have begun."""
+        """Store the true values of the drops whose samples have begun."""
         while self._last_drop is None or self._drops_sent < self._last_drop:
             number = self._drops_sent + 1
             index = stream.timeline.touch_index(number)
@@ -506,7 +526,7 @@ class PortlessInstrument:
     # Messages of the instrument
 
     def status(self) -> None:
-        """Send a status; to be called at least every half second of real time."""
+        """Append a status message to `output`; call it at least every half second of real time."""
         device = self.scenario.device
         clock = self._clock_us(self.time)
         status = Status(clock, device.battery, device.temperature, self._overruns, self._sending)
@@ -517,7 +537,7 @@ class PortlessInstrument:
         self._offer()
 
     def sent(self, count: int) -> None:
-        """Remove bytes from `output` that have been sent."""
+        """Remove the first bytes of `output`, which have been sent."""
         del self.output[:count]
 
     def _clock_us(self, time: float) -> int:
@@ -536,5 +556,5 @@ class PortlessInstrument:
     # True values, which are not sent
 
     def truth(self) -> list[dict[str, Any]]:
-        """Return the true values of each drop so far; SI units, units in the names."""
+        """Return the true values of each drop so far, in SI units, with the units in the keys."""
         return list(self._truth)

@@ -1,7 +1,7 @@
-"""Endpoint for a host: a virtual serial port or a TCP port.
+"""Ports of a simulated instrument, to which a host connects: virtual serial port or TCP port.
 
-Only `wait` blocks. `connected` is true while a host holds the port open; on a virtual serial port
-the kernel reports a hang-up while no host does.
+Only `wait` blocks. `connected` is true while a host has the port open. On a virtual serial port the
+system reports a hang-up otherwise.
 """
 
 from __future__ import annotations
@@ -17,53 +17,53 @@ from simulators.mesh import SimulationError
 
 READ_SIZE = 65_536
 QUIET_TIME = 0.1
-"""Time without unread bytes after which all are read, s: the kernel queues bytes before they count
-as readable."""
+"""Time without unread bytes after which the host has read all of them, s: the system queues bytes
+before it reports them as unread."""
 
 
 class EndpointError(SimulationError, OSError):
-    """Port that cannot be opened for hosts."""
+    """A port of the simulated instrument cannot be opened; the message names the port."""
 
 
 class Endpoint(Protocol):
-    """Port to which a host can connect."""
+    """Interface of a port of a simulated instrument, to which a host can connect."""
 
     url: str
-    """URL for the host."""
+    """URL that the host opens."""
     visits: int
     """Number of connections so far; a second host may connect between two calls."""
 
     @property
     def connected(self) -> bool:
-        """True while a host is connected; accepts a new one."""
+        """True while a host is connected; a waiting host is accepted."""
         ...
 
     def wait(self, seconds: float, writing: bool) -> None:
-        """Return when there is something to read, room to write if `writing`, or after a time."""
+        """Wait up to `seconds` for bytes to read, or for room to write if `writing` is true."""
         ...
 
     def read(self) -> bytes:
-        """Return the received bytes, perhaps none."""
+        """Return the received bytes; empty without any."""
         ...
 
     def write(self, data: bytes | bytearray | memoryview) -> int:
-        """Send as many bytes as there is room for, and return their number."""
+        """Send the first bytes, as many as there is room for, and return their number."""
         ...
 
     def drained(self) -> bool:
-        """Return whether the host has read all written bytes, as far as can be known."""
+        """Return True if the host has read all written bytes, as far as the system reports it."""
         ...
 
     def finish(self) -> None:
-        """End the transmission to this host and refuse others."""
+        """End the transmission to the present host and accept no other."""
         ...
 
     def unplug(self) -> None:
-        """Unplug the cable."""
+        """Simulate that the cable is unplugged: the host loses the port."""
         ...
 
     def plug(self) -> None:
-        """Plug the cable in again; the URL stays valid."""
+        """Simulate that the cable is plugged in again; the URL stays valid."""
         ...
 
     def close(self) -> None:
@@ -72,11 +72,14 @@ class Endpoint(Protocol):
 
 
 class TcpEndpoint:
-    """TCP port for one host at a time.
+    """TCP port of a simulated instrument, for one host at a time; see `Endpoint`.
 
     Parameters
     ----------
-    host, port : address; port 0: any free port
+    host : str
+        Address of the network interface.
+    port : int
+        Number of the port; 0: any free port.
     """
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
@@ -91,7 +94,7 @@ class TcpEndpoint:
 
     @property
     def connected(self) -> bool:
-        """Implement the method of `Endpoint`."""
+        """True while a host is connected; a waiting host is accepted."""
         if self._peer is None and self._listener is not None:
             with contextlib.suppress(OSError):
                 self._peer, _ = self._listener.accept()
@@ -101,7 +104,7 @@ class TcpEndpoint:
         return self._peer is not None
 
     def wait(self, seconds: float, writing: bool) -> None:
-        """Implement the method of `Endpoint`."""
+        """Wait up to `seconds` for bytes to read, or for room to write if `writing` is true."""
         source = self._peer or self._listener
         if source is None:
             time.sleep(seconds)
@@ -110,7 +113,7 @@ class TcpEndpoint:
         select.select([source], writers, [], seconds)
 
     def read(self) -> bytes:
-        """Implement the method of `Endpoint`."""
+        """Return the received bytes; empty without any."""
         if self._peer is None:
             return b""
         try:
@@ -124,7 +127,7 @@ class TcpEndpoint:
         return data
 
     def write(self, data: bytes | bytearray | memoryview) -> int:
-        """Implement the method of `Endpoint`."""
+        """Send the first bytes, as many as there is room for, and return their number."""
         if self._peer is None:
             return 0
         try:
@@ -136,11 +139,11 @@ class TcpEndpoint:
             return 0
 
     def drained(self) -> bool:
-        """See `Endpoint`: the peer has all bytes when it closes after the end of transmission."""
+        """Return True if the host has read all bytes, which is known when it has disconnected."""
         return self._peer is None
 
     def finish(self) -> None:
-        """Implement the method of `Endpoint`."""
+        """End the transmission to the present host and accept no other."""
         self._stop_listening()
         if self._peer is not None and not self._finished:
             self._finished = True
@@ -148,12 +151,12 @@ class TcpEndpoint:
                 self._peer.shutdown(socket.SHUT_WR)
 
     def unplug(self) -> None:
-        """Implement the method of `Endpoint`."""
+        """Simulate that the cable is unplugged: the host loses the connection."""
         self._stop_listening()
         self._drop_peer()
 
     def plug(self) -> None:
-        """Implement the method of `Endpoint`."""
+        """Simulate that the cable is plugged in again: accept a host at the same address."""
         host, port = self._address
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         listener = socket.socket(family, socket.SOCK_STREAM)
@@ -171,7 +174,7 @@ class TcpEndpoint:
         self._listener = listener
 
     def close(self) -> None:
-        """Implement the method of `Endpoint`."""
+        """Close the port."""
         self.unplug()
 
     def _stop_listening(self) -> None:

@@ -1,4 +1,7 @@
-"""Reproducible damage of frames and bytes by a bad cable."""
+"""Simulation of a bad cable that damages frames and bytes, reproducible by a seed.
+
+A frame is the packed form of one message of the protocol.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +13,17 @@ _FRAMES, _BYTES, _GARBAGE = 4, 5, 6  # streams of random numbers
 
 
 class BadCable:
-    """Cable that loses, repeats and reorders frames, and flips bits of the others.
+    """Simulated cable that loses, repeats and reorders frames, and flips bits in the others.
 
-    Frames are damaged before bytes, as in a cable behind a driver with a queue. The damaged frames
-    and bytes depend only on their number since the start, not on the division into blocks.
+    Which frames and bytes are damaged depends only on the seed and on their number since the start,
+    not on the sizes in which they are sent.
 
     Parameters
     ----------
     settings : LinkSettings
-        Settings with the rates.
+        Fractions of frames and bytes to damage.
     seed : int
+        Seed of the random numbers.
     """
 
     def __init__(self, settings: LinkSettings, seed: int) -> None:
@@ -33,11 +37,18 @@ class BadCable:
         self._until_error = self._bytes_to_next_error()
 
     def order(self, kind: str, count: int) -> None:
-        """Damage the next frames of samples: `lost`, `repeated`, `reordered`, `bit-errors`."""
+        """Request that the next frames with samples are damaged.
+
+        Parameters
+        ----------
+        kind : "lost", "repeated", "reordered" or "bit-errors"
+        count : int
+            Number of frames; for "bit-errors" the number of bits in the next frame.
+        """
         self._ordered_counts[kind] = self._ordered_counts.get(kind, 0) + count
 
     def garbage(self, count: int) -> bytes:
-        """Return random bytes."""
+        """Return `count` random bytes, as noise on the line."""
         return self._garbage.bytes(count)
 
     def carry(self, frame: bytes, samples: bool = True) -> bytes:
@@ -45,6 +56,7 @@ class BadCable:
 
         Parameters
         ----------
+        frame : bytes
         samples : bool
             True if the frame contains samples; `order` affects only such frames.
         """
@@ -73,7 +85,7 @@ class BadCable:
         return self.flip_bits(out)
 
     def flip_bits(self, data: bytes) -> bytes:
-        """Return the bytes with bits flipped at the error rate."""
+        """Return the bytes with random bits flipped, at the rate of the settings."""
         if self._until_error is None:
             return data
         if self._until_error >= len(data):
@@ -88,7 +100,7 @@ class BadCable:
         return bytes(damaged)
 
     def release(self) -> bytes:
-        """Return the delayed frame, which has no successor."""
+        """Return a frame that was delayed to reorder it, at the end of the transmission."""
         out, self._delayed_frame = self._delayed_frame, b""
         return self.flip_bits(out)
 
@@ -110,7 +122,7 @@ class BadCable:
         return ""
 
     def _flip(self, frame: bytes, count: int) -> bytes:
-        """Return a frame with different bits flipped."""
+        """Return a frame with `count` of its bits flipped."""
         damaged = bytearray(frame)
         bits = self._bytes.choice(8 * len(frame), min(count, 8 * len(frame)), replace=False)
         for bit in bits.tolist():
@@ -118,6 +130,6 @@ class BadCable:
         return bytes(damaged)
 
     def _bytes_to_next_error(self) -> int | None:
-        """Return the number of intact bytes before the next error."""
+        """Return the number of undamaged bytes before the next error; None without errors."""
         rate = self._settings.bit_error_rate
         return int(self._bytes.geometric(rate)) - 1 if rate > 0 else None

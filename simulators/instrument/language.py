@@ -1,7 +1,6 @@
-"""Dialects on the side of the instrument: messages to frames, bytes to messages.
+"""Encoders and decoders of a simulated instrument for the protocols (dialects) that it supports.
 
-``LANGUAGES`` contains the simulated dialects by the names that setup files use. Not every dialect
-is simulated.
+``LANGUAGES`` contains them by the names that setup files use. Not every dialect is simulated.
 """
 
 from __future__ import annotations
@@ -19,22 +18,22 @@ CLOCK_PERIOD_US = 1 << 32
 
 
 class Language(Protocol):
-    """Encoder and decoder of a simulated instrument."""
+    """Interface of the encoder and decoder of a simulated instrument."""
 
     starts_by_itself: bool
     """True if the instrument streams as soon as a host connects."""
 
     def receive(self, data: bytes) -> list[HostMessage | None]:
-        """Return the messages of the host; None: a message unknown to the instrument."""
+        """Return the messages of the host that these bytes complete; None for an unknown one."""
         ...
 
     def frame(self, message: InstrumentMessage) -> bytes:
-        """Return the bytes of a message; empty if the dialect does not have it."""
+        """Return the bytes of a message to the host; empty if the protocol does not have it."""
         ...
 
 
 class BinaryLanguage:
-    """Binary protocol."""
+    """Encoder and decoder of the binary protocol, on the side of the instrument."""
 
     starts_by_itself = False
 
@@ -43,20 +42,27 @@ class BinaryLanguage:
         self._sent = 0
 
     def receive(self, data: bytes) -> list[HostMessage | None]:
-        """See `Language`."""
+        """Return the messages of the host that these bytes complete; None for an unknown one."""
         unknown = self._end.counters.frames_unknown
         received: list[HostMessage | None] = list(self._end.feed(data))
         return received + [None] * (self._end.counters.frames_unknown - unknown)
 
     def frame(self, message: InstrumentMessage) -> bytes:
-        """See `Language`."""
+        """Return the bytes of a message to the host."""
         frame = encode_message(message, self._sent)
         self._sent += 1
         return frame
 
 
 class AsciiLanguage:
-    """Lines `t_us,load,g0,...` without greeting; messages of the host are ignored."""
+    """Encoder of text lines `t_us,load,g0,...`, one for each sample.
+
+    The instrument sends them as soon as a host connects, and ignores messages of the host.
+
+    Parameters
+    ----------
+    sampling_rate : float, Hz
+    """
 
     starts_by_itself = True
 
@@ -64,11 +70,11 @@ class AsciiLanguage:
         self._rate = sampling_rate
 
     def receive(self, data: bytes) -> list[HostMessage | None]:
-        """Ignore all messages."""
+        """Return an empty list, because the instrument ignores all messages."""
         return []
 
     def frame(self, message: InstrumentMessage) -> bytes:
-        """Return one line for each sample, and nothing for other messages."""
+        """Return a text line for each sample of a block; empty for all other messages."""
         if not isinstance(message, SampleBlock):
             return b""
         count, channels = message.counts.shape
@@ -85,4 +91,4 @@ LANGUAGES: Mapping[str, Callable[[float], Language]] = {
     "pfwd": lambda sampling_rate: BinaryLanguage(),
     "ascii": AsciiLanguage,
 }
-"""Constructors of the languages, which take the sampling rate (Hz), by name of the dialect."""
+"""Functions that return an encoder and decoder for a sampling rate (Hz), by name of the dialect."""

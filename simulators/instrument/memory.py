@@ -1,4 +1,8 @@
-"""Memory of an instrument of version 2: last samples, unacknowledged drops, calibration."""
+"""Memory of a simulated instrument: latest samples (ring), stored drops, stored calibration.
+
+An instrument with version 2 of the protocol has them. The ring allows the host to request samples
+again. A drop is stored until the host acknowledges that it is safe on the disk.
+"""
 
 from __future__ import annotations
 
@@ -24,28 +28,28 @@ from pfwd_device.wire.messages import (
 )
 
 DROP_BLOCK_BYTES = 240
-"""Bytes of counts in a block of a drop; small, so that a damaged byte costs little."""
+"""Bytes of samples in a block of a drop; few, so that a damaged byte costs few samples."""
 _N_FIRST_REST_SAMPLES = 64
-"""Number of samples whose mean is the first load at rest."""
+"""Number of samples whose mean is the first estimate of the load at rest."""
 _REST_AVERAGING_SAMPLES = 1024.0
-"""Number of samples over which the load at rest is averaged."""
+"""Time constant of the average that estimates the load at rest, samples."""
 MAX_BOUNCE_PEAK_RATIO = 0.7
-"""Upper limit of a bounce's peak over that of the pulse before, by the protocol (Arm)."""
+"""Largest peak load of a bounce, relative to the pulse before it; prescribed by the protocol."""
 MAX_FLIGHT_TIME_S = 0.7
-"""Longest time between a pulse and its bounce, s, by the protocol (Arm)."""
+"""Longest time between a pulse and its bounce, s; prescribed by the protocol."""
 OLDEST_FIRST_OFFERS = 8
-"""Number of offers of the oldest drop only. After that all drops are offered in turn, so that a
-drop that the host cannot record does not block the others."""
+"""Number of announcements (offers) of only the oldest drop. After them all drops are offered in
+turn, so that a drop that the host cannot record does not block the others."""
 DISARMED = Trigger(False, 0, 1, 1, 0, 1, 0)
 
 
 class Ring:
-    """Last samples of a run, with the state of the shunt.
+    """Buffer of the latest samples of a stream, which the host can request again.
 
     Parameters
     ----------
     length : int
-        Number of samples.
+        Number of samples that it stores.
     """
 
     def __init__(self, length: int) -> None:
@@ -53,18 +57,18 @@ class Ring:
         self._blocks: list[SampleBlock] = []
 
     def begin(self) -> None:
-        """Begin a new run."""
+        """Discard the samples at the begin of a new stream."""
         self._blocks.clear()
 
     def add(self, block: SampleBlock) -> None:
-        """Add the next samples; there may be a gap before them."""
+        """Add the next samples, which may follow a gap."""
         self._blocks.append(block)
         end = block.first_sample + len(block.counts)
         while self._blocks and _end(self._blocks[0]) <= end - self._length:
             del self._blocks[0]
 
     def find_samples(self, request: Resend) -> list[SampleBlock | SamplesGone]:
-        """Return the requested samples, and the parts that are gone, in order."""
+        """Return requested samples, and reports of those that are not available, in order."""
         parts: list[SampleBlock | SamplesGone] = []
         position, end = request.first_sample, request.first_sample + request.count
         for block in self._blocks:
@@ -82,7 +86,10 @@ class Ring:
         return parts
 
     def part(self, first: int, end: int) -> NDArray[np.int32] | None:
-        """Return the samples from `first` to before `end`; None if some are missing."""
+        """Return the samples from index `first` to before `end`, in counts, (n, channels).
+
+        None if some of them are missing.
+        """
         parts, position = [], first
         for block in self._blocks:
             if block.first_sample <= position < _end(block):
@@ -97,13 +104,15 @@ def _end(block: SampleBlock) -> int:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class WaitingDrop:
-    """Drop that waits until the host acknowledges it."""
+    """Drop in the memory of the instrument, which waits until the host acknowledges it."""
 
     offer: DropOffer
+    """Description of the drop that is announced to the host."""
     data: bytes
+    """Samples as they are sent, 3 bytes for each count."""
 
     def blocks(self, request: Fetch) -> list[DropBlock]:
-        """Return the requested blocks that exist."""
+        """Return the requested blocks of the drop, as far as they exist."""
         offer = self.offer
         size = 3 * offer.channels * offer.block_samples
         last = offer.blocks if request.blocks == 0 else request.first_block + request.blocks
@@ -114,14 +123,14 @@ class WaitingDrop:
 
 
 class DropBuffer:
-    """Detector of drops with a buffer for drops that wait.
+    """Drop detection of the simulated instrument, with a memory for drops.
 
     Parameters
     ----------
     slots : int
-        Largest number of waiting drops; 0: drops are not buffered.
-    shunt_counts : sequence of int
-        Counts that the shunt adds to each channel.
+        Largest number of stored drops; 0: drops are not detected.
+    shunt_counts : (channels,) ndarray of int
+        Counts that the calibration shunt adds to each channel.
     """
 
     def __init__(self, slots: int, shunt_counts: NDArray[np.int32]) -> None:
@@ -135,11 +144,11 @@ class DropBuffer:
 
     @property
     def busy(self) -> bool:
-        """True while a drop begins, is being recorded or waits."""
+        """True while a drop begins, is being recorded or is stored."""
         return bool(self.waiting) or self._hand is not None or self._candidate is not None
 
     def begin(self) -> None:
-        """Begin a new run of the sampler."""
+        """Reset the detection at the begin of a new stream of samples."""
         self._rest: float | None = None
         self._early: list[float] = []
         self._candidate: int | None = None
@@ -152,7 +161,7 @@ class DropBuffer:
         self._candidate_peak = 0.0
 
     def switched_off(self) -> None:
-        """Lose the power: the drops stay, and their clock is no longer valid."""
+        """Simulate a loss of power: the drops remain, but their times are unknown from then on."""
         self.waiting = [
             replace(drop, offer=replace(drop.offer, earlier=True, clock_us=None))
             for drop in self.waiting
@@ -161,13 +170,13 @@ class DropBuffer:
         self.begin()
 
     def find(self, stream: int, first_sample: int) -> WaitingDrop | None:
-        """Return the first drop of a name."""
+        """Return the oldest stored drop with a stream and an index of its first sample, or None."""
         name = stream, first_sample
         matches = (drop for drop in self.waiting if _name(drop) == name)
         return next(matches, None)
 
     def release(self, stream: int, first_sample: int) -> None:
-        """Remove an acknowledged drop, the one that `find` returns."""
+        """Delete the drop that `find` returns, because the host has acknowledged it."""
         drop = self.find(stream, first_sample)
         if drop is not None:
             if drop is self.waiting[0]:
@@ -175,22 +184,32 @@ class DropBuffer:
             self.waiting = [waiting for waiting in self.waiting if waiting is not drop]
 
     def offer_oldest(self) -> None:
-        """Restart the offers at the oldest drop."""
+        """Begin the announcements with the oldest drop again."""
         self._offers = 0
 
     def next_offer(self) -> DropOffer | None:
-        """Return the offer to send now; None: no drop waits."""
+        """Return the announcement of a drop to send now; None if no drop is stored."""
         if not self.waiting:
             return None
         turn = max(0, self._offers - OLDEST_FIRST_OFFERS + 1)
         self._offers += 1
-        # Of several drops with one name only the oldest can be fetched.
+        # The host can only fetch the oldest of several drops with the same stream and index.
         fetchable = {_name(drop): drop for drop in reversed(self.waiting)}
         oldest_first = [drop for drop in self.waiting if fetchable[_name(drop)] is drop]
         return oldest_first[turn % len(oldest_first)].offer
 
     def take(self, block: SampleBlock, ring: Ring, rate: float) -> bool:
-        """Search samples that are in the ring already; return whether they complete a drop."""
+        """Search samples for drops and store a complete one; return True if a drop was stored.
+
+        Parameters
+        ----------
+        block : SampleBlock
+            Samples, which the ring contains already.
+        ring : Ring
+            Latest samples.
+        rate : float, Hz
+            Sampling rate.
+        """
         trigger = self.trigger
         if self._slots and (trigger.on or self._hand is not None):
             column = block.counts[:, trigger.channel].astype(float)
@@ -245,10 +264,8 @@ class DropBuffer:
         if not trigger.on:
             return
         if deviation <= trigger.threshold / 2:
-            # A candidate that lasted long enough was a bounce, which is over.
-            if (
-                self._candidate is not None and self._stayed >= trigger.confirm
-            ):  # a bounce, and over
+            # A candidate that lasted long enough and is no drop was a bounce, which has ended.
+            if self._candidate is not None and self._stayed >= trigger.confirm:
                 self._pulse, self._peak = self._candidate, self._candidate_peak
             self._candidate = None
             self._calm += 1
@@ -269,8 +286,7 @@ class DropBuffer:
             self._candidate, self._peak = None, self._candidate_peak
 
     def _bounces(self, candidate: int, rate: float) -> bool:
-        """Return whether the pulse, by its time and its peak so far, is a bounce of the last
-        drop."""
+        """Return True if a pulse is a bounce of the last drop by its time and its peak so far."""
         return (
             self._last is not None
             and candidate - self._last < self.trigger.hold_off
@@ -284,7 +300,7 @@ def _name(drop: WaitingDrop) -> tuple[int, int]:
 
 
 def split_block(block: SampleBlock, max_samples: int) -> list[SampleBlock]:
-    """Return a block in pieces of up to `max_samples` samples."""
+    """Return the samples of a block as blocks of up to `max_samples` samples."""
     max_samples = min(max_samples, MAX_SAMPLE_BYTES // (3 * block.counts.shape[1]))
     return [
         replace(
@@ -299,16 +315,19 @@ def split_block(block: SampleBlock, max_samples: int) -> list[SampleBlock]:
 
 @dataclass(frozen=True)
 class StoredCalibration:
-    """Calibration stored by the host, which replaces that of the scenario in the identity.
+    """Calibration that the host has stored in the instrument, in its permanent memory.
 
-    It outlasts a reset. The samples do not depend on it.
+    It replaces the calibration of the scenario in the identity that the instrument reports. The
+    samples do not depend on it.
     """
 
     channels: dict[int, Calibrate] = field(default_factory=dict)
+    """Stored calibrations by index of the channel."""
     serial_number: str = ""
+    """Stored serial number; empty: that of the scenario."""
 
     def applied(self, identity: Identity) -> Identity:
-        """Return the identity with the stored calibration."""
+        """Return the identity with the stored calibration in place of its own."""
         channels = list(identity.channels)
         for number, stored in self.channels.items():
             channels[number] = _calibrated(channels[number], stored)
@@ -316,11 +335,24 @@ class StoredCalibration:
         return replace(identity, channels=tuple(channels), serial_number=serial)
 
     def with_channel(self, request: Calibrate, identity: Identity) -> StoredCalibration:
-        """Return the calibration with another channel; `SetupError` if it is invalid."""
+        """Return the stored calibrations with that of a further channel.
+
+        Parameters
+        ----------
+        request : Calibrate
+            Command of the host.
+        identity : Identity
+            Present identity of the instrument.
+
+        Raises
+        ------
+        SetupError
+            If the requested calibration is invalid.
+        """
         serial = request.serial_number
         sound = len(serial.encode()) <= LONGEST_NAME and serial.isascii() and serial.isprintable()
         if request.channel >= len(identity.channels) or not (sound or not serial):
-            raise SetupError("channel or serial number")
+            raise SetupError("calibration: expected a channel and a serial number in range")
         _calibrated(identity.channels[request.channel], request)
         return StoredCalibration(
             {**self.channels, request.channel: request}, serial or self.serial_number
@@ -331,7 +363,7 @@ def _calibrated(channel: ChannelIdentity, stored: Calibrate) -> ChannelIdentity:
     try:
         calibrated, due = day_of(stored.calibrated), day_of(stored.due)
     except (ValueError, OverflowError) as err:
-        raise SetupError(f"channel {channel.name!r}: no such day") from err
+        raise SetupError(f"channel {channel.name!r}: expected days as yyyymmdd") from err
     return replace(
         channel,
         sensitivity=stored.sensitivity,

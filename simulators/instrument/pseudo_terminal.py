@@ -1,4 +1,7 @@
-"""Virtual serial port: a pseudo-terminal of a POSIX system, imported only there."""
+"""Virtual serial port of a simulated instrument, by a pseudo-terminal.
+
+Only POSIX systems have pseudo-terminals, so the module is imported only there.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +24,11 @@ assert sys.platform != "win32"  # type checkers skip the rest on Windows
 
 
 class PtyEndpoint:
-    """Virtual serial port.
+    """Virtual serial port of a simulated instrument; see `Endpoint`.
 
-    Its URL is a symbolic link to the present port, so that the name survives unplugging. The system
-    gives the name of a closed port to the next one, which a program in search of its lost
-    instrument would open by mistake.
+    Its URL is a symbolic link to the present pseudo-terminal, so that the name is the same after
+    the port was unplugged. The system gives the name of a closed pseudo-terminal to the next one,
+    which a program in search of its lost instrument would open by mistake.
     """
 
     def __init__(self) -> None:
@@ -49,13 +52,13 @@ class PtyEndpoint:
         os.set_blocking(self._master, False)
         self._port = port
         self._quiet_since = math.inf
-        # Closed, because only then the kernel reports whether a host has the port open.
+        # Only while this program has closed it, the system reports whether a host has it open.
         os.close(slave)
         return port
 
     @property
     def connected(self) -> bool:
-        """See `Endpoint`."""
+        """True while a host has the port open."""
         occupied = self._master >= 0
         if occupied and sys.platform == "linux":  # other kernels do not report it
             poll = select.poll()
@@ -67,7 +70,7 @@ class PtyEndpoint:
         return occupied
 
     def wait(self, seconds: float, writing: bool) -> None:
-        """See `Endpoint`."""
+        """Wait up to `seconds` for bytes to read, or for room to write if `writing` is true."""
         if not self.connected:
             time.sleep(seconds)
             return
@@ -76,14 +79,14 @@ class PtyEndpoint:
         poll.poll(1000 * seconds)
 
     def read(self) -> bytes:
-        """See `Endpoint`."""
+        """Return the received bytes; empty without any."""
         try:
             return os.read(self._master, READ_SIZE)
         except OSError:  # no bytes, or no host
             return b""
 
     def write(self, data: bytes | bytearray | memoryview) -> int:
-        """See `Endpoint`."""
+        """Send the first bytes, as many as there is room for, and return their number."""
         self._quiet_since = math.inf
         try:
             return os.write(self._master, data)
@@ -91,10 +94,10 @@ class PtyEndpoint:
             return 0
 
     def drained(self) -> bool:
-        """See `Endpoint`."""
+        """Return True if the host has read all written bytes, as far as the system reports it."""
         if not self.connected:
             return True
-        # Opened briefly; a host has it open already, so this resets nothing.
+        # Opening a port may reset it. That does no harm here, because a host has it open already.
         slave = os.open(self._port, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
         try:
             (unread,) = struct.unpack("i", fcntl.ioctl(slave, termios.FIONREAD, b"\0" * 4))
@@ -105,10 +108,10 @@ class PtyEndpoint:
         return now - self._quiet_since >= QUIET_TIME
 
     def finish(self) -> None:
-        """See `Endpoint`; on a serial port the hang-up is the end."""
+        """Do nothing, because the host notices the end when the port is closed."""
 
     def unplug(self) -> None:
-        """See `Endpoint`."""
+        """Simulate that the cable is unplugged: the host loses the port."""
         Path(self.url).unlink(missing_ok=True)
         if self._master >= 0:
             os.close(self._master)
@@ -116,10 +119,10 @@ class PtyEndpoint:
         self._occupied = False
 
     def plug(self) -> None:
-        """See `Endpoint`."""
+        """Simulate that the cable is plugged in again: open a port with the same URL."""
         os.symlink(self._open(), self.url)
 
     def close(self) -> None:
-        """See `Endpoint`."""
+        """Close the port and remove its link."""
         self.unplug()
         shutil.rmtree(self._folder, ignore_errors=True)

@@ -1,4 +1,7 @@
-"""Readings of the channels from the motion of the ground: geophones, loose seats, delays."""
+"""Readings of the channels from the motion of the ground: geophones, loose sensors, delays.
+
+A unit drop is a drop from the height of the scenario; drops from other heights are multiples of it.
+"""
 
 from __future__ import annotations
 
@@ -13,24 +16,25 @@ from simulators.mesh import Array
 from simulators.traces import Geophone, geophone_output
 
 FADE_S = 0.04
-"""Length of the end of a computed drop over which its motion, below 1 % of the peak, fades, s."""
+"""Time at the end of a computed drop over which its motion, below 1 % of the peak, is faded out,
+s."""
 RING_DOWN_TIME_CONSTANTS = 14.0
 """Number of time constants after which a filter is at rest: exp(-14) is 1e-6."""
 MAX_RING_DOWN_S = 4.0
-"""Longest time until a channel is at rest after the ground, s."""
+"""Longest time from the rest of the ground to the rest of a channel, s."""
 MAX_RESPONSE_S = UNIT_DROP_DURATION_S + MAX_RING_DOWN_S
 """Longest time from the first touch until all channels are at rest, s."""
 
 
 class DropResponse:
-    """Readings of all channels in one unit drop, in SI units, at any time.
+    """Readings of all channels in a unit drop as functions of time.
 
     Parameters
     ----------
     scenario : Scenario
-        Scenario of the channels and their effects.
+        Description of the simulation, with the channels and their faults.
     unit : UnitDrop
-        Unit drop with a row for each channel.
+        Computed motion in a drop from the height of the scenario, with a row for each channel.
     """
 
     def __init__(self, scenario: Scenario, unit: UnitDrop) -> None:
@@ -45,16 +49,34 @@ class DropResponse:
         self.duration = (len(signals) - 1) * UNIT_DROP_STEP_S
         """Time from the first touch until all channels are at rest, s."""
         time = np.arange(len(signals), dtype=float) * UNIT_DROP_STEP_S
-        # Clamped, with zero slope at both ends, so that it joins the rest before and after.
+        # Slope 0 at both ends, where the channels are at rest.
         self._spline = CubicSpline(time, signals, axis=0, bc_type="clamped")
 
     def at(self, time: Array) -> Array:
-        """Return readings (n, channels) at times (n,) from the first touch, 0 to `duration`."""
+        """Return the readings of all channels at given times.
+
+        Parameters
+        ----------
+        time : (n,) ndarray of float, s
+            Times after the first touch, 0 to `duration`.
+
+        Returns
+        -------
+        (n, channels) ndarray of float
+            N, m/s or m according to the role of the channel.
+        """
         return np.asarray(self._spline(time))
 
 
 def channel_gain(channel: ChannelSettings, effects: tuple[ChannelEffect, ...]) -> float:
-    """Return the product of all gains of a channel."""
+    """Return the factor on the readings of a channel by its undeclared faults.
+
+    Parameters
+    ----------
+    channel : ChannelSettings
+    effects : tuple of ChannelEffect
+        Faults of all channels.
+    """
     gain = 1.0
     for effect in effects:
         if effect.channel != channel.name:
@@ -72,7 +94,7 @@ def channel_gain(channel: ChannelSettings, effects: tuple[ChannelEffect, ...]) -
 
 
 def _ring_down(scenario: Scenario) -> float:
-    """Return the time after the ground at which the slowest channel is at rest, s."""
+    """Return the time from the rest of the ground to the rest of the slowest channel, s."""
     longest = 0.05
     for channel in scenario.device.channels:
         if channel.natural_frequency is not None and channel.damping is not None:
@@ -86,7 +108,10 @@ def _ring_down(scenario: Scenario) -> float:
 
 
 def _settling_time(frequency: float, damping: float) -> float:
-    """Return the time until a second-order system is at rest, s."""
+    """Return the time until a second-order system is at rest, s.
+
+    It has a natural frequency (Hz) and a damping as a fraction of critical damping.
+    """
     slowest = damping - math.sqrt(damping**2 - 1) if damping > 1 else damping
     return RING_DOWN_TIME_CONSTANTS / (slowest * 2 * math.pi * frequency)
 
@@ -94,7 +119,7 @@ def _settling_time(frequency: float, damping: float) -> float:
 def _read(
     channel: ChannelSettings, effects: list[ChannelEffect], unit: UnitDrop, row: int, padding: int
 ) -> Array:
-    """Return one channel of a unit drop, (n,), SI unit of its role."""
+    """Return the readings of one channel in a unit drop, (n,), in N, m/s or m."""
     match channel.role:
         case "load":
             signal = unit.load

@@ -1,4 +1,4 @@
-"""Start of a simulated instrument in this process or in another."""
+"""Start of a simulated instrument, in this process or in another one."""
 
 from __future__ import annotations
 
@@ -25,41 +25,52 @@ from simulators.mesh import SimulationError
 HAS_PTY = os.name == "posix"
 """True on platforms with virtual serial ports."""
 START_TIMEOUT_S = 30.0
-"""Time within which a process must report its URL, s; it takes less than one second."""
+"""Longest wait for the URL that a started process reports, s; it takes less than one second."""
 STOP_TIMEOUT_S = 10.0
-"""Time within which a process must end, s."""
+"""Longest wait for the end of a process, s."""
 
 
 @dataclass(frozen=True)
 class SimulateOptions:
-    """Options of a simulation."""
+    """Options of a simulated instrument."""
 
     listen: str | None = None
-    """`pty` or `tcp://HOST:PORT`; None: `pty` where the platform has it."""
+    """Port: `pty` for a virtual serial port, or `tcp://HOST:PORT`. None: `pty` where the platform
+    has it."""
     scenario: str | Mapping[str, Any] = "default"
-    """Name of a built-in scenario, TOML file, or parsed tables."""
+    """Name of a built-in scenario, path of a TOML file, or its content."""
     drops: int | None = None
     """Number of drops; None: no end."""
     seed: int = 0
+    """Seed of the random numbers."""
     rate: float = 1.0
-    """Speed over real time; 0: as fast as the host reads."""
+    """Speed relative to real time; 0: as fast as the host reads."""
     truth: str | None = None
-    """JSON file of the true values, written at the end."""
+    """JSON file to which the true values are written at the end; None: no file."""
 
 
 def open_endpoint(listen: str | None) -> Endpoint:
-    """Open the endpoint of `--listen`; by default a virtual serial port where available.
+    """Open the port of a simulated instrument.
+
+    Parameters
+    ----------
+    listen : str or None
+        `pty` for a virtual serial port, or `tcp://HOST:PORT`. None: a virtual serial port where the
+        platform has them, else any free TCP port of this computer.
 
     Raises
     ------
     EndpointError
-        If the endpoint cannot be opened.
+        If the port cannot be opened.
     """
     if listen is None:
         listen = "pty" if HAS_PTY else "tcp://127.0.0.1:0"
     if listen == "pty":
         if sys.platform == "win32":
-            raise EndpointError("pty: this platform has no virtual serial ports; try tcp://")
+            raise EndpointError(
+                "pty: expected a platform with virtual serial ports, got Windows; try "
+                "tcp://127.0.0.1:0"
+            )
         else:  # noqa: RET506 - type checkers skip only an else on Windows
             from simulators.instrument.pseudo_terminal import PtyEndpoint
 
@@ -67,7 +78,7 @@ def open_endpoint(listen: str | None) -> Endpoint:
     host, colon, port = listen.removeprefix("tcp://").rpartition(":")
     good = listen.startswith("tcp://") and colon and host and port.isdecimal()
     if not good or int(port) > 65_535:
-        raise EndpointError(f"{listen}: expected pty or tcp://HOST:PORT")
+        raise EndpointError(f"listen: expected pty or tcp://HOST:PORT, got {listen}")
     return TcpEndpoint(host.strip("[]"), int(port))
 
 
@@ -76,17 +87,25 @@ def simulate(
     announce: Callable[[str], None],
     stopped: Callable[[], bool] = lambda: False,
 ) -> list[dict[str, Any]]:
-    """Serve one instrument until its last message, and return the true values of its drops.
+    """Run a simulated instrument until its last message, and return the true values of its drops.
 
     Parameters
     ----------
-    announce : called with the URL as soon as it can be opened
-    stopped : returns True to end earlier
+    options : SimulateOptions
+    announce : callable
+        Function that receives the URL of the port as soon as a host can open it.
+    stopped : callable
+        Function that returns True to end earlier.
+
+    Returns
+    -------
+    list of dict
+        True values of each drop, in SI units, with the units in the keys.
 
     Raises
     ------
     ScenarioError, EndpointError
-        If the scenario or the port is not usable.
+        If the scenario is invalid or the port cannot be opened.
     """
     if not 0 <= options.rate < float("inf"):
         raise ScenarioError(f"rate: expected a number >= 0, got {options.rate}")
@@ -112,7 +131,7 @@ def simulate(
 
 
 class SimulatedInstrument:
-    """Simulated instrument in another process.
+    """Simulated instrument that runs in another process.
 
     Parameters
     ----------
@@ -121,21 +140,21 @@ class SimulatedInstrument:
     Raises
     ------
     SimulationError
-        If it does not start; the message has the reason.
+        If the instrument does not start; the message has the reason.
     """
 
     def __init__(self, options: SimulateOptions) -> None:
         settings = asdict(options)
         self._truth_text = ""
         self._listener: threading.Thread | None = None
-        # It ends with its standard input, and so with this process. Ctrl+C is handled by the
-        # program that shows the drops, which stops the instrument when it is ready.
+        # The process ends with its standard input, and so with this process. Ctrl+C does not reach
+        # it: the program that shows the drops stops the instrument in its own time.
         self._process = start_text_child(
             "-m", "simulators.instrument", json.dumps(settings, default=str)
         )
         try:
             self.url = self._first_line()
-            """URL for the host."""
+            """URL that the host opens."""
             self._listener = threading.Thread(target=self._listen, daemon=True)
             self._listener.start()
         except BaseException:
@@ -154,16 +173,27 @@ class SimulatedInstrument:
             self._process.wait()
             assert self._process.stderr is not None
             reason = self._process.stderr.read().strip().splitlines()
-            raise SimulationError(reason[-1] if reason else "the simulated instrument ended")
+            raise SimulationError(
+                reason[-1] if reason else "the simulated instrument ended without a message"
+            )
         return str(json.loads(line)["url"])
 
     def _listen(self) -> None:
-        """Read the true values at the end, so that a full pipe does not block the process."""
+        """Read the true values, which the process writes at its end.
+
+        They are read in a thread, so that a full pipe does not block the process.
+        """
         assert self._process.stdout is not None
         self._truth_text = self._process.stdout.read()
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait up to a number of seconds (None: no limit); return whether it has ended."""
+        """Wait for the end of the instrument; return True if it has ended.
+
+        Parameters
+        ----------
+        timeout : float or None, s
+            Longest wait; None: no limit.
+        """
         try:
             self._process.wait(timeout)
         except subprocess.TimeoutExpired:
@@ -171,7 +201,7 @@ class SimulatedInstrument:
         return True
 
     def stop(self) -> None:
-        """End the process if it still runs."""
+        """End the instrument if it still runs."""
         if self._process.stdin is not None:
             self._process.stdin.close()
         if not self.wait(STOP_TIMEOUT_S):
@@ -179,23 +209,28 @@ class SimulatedInstrument:
             self._process.wait()
 
     def truth(self) -> list[dict[str, Any]]:
-        """Return the true values, one mapping per drop; only after the end.
+        """Return the true values of each drop, in SI units, after the end of the instrument.
 
         Raises
         ------
         SimulationError
-            If it still runs, or ended without them.
+            If the instrument still runs, or ended after an error.
         """
         if self._process.poll() is None:
-            raise SimulationError("truth: expected an instrument that has ended; stop it first")
+            raise SimulationError(
+                "truth: expected an instrument that has ended, got a running one; stop it first"
+            )
         if self._listener is not None:
             self._listener.join()
         if not self._truth_text:
-            raise SimulationError(f"truth: the instrument ended with {self._process.returncode}")
+            raise SimulationError(
+                "truth: expected true values, got none: the instrument ended with exit status "
+                f"{self._process.returncode}"
+            )
         return list(json.loads(self._truth_text))
 
     def close(self) -> None:
-        """End the process and close its pipes."""
+        """End the instrument and release its resources."""
         self.stop()
         if self._listener is not None:
             self._listener.join()
@@ -223,7 +258,21 @@ def serve(
     seed: int = 0,
     rate: float = 1.0,
 ) -> SimulatedInstrument:
-    """Start a simulated instrument in another process; hosts open its `url`.
+    """Start a simulated instrument in another process; a host opens its `url`.
+
+    Parameters
+    ----------
+    scenario : str or mapping
+        Name of a built-in scenario, path of a TOML file, or its content.
+    listen : str, optional
+        Port: `pty` for a virtual serial port, or `tcp://HOST:PORT`. By default `pty` where the
+        platform has it.
+    drops : int, optional
+        Number of drops; by default no end.
+    seed : int
+        Seed of the random numbers.
+    rate : float
+        Speed relative to real time; 0: as fast as the host reads.
 
     Examples
     --------
@@ -234,12 +283,18 @@ def serve(
 
 
 def main(settings: str) -> int:
-    """Serve the instrument of a `SimulatedInstrument` in another process."""
+    """Run the instrument in the process that `SimulatedInstrument` started; return its exit status.
+
+    Parameters
+    ----------
+    settings : str
+        `SimulateOptions` as JSON.
+    """
     options = SimulateOptions(**json.loads(settings))
     ended = threading.Event()
 
     def wait_for_end_of_input() -> None:
-        # Without sys.stdin, whose lock this thread would still hold when the interpreter ends.
+        # sys.stdin is not used: this thread would still have its lock when the interpreter ends.
         while os.read(0, 4096):
             pass
         ended.set()
@@ -254,7 +309,7 @@ def main(settings: str) -> int:
         return 1
     except KeyboardInterrupt:
         return 0
-    with suppress(OSError):  # the caller may be gone
+    with suppress(OSError):  # the calling process may have ended
         sys.stdout.buffer.write(json.dumps(truth).encode())
         sys.stdout.buffer.flush()
     return 0

@@ -1,7 +1,8 @@
-"""Scenario of a simulation: soil, hammer, instrument, drops, link and faults, read from TOML.
+"""Scenario: the description of a simulated instrument, read from TOML.
 
-A scenario is never sent to the host; the instrument only sends what a real one would. Every key has
-a default, see docs/simulator.md.
+It consists of soil, hammer, instrument, drops, link and faults. The instrument sends to the host
+only values that a real one would send, and never its scenario. Every key has a default; see
+docs/simulator.md.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from simulators.mesh import Ground, GroundError, Layer, Plate, SimulationError
 
 
 class ScenarioError(SimulationError, ValueError):
-    """A scenario cannot be simulated as it is written; the message names the key."""
+    """A scenario has an unknown key or an invalid value; the message names the key."""
 
 
 _POSITIVE = Number(above=0)
@@ -51,7 +52,7 @@ FOLDER = files("simulators").joinpath("scenarios")
 
 @dataclass(frozen=True)
 class Soil:
-    """Ground under the plate."""
+    """Settings of the ground under the plate."""
 
     modulus: float = declared(45e6, _POSITIVE, "Young's modulus, Pa")
     viscosity: float = declared(54e3, _NOT_NEGATIVE, "Kelvin-Voigt viscosity, Pa s")
@@ -69,7 +70,7 @@ class Soil:
     )
 
     def ground(self, factor: float = 1.0) -> Ground:
-        """Return the ground with every modulus times `factor`."""
+        """Return the ground for the finite elements, with every modulus multiplied by a factor."""
         base = Layer(
             factor * self.modulus, self.viscosity, self.density, self.poisson_ratio, math.inf
         )
@@ -94,7 +95,7 @@ class Soil:
 
 @dataclass(frozen=True)
 class HammerSettings:
-    """Falling weight and its spring."""
+    """Settings of the falling weight and its spring."""
 
     mass: float = declared(10.0, _POSITIVE, "kg")
     stiffness: float = declared(5.6e5, _POSITIVE, "of the spring, N/m")
@@ -102,16 +103,16 @@ class HammerSettings:
 
     @property
     def velocity(self) -> float:
-        """Velocity at the first touch, m/s."""
+        """Velocity of the falling weight when it hits the spring, m/s."""
         return math.sqrt(2 * STANDARD_GRAVITY * self.drop_height)
 
 
 @dataclass(frozen=True)
 class ChannelSettings:
-    """Channel with its declared properties and its undeclared errors."""
+    """Settings of a channel: its declared properties and its undeclared errors."""
 
     name: str = declared("", Text(), "up to 32 characters, sent")
-    role: str = declared("geophone", Choice(Role), "what it measures, sent: one of the roles")
+    role: str = declared("geophone", Choice(Role), "measured quantity, sent: one of the roles")
     offset: float = declared(
         0.0, Number(), "from the plate centre, m, negative on the other side of the plate, sent"
     )
@@ -121,7 +122,9 @@ class ChannelSettings:
         None, _POSITIVE, "of the geophone, Hz, sent; else no response is simulated"
     )
     damping: float | None = declared(None, _POSITIVE, "of the geophone, sent")
-    shunt: float | None = declared(None, _POSITIVE, "what the calibration shunt simulates, N, sent")
+    shunt: float | None = declared(
+        None, _POSITIVE, "force that the calibration shunt simulates, N, sent"
+    )
     calibrated: datetime.date | None = declared(
         None, Date(text=True), "day of the calibration, sent"
     )
@@ -134,7 +137,7 @@ class ChannelSettings:
     drift: float = declared(0.0, _NOT_NEGATIVE, "amplitude of the slow wander, SI unit of the role")
 
     def identity(self) -> ChannelIdentity:
-        """Return the properties that are sent to the host."""
+        """Return the properties of the channel that the instrument reports to the host."""
         return ChannelIdentity(
             name=self.name,
             role=Role(self.role),
@@ -151,28 +154,26 @@ class ChannelSettings:
 
 @dataclass(frozen=True)
 class DeviceSettings:
-    """Instrument."""
+    """Settings of the instrument and its channels."""
 
     serial_number: str = declared("PFWD-0042", Text(), "up to 32 characters, sent")
     model: str = declared("Simulated PFWD", Text(), "up to 32 characters, sent")
     firmware: str = declared("1.0.0", Text(), "up to 32 characters, sent")
     sampling_rate: float = declared(10e3, _POSITIVE, "after switching on, Hz, sent")
     sampling_rates: tuple[float, ...] = declared(
-        (1e3, 2e3, 5e3, 10e3, 20e3, 50e3), Array(_POSITIVE), "what it can be configured to, Hz"
+        (1e3, 2e3, 5e3, 10e3, 20e3, 50e3), Array(_POSITIVE), "rates that can be configured, Hz"
     )
     adc_bits: int = declared(18, Integer(8, 24), "8 to 24, sent")
     adc_range: float = declared(5.0, _POSITIVE, "volts at full scale, sent")
     plate_radius: float = declared(0.15, _POSITIVE, "m, sent")
     plate_mass: float = declared(10.6, _NOT_NEGATIVE, "kg, sent")
-    plate_declared: bool = declared(True, Flag(), "whether radius and mass are sent at all")
+    plate_declared: bool = declared(True, Flag(), "true: radius and mass are sent")
     centre_sensor: str = declared("plate", Choice(("plate", "ground")), "sent")
     hum_frequency: float = declared(50.0, _POSITIVE, "of the mains, Hz")
     battery: float = declared(7.4, _NOT_NEGATIVE, "V, sent")
     temperature: float = declared(21.5, Number(), "degrees Celsius, sent")
     clock_start_us: int = declared(0, Integer(0), "clock when it is switched on, microseconds")
-    clock_drift_ppm: float = declared(
-        0.0, Number(), "how much faster the clock runs than the samples"
-    )
+    clock_drift_ppm: float = declared(0.0, Number(), "excess speed of the clock over the sampling")
     message: str = declared("", Text(), "text of its events, sent")
     channels: tuple[ChannelSettings, ...] = declared(
         (
@@ -182,11 +183,11 @@ class DeviceSettings:
             ),
         ),
         Array(table_of(ChannelSettings)),
-        "tables of their own, see below",
+        "tables, see below",
     )
 
     def identity(self, sampling_rate: float) -> Identity:
-        """Return the identity that is sent at a sampling rate (Hz)."""
+        """Return the identity that the instrument reports at a sampling rate (Hz)."""
         declared = self.plate_declared
         return Identity(
             serial_number=self.serial_number,
@@ -203,68 +204,72 @@ class DeviceSettings:
 
     @property
     def plate(self) -> Plate:
-        """Plate of the finite elements."""
+        """Load plate for the finite elements."""
         return Plate(self.plate_radius, self.plate_mass)
 
 
 @dataclass(frozen=True)
 class DropSettings:
-    """Times of the drops, and differences between drops."""
+    """Settings of the times of the drops and of the differences between drops."""
 
-    first: float = declared(3.0, _POSITIVE, "first touch after START, s")
-    interval: float = declared(5.0, _POSITIVE, "between drops, s")
-    jitter: float = declared(0.05, _NOT_NEGATIVE, "largest deviation from that, s")
+    first: float = declared(3.0, _POSITIVE, "time from the start of sampling to the first touch, s")
+    interval: float = declared(5.0, _POSITIVE, "time between drops, s")
+    jitter: float = declared(0.05, _NOT_NEGATIVE, "largest deviation from the interval, s")
     height_scatter: float = declared(
         0.02, _FRACTION, "standard deviation of the load between drops"
     )
     seating: tuple[float, ...] = declared(
         (0.85, 0.94), Array(_POSITIVE), "factors of the modulus under the first drops of a point"
     )
-    drops_per_point: int = declared(0, Integer(0), "after so many drops the next point; 0: never")
+    drops_per_point: int = declared(
+        0, Integer(0), "number of drops after which the next point begins; 0: never"
+    )
     bounces: tuple[int, ...] = declared(
-        (2, 4), Array(Integer(0)), "fewest and most rebounds of the hammer"
+        (2, 4), Array(Integer(0)), "smallest and largest number of rebounds of the hammer"
     )
     bounce_interval: tuple[float, ...] = declared(
-        (0.25, 0.5), Array(_POSITIVE), "between rebounds, s, range"
+        (0.25, 0.5), Array(_POSITIVE), "time between rebounds, s, range"
     )
     bounce_ratio: tuple[float, ...] = declared(
         (0.3, 0.5), Array(_FRACTION), "load over that of the impact before, range"
     )
-    knock_probability: float = declared(0.0, _FRACTION, "of a knock between two drops")
+    knock_probability: float = declared(0.0, _FRACTION, "probability of a knock between two drops")
     knock_load: float = declared(400.0, _POSITIVE, "peak of a knock, N")
     quiet: float = declared(
-        3.0, _NOT_NEGATIVE, "streamed after the last rebound of the last drop, s"
+        3.0, _NOT_NEGATIVE, "time sampled after the last rebound of the last drop, s"
     )
 
 
 @dataclass(frozen=True)
 class LinkSettings:
-    """Dialect and memory of the instrument, and faults of the cable."""
+    """Settings of the protocol, the memory of the instrument and the faults of the cable."""
 
-    dialect: str = declared(
-        "pfwd", Choice(LANGUAGES), "language, by the name that a setup file has for it"
-    )
+    dialect: str = declared("pfwd", Choice(LANGUAGES), "protocol, by its name in setup files")
     block_samples: int = declared(0, Integer(0), "samples in a block; 0: 5 ms, as far as they fit")
-    buffer: float = declared(1.0, _POSITIVE, "output the instrument can hold before it overruns, s")
+    buffer: float = declared(
+        1.0, _POSITIVE, "time of samples that can wait to be sent, s; more are lost (overrun)"
+    )
     bit_error_rate: float = declared(0.0, _FRACTION, "bytes with a flipped bit, fraction")
     lost_rate: float = declared(0.0, _FRACTION, "frames that never arrive, fraction")
     repeated_rate: float = declared(0.0, _FRACTION, "frames that arrive twice, fraction")
     reordered_rate: float = declared(
-        0.0, _FRACTION, "frames that arrive after their follower, fraction"
+        0.0, _FRACTION, "frames that arrive after the next one, fraction"
     )
     garbage_at_start: int = declared(0, Integer(0), "random bytes before the first frame")
     ring: float = declared(
-        0.0, _NOT_NEGATIVE, "so many of the last samples can be asked for again, s"
+        0.0, _NOT_NEGATIVE, "time of the latest samples that can be requested again, s"
     )
     kept_drops: int = declared(
-        0, Integer(0), "drops that wait until they are acknowledged; 0: none"
+        0, Integer(0), "largest number of drops stored until they are acknowledged; 0: none"
     )
-    kept_seconds: float = declared(0.4, _POSITIVE, "length of the longest drop that is kept, s")
-    streams: bool = declared(True, Flag(), "whether samples can be sent as they are taken")
+    kept_seconds: float = declared(
+        0.4, _POSITIVE, "length of the longest drop that can be stored, s"
+    )
+    streams: bool = declared(True, Flag(), "true: samples can be sent continuously")
 
 
 _EARLIER_DIALECTS = {"binary": "pfwd"}
-"""Dialects by their names in scenarios of earlier versions."""
+"""Present names of dialects by their names in scenarios of earlier versions."""
 
 
 _KEYS_BY_EFFECT: dict[str, tuple[str, ...]] = {
@@ -279,7 +284,7 @@ _KEYS_BY_EFFECT: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class ChannelEffect:
-    """Undeclared error of one channel."""
+    """Undeclared fault of one channel, such as a wrong gain or a delay."""
 
     KEYS: ClassVar = _KEYS_BY_EFFECT
     """Keys of each kind besides `kind` and `channel`."""
@@ -288,7 +293,7 @@ class ChannelEffect:
     channel: str = declared("", Text(), "name of the channel")
     factor: float = declared(1.0, Number(), "gain: true sensitivity over the declared one")
     angle: float = declared(0.0, Number(), "tilted: from the vertical, radians")
-    seconds: float = declared(0.0, _NOT_NEGATIVE, "delay: how much later the channel is")
+    seconds: float = declared(0.0, _NOT_NEGATIVE, "delay: time by which the channel lags, s")
     frequency: float = declared(180.0, _POSITIVE, "ringing: of the sensor on its loose seat, Hz")
     damping: float = declared(0.05, _POSITIVE, "ringing: damping ratio of the same")
 
@@ -312,25 +317,25 @@ _KEYS_BY_FAULT: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Fault:
-    """Fault that happens once, at a fixed time."""
+    """Event that happens once at a given time, such as a reset or an unplugged cable."""
 
     KEYS: ClassVar = _KEYS_BY_FAULT
     """Keys of each kind besides `kind` and `at_s`."""
 
     kind: str = field(metadata=describe(Choice(_KEYS_BY_FAULT), "one of the faults below"))
-    at_s: float = declared(0.0, _NOT_NEGATIVE, "seconds of sampling since the first START")
+    at_s: float = declared(0.0, _NOT_NEGATIVE, "time of sampling since the first start, s")
     count: int = declared(1, Integer(1), "frames, bits, bytes or samples, see below")
-    seconds: float = declared(1.0, Number(), "stall, unplug: how long; clock-jump: how far, s")
-    powered: bool = declared(False, Flag(), "unplug: the instrument goes on sampling meanwhile")
+    seconds: float = declared(1.0, Number(), "stall, unplug: duration; clock-jump: size, s")
+    powered: bool = declared(False, Flag(), "unplug: the instrument continues sampling meanwhile")
     load: float = declared(400.0, _POSITIVE, "knock: peak, N")
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """Complete description of a simulation."""
+    """Complete description of a simulated instrument and of the ground on which it stands."""
 
     base: str = declared(
-        "", Text(), "name of a built-in scenario whose keys hold where these are silent"
+        "", Text(), "name of a built-in scenario, whose values apply to keys that are missing here"
     )
     soil: Soil = declared(Soil(), table_of(Soil), "ground under the plate")
     hammer: HammerSettings = declared(
@@ -358,19 +363,24 @@ class Scenario:
     name: str = ""
 
     def faults_of(self, *kinds: str) -> tuple[Fault, ...]:
-        """Return the faults of some kinds in order of time."""
+        """Return the faults of the given kinds in the order of their times."""
         chosen = [fault for fault in self.faults if fault.kind in kinds]
         return tuple(sorted(chosen, key=lambda fault: fault.at_s))
 
 
 def builtin_scenarios() -> list[str]:
-    """Return the names of the scenarios in the program."""
+    """Return the sorted names of the built-in scenarios."""
     names = (entry.name for entry in FOLDER.iterdir())
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
 def load_scenario(source: str | Path | Mapping[str, Any]) -> Scenario:
-    """Return the scenario of a built-in name, of a TOML file, or of parsed tables.
+    """Return a scenario.
+
+    Parameters
+    ----------
+    source : str, path or mapping
+        Name of a built-in scenario, path of a TOML file, or its content.
 
     Raises
     ------
@@ -386,7 +396,9 @@ def load_scenario(source: str | Path | Mapping[str, Any]) -> Scenario:
     path = Path(source)
     if not path.is_file():
         choices = ", ".join(names)
-        raise ScenarioError(f"scenario {source}: expected a file or one of {choices}")
+        raise ScenarioError(
+            f"scenario {source}: expected an existing file or one of {choices}, got neither"
+        )
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as err:
@@ -401,7 +413,20 @@ def scenario_schema() -> dict[str, Any]:
 
 
 def scenario_from(tables: Mapping[str, Any], name: str) -> Scenario:
-    """Return the scenario of TOML tables; see `load_scenario`."""
+    """Return the scenario of the content of a TOML file.
+
+    Parameters
+    ----------
+    tables : mapping
+        Content of the file as the TOML parser returned it.
+    name : str
+        Name of the scenario, for messages.
+
+    Raises
+    ------
+    ScenarioError
+        If a key is unknown or has an invalid value; the message names the key.
+    """
     base = tables.get("base", "")
     if base:
         if base not in builtin_scenarios():
@@ -418,7 +443,7 @@ def scenario_from(tables: Mapping[str, Any], name: str) -> Scenario:
 
 
 def _with_present_names(tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return tables with the present names instead of those of earlier versions."""
+    """Return the content of a scenario with the present names of dialects for earlier names."""
     link = tables.get("link")
     if isinstance(link, Mapping) and isinstance(dialect := link.get("dialect"), str):
         link = {**link, "dialect": _EARLIER_DIALECTS.get(dialect, dialect)}
@@ -427,7 +452,17 @@ def _with_present_names(tables: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def merged(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
-    """Return tables whose keys another table overrides; arrays are replaced as one."""
+    """Return the content of a scenario in which another one overrides single keys.
+
+    Nested tables are merged key by key; arrays are replaced as a whole.
+
+    Parameters
+    ----------
+    base : mapping
+        Content whose keys are used unless they are overridden.
+    override : mapping
+        Content with the overriding keys.
+    """
     result = dict(base)
     for name, value in override.items():
         inner = result.get(name)
@@ -455,7 +490,7 @@ def _builtin_tables(name: str) -> Mapping[str, Any]:
 
 
 def _check(scenario: Scenario) -> None:
-    """Check conditions that involve several keys."""
+    """Raise ScenarioError if values of several keys contradict each other."""
 
     def require(holds: bool, where: str, expected: str) -> None:
         if not holds:

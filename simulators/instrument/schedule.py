@@ -1,4 +1,4 @@
-"""Schedule of drops and rebounds, a function of the seed and the number of the drop."""
+"""Schedule of the simulated drops: times, sizes and rebounds, given by a seed and the number."""
 
 from __future__ import annotations
 
@@ -14,34 +14,35 @@ _DROPS = 1  # stream of random numbers, different from those of other modules
 
 @dataclass(frozen=True)
 class Impact:
-    """Impact of the hammer on the plate."""
+    """Impact of the hammer on the plate: the first touch of a drop, or a rebound."""
 
     delay: float
-    """Delay after the touch of the drop, s."""
+    """Time after the first touch of the drop, s."""
     factor: float
-    """Size over that of a drop from the height of the scenario."""
+    """Size, relative to a drop from the height of the scenario."""
 
 
 @dataclass(frozen=True)
 class Knock:
-    """Small impact on the plate that is no drop."""
+    """Small impact on the plate that is not a drop."""
 
     time: float
-    """Time, s."""
+    """Time in the stream, or after the touch of a drop, s."""
     load: float
     """Peak load, N."""
 
 
 @dataclass(frozen=True)
 class PlannedDrop:
-    """Fall of the hammer with its rebounds."""
+    """Drop of the schedule with its rebounds."""
 
     number: int
     """Number of the drop, from 1."""
     shift: float
-    """Time of the touch minus the regular time, s."""
+    """Deviation of the first touch from the regular interval, s."""
     modulus_factor: float
-    """Modulus of the soil over that of the scenario, below 1 during seating drops."""
+    """Modulus of the soil relative to the scenario; below 1 for the first drops of a point, which
+    compact the surface."""
     impacts: tuple[Impact, ...]
     """Impact of the drop, then its rebounds."""
     knock: Knock | None = None
@@ -49,22 +50,26 @@ class PlannedDrop:
 
 
 class Schedule:
-    """Drops of a scenario in their order.
+    """Schedule of the drops of a scenario.
 
     Parameters
     ----------
     scenario : Scenario
     seed : int
+        Seed of the random numbers.
     """
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
         self._settings = scenario.drops
         self._seed = seed
         self.drop = lru_cache(maxsize=64)(self._drop)
-        """Return the drop of a number, from 1."""
+        """Function that returns the planned drop with a number, from 1."""
 
     def modulus_factor(self, number: int) -> float:
-        """Return the factor of the modulus under a drop."""
+        """Return the modulus of the soil under a drop, relative to the scenario.
+
+        It is below 1 for the first drops of a point, which compact the surface.
+        """
         settings = self._settings
         place = number - 1
         if settings.drops_per_point:

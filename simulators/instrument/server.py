@@ -1,4 +1,4 @@
-"""Loop that serves an instrument at an endpoint, in real time or faster."""
+"""Loop that connects a simulated instrument to a port and to a clock, in real time or faster."""
 
 from __future__ import annotations
 
@@ -13,29 +13,32 @@ TICK_S = 0.01
 STATUS_INTERVAL_S = 0.4
 """Real time between two status messages, s."""
 STRIDE_S = 0.25
-"""Simulated time of one step without a clock, s."""
+"""Simulated time of one step when the simulation runs as fast as the host reads, s."""
 FULL_OUTPUT_BYTES = 262_144
-"""Bytes that may wait for the host. Above it the clock stops, except in real time."""
+"""Number of bytes that may wait for the host. With more the simulated time stops, except at the
+speed of real time."""
 MAX_BACKLOG_BYTES = 16_777_216
-"""Waiting bytes above which no more status messages are sent."""
+"""Number of waiting bytes above which no more status messages are sent."""
 FINAL_FLUSH_TIMEOUT_S = 300.0
-"""Longest wait at the end for a host that reads nothing, s."""
+"""Longest wait at the end of the simulation for a host that reads nothing, s."""
 UNPLUG_FLUSH_TIMEOUT_S = 2.0
-"""Longest wait before unplugging for a host that reads nothing, s."""
+"""Longest wait for a host that reads nothing before the cable is unplugged, s."""
 
 
 class Server:
-    """Server of one instrument at one endpoint.
+    """Loop that passes bytes between a simulated instrument and a port, and advances its time.
 
     Parameters
     ----------
-    instrument, endpoint
+    instrument : PortlessInstrument
+    endpoint : Endpoint
+        Port to which a host connects.
     rate : float
-        Speed over real time; 0: as fast as the host reads.
+        Speed relative to real time; 0: as fast as the host reads.
     stopped : callable
-        Returns True to end; called at least every `TICK_S`.
+        Function that returns True to end the loop; it is called at least every `TICK_S`.
     clock : callable
-        Returns the time, s.
+        Function that returns the time, s.
     """
 
     def __init__(
@@ -52,7 +55,7 @@ class Server:
         self._last = self._last_status = clock()
 
     def run(self) -> None:
-        """Serve until the host has the last message of the instrument, or until stopped."""
+        """Run the loop until the host has the last message of the instrument, or until stopped."""
         instrument = self._instrument
         while not instrument.ended and not self._stopped():
             self._turn()
@@ -62,7 +65,7 @@ class Server:
             self._flush(FINAL_FLUSH_TIMEOUT_S)
 
     def _turn(self) -> None:
-        """Receive, advance the time, and send."""
+        """Receive bytes, advance the simulated time, and send bytes."""
         instrument = self._instrument
         hurrying = (
             self._rate == 0 and instrument.sampling and len(instrument.output) < FULL_OUTPUT_BYTES
@@ -83,7 +86,7 @@ class Server:
         self._write()
 
     def _exchange(self) -> None:
-        """Accept or drop a host, and receive its bytes."""
+        """Report a new or a lost host to the instrument, and pass it the received bytes."""
         endpoint, instrument = self._endpoint, self._instrument
         connected = endpoint.connected
         if self._visit and (not connected or endpoint.visits != self._visit):
@@ -108,10 +111,7 @@ class Server:
             instrument.sent(count)
 
     def _flush(self, patience: float) -> None:
-        """Wait until the host has read all bytes or has read nothing for `patience` seconds.
-
-        Nothing is sent after that.
-        """
+        """Wait until the host has read all bytes, or has read nothing for `patience` seconds."""
         instrument, endpoint = self._instrument, self._endpoint
         waiting, since, finished = -1, self._clock(), False
         while endpoint.connected and not self._stopped():
@@ -132,7 +132,7 @@ class Server:
                 return
 
     def _pull_the_cable(self) -> None:
-        """Unplug when the host has all bytes, wait, and plug in again."""
+        """Unplug the cable when the host has all bytes, wait, and plug it in again."""
         instrument, fault = self._instrument, self._instrument.unplugged
         seconds = 0.0 if fault is None else fault.seconds
         self._flush(UNPLUG_FLUSH_TIMEOUT_S)

@@ -1,7 +1,8 @@
-"""Samples of one stream as counts of the converter, a function of seed, scenario and index.
+"""Samples of a stream as counts of the converter.
 
-The samples do not depend on the time or the size of the requests: they are computed in pages at
-fixed places, and every random number belongs to a place or to the number of a drop.
+A stream is a run of samples from a start of the instrument to the next. Its samples are a function
+of scenario, seed and index. They do not depend on the time or the size of requests, because they
+are computed in pages at fixed indices, and every random number belongs to an index or to a drop.
 """
 
 from __future__ import annotations
@@ -22,24 +23,25 @@ from simulators.mesh import Array
 PAGE = 4096
 """Number of samples that are computed together."""
 NOISE_PERIODS = (65_521, 32_749)
-"""Lengths of the two tables of noise, in samples. They are primes, so that their sum has a period
-of two billion samples."""
+"""Lengths of the two tables of noise, in samples. They are prime numbers, so that the sum of the
+tables repeats only after two billion samples."""
 HUM_HARMONICS = ((1, 1.0), (3, 0.35), (5, 0.15))
-"""Order and relative amplitude of the harmonics of the mains."""
+"""Order and relative amplitude of the harmonics of the mains hum."""
 WANDER_PERIODS = (211.0, 67.0, 23.0)
-"""Periods of the sines of a slow drift, s."""
+"""Periods of the sine waves of which a slow drift consists, s."""
 _NOISE, _WANDER = 2, 3  # streams of random numbers
 
 
 class Bench:
-    """Responses to drops, tables of noise and schedule of all streams of one instrument.
+    """Data that all streams of a simulated instrument share: responses to drops, noise, schedule.
 
     Parameters
     ----------
     scenario : Scenario
     units : UnitDrops
-        Unit drops of the scenario, perhaps still being computed.
+        Computed drops from the height of the scenario, which may still be in computation.
     seed : int
+        Seed of the random numbers.
     """
 
     def __init__(self, scenario: Scenario, units: UnitDrops, seed: int) -> None:
@@ -51,8 +53,8 @@ class Bench:
         self.gains = np.array([channel_gain(c, scenario.effects) for c in channels])
         self.sensitivities = np.array([channel.sensitivity for channel in channels])
         generator = np.random.default_rng([seed, _NOISE])
-        # Two tables of equal variance. The noise is that of amplifiers, without the gains of
-        # sensors.
+        # Two tables of equal variance. The noise arises in the amplifiers, so the undeclared gains
+        # of the sensors do not change it.
         noise = self.sensitivities * [channel.noise for channel in channels] / math.sqrt(2)
         self.noise = [
             (generator.standard_normal((period, len(channels))) * noise).astype(np.float32)
@@ -64,17 +66,23 @@ class Bench:
         self.wander_phases = phases
 
     def ready(self, factor: float) -> bool:
-        """Return whether the drops on soil with this factor are computed."""
+        """Return True if the drop on soil with `factor` times the modulus has been computed."""
         return self._units.ready(factor)
 
     def response(self, factor: float) -> DropResponse:
-        """Return the readings of a unit drop on soil with this factor; may wait for it."""
+        """Return the readings in a drop on soil with `factor` times the modulus.
+
+        The call waits until the drop has been computed.
+        """
         if factor not in self._responses:
             self._responses[factor] = DropResponse(self.scenario, self._units.get(factor))
         return self._responses[factor]
 
     def peaks(self, factor: float) -> tuple[float, float]:
-        """Return peak load, N, and displacement under the first sensor, m, of a unit drop."""
+        """Return peak load (N) and peak displacement at the first sensor (m) in a drop.
+
+        The drop is from the height of the scenario, on soil with `factor` times the modulus.
+        """
         unit = self._units.get(factor)
         sensors = [
             row
@@ -85,7 +93,13 @@ class Bench:
         return float(np.max(unit.load)), deflection
 
     def truth(self, number: int) -> dict[str, Any]:
-        """Return soil and peaks of a drop; SI units, units in the names."""
+        """Return the true soil and the true peaks of a drop, in SI units, with units in the keys.
+
+        Parameters
+        ----------
+        number : int
+            Number of the drop, from 1.
+        """
         soil, planned = self.scenario.soil, self.schedule.drop(number)
         factor = planned.impacts[0].factor
         load, deflection = self.peaks(planned.modulus_factor)
@@ -104,17 +118,19 @@ class Bench:
 
 
 class Timeline:
-    """Samples of one stream.
+    """Samples of one stream of a simulated instrument.
 
     Parameters
     ----------
     bench : Bench
+        Data that all streams share.
     sampling_rate : float, Hz
     first_drop : int
         Number of the first drop in this stream.
     last_drop : int or None
         Number of the last drop; None: there is no last one.
-    knocks : knocks in addition to those of the schedule, at times in the stream
+    knocks : tuple of Knock
+        Knocks in addition to those of the schedule, with their times in the stream.
     """
 
     def __init__(
@@ -141,7 +157,7 @@ class Timeline:
         self._sensed = sensed
 
     def touch(self, number: int) -> float:
-        """Return the time of the first touch of a drop, s in the stream."""
+        """Return the time in the stream of the first touch of a drop, s."""
         regular = self._drops.first + (number - self._first) * self._drops.interval
         return regular + self._bench.schedule.drop(number).shift
 
@@ -150,7 +166,10 @@ class Timeline:
         return math.ceil(self.touch(number) * self._rate)
 
     def end_index(self) -> int | None:
-        """Return the number of samples until the quiet after the last drop has ended."""
+        """Return the number of samples of the stream; None without a last drop.
+
+        It ends some seconds after the last rebound of the last drop.
+        """
         if self._last is None:
             return None
         quiet = self._drops.quiet
@@ -185,7 +204,7 @@ class Timeline:
         return np.clip(counts, *self._limits).astype(np.int32)
 
     def _quiet(self, start: int) -> Array:
-        """Return a page without drops, V."""
+        """Return the voltages of a page without drops, (PAGE, channels), V."""
         index = np.arange(start, start + PAGE)
         volts = np.zeros((PAGE, self._rest.size))
         for table in self._bench.noise:
@@ -209,10 +228,11 @@ class Timeline:
         return volts
 
     def _impacts(self, start: int) -> Iterator[tuple[float, DropResponse, float]]:
-        """Yield touch, response and factor of all impacts with a reading in a page."""
+        """Yield the impacts that affect a page: time of the touch (s), response and size factor."""
         begin, end = start / self._rate, (start + PAGE) / self._rate
         settings = self._drops
-        # Longest effect of a drop: rebounds, the knock before the next drop, and ringing.
+        # Longest time from the touch of a drop to the end of its effects: rebounds, the knock
+        # before the next drop, and the ringing of the channels.
         rebounds = settings.bounces[1] * settings.bounce_interval[1]
         span = max(rebounds, settings.interval) + MAX_RESPONSE_S
         number = self._first
@@ -229,7 +249,7 @@ class Timeline:
                 factor = drop.knock.load / self._bench.peaks(drop.modulus_factor)[0]
                 yield self.touch(number) + drop.knock.time, response, factor
             number += 1
-        # Knocks are on the soil of the first drop, which is computed first.
+        # Knocks use the soil of the first drop, which is computed first.
         soil = self._bench.schedule.modulus_factor(self._first)
         for knock in self._knocks:
             if begin - MAX_RESPONSE_S < knock.time < end:

@@ -1,8 +1,8 @@
-"""Drops from one height, computed once by finite elements and scaled to other heights.
+"""Unit drops: drops from the height of the scenario, computed once by finite elements.
 
-The system is linear, so the hammer's height, its rebounds and knocks only scale a drop; another
-modulus needs another computation. The drops of the built-in scenarios are part of the program
-(`python -m simulators.instrument.units` computes them); others are computed in the background.
+The ground is linear, so drops from other heights, rebounds and knocks are multiples of a unit drop.
+Another modulus needs another computation. The unit drops of the built-in scenarios are part of the
+program (`python -m simulators.instrument.units` computes them); others are computed in a thread.
 """
 
 from __future__ import annotations
@@ -31,24 +31,25 @@ SHIPPED_OFFSETS = (0.0, 0.2, 0.3, 0.45, 0.6, 0.9, 1.2)
 
 @dataclass(frozen=True)
 class UnitDrop:
-    """Drop from the height of the scenario without noise, at the sensors' offsets."""
+    """Computed drop from the height of the scenario, without noise."""
 
     load: Array
     """Load (n,), N, every `UNIT_DROP_STEP_S` from the first touch."""
     velocity: Array
-    """Velocities (offsets, n), m/s."""
+    """Velocities at the offsets of the channels (channels, n), m/s."""
     displacement: Array
-    """Displacements (offsets, n), m."""
+    """Displacements at the offsets of the channels (channels, n), m."""
 
 
 class UnitDrops:
-    """Unit drops of a scenario by the factor of the modulus.
+    """Store of the unit drops of a scenario, which are computed in a thread if necessary.
 
     Parameters
     ----------
     scenario : Scenario
         Scenario whose soil has no scatter.
-    factors : factors of the modulus, in the order of use
+    factors : sequence of float
+        Moduli of the soil relative to the scenario, in the order of their use.
     """
 
     def __init__(self, scenario: Scenario, factors: Sequence[float]) -> None:
@@ -65,7 +66,11 @@ class UnitDrops:
             threading.Thread(target=self._compute, args=(missing,), daemon=True).start()
 
     def get(self, factor: float) -> UnitDrop:
-        """Return the drop on soil of `factor` times the modulus of the scenario; may wait."""
+        """Return the unit drop on soil with `factor` times the modulus of the scenario.
+
+        The call waits until the drop has been computed, and raises the error of a failed
+        computation.
+        """
         with self._changed:
             self._changed.wait_for(lambda: factor in self._drops)
             drop = self._drops[factor]
@@ -74,7 +79,7 @@ class UnitDrops:
         return drop
 
     def ready(self, factor: float) -> bool:
-        """Return whether `get` returns without waiting."""
+        """Return True if `get` returns the drop for this factor without waiting."""
         with self._changed:
             return factor in self._drops
 
@@ -91,7 +96,10 @@ class UnitDrops:
 
 
 def with_drawn_soil(scenario: Scenario, seed: int) -> Scenario:
-    """Return the scenario with the scatter of its soil drawn at random."""
+    """Return a scenario whose modulus and viscosity are drawn at random within their scatter.
+
+    A scenario without scatter is returned unchanged; equal seeds give equal soils.
+    """
     soil = scenario.soil
     if soil.scatter == 0:
         return scenario
@@ -104,12 +112,22 @@ def with_drawn_soil(scenario: Scenario, seed: int) -> Scenario:
 
 
 def sensor_offsets(scenario: Scenario) -> tuple[float, ...]:
-    """Return the distance of every channel in order; that of a load channel is not used."""
+    """Return the distance of each channel from the plate centre, m, in their order."""
     return tuple(abs(channel.offset) for channel in scenario.device.channels)
 
 
 def compute_unit_drop(scenario: Scenario, factor: float, offsets: Sequence[float]) -> UnitDrop:
-    """Compute one drop by finite elements, which takes some seconds."""
+    """Return a drop that is computed by finite elements, which takes some seconds.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Soil, falling weight and plate.
+    factor : float
+        Modulus of the soil relative to the scenario.
+    offsets : sequence of float, m
+        Distances from the plate centre at which the motion is computed.
+    """
     settings = scenario.hammer
     hammer = Hammer(settings.mass, settings.stiffness, settings.velocity)
     places = tuple(dict.fromkeys(offsets))
@@ -127,7 +145,7 @@ def compute_unit_drop(scenario: Scenario, factor: float, offsets: Sequence[float
 
 
 def _fingerprint(scenario: Scenario) -> dict[str, Any]:
-    """Return all quantities that determine a unit drop, except the factor and the offsets."""
+    """Return all settings on which a unit drop depends, except the factor and the offsets."""
     return {
         "soil": dataclasses.asdict(scenario.soil),
         "hammer": dataclasses.asdict(scenario.hammer),
@@ -137,7 +155,7 @@ def _fingerprint(scenario: Scenario) -> dict[str, Any]:
 
 
 def _shipped(scenario: Scenario, factor: float) -> UnitDrop | None:
-    """Return the drop in the tables of the program; None: they have none for this scenario."""
+    """Return a unit drop that is part of the program; None if there is none for this scenario."""
     if not TABLES.is_file():
         return None
     with TABLES.open("rb") as file, np.load(file) as tables:
@@ -154,13 +172,13 @@ def _shipped(scenario: Scenario, factor: float) -> UnitDrop | None:
 
 
 def _integral(velocity: Array) -> Array:
-    """Return the displacement from rest, integrated from the cubic spline of the samples."""
+    """Return the displacement from rest, the integral of a cubic spline through the velocities."""
     time = np.arange(velocity.shape[-1]) * UNIT_DROP_STEP_S
     return np.asarray(CubicSpline(time, velocity, axis=-1).antiderivative()(time))
 
 
 def make_tables(path: Any) -> None:
-    """Compute the drops of the built-in scenarios and write them to a file."""
+    """Compute the unit drops of the built-in scenarios and write them to a file."""
     index: list[dict[str, Any]] = []
     arrays: dict[str, Any] = {}
     for name in ["default", *builtin_scenarios()]:

@@ -26,5 +26,5 @@ def test_the_main_job_runs_on_the_compiled_core(tmp_path: Path) -> None:
 def test_what_the_core_cannot_play_is_refused(tmp_path: Path) -> None:
     done = pfwd("demo", "--firmware", "--scenario", "unplug", "--lines", "-o", tmp_path / "s")
     assert done.returncode == 2
-    assert "expected one without faults" in done.stderr
+    assert "expected a scenario in the binary protocol without faults" in done.stderr
     assert "Traceback" not in done.stderr

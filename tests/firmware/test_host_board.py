@@ -176,7 +176,7 @@ def test_a_drop_that_nobody_fetches_does_not_block_the_next(tmp_path: Path, play
 
 
 def test_what_does_not_compile_says_so() -> None:
-    with pytest.raises(FirmwareError, match=r"expected it to compile, got .*error"):
+    with pytest.raises(FirmwareError, match=r"expected a program, got .*error"):
         build_host("-DPFWD_FAULT=(")
 
 

@@ -164,8 +164,8 @@ def test_drops_that_the_disk_has_not_taken_yet_are_told_apart_too(
 @pytest.mark.parametrize(
     ("samples", "trigger", "rate", "reason"),
     [
-        (700, 600, 50.0, "expected times up to 10 s, got 12.0"),
-        (700, 100, 50.0, "expected times up to 10 s, got 12.0"),
+        (700, 600, 50.0, "rebound_window up to 10 s, got 12.0"),
+        (700, 100, 50.0, "rebound_window up to 10 s, got 12.0"),
         (12, 4, 10_000.0, "expected at least 16 samples"),
     ],
     ids=["long-before", "long-after", "short"],

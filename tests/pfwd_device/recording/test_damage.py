@@ -165,7 +165,7 @@ def test_a_drop_lost_in_both_places_is_named_by_its_number(
     assert again.drops_acknowledged == 3
     with SurveyWriter.open(survey, publish=False) as writer:
         assert writer.next_number("P 1") == 4
-        with pytest.raises(RecordingError, match="4 is the next"):
+        with pytest.raises(RecordingError, match="the next free number is 4"):
             writer.save_drop(DropRecord("P 1", make_record(2, np.random.default_rng(2)).drop))
         # The instrument still has it: it is taken anew.
         record = make_record(4, np.random.default_rng(4))

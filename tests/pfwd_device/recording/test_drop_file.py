@@ -216,7 +216,7 @@ def test_files_of_version_1_open_and_are_known_as_such(tmp_path: Path, whole: by
     def change(file: Any) -> None:
         file["load"][3] += 1.0
 
-    with pytest.raises(RecordingError, match="content that was written, got another"):
+    with pytest.raises(RecordingError, match="content that was written, got changed content"):
         drop_from_file_bytes(changed(data, change), "drop.h5")
 
 
@@ -405,7 +405,7 @@ def test_a_dataset_is_read_by_its_path(whole: bytes) -> None:
             "m",
             "m/s",
         )
-        with pytest.raises(RecordingError, match="sensors/9/values: expected it in the file"):
+        with pytest.raises(RecordingError, match="sensors/9/values: expected a dataset in"):
             read_dataset(place, "sensors/9/values", "drop.h5")
         with pytest.raises(RecordingError, match="sensors/1: expected a dataset, got another"):
             read_dataset(place, "sensors/1", "drop.h5")

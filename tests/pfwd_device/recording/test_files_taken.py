@@ -229,7 +229,7 @@ def test_a_record_of_an_earlier_day_that_is_written_over_is_told(tmp_path: Path)
         taken, again = writer.take_reports()
         assert isinstance(taken, SurveyFilesRemoved)
         assert "NOT SAFE" in taken.text
-        assert "written over by another program" in taken.text
+        assert "overwritten by another program" in taken.text
         assert isinstance(again, FilesRewritten)
         assert again.lost == ("drop P 1/1",)
     assert recover(survey).ok  # from its file
@@ -303,7 +303,7 @@ def test_a_second_writer_is_kept_out_though_the_lock_is_gone(tmp_path: Path) -> 
         for action in (SurveyWriter.open, recover):
             with pytest.raises(SurveyLocked, match="has the journal open"):
                 action(survey)
-        assert "a program writes it" in check(survey).notes
+        assert "a program is writing the survey" in check(survey).notes
         expected[2] = save(writer, 2)
     assert digests(survey) == expected
     assert check(survey).ok
@@ -400,7 +400,7 @@ def test_a_survey_is_not_begun_on_another_disk(
         save(writer, 1)
         shutil.rmtree(survey)
         monkeypatch.setattr(record_log, "_disk_of", lambda folder: -1)
-        with pytest.raises(RecordingError, match="not the disk that it was"):
+        with pytest.raises(RecordingError, match="on another disk than before"):
             writer.save_drop(make_record(2, np.random.default_rng(2)))
         assert not survey.exists()
 

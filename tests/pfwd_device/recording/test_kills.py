@@ -133,7 +133,7 @@ with SurveyWriter.open(sys.argv[1], publish=False, reserve_bytes=100_000) as wri
             print(writer.save_drop(record), flush=True)
             number += 1
         except StorageFull as err:
-            assert "expected room to write, got 'File too large'" in str(err), err
+            assert "expected free space on the disk, got 'File too large'" in str(err), err
             full += 1
             if full == 3:  # space is freed, and the work goes on
                 resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))

@@ -90,7 +90,7 @@ def test_what_is_no_file_does_not_hold_a_reader_up(
     """Whoever opens a named pipe to read waits for a writer, for ever."""
     (survey / name).unlink()
     os.mkfifo(survey / name)
-    with pytest.raises(RecordingError, match="expected a file of the survey, got something else"):
+    with pytest.raises(RecordingError, match="expected a file of the survey, got a named pipe"):
         action(survey)
 
 

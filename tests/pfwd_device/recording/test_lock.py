@@ -61,7 +61,7 @@ def test_a_hostile_name_is_made_harmless(tmp_path: Path) -> None:
         assert "\x1b" not in str(caught.value)
         assert len(str(caught.value)) < 600
         (tmp_path / "writer.txt").unlink()
-        with pytest.raises(SurveyLocked, match="it did not leave its name"):
+        with pytest.raises(SurveyLocked, match="its name is unknown"):
             SurveyWriter.open(tmp_path)
 
 
@@ -70,7 +70,7 @@ def test_a_check_meanwhile_names_no_damage(tmp_path: Path) -> None:
         writer.save_drop(make_record(1, np.random.default_rng(1)))
         report = check(tmp_path)
         assert report.ok
-        assert "a program writes it" in report.notes
+        assert "a program is writing the survey" in report.notes
         writer.save_drop(make_record(2, np.random.default_rng(2)))
 
 

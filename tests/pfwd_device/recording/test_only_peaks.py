@@ -44,10 +44,10 @@ def test_peaks_that_are_none_are_refused() -> None:
     with pytest.raises(ValueError, match="expected finite peaks"):
         Drop.of_peaks(1, Peaks(1.0, ((0.0, float("inf")),)))
     none = np.empty(0)
-    with pytest.raises(ValueError, match="peaks of its sensors and no samples"):
+    with pytest.raises(ValueError, match="peaks at the offsets of its channels and no samples"):
         Drop(1, none, none, (Channel(0.5, "displacement", none),), Peaks(1.0, ((0.0, 1e-4),)))
     two = np.zeros(2)
-    with pytest.raises(ValueError, match="peaks of its sensors and no samples"):
+    with pytest.raises(ValueError, match="peaks at the offsets of its channels and no samples"):
         Drop(1, two, two, (), Peaks(1.0, ()))
     with pytest.raises(ValueError, match="at least 2 samples"):
         Drop(1, none, none, ())

@@ -249,7 +249,7 @@ def test_data_of_another_kind_are_no_drop(change: dict[str, Any]) -> None:
     with pytest.raises(RecordingError):
         drop_from_parts(sound | change, arrays)
     for key in sound:
-        with pytest.raises(RecordingError, match="expected the data of a drop, got others"):
+        with pytest.raises(RecordingError, match="expected the data of a drop, got other data"):
             drop_from_parts({k: v for k, v in sound.items() if k != key}, arrays)
 
 

@@ -91,7 +91,7 @@ def test_a_failed_unlock_does_not_keep_the_next_file_waiting(
     monkeypatch.setattr(publisher, "LOCK_TIMEOUT_S", 0.0)
     with (
         file_locked(Layout(tmp_path).publish_lock, 0.0, Storage()),
-        pytest.raises(RecordingError, match="another program that publishes"),
+        pytest.raises(RecordingError, match="the only program that makes drop files, got another"),
     ):
         helper.ask(publish_request(Layout(tmp_path), drops[1]))
     assert recover(tmp_path, publisher=helper).ok
@@ -189,7 +189,7 @@ def test_a_child_that_is_silent_or_ends_is_replaced(tmp_path: Path, new_record: 
         writer.save_drop(new_record(1))
     publisher = ChildPublisher()
     request = {"do": "publish", "survey": str(tmp_path), "drop": [1, 0], "rebounds": []}
-    with pytest.raises(RecordingError, match="the program that publishes failed: RecordingError"):
+    with pytest.raises(RecordingError, match="makes drop files failed: RecordingError"):
         publisher.ask(request)
     with pytest.raises(RecordingError, match="KeyError"):
         publisher.ask({"do": "publish", "survey": str(tmp_path)})

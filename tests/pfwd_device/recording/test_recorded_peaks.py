@@ -138,7 +138,7 @@ def test_peaks_beside_missing_samples_are_told() -> None:
     values = a_drop().load.copy()
     values[-1] = np.nan
     said = peaks_data(a_drop())
-    assert "missing samples" in str(peaks_problem(payload(a_drop(load=values), said)))
+    assert "traces are missing" in str(peaks_problem(payload(a_drop(load=values), said)))
 
 
 def test_a_check_compares_the_peaks_of_a_journal(

@@ -104,11 +104,11 @@ def test_a_drop_that_home_refuses_is_in_the_spare_folder_at_once(
     assert digests(survey) == {1: expected[1]}
     report = check(survey, spare=spare)
     assert not report.ok
-    assert [text for text in report.damaged if "P 1/2 is in the spare folder" in text]
+    assert [text for text in report.damaged if "P 1/2 is only in the spare folder" in text]
     disk.refuse(False)
     home = recover(survey, spare=spare)
     assert home.ok, home.damaged
-    assert f"2 drops moved home from the spare folder {part}" in home.actions
+    assert f"2 drops moved to the survey from the spare folder {part}" in home.actions
     assert digests(survey) == expected
     assert check(survey, spare=spare).ok
     assert sorted(path.name for path in (survey / "drops").iterdir()) == [
@@ -207,7 +207,7 @@ def test_the_next_program_brings_home_what_waits(
         expected[2] = save(writer, 2)
     disk.refuse(False)
     with open_writer(survey, disk, spare) as writer:
-        assert any("moved home" in text for text in writer.recovery.actions)
+        assert any("moved to the survey" in text for text in writer.recovery.actions)
         expected[3] = save(writer, 3)
     assert digests(survey) == expected
 
@@ -365,7 +365,7 @@ def test_a_folder_that_is_gone_for_good_is_kept_whole(
     assert recover(survey, spare=spare).ok
     assert digests(survey) == expected
     assert check(survey, spare=spare).ok
-    with pytest.raises(RecordingError, match="expected the folder of a survey, got none"):
+    with pytest.raises(RecordingError, match="expected the folder of a survey, got no survey"):
         recover(tmp_path / "another", spare=spare)
 
 
@@ -406,7 +406,7 @@ def test_two_places_that_refuse_leave_the_drop_with_the_caller(tmp_path: Path) -
 def test_without_a_spare_folder_nothing_else_happens(survey: Path, disk: Refusing) -> None:
     with open_writer(survey, disk, None) as writer:
         disk.refuse()
-        with pytest.raises(StorageFull, match="expected room to write"):
+        with pytest.raises(StorageFull, match="expected free space on the disk"):
             writer.save_drop(make_record(1, np.random.default_rng(1)))
         disk.refuse(False)
 
@@ -419,7 +419,7 @@ def test_a_part_of_the_spare_folder_is_no_survey_to_go_on_with(
         save(writer, 1)
     (part,) = spare.root.iterdir()
     for action in (SurveyWriter.open, recover):
-        with pytest.raises(RecordingError, match=f"for {survey}; try pfwd recover {survey}"):
+        with pytest.raises(RecordingError, match=f"for {survey}; run pfwd recover {survey}"):
             action(part)
     assert len(read_survey(part).drops) == 1
 

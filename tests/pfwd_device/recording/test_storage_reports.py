@@ -32,7 +32,7 @@ def test_files_written_again(records: int, drops: int, words: str) -> None:
 def test_what_is_lost_is_named_up_to_ten(lost: tuple[str, ...], names: str) -> None:
     assert FilesRewritten(HOME, 20, 12, lost).text == (
         f"NOT SAFE: site 1 lost {len(lost)} records that could not be written again ({names}); "
-        "drops that have a file come back with pfwd recover"
+        "pfwd recover restores drops that have a file"
     )
 
 

@@ -106,7 +106,7 @@ def test_a_drop_is_never_recorded_twice(tmp_path: Path, new_record: NewRecord) -
         assert writer.save_drop(new_record(1)) == 1
         assert writer.drops_acknowledged == 1
         same_number = DropRecord("P 1", new_record(1).drop)
-        with pytest.raises(RecordingError, match=r"drop P 1/1: .* got one that is not; 2 is"):
+        with pytest.raises(RecordingError, match=r"drop P 1/1: .* the next free number is 2"):
             writer.save_drop(same_number)
         with pytest.raises(RecordingError, match="key of a drop: expected text, got int"):
             writer.save_drop(DropRecord("P 1", new_record(2).drop, metadata={"key": 3}))
@@ -165,7 +165,7 @@ def test_what_is_not_there_is_refused(tmp_path: Path, new_record: NewRecord) -> 
     with pytest.raises(RecordingError, match="expected an open survey, got a closed one"):
         writer.save_drop(new_record(2))
     for action in (read_survey, check, recover):
-        with pytest.raises(RecordingError, match="expected the folder of a survey, got none"):
+        with pytest.raises(RecordingError, match="expected the folder of a survey, got no survey"):
             action(tmp_path / "none")
 
 
