@@ -168,7 +168,7 @@ class Text(_Unchanged):
 
 @dataclass(frozen=True, slots=True)
 class Choice(_Unchanged):
-    """One of several words."""
+    """Text that must be one of several given words."""
 
     words: Iterable[str] | Callable[[], Iterable[str]]
     """The accepted words, or a function that returns them where they are known only later."""

@@ -177,7 +177,7 @@ class Decoder:
         return items
 
     def drop_early(self) -> None:
-        """Discard the samples that wait for an identity."""
+        """Discard the samples that were received before the identity of the instrument."""
         self.counters.samples_early += sum(len(block.counts) for block, *_ in self._early)
         self._early.clear()
         self._early_bytes = 0

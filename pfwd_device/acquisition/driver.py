@@ -260,11 +260,11 @@ class Driver:
         self._queue.put(WakeUp())
 
     def start(self) -> None:
-        """Start the sampling."""
+        """Request that the instrument begins to send samples."""
         self._queue_command(Start())
 
     def stop(self) -> None:
-        """Stop the sampling; the instrument stays connected."""
+        """Request that the instrument sends no more samples; it stays connected."""
         self._queue_command(Stop())
 
     def shunt(self, on: bool) -> None:

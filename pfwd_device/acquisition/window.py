@@ -39,7 +39,7 @@ class Window:
         self._missing = np.concatenate([self._missing, np.ones(length, bool)])
 
     def forget_before(self, index: int) -> None:
-        """Discard the samples before an index."""
+        """Discard the samples before an index in the stream."""
         count = min(max(0, index - self.start), len(self._counts))
         if count:
             self._counts = self._counts[count:]

@@ -228,7 +228,8 @@ def any_order(link: InstrumentLink) -> str:
     stopped = link.request(Stop(), Status, lambda status: not status.sampling)
     require(
         after.serial_number == identity.serial_number and not stopped.sampling,
-        "expected the same instrument to respond after 60 commands in any order, got another",
+        "expected the same instrument to respond after 60 commands in any order, got a response of "
+        "another instrument",
     )
     link.request(Configure(identity.sampling_rate), Identity)
     return "60 commands in any order"

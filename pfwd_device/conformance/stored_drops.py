@@ -141,7 +141,7 @@ def run_goes_on(link: InstrumentLink) -> str:
     link.request(Stop(), Status)
     require(
         first.stream == second.stream and second.first_sample > first.first_sample,
-        "expected the same stream to continue while armed, got another",
+        "expected the same stream to continue while armed, got another stream",
     )
     return "the stream continues"
 
@@ -226,7 +226,7 @@ class BufferedDropCheck:
             require(number in received_blocks, f"expected block {number} again, got none")
             require(
                 received_blocks[number] == self._data[number],
-                f"expected the same bytes in block {number} again, got others",
+                f"expected the same bytes in block {number} again, got different bytes",
             )
         return f"blocks {first} to {first + count - 1}"
 
@@ -258,7 +258,10 @@ class BufferedDropCheck:
             link.receive(MAX_RESPONSE_TIME_S)
             same = self._offers_since(link, since)
             require(bool(same), f"expected the same Offer after {event}, got none")
-            require(same[0].crc == offer.crc, f"expected the same drop after {event}, got another")
+            require(
+                same[0].crc == offer.crc,
+                f"expected the same drop after {event}, got one with another CRC",
+            )
         status = link.latest_status()
         require(
             status is not None and bool(status.drops_waiting),
@@ -279,7 +282,7 @@ class BufferedDropCheck:
         link.request(Hello(), Identity)
         link.receive(1.5)
         offers = self._offers_since(link, since)
-        require(not offers, "expected no Offer of an acknowledged drop, got one")
+        require(not offers, "expected no Offer of an acknowledged drop, got such an Offer")
         return "released"
 
     def _offers_since(self, link: InstrumentLink, since: int) -> list[DropOffer]:
@@ -311,7 +314,7 @@ class BufferedDropCheck:
             f"expected blocks 0 to {offer.blocks - 1}, {len(missing)} of them were not received",
         )
         data = b"".join(self._data[number] for number in range(offer.blocks))
-        require(zlib.crc32(data) == offer.crc, "expected the CRC of the Offer, got another")
+        require(zlib.crc32(data) == offer.crc, "expected the CRC of the Offer, got another CRC")
         return unpack_int24(data).reshape(offer.samples, offer.channels)
 
     def _fetch(self, link: InstrumentLink, first: int, count: int) -> dict[int, bytes]:

@@ -232,7 +232,7 @@ def undisturbed(link: InstrumentLink) -> str:
     link.send(Stop())
     require(bool(after), "expected the stream to continue after Hello, got no samples")
     numbers = {block.stream for block in after}
-    require(numbers == {first.stream}, "expected the same stream after Hello, got another")
+    require(numbers == {first.stream}, "expected the same stream after Hello, got another stream")
     return "continues"
 
 

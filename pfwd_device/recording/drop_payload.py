@@ -323,7 +323,7 @@ def _text(value: object) -> str:
 
 def _quantity(value: object) -> Any:
     if value not in ("velocity", "displacement"):
-        raise ValueError("expected the quantity velocity or displacement, got another")
+        raise ValueError(f"expected the quantity velocity or displacement, got {value!r:.40}")
     return value
 
 

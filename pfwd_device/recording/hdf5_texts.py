@@ -94,7 +94,7 @@ class StoredTexts:
         length, address, index = _TEXT_REFERENCE.unpack_from(place)
         if length == 0:
             if address or index:
-                raise RecordingError("expected no place of an empty text, got one")
+                raise RecordingError("expected no place for an empty text, got a place")
             return b""
         heap = self._heaps.get(address)
         if heap is None:
@@ -149,7 +149,7 @@ class StoredTexts:
                 return texts
             position += _HEAP_OBJECT.size
             if index in texts or length > size - position:
-                raise RecordingError("expected texts in a heap, got others")
+                raise RecordingError("expected distinct texts within a heap, got damaged ones")
             texts[index] = data[position : position + length]
             position += length + -length % 8
         return texts
@@ -169,7 +169,7 @@ class StoredTexts:
 def _attribute(data: bytes) -> tuple[bytes, bytes]:
     """Return name and stored value of an attribute from its entry in an object header."""
     if len(data) < 9 or data[0] not in (1, 3) or data[1]:
-        raise RecordingError("expected an attribute as this program writes it, got another")
+        raise RecordingError("expected an attribute as this program writes it, got another form")
     lengths = struct.unpack_from("<HHH", data, 2)
     if data[0] == 1:  # padded to multiples of eight
         padded, start = [length + -length % 8 for length in lengths], 8

@@ -421,7 +421,7 @@ class _Reader:
         )
 
     def value(self, identity: Any, where: str) -> Array | str:
-        """Read the array or text of a dataset."""
+        """Return the array or text of a dataset; raise RecordingError if it is not acceptable."""
         from h5py import h5s
 
         # Refuse storage in other files first: even the size of such a dataset is read from them.

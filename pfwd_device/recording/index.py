@@ -118,7 +118,7 @@ class _DropNumbers:
         return point in self._of_point and self._of_point[point][drop] > 0
 
     def largest_of(self, point: str) -> int:
-        """Return the largest number of the point's drops."""
+        """Return the largest number within the point that one of its drops has; 0 without drops."""
         if point not in self._largest:
             self._largest[point] = max(self._of_point.get(point, ()), default=0)
         return self._largest[point]

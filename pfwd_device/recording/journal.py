@@ -285,7 +285,7 @@ class JournalWriter:
         return _Segment(descriptor, storage.size(descriptor), storage.stamp(descriptor))
 
     def _open(self) -> dict[int, _Segment]:
-        """Return the open segments by number."""
+        """Return the open files of the journal by number."""
         if self._current is None:
             return self._earlier
         return {**self._earlier, self._number: self._current}

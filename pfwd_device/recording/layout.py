@@ -66,12 +66,12 @@ class Layout:
 
     @property
     def lock(self) -> Path:
-        """File that the program that writes the survey locks."""
+        """Lock file, by which only one program writes the survey at a time."""
         return self.folder / "survey.lock"
 
     @property
     def publish_lock(self) -> Path:
-        """File that the process that makes HDF5 files locks."""
+        """Lock file, by which only one process makes the HDF5 files of drops at a time."""
         return self.folder / "publish.lock"
 
     @property
@@ -86,7 +86,7 @@ class Layout:
 
     @property
     def folders(self) -> tuple[Path, ...]:
-        """Folders that every survey has."""
+        """Folders that are created in every survey."""
         return (self.journal, self.drops, self.results, self.captures, self.damaged)
 
     def segment(self, number: int) -> Path:

@@ -151,7 +151,7 @@ def publish(
     if written != data or drop_digest(drop_from_file_bytes(written, str(draft))[0], number) != (
         drop_digest(record, number)
     ):
-        raise RecordingError(f"{draft}: expected what was written, got other content")
+        raise RecordingError(f"{draft}: expected the content that was written, got other content")
     if parent is not None and os.name != "nt" and os.getppid() != parent:
         raise RecordingError("the program that recorded this drop has ended; recovery publishes it")
     storage.replace(draft, target)

@@ -159,7 +159,7 @@ class RecordFiles:
         return self._journal.read(entry)
 
     def close(self) -> None:
-        """Close the files."""
+        """Close the files of journal and ledger."""
         self._journal.close()
         self._ledger.close()
 
@@ -360,7 +360,7 @@ class RecordLog:
         return True
 
     def close(self) -> None:
-        """Close all files."""
+        """Close all files; no record can be written after that."""
         with self.lock:
             self._closed = True
             self._home.close()

@@ -48,7 +48,7 @@ class Storage:
         return os.open(path, flags, 0o666)
 
     def close(self, descriptor: int) -> None:
-        """Close a file."""
+        """Close an open file."""
         os.close(descriptor)
 
     def pwrite(self, descriptor: int, data: memoryview, offset: int) -> int:

@@ -15,7 +15,7 @@ class SurveyFilesRemoved:
 
     @property
     def text(self) -> str:
-        """Message to the operator."""
+        """The report as a sentence for the operator."""
         return f"NOT SAFE in {self.folder}: {self.reason}; the recorded data are written again"
 
 
@@ -34,7 +34,7 @@ class FilesRewritten:
 
     @property
     def text(self) -> str:
-        """Message to the operator."""
+        """The report as a sentence for the operator."""
         rewritten = (
             f"{self.drops} drops and {self.records - self.drops} other records written again"
         )
@@ -64,7 +64,7 @@ class SpareUsed:
 
     @property
     def text(self) -> str:
-        """Message to the operator."""
+        """The report as a sentence for the operator."""
         return (
             f"NOT SAFE in {self.folder}: {self.reason}. Further records go to {self.spare}; they "
             "are moved back as soon as the folder can be written, or by pfwd recover"
@@ -80,7 +80,7 @@ class SurveyMovedAway:
 
     @property
     def text(self) -> str:
-        """Message to the operator."""
+        """The report as a sentence for the operator."""
         return (
             f"{self.folder}: the survey was moved away while the session ended. All recorded data "
             "are in its new place; nothing is written in the old place. Run pfwd recover on the "
@@ -103,7 +103,7 @@ class FallbackMerged:
 
     @property
     def text(self) -> str:
-        """Message to the operator."""
+        """The report as a sentence for the operator."""
         return f"safe again: {self.drops} drops were moved from {self.spare} to {self.folder}"
 
 

@@ -96,7 +96,7 @@ class Scene:
 
     @property
     def ground(self) -> Ground:
-        """Ground in SI units."""
+        """Simulated ground, after it was rescaled from the units of the finite-element run."""
         return self.response().ground
 
     @property

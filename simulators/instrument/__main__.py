@@ -1,4 +1,7 @@
-"""Process that `SimulatedInstrument` starts: `python -m simulators.instrument OPTIONS`."""
+"""Program of the process that `SimulatedInstrument` starts.
+
+It is run by `python -m simulators.instrument OPTIONS`, with the options as JSON.
+"""
 
 import sys
 

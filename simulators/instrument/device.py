@@ -177,7 +177,7 @@ class PortlessInstrument:
     # Actions of the host
 
     def connect(self) -> None:
-        """Process that a host has opened the port."""
+        """Notify the instrument that a host has opened its port."""
         if not self._greeted:
             self._greeted = True
             self.output += self._cable.garbage(self.scenario.link.garbage_at_start)
@@ -185,7 +185,7 @@ class PortlessInstrument:
             self._start()
 
     def disconnect(self) -> None:
-        """Process that the host has closed the port.
+        """Notify the instrument that the host has closed the port.
 
         Bytes that the host did not read are lost. Sampling stops unless the instrument detects
         drops itself.

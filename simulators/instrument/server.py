@@ -65,7 +65,7 @@ class Server:
             self._flush(FINAL_FLUSH_TIMEOUT_S)
 
     def _turn(self) -> None:
-        """Receive bytes, advance the simulated time, and send bytes."""
+        """Run one cycle: receive bytes, advance the simulated time, and send bytes."""
         instrument = self._instrument
         hurrying = (
             self._rate == 0 and instrument.sampling and len(instrument.output) < FULL_OUTPUT_BYTES
