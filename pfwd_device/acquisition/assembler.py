@@ -221,9 +221,10 @@ class Assembler:
         return messages
 
     def mark_unavailable(self, message: SamplesGone) -> list[Item]:
-        """Return the gap of samples that the instrument cannot send again, and the samples behind.
+        """Process the report that the instrument cannot send samples again.
 
-        Empty if the message does not concern the next expected sample.
+        Return their gap and the samples after it. The result is empty if the report does not
+        concern the next expected sample.
         """
         items: list[Item] = []
         end = message.first_sample + message.count

@@ -53,7 +53,7 @@ class DeviceClock:
         self.restart()
 
     def restart(self) -> None:
-        """Discard the estimate after a restart of the instrument's clock; keep the jump count."""
+        """Discard the estimate of the speed after a restart of the clock; keep the jump count."""
         self._bins: list[_Bin] = []
         self._width = _FIRST_BIN_WIDTH_S
         self._latest: dict[str, float] = {}

@@ -482,7 +482,7 @@ class Detector:
         return max(self._min_threshold, self.settings.noise_factor * rest.noise)
 
     def _learn(self, start: int, end: int) -> Iterator[DetectedItem]:
-        """Update the estimate of the load at rest from a quantum.
+        """Update the estimate of the load at rest from a group of samples (quantum).
 
         Yield reports of earlier pulses when the load at rest becomes known.
         """

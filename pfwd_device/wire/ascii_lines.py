@@ -272,7 +272,9 @@ def _line_pattern(value: bytes, min_columns: int) -> re.Pattern[bytes]:
 
 def _check_columns(columns: Sequence[int], channels: int) -> None:
     if len(columns) != channels:
-        raise SetupError(f"columns: expected {channels}, one for each channel, got {columns}")
+        raise SetupError(
+            f"columns: expected {channels} numbers, one for each channel, got {columns}"
+        )
     if len(set(columns)) != channels or not all(0 <= column < MAX_COLUMNS for column in columns):
         last = MAX_COLUMNS - 1
         raise SetupError(f"columns: expected different numbers from 0 to {last}, got {columns}")
@@ -280,7 +282,9 @@ def _check_columns(columns: Sequence[int], channels: int) -> None:
 
 def _check_resolution(resolution: Sequence[float], channels: int) -> None:
     if len(resolution) != channels:
-        raise SetupError(f"resolution: expected {channels}, one for each channel, got {resolution}")
+        raise SetupError(
+            f"resolution: expected {channels} values, one for each channel, got {resolution}"
+        )
     # Division by a smaller number could overflow to infinity.
     if not all(1e-30 <= value <= 1e30 for value in resolution):
         raise SetupError(f"resolution: expected values from 1e-30 to 1e30, got {resolution}")

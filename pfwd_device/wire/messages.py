@@ -1,6 +1,6 @@
 """Messages between the instrument and the host, independent of their encoding.
 
-The host is the computer that reads the instrument. The docstring of a message begins with its
+The host is the computer that reads the instrument. The docstring of a message names its
 sender. Terms:
 
 - A stream is a run of samples from a start or reset of the instrument to the next. It has a random
@@ -20,7 +20,7 @@ from pfwd_device.identity import Identity
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """Host: request the identity of the instrument and propose versions of the protocol."""
+    """Request of the host for the identity of the instrument, with the versions it supports."""
 
     oldest_version: int = 1
     newest_version: int = 2
@@ -28,7 +28,7 @@ class Hello:
 
 @dataclass(frozen=True, slots=True)
 class Configure:
-    """Host: set the sampling rate. The response is an `Identity` with the rate that was set."""
+    """Request of the host: set the sampling rate. The response is an `Identity` with it."""
 
     sampling_rate: float
     """Requested rate of each channel, Hz; the instrument sets the nearest possible one."""
@@ -36,17 +36,17 @@ class Configure:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Host: begin to send samples. The response is the first `SampleBlock`."""
+    """Request of the host: begin to send samples. The response is the first `SampleBlock`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """Host: stop sending samples."""
+    """Request of the host: stop sending samples."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shunt:
-    """Host: switch the calibration shunt of the load cell on or off.
+    """Request of the host: switch the calibration shunt of the load cell on or off.
 
     The shunt is a resistor that simulates a known load. `SampleBlock.shunt` reports its state.
     """
@@ -79,14 +79,14 @@ class Trigger:
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """Host: detect drops in the instrument and store them there. The response is `Armed`."""
+    """Request of the host: detect drops and store them. The response is `Armed`."""
 
     trigger: Trigger
 
 
 @dataclass(frozen=True, slots=True)
 class Fetch:
-    """Host: send blocks of a stored drop. Each block is returned as a `DropBlock`."""
+    """Request of the host: send blocks of a stored drop. Each is returned as a `DropBlock`."""
 
     stream: int
     first_sample: int
@@ -98,7 +98,10 @@ class Fetch:
 
 @dataclass(frozen=True, slots=True)
 class Acknowledge:
-    """Host: delete a stored drop, which is safe on the disk. The response is `Released`."""
+    """Request of the host: delete a stored drop, which is safe on the disk.
+
+    The response is `Released`.
+    """
 
     stream: int
     first_sample: int
@@ -107,7 +110,7 @@ class Acknowledge:
 
 @dataclass(frozen=True, slots=True)
 class Resend:
-    """Host: send samples of a stream again, as far as the instrument still has them.
+    """Request of the host: send samples of a stream again, as far as the instrument still has them.
 
     The responses are a `SampleBlock` for available samples and `SamplesGone` for the others.
     """
@@ -121,7 +124,10 @@ class Resend:
 
 @dataclass(frozen=True, slots=True)
 class Calibrate:
-    """Host: store a calibration of a channel. The response is an `Identity` that contains it."""
+    """Request of the host: store a calibration of a channel.
+
+    The response is an `Identity` that contains it.
+    """
 
     channel: int
     """Index of the channel from 0, in the order of the samples."""
@@ -145,7 +151,7 @@ class Calibrate:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SampleBlock:
-    """Instrument: samples of all channels without a gap between them."""
+    """Message of the instrument: samples of all channels without a gap between them."""
 
     stream: int
     """Random number of this run of the sampler, 32 bits; another one after a start or a reset."""
@@ -161,7 +167,10 @@ class SampleBlock:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Instrument: report of its state, sent at least every half second, also without sampling."""
+    """Message of the instrument: report of its state.
+
+    It is sent at least every half second, also without sampling.
+    """
 
     clock_us: int
     """Clock of the instrument, microseconds."""
@@ -196,7 +205,7 @@ class EventKind(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Instrument: report of an event, such as a restart or a pressed button."""
+    """Message of the instrument: report of an event, such as a restart or a pressed button."""
 
     kind: int
     """An `EventKind`, or a number of a newer version."""
@@ -223,7 +232,7 @@ class RefusalCode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Instrument: refusal of a command, or report of a fault."""
+    """Message of the instrument: refusal of a command, or report of a fault."""
 
     code: int
     """A `RefusalCode`, or a number of a newer version."""
@@ -233,14 +242,14 @@ class Refusal:
 
 @dataclass(frozen=True, slots=True)
 class Armed:
-    """Instrument: the settings of the drop detection in force."""
+    """Message of the instrument: the settings of the drop detection in force."""
 
     trigger: Trigger
 
 
 @dataclass(frozen=True, slots=True)
 class DropOffer:
-    """Instrument: announcement of a stored drop.
+    """Message of the instrument: announcement of a stored drop.
 
     The host requests its samples by `Fetch` and deletes it by `Acknowledge` when it is on the disk.
     """
@@ -277,7 +286,7 @@ class DropOffer:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DropBlock:
-    """Instrument: one block of the samples of a stored drop, the response to `Fetch`."""
+    """Message of the instrument: a block of samples of a stored drop, the response to `Fetch`."""
 
     stream: int
     first_sample: int
@@ -290,7 +299,7 @@ class DropBlock:
 
 @dataclass(frozen=True, slots=True)
 class Released:
-    """Instrument: confirmation that a drop is not stored; it was deleted or never existed."""
+    """Message of the instrument: a drop is not stored, because it was deleted or never existed."""
 
     stream: int
     first_sample: int
@@ -299,7 +308,7 @@ class Released:
 
 @dataclass(frozen=True, slots=True)
 class SamplesGone:
-    """Instrument: report that requested samples of a stream are no longer available."""
+    """Message of the instrument: requested samples of a stream are no longer available."""
 
     stream: int
     first_sample: int

@@ -151,7 +151,7 @@ def test_the_earlier_name_of_the_binary_dialect_is_understood(base: str) -> None
 
 
 def test_a_name_that_is_none_is_told_what_there_is(tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match=r"expected a file or one of .*default"):
+    with pytest.raises(ScenarioError, match=r"expected an existing file or one of .*default"):
         load_scenario("defualt")
     broken = tmp_path / "broken.toml"
     broken.write_text("[soil\n", encoding="utf-8")

@@ -108,7 +108,7 @@ def test_a_signal_ends_it_cleanly(number: signal.Signals, sampling: bool, tmp_pa
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (["--scenario", "nowhere"], "expected a file or one of ascii"),
+        (["--scenario", "nowhere"], "expected an existing file or one of ascii"),
         (["--listen", "morse"], "expected pty or tcp://HOST:PORT"),
         (["--drops", "0"], "from 1"),
         (["--rate", "-1"], "rate"),

@@ -331,11 +331,11 @@ def test_bytes_add_up() -> None:
 @pytest.mark.parametrize(
     ("columns", "options", "match"),
     [
-        ((0,), {}, r"columns: expected 2, one for each channel, got \(0,\)"),
+        ((0,), {}, r"columns: expected 2 numbers, one for each channel, got \(0,\)"),
         ((0, 0), {}, "columns: expected different numbers from 0 to 63"),
         ((0, -1), {}, "columns: expected different numbers"),
         ((0, 64), {}, "columns: expected different numbers from 0 to 63"),
-        ((0, 1), {"resolution": [1.0]}, "resolution: expected 2, one for each channel"),
+        ((0, 1), {"resolution": [1.0]}, "resolution: expected 2 values, one for each channel"),
         ((0, 1), {"resolution": [1.0, 0.0]}, "resolution: expected values from 1e-30 to 1e30"),
         ((0, 1), {"resolution": [1.0, float("nan")]}, "resolution: expected values"),
     ],
