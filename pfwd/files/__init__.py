@@ -1,1 +1,1 @@
-"""Files: trace files and their headers, surveys with their points, edits and photos."""
+"""Readers and writers of files: surveys, trace files, files of other programs, photos."""

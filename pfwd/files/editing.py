@@ -1,4 +1,9 @@
-"""Edits and events of a survey; nothing that was recorded is changed."""
+"""Append edits and events to a survey, and parse their options on the command line.
+
+An edit changes one property of a point or drop: its note, target, position and so on. It is
+appended to the survey, and recorded data never change. An event is a dated entry about the survey
+as a whole.
+"""
 
 import json
 import math
@@ -36,9 +41,11 @@ class Edit:
     """Change of one property of a point or drop."""
 
     what: str
-    """note, target, discard, restore, position, name, operator or declared."""
+    """Property that changes, or action: note, target, discard, restore, position, name, operator or
+    declared."""
     value: Any = None
-    """JSON data."""
+    """New value of the property, as JSON data; None: the property is cleared, or the action has no
+    value."""
 
 
 def edit_survey(
@@ -47,16 +54,17 @@ def edit_survey(
     point: str | None = None,
     drop: int | None = None,
 ) -> Survey:
-    """Add edits to a survey.
+    """Append edits of one point or drop to a survey.
 
     Parameters
     ----------
     folder : path of a survey
     edits : sequence of Edit
+        An empty one leaves the survey unchanged.
     point : str, optional
-        Name of the point; None: the only one.
+        Name of the point; None: the only point of the survey.
     drop : int, optional
-        Number of the drop within the point; None: the edit concerns the point.
+        Number of the drop within the point; None: the edits concern the point.
 
     Returns
     -------
@@ -68,7 +76,7 @@ def edit_survey(
     OptionError
         If there is no such point or drop, or an edit does not apply to it.
     SurveyError, RecordingError
-        If it is no survey, or another program writes it.
+        If the folder is no survey, or another program is writing to it.
     """
     refuse_no_survey(folder)
     survey = read_survey(folder)
@@ -94,17 +102,17 @@ def edit_survey(
 def add_events(
     folder: str | os.PathLike[str], events: Iterable[tuple[str, Mapping[str, Any]]]
 ) -> None:
-    """Add events to a survey that no program measures into.
+    """Append events to a survey that no program measures into.
 
     Parameters
     ----------
     folder : path of a survey
-    events : iterable of name and details
+    events : iterable of name of an event and its details
 
     Raises
     ------
     SurveyError, RecordingError
-        If it is no survey, or another program writes it.
+        If the folder is no survey, or another program is writing to it.
     """
     refuse_no_survey(folder)
     with open_for_edits(folder) as writer:
@@ -115,17 +123,17 @@ def add_events(
 def move_drop(
     folder: str | os.PathLike[str], point: str | None, drop: int | None, to: str
 ) -> Survey:
-    """Move a drop of a survey that no program writes to another point, present or new.
+    """Move a drop to another point of its survey, which is created if it does not exist.
 
     Parameters
     ----------
-    folder : path of a survey
+    folder : path of a survey that no program is writing to
     point : str, optional
-        Name of the point; None: the only one.
+        Name of the point that has the drop; None: the only point of the survey.
     drop : int, optional
-        Number of the drop within it.
+        Number of the drop within that point; None is refused.
     to : str
-        Name of the right point.
+        Name of the point to which the drop belongs.
 
     Returns
     -------
@@ -135,9 +143,9 @@ def move_drop(
     Raises
     ------
     OptionError
-        If there is no such drop, or it is there already.
+        If there is no such drop, or it belongs to that point already.
     SurveyError, RecordingError
-        If it is no survey, or another program writes it.
+        If the folder is no survey, or another program is writing to it.
     """
     refuse_no_survey(folder)
     survey = read_survey(folder)
@@ -166,7 +174,13 @@ def _refuse_contradictions(survey: Survey, chosen: SurveyPoint, edits: Sequence[
 
 
 def choose_point(survey: Survey, name: str | None) -> SurveyPoint:
-    """Return a point by its name or title; None: the only one. Raises OptionError."""
+    """Return a point of a survey by its name or title; without a name, the only point.
+
+    Raises
+    ------
+    OptionError
+        If no point has this name, or there is no name and more than one point.
+    """
     names = [point.name for point in survey.points]
     if name is None and len(names) == 1:
         return survey.points[0]
@@ -181,7 +195,13 @@ def choose_point(survey: Survey, name: str | None) -> SurveyPoint:
 
 
 def choose_drop(point: SurveyPoint, number: int) -> SurveyDrop:
-    """Return a drop by its number within the point. Raises OptionError."""
+    """Return a drop by its number within the point.
+
+    Raises
+    ------
+    OptionError
+        If the point has no such drop.
+    """
     for drop in point.drops:
         if drop.drop == number:
             return drop
@@ -191,11 +211,22 @@ def choose_drop(point: SurveyPoint, number: int) -> SurveyDrop:
 
 
 def parse_position(text: str) -> dict[str, float]:
-    """Parse latitude and longitude in degrees, north and east positive, separated by a comma.
+    """Return the position in a text such as ``48.1374,11.5755``.
+
+    Parameters
+    ----------
+    text : str
+        Latitude and longitude in degrees, north and east positive.
+
+    Returns
+    -------
+    dict
+        Keys ``latitude`` and ``longitude``.
 
     Raises
     ------
     OptionError
+        If the text is anything else.
     """
     from pfwd.files.header import is_position
 
@@ -211,11 +242,22 @@ def parse_position(text: str) -> dict[str, float]:
 
 
 def parse_declaration_option(text: str) -> dict[str, Any]:
-    """Parse a key of a trace file's header with its value, as plate_mass_kg=12.5.
+    """Return key and value of a text such as ``plate_mass_kg=12.5``.
+
+    Parameters
+    ----------
+    text : str
+        A header key of trace files (`HEADER_KEYS`), ``=``, and its value as JSON or plain text.
+
+    Returns
+    -------
+    dict
+        One entry.
 
     Raises
     ------
     OptionError
+        If the key is unknown, or its value outside the range of the key.
     """
     from pfwd.files.header import HEADER_KEYS, check_value  # a list of points needs none of it
 
@@ -237,11 +279,12 @@ def parse_declaration_option(text: str) -> dict[str, Any]:
 
 
 def target_pa(megapascals: float) -> float:
-    """Return a target modulus in Pa.
+    """Convert a target modulus from MPa to Pa.
 
     Raises
     ------
     OptionError
+        If it is not a finite number above 0.
     """
     if not 0 < megapascals < math.inf:
         raise OptionError(refusal("--target", "a number > 0, in MPa", f"{megapascals:g}"))
@@ -249,12 +292,17 @@ def target_pa(megapascals: float) -> float:
 
 
 def survey_overview(folder: str | os.PathLike[str]) -> list[dict[str, Any]]:
-    """Return a record of each point with its declarations and edits.
+    """Return the edits and declarations of a survey, point by point.
+
+    Returns
+    -------
+    list of dict
+        One record for each point, with the keys of ``pfwd edit --json``.
 
     Raises
     ------
     SurveyError, RecordingError
-        If it is no survey.
+        If the folder is no survey.
     """
     refuse_no_survey(folder)
     survey = read_survey(folder)
@@ -264,7 +312,7 @@ def survey_overview(folder: str | os.PathLike[str]) -> list[dict[str, Any]]:
 
 
 def overview_of(survey: Survey) -> list[dict[str, Any]]:
-    """Return the records of :func:`survey_overview` for a survey in memory."""
+    """Return the records of :func:`survey_overview` for a survey that is read already."""
     return [
         {
             "point": point.name,

@@ -1,4 +1,8 @@
-"""Folders of surveys, and the spare folder for drops that such a folder does not accept."""
+"""Folders of surveys, and the spare folder.
+
+The spare folder takes the drops that cannot be written to their survey, for instance because its
+disk is full.
+"""
 
 import os
 from pathlib import Path
@@ -12,14 +16,15 @@ SPARE_VARIABLE = "PFWD_SPARE"
 
 
 def is_survey(path: str | os.PathLike[str]) -> bool:
-    """Return whether this is the folder of a survey."""
+    """Return whether a path is the folder of a survey."""
     return os.path.isdir(path) and Layout(Path(path)).exists()
 
 
 def has_ledger_of(path: str | os.PathLike[str], size: int) -> bool:
-    """Return whether the survey in a folder has a ledger of at least this size, bytes.
+    """Return whether a survey's list of acknowledged drops has at least this size.
 
-    The size depends on the number of drops. An exported survey has no ledger.
+    The size in bytes grows with the number of drops, which is thereby estimated without reading the
+    survey. An exported survey has no such list: the answer is False.
     """
     try:
         return Layout(Path(path)).ledger.stat().st_size >= size
@@ -28,20 +33,22 @@ def has_ledger_of(path: str | os.PathLike[str], size: int) -> bool:
 
 
 def refuse_no_survey(path: str | os.PathLike[str]) -> None:
-    """Refuse a path that is not the folder of a survey.
-
-    Raises
-    ------
-    SurveyError
-    """
+    """Raise SurveyError if a path is not the folder of a survey."""
     if not is_survey(path):
         actual = "another folder" if os.path.isdir(path) else "no such folder"
-        hint = "pfwd log and pfwd import make surveys"
+        hint = "name a folder that pfwd log or pfwd import has made"
         raise SurveyError(refusal(os.fspath(path), "the folder of a survey", actual, hint))
 
 
 def spare_folder(named: str | os.PathLike[str] | None = None) -> SpareFolder:
-    """Return the named spare folder, else that of the environment, else the platform's."""
+    """Return the spare folder.
+
+    Parameters
+    ----------
+    named : path, optional
+        Folder to use; None: the one in the environment variable `SPARE_VARIABLE`, else the user's
+        data folder of the operating system.
+    """
     path = named or os.environ.get(SPARE_VARIABLE)
     if path:
         return SpareFolder(Path(path).absolute())
@@ -51,13 +58,13 @@ def spare_folder(named: str | os.PathLike[str] | None = None) -> SpareFolder:
 
 
 def open_for_edits(folder: str | os.PathLike[str], survey: Survey | None = None) -> SurveyWriter:
-    """Open a survey that no program measures into, to add edits, events or results.
+    """Open a survey that no program measures into, to append edits, events or results.
 
     Parameters
     ----------
     folder : path of a survey
     survey : Survey, optional
-        The survey, if it has been read already; saves reading it again.
+        Content of the survey if it has been read already, which saves reading it again.
     """
     return SurveyWriter.open(
         folder,

@@ -1,4 +1,8 @@
-"""Declarations of a test point: the keys of a trace file's header."""
+"""Declarations of a test point: what an operator or file states about plate, ground and instrument.
+
+They are written as TOML lines ``key = value`` in the header of a trace file, in a separate header
+file, or in a setup file. `PointSetup` holds the keys, with unit and range of each.
+"""
 
 import dataclasses
 import datetime
@@ -36,20 +40,23 @@ RADIUS_KEY = "plate_radius_m"
 RESPONSE_KEY = "geophone_natural_frequency_hz"
 
 PEAK_DEVIATIONS = "peak_deviations"
-"""Key under `IMPORTED`: relative differences between the peaks of a drop and those in its file, by
-number of the drop."""
+"""Key under `IMPORTED`: for each drop number the relative difference between the peaks of the
+traces and the peaks that the other program stored."""
 
 IMPORTED = "imported"
-"""Key with other data from the file of another program; its ``remarks`` are shown as warnings."""
+"""Key with further data from the file of another program; the texts under its ``remarks`` are shown
+as warnings."""
 
 MAX_REMARK_CHARACTERS = 300
-"""Characters of a remark under `IMPORTED`."""
+"""Characters of a remark under `IMPORTED` that are shown."""
 
 MIN_PLATE_RADIUS_M = 0.01
-"""Smaller plates are mistakes of units: the smallest one of a light device has 0.05 m."""
+"""Smallest plausible plate radius: the smallest plate of a light device has 0.05 m, a smaller value
+is in another unit."""
 
 MIN_BEDROCK_DEPTH_M, MAX_BEDROCK_DEPTH_M = 0.01, 10_000.0
-"""The first is too shallow for any plate to notice; below the second the ground is a half-space."""
+"""Range of the depth of a rigid base: no plate can stand on a layer thinner than the first, and one
+deeper than the second has no influence."""
 
 MAX_PLATE_RADIUS_M = 1.0
 """Largest plausible plate radius: real ones are up to 0.4 m, a larger value is in another unit."""
@@ -59,7 +66,7 @@ MIN_PLATE_MASS_KG_M2 = 15.0
 steel or aluminium, 15 mm and more."""
 
 _KEY = re.compile(r"""[ \t]*(?:([\w-]+)|"([^"\\]*)"|'([^']*)')[ \t]*[.=]""")
-"""A key at the beginning of a line."""
+"""Pattern of a key at the beginning of a line."""
 
 FreeText = str | int | float
 
@@ -68,12 +75,12 @@ _FREE = AnyOf((Text(), Number()), "text in quotation marks or a finite number")
 
 @dataclass(frozen=True, slots=True)
 class PointSetup:
-    """Declarations of a trace file. None: not declared, hence unknown.
+    """Declarations of one test point; None: not declared, hence unknown.
 
     Raises
     ------
     TraceError
-        If a value is outside its range or of the wrong type; the message names the key of the file.
+        If a value is outside its range or of the wrong type; the message names the header key.
     """
 
     plate_radius: float = field(
@@ -200,7 +207,7 @@ class PointSetup:
         key="temperature_c",
     )
     extra: Mapping[str, Any] = field(default_factory=dict, hash=False)
-    """Keys outside the format, with their TOML values."""
+    """Keys that the format does not define, with their TOML values."""
 
     def __post_init__(self) -> None:
         for key, description in HEADER_KEYS.items():
@@ -229,35 +236,31 @@ class PointSetup:
 
     @property
     def is_stiffness_test(self) -> bool:
-        """True if the test object was a rig of springs and no ground."""
+        """True if the drops fell on a calibration rig of springs and not on ground."""
         return self.test == "stiffness" or self.rig_stiffness is not None
 
 
 HEADER_KEYS: Mapping[str, Key] = keys_of(PointSetup)
-"""Keys of a header."""
+"""Header keys in their order, each with its attribute of `PointSetup`, type, unit and range."""
 
 
 def check_value(key: str, value: object, where: str) -> None:
-    """Refuse a value that the key does not accept.
+    """Raise TraceError if a header key does not accept a value.
 
     Parameters
     ----------
     key : str
-        One of ``HEADER_KEYS``.
+        One of `HEADER_KEYS`.
     value : object
         TOML value.
     where : str
         File and line, or option, for the message.
-
-    Raises
-    ------
-    TraceError
     """
     HEADER_KEYS[key].check(value, f"{where}, {key}", TraceError)
 
 
 class Declaration(NamedTuple):
-    """Declared value and its place."""
+    """Declared value with the place where it is written."""
 
     value: Any
     """TOML value."""
@@ -269,17 +272,19 @@ Declarations = dict[str, Declaration]
 
 
 def parse_declaration(text: str, where: str) -> tuple[str, Declaration] | None:
-    """Return key and value of a header line without its ``#``; None: it is blank or a comment.
+    """Return key and value of one header line.
 
     Parameters
     ----------
     text : str
+        The line without the ``#`` before it.
     where : str
         File and line, for messages.
 
     Returns
     -------
     tuple of str and Declaration, or None
+        None: the line is blank or a comment.
 
     Raises
     ------
@@ -296,12 +301,13 @@ def parse_declaration(text: str, where: str) -> tuple[str, Declaration] | None:
         return None
     ((key, value),) = table.items()
     if text.lstrip().startswith("["):
-        raise TraceError(refusal(where, expected, quote(text.strip()), "tables are not used here"))
+        hint = "write the key without a table in square brackets"
+        raise TraceError(refusal(where, expected, quote(text.strip()), hint))
     return key, Declaration(value, where)
 
 
 def read_header_file(path: str | os.PathLike[str]) -> Declarations:
-    """Read the declarations of a TOML file, used like the header of a trace file.
+    """Read a header file: the declarations of a trace file's header as a TOML file of its own.
 
     Parameters
     ----------
@@ -310,6 +316,7 @@ def read_header_file(path: str | os.PathLike[str]) -> Declarations:
     Returns
     -------
     dict of str to Declaration
+        By header key.
 
     Raises
     ------
@@ -320,7 +327,7 @@ def read_header_file(path: str | os.PathLike[str]) -> Declarations:
 
 
 def parse_header(text: str, file: str) -> Declarations:
-    """Return the declarations of a TOML text.
+    """Return the declarations of a TOML text, each with its line for messages.
 
     Parameters
     ----------
@@ -331,11 +338,12 @@ def parse_header(text: str, file: str) -> Declarations:
     Returns
     -------
     dict of str to Declaration
+        By header key.
 
     Raises
     ------
     TraceError
-        If it is not TOML.
+        If the text is not TOML.
     """
     table = parse_user_toml(text, file, TraceError)
     lines: dict[str, int] = {}
@@ -349,11 +357,9 @@ def parse_header(text: str, file: str) -> Declarations:
 
 
 def check_version(declarations: Mapping[str, Declaration]) -> None:
-    """Refuse an unsupported format version; a missing one is accepted.
+    """Raise TraceError if the key ``pfwd-traces`` names an unsupported version of the format.
 
-    Raises
-    ------
-    TraceError
+    The key may be missing.
     """
     if TRACES_FORMAT_KEY not in declarations:
         return
@@ -370,13 +376,14 @@ def check_version(declarations: Mapping[str, Declaration]) -> None:
 
 
 def setup_from(declarations: Mapping[str, Declaration], where: str) -> PointSetup:
-    """Return the setup of declarations.
+    """Check declarations and return them as a `PointSetup`.
 
     Parameters
     ----------
     declarations : mapping of str to Declaration
+        By header key.
     where : str
-        File, and the line before which the header has to be complete.
+        Place for messages about missing keys: the file, and the line at which its header ends.
 
     Returns
     -------
@@ -385,7 +392,8 @@ def setup_from(declarations: Mapping[str, Declaration], where: str) -> PointSetu
     Raises
     ------
     TraceError
-        If the plate radius is missing, a value is outside its range, or half a pair is declared.
+        If the plate radius is missing, a value is outside its range, or only one of the two keys of
+        the geophone is declared.
     """
     check_version(declarations)
     values: dict[str, Any] = {}
@@ -418,7 +426,7 @@ def setup_from(declarations: Mapping[str, Declaration], where: str) -> PointSetu
 
 
 def declared_values(setup: PointSetup) -> dict[str, Any]:
-    """Return the header keys of a setup with their values, without those that are defaults."""
+    """Return the values of a setup by header key, without those that equal the default."""
     defaults = {item.name: item.default for item in dataclasses.fields(PointSetup)}
     values = {key: getattr(setup, rule.attribute) for key, rule in HEADER_KEYS.items()}
     stated = {key: v for key, v in values.items() if v != defaults[HEADER_KEYS[key].attribute]}
@@ -428,20 +436,20 @@ def declared_values(setup: PointSetup) -> dict[str, Any]:
 
 
 def declared_lines(setup: PointSetup) -> Iterator[str]:
-    """Yield the header lines of a setup, without ``#``; the format version comes first."""
+    """Yield the header lines of a setup without ``#``, the format version first."""
     yield toml_line(TRACES_FORMAT_KEY, TRACES_FORMAT_VERSION)
     for key, value in declared_values(setup).items():
         yield toml_line(key, value)
 
 
 def setup_warnings(setup: PointSetup, drops: "Sequence[Drop]" = ()) -> tuple[Notice, ...]:
-    """Return the warnings about a setup that concern the trust in its results.
+    """Return the warnings about missing or implausible declarations.
 
     Parameters
     ----------
     setup : PointSetup
     drops : sequence of Drop
-        Drops of the point; channels with velocities need a declared geophone.
+        Drops of the point; a velocity channel among them needs a declared geophone response.
     """
     warnings = []
     if setup.is_stiffness_test:
@@ -470,7 +478,13 @@ def setup_warnings(setup: PointSetup, drops: "Sequence[Drop]" = ()) -> tuple[Not
 
 
 def remarks_of(values: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the remarks on how another program's file was read, from values of header keys."""
+    """Return the remarks on how another program's file was read.
+
+    Parameters
+    ----------
+    values : mapping of header key to value
+        The remarks are the list ``remarks`` under the key `IMPORTED`; anything else yields none.
+    """
     details = values.get(IMPORTED)
     remarks = details.get("remarks") if isinstance(details, Mapping) else None
     if not isinstance(remarks, list | tuple):
@@ -479,5 +493,5 @@ def remarks_of(values: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def is_position(latitude: float, longitude: float) -> bool:
-    """Return whether two numbers are a latitude and a longitude, degrees."""
+    """Return whether two numbers in degrees are in the range of a latitude and of a longitude."""
     return abs(latitude) <= 90 and abs(longitude) <= 180

@@ -1,6 +1,7 @@
 """Import of drops from files into a survey.
 
-An exported survey is imported with counts, metadata, edits and results.
+An exported survey is imported as a whole: raw counts of the converter, metadata, edits and
+results, too.
 """
 
 import contextlib
@@ -45,14 +46,14 @@ MAX_EDIT_CHARACTERS = 65_536
 """Characters of JSON that a survey accepts as one edit."""
 
 MAX_REMARK_KINDS = 3
-"""Kinds of omitted edits that a remark lists; a file may hold any number."""
+"""Kinds of omitted edits that a remark lists: a file may hold any number of kinds."""
 
 Kind = Literal["traces", "peaks", "stiffness"]
 
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """Imported drop, refused file, or remark on a file."""
+    """One line of the report of an import: a drop, a refused file, or a remark on a file."""
 
     file: str
     point: str = ""
@@ -61,15 +62,17 @@ class Imported:
     record: int = 0
     """Number of the drop within the survey."""
     before: bool = False
-    """True if the survey had this drop before: nothing is imported twice."""
+    """True if the survey had this drop already; nothing is imported twice."""
     error: str | None = None
     """Reason of the refusal; None: not refused."""
     remark: str | None = None
-    """Omissions from a file whose drops were imported; then this is no drop."""
+    """Parts of the file that were not imported, as a sentence; None: the entry is a drop or a
+    refusal."""
     kind: Kind = "traces"
-    """Kind of the record: time histories on the ground or on a rig of springs, or peaks."""
+    """Content of the drop: traces on the ground, peaks without traces, or traces on a rig of
+    springs."""
     remarks: tuple[str, ...] = ()
-    """Remarks on how its file was read."""
+    """Remarks of the file's reader on this drop."""
 
 
 def import_files(
@@ -80,17 +83,18 @@ def import_files(
     column_map: str | None = None,
     channels: Channels | None = None,
 ) -> Iterator[Imported]:
-    """Import the drops of files; after a refused file the others follow.
+    """Import the drops of files; a refused file does not end the import of the others.
 
-    A point has the name that its file declares, else that of the file. The same drop is never
-    imported twice; another drop with an assigned number gets the next free one. Without a header an
-    exported survey is imported with counts, metadata, edits and results.
+    A point gets the name that its file declares, else the name of the file. A drop that the survey
+    has already is not imported again. If another drop of the point has its number, a drop gets the
+    next free one. An exported survey is imported with raw counts, metadata, edits and results,
+    unless a header is given.
 
     Parameters
     ----------
     files : sequence of str
         Files that `read_points` accepts.
-    survey : path of a folder, new or a survey
+    survey : path of a survey, or of a new folder
     header : path of a TOML file, optional
         Its keys override those of the files.
     column_map, channels : optional
@@ -143,7 +147,9 @@ def import_files(
 
 
 def _name_of(point: TracePoint, file: str) -> str:
-    """Return the declared name of a test point, else that of its file, shortened if necessary."""
+    """Return the declared name of a test point, else that of its file, cut to the longest allowed
+    name.
+    """
     if point.setup.point is not None:
         try:
             return point_name(str(point.setup.point))
@@ -153,7 +159,7 @@ def _name_of(point: TracePoint, file: str) -> str:
     stem = clean(Path(file).stem, limit=4 * LONGEST_TEXT).strip() or "1"
     if len(stem) <= LONGEST_TEXT:
         return stem
-    digest = hashlib.sha256(stem.encode()).hexdigest()[:8]  # two long names may begin alike
+    digest = hashlib.sha256(stem.encode()).hexdigest()[:8]  # long names may share a beginning
     return f"{stem[: LONGEST_TEXT - 9].rstrip()}-{digest}"
 
 
@@ -188,7 +194,10 @@ def _import_drop(
 
 
 def _fingerprint(drop: Drop, declared: dict[str, Any]) -> str:
-    """Return a key that depends on samples, number and declarations of a drop alone."""
+    """Return a key by which the same drop is recognised in a second import.
+
+    It depends on the samples, the number and the declarations of the drop.
+    """
     digest = hashlib.sha256(json.dumps(declared, sort_keys=True).encode())
     if drop.only_peaks is not None:
         digest.update(json.dumps(dataclasses.astuple(drop.only_peaks)).encode())
@@ -200,20 +209,22 @@ def _fingerprint(drop: Drop, declared: dict[str, Any]) -> str:
 def import_survey(
     writer: SurveyWriter, file: str, content: SurveyContent, before: MutableMapping[int, int]
 ) -> Iterator[Imported]:
-    """Import every drop with its edits and results; nothing is imported twice.
+    """Import all drops of an exported survey with their edits and results.
 
-    Edits that this version does not support, of a newer version perhaps, are omitted; one remark at
-    the end lists them.
+    Drops that the survey has already are not imported again. Edits that this version does not
+    support, perhaps because a newer version wrote them, are omitted; one remark at the end lists
+    them.
 
     Parameters
     ----------
     writer : SurveyWriter
+        Survey to import into.
     file : str
         Path of the exported survey, for messages.
     content : SurveyContent
         Content of that file.
     before : mapping of number within the survey to number within the point
-        Drops of the survey; imported ones are added.
+        Drops that the survey has; imported ones are added.
 
     Yields
     ------
@@ -241,7 +252,7 @@ def import_survey(
     for check in _well_formed(_missing(content.checks, survey.checks), "check", omitted):
         writer.save_check(dict(check.get("details") or {}))
     for event in _well_formed(_missing(content.events, survey.events), "event", omitted):
-        if event.get("event") != "recovery":  # which concerns files of the other folder
+        if event.get("event") != "recovery":  # a recovery concerns files of the original folder
             writer.note_event(str(event.get("event")), dict(event.get("details") or {}))
     if omitted:
         yield Imported(file, remark=_omission_remark(file, omitted))
@@ -307,7 +318,7 @@ def _import_stored_drop(
 
 
 def _declared_first(point: SurveyPoint) -> dict[str, Any]:
-    """Return the declarations of a point that no edit has replaced."""
+    """Return the original declarations of a point, without the keys that an edit has replaced."""
     edited = {
         key
         for edit in point.edits
@@ -320,7 +331,7 @@ def _declared_first(point: SurveyPoint) -> dict[str, Any]:
 def _supported_edits(
     edits: Sequence[Mapping[str, Any]], omitted: Counter[str]
 ) -> Iterator[Mapping[str, Any]]:
-    """Yield the edits that a survey accepts; count the others."""
+    """Yield the edits that this version supports; add the others to the counts in `omitted`."""
     for edit in edits:
         if edit["what"] not in EDITS:
             omitted[f"edit {quote(edit['what'])}"] += 1
@@ -333,12 +344,14 @@ def _supported_edits(
 def _well_formed(
     entries: Sequence[Any], kind: str, omitted: Counter[str]
 ) -> Iterator[Mapping[str, Any]]:
-    """Yield the entries with the layout of events and checks; count the others."""
+    """Yield the events or checks with the expected layout; add the others to the counts in
+    `omitted`.
+    """
     for entry in entries:
         if isinstance(entry, Mapping) and isinstance(entry.get("details") or {}, Mapping):
             yield entry
         else:
-            omitted[f"{kind} that is none"] += 1
+            omitted[f"{kind} of unknown layout"] += 1
 
 
 def _omission_remark(file: str, omitted: Counter[str]) -> str:
@@ -350,15 +363,15 @@ def _omission_remark(file: str, omitted: Counter[str]) -> str:
         else []
     )
     return (
-        f"{file}: expected entries that this version supports, got {count} unsupported, left out: "
-        f"{', '.join([*listed, *more])}; a newer version of this program may support them"
+        f"{file}: entries that were not imported: {count}, namely {', '.join([*listed, *more])}. "
+        "This version does not support them; import the file again with a newer one"
     )
 
 
 def _missing(
     entries: Sequence[Mapping[str, Any]], present: Sequence[Mapping[str, Any]]
 ) -> list[Mapping[str, Any]]:
-    """Return the entries that are not present, whatever their times and numbers are."""
+    """Return the entries that are not present yet; their times and numbers are not compared."""
     contents = {_timeless(entry) for entry in present}
     return [entry for entry in entries if _timeless(entry) not in contents]
 
@@ -370,12 +383,18 @@ def _timeless(entry: Any) -> str:
 
 
 def kind_of(drop: Drop, declared: Mapping[str, Any]) -> Kind:
-    """Return the kind of a record: time histories on the ground or on a rig, or peaks."""
+    """Return the content of a drop: traces on the ground, traces on a rig of springs, or peaks."""
     if drop.only_peaks is not None:
         return "peaks"
     return "stiffness" if on_rig(declared) else "traces"
 
 
 def on_rig(declared: Mapping[str, Any]) -> bool:
-    """Return whether a drop fell on a rig of springs; see `PointSetup.is_stiffness_test`."""
+    """Return whether the declarations of a drop are those of a rig of springs.
+
+    Parameters
+    ----------
+    declared : mapping of header key to value
+        The condition is that of `PointSetup.is_stiffness_test`.
+    """
     return declared.get("test") == "stiffness" or declared.get("stiffness_n_per_m") is not None

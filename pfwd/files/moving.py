@@ -1,7 +1,7 @@
-"""Move of a drop that was measured under the wrong point; nothing that was recorded is changed.
+"""Move of a drop that was measured under the wrong point.
 
-The same record is saved again under the right point, with its origin. Under the wrong point it is
-marked as moved and no longer counts.
+Recorded data never change: the same record is saved again under the right point, with a note of
+its origin. The original is marked as moved (discarded) and no longer counts.
 """
 
 import os
@@ -15,16 +15,16 @@ from pfwd_device.recording import DropRecord, Survey, SurveyDrop, SurveyWriter, 
 from pfwd_device.recording.record import point_name
 
 MOVED_TO = "moved_to"
-"""Key in the value of a discard: point and number of the moved drop."""
+"""Key in the value of a discard: name of the point and number of the drop that replaces it."""
 
 
 def point_called(survey: Survey, to: str) -> str:
-    """Return the name of a point by its name or title; a new name is returned unchanged.
+    """Return the name of the point that has a given name or title; a new name is returned as it is.
 
     Raises
     ------
     OptionError
-        If no point can have this name.
+        If the text cannot be the name of a point.
     """
     for point in survey.points:
         if to in (point.name, point.title):
@@ -37,12 +37,19 @@ def point_called(survey: Survey, to: str) -> str:
 
 
 def move_with(writer: SurveyWriter, drop: SurveyDrop, to: str) -> int:
-    """Move a drop of a survey that is open for writing; return its number under the other point.
+    """Move a drop to another point of a survey that is open for writing.
+
+    Returns
+    -------
+    int
+        Number of the drop within the other point.
 
     Raises
     ------
-    OptionError, RecordingError
-        If it has this point already, or cannot be written.
+    OptionError
+        If the drop belongs to that point already, or is discarded.
+    RecordingError
+        If the survey cannot be written.
     """
     if drop.point == to:
         raise OptionError(refusal("--move", "another point", f"{quote(to)}, where the drop is"))
@@ -74,7 +81,7 @@ def move_with(writer: SurveyWriter, drop: SurveyDrop, to: str) -> int:
 
 
 def restore_with(writer: SurveyWriter, drop: SurveyDrop) -> SurveyDrop | None:
-    """Restore a discarded drop; if it was moved, its copy at the other point counts no longer.
+    """Restore a discarded drop; if it was moved, its copy at the other point is discarded.
 
     Parameters
     ----------
@@ -84,7 +91,7 @@ def restore_with(writer: SurveyWriter, drop: SurveyDrop) -> SurveyDrop | None:
     Returns
     -------
     SurveyDrop or None
-        The copy in its former state; None: the drop was not moved.
+        The copy as it was before; None: the drop was not moved.
 
     Raises
     ------
@@ -100,7 +107,7 @@ def restore_with(writer: SurveyWriter, drop: SurveyDrop) -> SurveyDrop | None:
 
 
 def _copy_in_use(survey: Survey, drop: SurveyDrop) -> SurveyDrop | None:
-    """Return the copy of a moved drop that counts; copies may have been moved too."""
+    """Return the copy of a moved drop that counts; a copy may have been moved again."""
     by_name = {(each.point, each.drop): each for each in survey.drops}
     copy, visited = drop, {drop.number}
     while copy.discarded:
@@ -114,14 +121,24 @@ def _copy_in_use(survey: Survey, drop: SurveyDrop) -> SurveyDrop | None:
 
 
 def _place_after_move(drop: SurveyDrop) -> tuple[Any, Any] | None:
-    """Return point and number within it, by the last discard of a drop; None: it was not moved."""
+    """Return point and drop number to which a drop was moved; None: its last discard is no move."""
     value = _last_discard(drop)
     place = value.get(MOVED_TO) if isinstance(value, Mapping) else None
     return (place.get("point"), place.get("drop")) if isinstance(place, Mapping) else None
 
 
 def moved_drops(folder: str | os.PathLike[str]) -> dict[int, str]:
-    """Return the new place of every moved drop as text, by its number within the survey."""
+    """Return the place to which each moved drop was moved.
+
+    Parameters
+    ----------
+    folder : path of a survey
+
+    Returns
+    -------
+    dict of int to str
+        By number within the survey, texts such as "moved to point P2, drop 3".
+    """
     survey = read_survey(folder)
     places = {
         drop.number: place
@@ -133,13 +150,24 @@ def moved_drops(folder: str | os.PathLike[str]) -> dict[int, str]:
 
 
 def _last_discard(drop: SurveyDrop) -> object:
-    """Return the value of the last discard of a drop; None: there is none."""
+    """Return the value of the last discard of a drop; None: it was never discarded."""
     values = [edit.get("value") for edit in drop.edits if edit["what"] == "discard"]
     return values[-1] if values else None
 
 
 def moved_to(value: object) -> str | None:
-    """Return the new place of a drop as text, by the value of its discard; None: not moved."""
+    """Return the new place of a drop as text, such as "moved to point P2, drop 3".
+
+    Parameters
+    ----------
+    value : object
+        Value of the edit that discarded the drop.
+
+    Returns
+    -------
+    str or None
+        None: the drop was discarded, not moved.
+    """
     place = value.get(MOVED_TO) if isinstance(value, Mapping) else None
     if not isinstance(place, Mapping):
         return None

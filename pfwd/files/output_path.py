@@ -1,4 +1,4 @@
-"""Outputs: checks of their paths before the work, and replacement of files in one step."""
+"""Output files: checks before the work begins, and replacement in one step."""
 
 import contextlib
 import os
@@ -11,11 +11,12 @@ from pfwd.errors import OptionError, SurveyError, refusal
 from pfwd.files.folders import is_survey
 
 STANDARD_STREAMS = ("/dev/stdout", "/dev/stderr", "/dev/fd/1", "/dev/fd/2")
-"""Paths of the streams of this process, for outputs that are written piece by piece."""
+"""Paths of standard output and standard error, accepted for outputs that are written piece by
+piece."""
 
 
 def require_writable(path: str | os.PathLike[str], option: str, *, streams: bool = False) -> Path:
-    """Refuse the path of an output that cannot or must not be written; leaves nothing there.
+    """Return the path of an output after checking that it can be written; no file is left there.
 
     Parameters
     ----------
@@ -32,8 +33,8 @@ def require_writable(path: str | os.PathLike[str], option: str, *, streams: bool
     Raises
     ------
     OptionError
-        If it is inside a survey, exists and is no regular file, its folder does not exist, or no
-        file can be written there.
+        If the path is inside a survey, is something other than a regular file, is in a folder that
+        does not exist, or cannot be written.
     """
     target = Path(path)
     if streams and str(target) in STANDARD_STREAMS:
@@ -59,13 +60,10 @@ def require_writable(path: str | os.PathLike[str], option: str, *, streams: bool
 
 
 def refuse_inside_survey(path: str | os.PathLike[str], option: str) -> None:
-    """Refuse a path inside the folder of a survey, or a link that leads into one.
+    """Raise OptionError if a path is inside the folder of a survey, or is a link that leads into
+    one.
 
-    The folder of a survey itself is accepted: some commands continue surveys.
-
-    Raises
-    ------
-    OptionError
+    The folder of a survey itself is accepted, because some commands continue surveys.
     """
     target = Path(path)
     # Some commands replace a link, others write through it: both paths count.
@@ -80,11 +78,9 @@ def refuse_inside_survey(path: str | os.PathLike[str], option: str) -> None:
 
 
 def refuse_special_file(path: str | os.PathLike[str], option: str) -> None:
-    """Refuse a device or a named pipe, which a file would replace or be lost in.
+    """Raise OptionError if a path is a device, socket or named pipe.
 
-    Raises
-    ------
-    OptionError
+    Output would replace a pipe by a file, or be lost in a device.
     """
     try:
         mode = os.stat(path).st_mode
@@ -98,7 +94,7 @@ def refuse_special_file(path: str | os.PathLike[str], option: str) -> None:
 
 @contextlib.contextmanager
 def disk_errors(target: Path) -> Iterator[None]:
-    """Turn errors of the system within the block into a SurveyError that names the target."""
+    """Convert an OSError within the block into a SurveyError that names the output file."""
     try:
         yield
     except OSError as err:
@@ -108,11 +104,12 @@ def disk_errors(target: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def replaced_at_once(target: Path) -> Iterator[Path]:
-    """Yield the path of a draft that replaces the target when the block ends without an error.
+    """Yield the path of a temporary file that replaces the target when the block ends without
+    error.
 
     Other programs see the former file or the new one, never a part of it. After an error the former
-    file stays and the draft is deleted. A power cut may lose the new file, and with it the former
-    one, unless the block calls :func:`sync`; see :func:`replaced_durably`.
+    file stays and the temporary file is deleted. A power cut may lose both files, unless the block
+    calls :func:`sync`; see :func:`replaced_durably`.
     """
     draft = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
@@ -127,11 +124,11 @@ def replaced_at_once(target: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def replaced_durably(target: Path) -> Iterator[Path]:
-    """Replace a file as :func:`replaced_at_once` does; file and name are on the disk at the end."""
+    """Replace a file as :func:`replaced_at_once` does and wait until the new one is on the disk."""
     with replaced_at_once(target) as draft:
         yield draft
         sync(draft)
-    if os.name != "nt":  # where a folder cannot be opened, and needs not be
+    if os.name != "nt":  # Windows cannot open a folder, and needs no fsync of it
         handle = os.open(target.parent, os.O_RDONLY)
         try:
             os.fsync(handle)
@@ -140,6 +137,6 @@ def replaced_durably(target: Path) -> Iterator[Path]:
 
 
 def sync(path: Path) -> None:
-    """Wait until a file has reached the disk."""
+    """Wait until the content of a file has reached the disk."""
     with open(path, "rb+") as stream:
         os.fsync(stream.fileno())

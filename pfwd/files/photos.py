@@ -1,7 +1,7 @@
-"""Pictures of test points, in the folder ``photos`` of a survey, checked before they are stored.
+"""Photos of test points, in the folder ``photos`` of a survey.
 
-A picture is a JPEG or PNG file. It is stored byte for byte, or without what a camera writes beside
-the picture: position, serial numbers, comments, films behind the picture.
+A photo is a JPEG or PNG file and is decoded before it is stored. It is stored unchanged, or without
+what a camera adds to the picture: position, serial numbers, comments, appended video.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from pfwd.errors import OptionError, SurveyError, refusal
 from pfwd.files.output_path import replaced_durably
 
 MAX_PHOTO_BYTES = 20_000_000
-"""Largest picture; the largest ones of a phone have half of it."""
+"""Largest file of a photo; the largest of a phone have half of it."""
 
 MAX_PHOTO_PIXELS = 200_000_000
 
 MAX_PHOTOS_OF_A_POINT = 100
-"""Pictures of a point; more would be a mistake, or an attempt to fill the disk."""
+"""Photos of a point; a larger number would be a mistake, or an attempt to fill the disk."""
 
 _SUFFIX_BY_FORMAT = {"JPEG": ".jpg", "PNG": ".png"}
 _MOMENT_FORMAT = "%Y%m%dT%H%M%SZ"
@@ -54,30 +54,31 @@ def store_photo(
     keep_position: bool = False,
     moment: datetime.datetime | None = None,
 ) -> Path:
-    """Store a picture of a test point and return its file once it is on the disk.
+    """Store a photo of a test point and return its file once it is on the disk.
 
     Parameters
     ----------
     survey : path of a survey
     point : str
-        Name of a test point as its drops have it.
+        Name of the test point.
     data : bytes of a JPEG or PNG file
     keep_position : bool
-        Store the file unchanged. Otherwise only the picture is stored, without its position.
+        True: the file is stored unchanged. False: everything but the picture is removed, the
+        position included.
     moment : datetime, UTC, optional
-        Time by which the pictures of a point are ordered; None: now.
+        Time by which the photos of a point are sorted; None: now.
 
     Returns
     -------
     Path
-        The same for the same picture, which is stored once.
+        If the point has the same photo already, the file of that one.
 
     Raises
     ------
     OptionError
-        If it is no picture that can be shown, or the point has too many.
+        If the data are no picture that can be decoded, or the point has too many photos.
     SurveyError
-        If it cannot be stored.
+        If the file cannot be written.
     """
     kind, orientation = _inspect(data)
     if not keep_position:
@@ -90,7 +91,8 @@ def store_photo(
         return same
     if len(present) >= MAX_PHOTOS_OF_A_POINT:
         expected = f"at most {MAX_PHOTOS_OF_A_POINT} pictures of a point"
-        raise OptionError(refusal(point, expected, "one more"))
+        hint = "delete one in the folder photos of the survey"
+        raise OptionError(refusal(point, expected, "one more", hint))
     moment = datetime.datetime.now(datetime.UTC) if moment is None else moment
     file = folder / f"{moment:{_MOMENT_FORMAT}}-{checksum}{_SUFFIX_BY_FORMAT[kind]}"
     try:
@@ -103,7 +105,7 @@ def store_photo(
 
 
 def moment_of(name: str) -> datetime.datetime | None:
-    """Return the time in the name of a picture's file, UTC; None: it has none."""
+    """Return the time, UTC, at the beginning of a photo's file name; None: it has no time."""
     try:
         return datetime.datetime.strptime(name.partition("-")[0], _MOMENT_FORMAT)
     except ValueError:
@@ -111,12 +113,13 @@ def moment_of(name: str) -> datetime.datetime | None:
 
 
 def photos_of(survey: str | os.PathLike[str], point: str) -> list[Path]:
-    """Return the files of a point's pictures, the oldest first.
+    """Return the files of a point's photos, the oldest first.
 
     Parameters
     ----------
     survey : path of a survey
     point : str
+        Name of the test point.
     """
     try:
         with os.scandir(_folder(survey, point)) as entries:
@@ -142,7 +145,7 @@ def _folder(survey: str | os.PathLike[str], point: str) -> Path:
 
 
 def _inspect(data: bytes) -> tuple[str, int]:
-    """Return format and Exif orientation (1 to 8) of a picture that can be decoded."""
+    """Decode a picture; return its format, "JPEG" or "PNG", and its Exif orientation, 1 to 8."""
     if not 0 < len(data) <= MAX_PHOTO_BYTES:
         expected = f"a picture of at most {MAX_PHOTO_BYTES / 1e6:.0f} MB"
         raise OptionError(refusal("picture", expected, f"{len(data) / 1e6:.1f} MB"))
@@ -163,7 +166,7 @@ def _inspect(data: bytes) -> tuple[str, int]:
     except UnidentifiedImageError as err:
         expected = "a JPEG or PNG file"
         raise OptionError(refusal("picture", expected, "another kind of file")) from err
-    # Pillow raises what its decoders meet: OSError, SyntaxError, ValueError, struct.error ...
+    # On damaged files Pillow raises OSError, SyntaxError, ValueError, struct.error and others.
     except Exception as err:
         reason = f"{type(err).__name__}: {err}"
         raise OptionError(refusal("picture", "a JPEG or PNG file", reason)) from err
@@ -172,7 +175,7 @@ def _inspect(data: bytes) -> tuple[str, int]:
 
 
 def _stripped_jpeg(data: bytes, orientation: int) -> bytes:
-    """Return the picture without comments and application data but colour and orientation."""
+    """Return a JPEG file without comments and metadata; colour profile and orientation stay."""
     exif = b""
     if orientation != 1:
         # TIFF header and one entry: big-endian, SHORT, count 1 (Exif 2.32, 4.6).
@@ -189,7 +192,9 @@ def _stripped_jpeg(data: bytes, orientation: int) -> bytes:
 
 
 def _jpeg_parts(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield marker and bytes of each part after the first marker, to the end of the picture."""
+    """Yield the type (marker) and the bytes of each segment of a JPEG file, up to the end of the
+    picture.
+    """
     at = 2
     while at + 2 <= len(data):
         marker = data[at + 1]
@@ -212,7 +217,7 @@ _IN_SCAN = {bytes([marker]) for marker in (*_JPEG_IN_SCAN, 0xFF)}
 
 
 def _stripped_png(data: bytes) -> bytes:
-    """Return the picture without texts, Exif and what follows its end."""
+    """Return a PNG file without texts, Exif data and anything that follows the picture."""
     parts, at = [_PNG_SIGNATURE], len(_PNG_SIGNATURE)
     while at + 12 <= len(data):
         end = at + 12 + int.from_bytes(data[at : at + 4])

@@ -1,4 +1,7 @@
-"""Test points of any readable file: surveys, their drop files, trace files, foreign files."""
+"""Reading of test points from any supported file, and of surveys.
+
+Supported are surveys, their drop files, trace files and the files of other programs.
+"""
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -37,8 +40,9 @@ def read_points(
 ) -> list[TracePoint]:
     """Read the test points of a survey, a drop file, a trace file or another program's file.
 
-    Discarded drops and points are omitted. Drops of a point with different declarations, because
-    the plate was changed for instance, are returned as two points.
+    Discarded drops and points are omitted. If consecutive drops of a point have different
+    declarations, for instance because the plate was changed, the point is returned in parts, one
+    for each set of declarations.
 
     Parameters
     ----------
@@ -47,11 +51,12 @@ def read_points(
     header : path of a TOML file, optional
         Its keys override the declarations of the file.
     overrides : mapping of header key to value, optional
-        Override both.
+        Override those of the file and of the header.
     column_map : path of a TOML file, optional
         Describes the columns of a text that is no trace file.
     channels : "raw" or "stored", optional
-        Channels to read from a file that has both; None: the raw ones.
+        Channels to read from a file with two versions of each trace: as measured, or as the other
+        program corrected them. None: as measured.
 
     Returns
     -------
@@ -87,12 +92,12 @@ def read_points(
 
 
 def survey_content(path: str | os.PathLike[str]) -> SurveyContent:
-    """Read the content of a survey, in its folder or exported.
+    """Read a survey, from its folder or from an exported file.
 
     Raises
     ------
     SurveyError
-        If it is no survey, or cannot be read.
+        If the path is no survey, or cannot be read.
     """
     file = os.fspath(path)
     try:
@@ -122,7 +127,7 @@ def _survey_points(survey: SurveyContent, declared: Declarations) -> list[TraceP
 
 
 def is_hdf5(file: str | os.PathLike[str]) -> bool:
-    """Return whether a file begins with the signature of HDF5."""
+    """Return whether a file begins with the signature of the HDF5 format."""
     if not os.path.isfile(file):
         return False  # a pipe may wait for ever
     try:
@@ -142,7 +147,17 @@ def _declarations(
 def points_of(
     file: str, point: SurveyPoint, declared: Declarations | None = None
 ) -> Iterator[TracePoint]:
-    """Yield the drops of a point that are not discarded, one point for each set of declarations."""
+    """Yield a point of a survey without its discarded drops, in parts of equal declarations.
+
+    Parameters
+    ----------
+    file : str
+        Path of the survey, for messages.
+    point : SurveyPoint
+        A discarded point yields nothing.
+    declared : dict of header key to Declaration, optional
+        Override the declarations of the survey.
+    """
     if point.discarded:
         return
     edits = _later_declarations(point)
@@ -156,7 +171,7 @@ def points_of(
 
 
 def _later_declarations(point: SurveyPoint) -> dict[str, Any]:
-    """Return the declarations among the edits of a point, as keys of a header."""
+    """Return the declarations that edits of a point have added, by header key."""
     declared: dict[str, Any] = {}
     for edit in point.edits:
         value = edit.get("value")

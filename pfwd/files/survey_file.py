@@ -1,13 +1,17 @@
-"""Exported surveys: one HDF5 file with a whole survey; writing, reading and checking it.
+"""Exported surveys: writing, reading and checking a survey in one HDF5 file.
 
-Groups ``drops/000001`` ... are laid out as the files of drops are; ``survey`` is a JSON text with
-points, edits, events and checks, ``results/000001/1`` ... are results, ``captures`` bytes of links,
-``photos/000001`` ... bytes of photos.
-The layout is described in docs/files.md. h5py is imported by the functions that need it.
+Each group ``drops/000001`` ... has the layout of a drop file. ``survey`` is a JSON text with
+points, edits, events and checks. ``results/000001/1`` ... are the results of a drop, ``captures``
+the raw bytes that were received from instruments, ``photos/000001`` ... the bytes of photos.
+docs/files.md describes the layout.
 
-In format version 2 a digest covers everything that a reader sees: ``survey`` holds the digests of
-drops, results and captures, and the attribute ``visible_sha256`` of the file is the digest of
-``survey`` and of the other attributes. In version 1 only contents had digests, attributes had none.
+Digests (SHA-256) protect the content. In format version 2 they cover everything that a reader
+uses: ``survey`` holds the digests of drops, results and captures, and the attribute
+``visible_sha256`` of the file is the digest of ``survey`` and of the other attributes. In version 1
+attributes had no digests.
+
+h5py is imported by the functions that need it, because its import is slow. It documents no
+errors for damaged files, hence the handlers of any exception.
 """
 
 import contextlib
@@ -59,7 +63,7 @@ from pfwd_device.text import clean
 
 SURVEY_FORMAT = "pfwd-survey"
 SURVEY_FORMAT_VERSION = 2
-"""Version of the format; 1 had no digests of attributes."""
+"""Version of the format that is written; version 1 can be read as well."""
 
 MAX_SURVEY_DROPS = 1_000_000
 """Drops of a survey, a hundred times a large one; all names are listed before a drop is read."""
@@ -69,45 +73,46 @@ PART_DROPS = 200
 with the square of their number, to gigabytes with 10,000."""
 
 MIN_PARALLEL_PARTS = 5
-"""Parts of `PART_DROPS` from which on several processes check them."""
+"""Number of parts of `PART_DROPS` above which several processes check a file: with fewer, starting
+the processes takes longer than the check."""
 
 MAX_DROP_RESULTS = 10_000
-"""Results of a drop."""
+"""Largest number of results of a drop."""
 
 MAX_CAPTURE_BYTES = 2**31
-"""Largest capture; an hour of eight channels at 50 kHz has this size."""
+"""Largest capture, reached by an hour of eight channels at 50 kHz."""
 
 _CHUNK_BYTES = 1 << 20
 
 
 def is_survey_file(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file is HDF5 with the format of an exported survey."""
+    """Return whether a file is an exported survey, by the format attribute of its HDF5 file."""
     try:
         with opened(path) as file:
             return read_attribute(file, "format", os.fspath(path)) == SURVEY_FORMAT
-    except Exception:  # what h5py raises on damage is not documented
+    except Exception:
         return False
 
 
 def write_survey_file(path: str | os.PathLike[str], content: SurveyContent, jobs: int = 1) -> None:
-    """Write a survey into a new HDF5 file and read its drops back.
+    """Write a survey into an HDF5 file and check the file by reading its drops.
 
     Parameters
     ----------
     path : path of the file, which is overwritten
     content : SurveyContent
     jobs : int
-        Number of processes that read it back.
+        Number of processes that check the file.
 
     Raises
     ------
     RecordingError
-        If a drop of the survey is damaged, or the file does not read back as it was written.
+        If a drop of the survey is damaged, or the written file differs from the survey.
     """
     import h5py
 
-    # A drop's own file has its group ready to copy. If one differs from the journal in spite of its
-    # digest, all drops are written from the journal.
+    # First the groups are copied from the drop files, which is fast. If one differs from the
+    # journal in spite of its digest, all drops are written again from the journal.
     for from_files in (True, False):
         try:
             with h5py.File(path, "w") as file:
@@ -115,14 +120,15 @@ def write_survey_file(path: str | os.PathLike[str], content: SurveyContent, jobs
                 file.flush()
         except RecordingError:
             raise
-        except Exception as err:  # as above; a full disk is one of them
-            raise RecordingError(f"{path}: expected room to write, got {err}") from err
+        except Exception as err:  # a full disk, for instance
+            raise RecordingError(f"{path}: the export failed: {err}. Is the disk full?") from err
         # HDF5 may report success on a full disk.
         damaged = _check(os.fspath(path), digests, jobs)[0]["damaged"]
         if not damaged:
             return
     raise RecordingError(
-        f"{path}: expected a file that reads back as written, got {'; '.join(damaged)}"
+        f"{path}: the exported file differs from the survey: {'; '.join(damaged)}. "
+        "Export it to another disk"
     )
 
 
@@ -130,7 +136,7 @@ class SurveyPhoto(NamedTuple):
     """Photo of a test point."""
 
     point: str
-    """Name of the point as its drops have it."""
+    """Name of the point."""
     name: str
     """Name of the file."""
     data: bytes
@@ -153,7 +159,11 @@ def photos_of_survey(content: SurveyContent) -> Iterator[SurveyPhoto]:
 
 
 class ExportedSurvey:
-    """Content of an exported survey; made by :func:`read_survey_file`."""
+    """Content of an exported survey, made by :func:`read_survey_file`.
+
+    It has the interface of a survey in a folder. Methods take the number of a drop within the
+    survey.
+    """
 
     def __init__(
         self, path: str, survey_id: str, survey: Mapping[str, Any], groups: Container[str]
@@ -170,7 +180,7 @@ class ExportedSurvey:
             for photo in survey.get("photos", ())
         ]
         self._facts = {int(drop["number"]): drop for drop in survey["drops"]}
-        # By name, without opening each group: there may be any number.
+        # Compared by name: opening each of up to a million groups takes too long.
         self._missing = {number for number in self._facts if f"{number:06d}" not in groups}
         self._keys: dict[int, str | None] = {}
         self.points: tuple[SurveyPoint, ...] = tuple(map(self._point, survey["points"]))
@@ -178,11 +188,11 @@ class ExportedSurvey:
         self.drops: tuple[SurveyDrop, ...] = tuple(sorted(drops, key=lambda drop: drop.number))
 
     def key_of(self, number: int) -> str | None:
-        """Return the identity of a drop on the instrument."""
+        """Return the key by which the instrument identifies a drop; None: it has none."""
         return self._keys[number]
 
     def results_of(self, _number: int) -> tuple[Path, ...]:
-        """Return no paths: the results are in the file of the survey."""
+        """Return an empty tuple: results have no files of their own."""
         return ()
 
     def result_count_of(self, number: int) -> int:
@@ -197,7 +207,7 @@ class ExportedSurvey:
         """Return None: results have no files of their own."""
 
     def place_of(self, _number: int) -> None:
-        """Return None: there is no journal."""
+        """Return None: an exported survey has no journal to read a drop from."""
 
     def file_of(self, _number: int) -> None:
         """Return None: drops have no files of their own."""
@@ -206,37 +216,55 @@ class ExportedSurvey:
         """Return None: drops have no files of their own."""
 
     def read_drop(self, number: int) -> DropRecord:
-        """Return a drop with all its rebounds; raises RecordingError if it is damaged."""
+        """Return a drop with its rebounds and raw counts.
+
+        Raises
+        ------
+        RecordingError
+            If the drop is damaged.
+        """
         if number in self._missing:
             _no_drop(self.path, number)
         with _opened(self.path) as file:
             return _read_drop(file, number, self.path, self._facts[number].get("sha256"))
 
     def read_traces(self, number: int) -> DropRecord:
-        """Return a drop without rebounds and without counts of the converter."""
+        """Return a drop without rebounds and without raw counts of the converter."""
         return replace(self.read_drop(number), counts=None, rebounds=())
 
     def read_facts(self, number: int) -> DropFacts:
-        """Return traces and facts of a drop."""
+        """Return peaks or traces of a drop with its declarations."""
         return facts_of(self.read_drop(number))
 
     def read_results(self, number: int) -> tuple[Result, ...]:
-        """Return the results of a drop, in order; raises RecordingError if one is damaged."""
+        """Return the results of a drop in the order in which they were stored.
+
+        Raises
+        ------
+        RecordingError
+            If a result is damaged.
+        """
         digests = self._facts[number].get("results_sha256")
         with _opened(self.path) as file:
             return _read_results(file, number, self.path, digests)
 
     def read_last_result(self, number: int) -> Result | None:
-        """Return the last result of a drop; None: there is none."""
+        """Return the last stored result of a drop; None: it has no result."""
         return next(iter(self.read_results(number)[::-1]), None)
 
     def read_diagnosis(self, number: int) -> Result | None:
-        """Return the diagnosis that is stored with a drop."""
+        """Return the diagnosis that is stored with a drop; None: it has none."""
         diagnosis = self._facts[number].get("diagnosis")
         return diagnosis if isinstance(diagnosis, dict) else None
 
     def read_photos(self) -> Iterator[SurveyPhoto]:
-        """Yield the photos; raises RecordingError if one is damaged."""
+        """Yield the photos.
+
+        Raises
+        ------
+        RecordingError
+            If a photo is damaged.
+        """
         for number, (point, name, checksum) in enumerate(self._photos, start=1):
             with _opened(self.path) as file:
                 member = f"photos/{number:06d}"
@@ -277,7 +305,7 @@ class ExportedSurvey:
 
 
 def read_survey_file(path: str | os.PathLike[str]) -> ExportedSurvey:
-    """Read an exported survey; arrays and results are read on demand.
+    """Open an exported survey; traces and results are read when they are used.
 
     Raises
     ------
@@ -292,7 +320,9 @@ def read_survey_file(path: str | os.PathLike[str]) -> ExportedSurvey:
     try:
         return ExportedSurvey(name, survey_id, survey, groups)
     except (KeyError, TypeError, ValueError, AttributeError) as err:
-        raise RecordingError(f"{name}: expected points and drops, got others: {err!r}") from err
+        raise RecordingError(
+            f"{name}: the entries of points and drops are damaged: {err!r}; export it again"
+        ) from err
 
 
 def check_survey_file(
@@ -311,7 +341,7 @@ def check_survey_file(
     record : dict
         Keys as in ``pfwd check --json``.
     notes : list of str
-        Parts that were not compared.
+        Sentences about parts that have no digest.
 
     Raises
     ------
@@ -324,7 +354,17 @@ def check_survey_file(
 def _check(
     name: str, digests: Mapping[int, str], jobs: int = 1
 ) -> tuple[dict[str, Any], list[str]]:
-    """Check a file as :func:`check_survey_file` does, and its drops against known digests."""
+    """Check an exported survey as :func:`check_survey_file` does.
+
+    Parameters
+    ----------
+    name : str
+        Path of the file.
+    digests : mapping of drop number to digest
+        Expected digests of drops, in addition to those in the file; may be empty.
+    jobs : int
+        Number of processes.
+    """
     damaged: list[str] = []
     n_intact = 0
     with _opened(name) as file:
@@ -377,7 +417,7 @@ def _check(
 def _drops_damage(
     name: str, drops: Sequence[tuple[int, Mapping[str, Any], str | None]]
 ) -> tuple[int, list[str]]:
-    """Return the number of intact drops, and the damage of the others and of results."""
+    """Check a part of the drops; return the number of intact ones and messages about damage."""
     n_intact, damaged = 0, []
     with _opened(name) as file:
         for number, facts, expected in drops:
@@ -390,12 +430,18 @@ def _drops_damage(
 def _drop_damage(
     file: Place, number: int, name: str, facts: Mapping[str, Any], expected: str | None
 ) -> list[str | None]:
-    """Return the damage of a drop, or None, then that of its results."""
+    """Check one drop and its results.
+
+    Returns
+    -------
+    list of str or None
+        Message about the drop (None: intact), then messages about its results.
+    """
     problems: list[str | None] = [None]
     try:
         record = _read_drop(file, number, name, facts.get("sha256"))
         if expected is not None and drop_digest(record, number) != expected:
-            problems[0] = f"{name}, drop {number}: expected the drop of the survey, got another one"
+            problems[0] = f"{name}, drop {number}: differs from the drop in the survey"
     except RecordingError as err:
         problems[0] = str(err)
     try:
@@ -406,7 +452,7 @@ def _drop_damage(
 
 
 def _photo_digests(survey: Mapping[str, Any]) -> Any:
-    """Return the digests of the photos by member; something else where the entries are damaged."""
+    """Return the digests of the photos by member name; a text if their entries are damaged."""
     try:
         photos = enumerate(survey.get("photos", ()), start=1)
         return {f"{number:06d}": photo["sha256"] for number, photo in photos}
@@ -415,7 +461,18 @@ def _photo_digests(survey: Mapping[str, Any]) -> Any:
 
 
 def _bytes_damage(file: Place, group: str, path: str, expected: Any) -> list[str]:
-    """Return the damage of captures or photos; `expected`: their digests, None in version 1."""
+    """Check captures or photos; return messages about damage.
+
+    Parameters
+    ----------
+    file : Place
+    group : str
+        "captures" or "photos".
+    path : str
+        Path of the file, for messages.
+    expected : mapping of member name to digest, or None
+        None: format version 1, in which only the members themselves have digests.
+    """
     try:
         names = _names(file, group, path)
         damaged = [
@@ -430,7 +487,7 @@ def _bytes_damage(file: Place, group: str, path: str, expected: Any) -> list[str
 
 
 def _unexpected_members(file: Place, path: str, drops: Mapping[int, Any]) -> list[str]:
-    """Return messages about members of the file that do not belong to the survey."""
+    """Return messages about members and attributes that do not belong to an exported survey."""
     drop_names = {f"{number:06d}" for number in drops}
     expected = {"survey": None, "drops": drop_names, "results": drop_names}
     expected |= {"captures": None, "photos": None}
@@ -438,31 +495,32 @@ def _unexpected_members(file: Place, path: str, drops: Mapping[int, Any]) -> lis
     try:
         for name in member_names(file, path):
             if name not in expected:
-                problems.append(f"{path}, {clean(name)}: expected nothing, got something")
+                problems.append(f"{path}, {clean(name)}: does not belong to an exported survey")
             elif name != "survey":
                 group = find(file, name, path)
                 if group is None or read_attributes(group, f"{path}, {name}"):
-                    problems.append(f"{path}, {name}: expected no attributes, got some")
+                    problems.append(f"{path}, {name}: missing, or has unexpected attributes")
                 for member in _names(file, name, path, MAX_SURVEY_DROPS):
                     allowed = expected[name]
                     if allowed is not None and member not in allowed:
-                        problems.append(f"{path}, {name}/{clean(member)}: expected nothing")
+                        where = f"{path}, {name}/{clean(member)}"
+                        problems.append(f"{where}: does not belong to an exported survey")
     except RecordingError as err:
         problems.append(str(err))
-    except Exception as err:  # as above
+    except Exception as err:
         problems.append(f"{path}: expected groups, got damage: {err}")
     return problems
 
 
 def _names(file: Place, group: str, path: str, max_names: int = MAX_DROP_RESULTS) -> list[str]:
-    """Return the names in a group, which may be missing, in the order of their numbers."""
+    """Return the member names of a group, sorted by number; a missing group has none."""
     where = f"{path}, {group}"
     try:
         parent = find(file, group, path)
         names = [] if parent is None else member_names(parent, where, max_names)
     except RecordingError:
         raise
-    except Exception as err:  # as above
+    except Exception as err:
         raise RecordingError(f"{where}: expected a group, got damage: {err}") from err
     return sorted(names, key=lambda name: (len(name), name))
 
@@ -473,7 +531,7 @@ def _opened(path: str) -> Iterator[Place]:
         try:
             file = stack.enter_context(opened(path))
             version = read_attribute(file, "format_version", path)
-        except Exception as err:  # as above
+        except Exception as err:
             raise RecordingError(f"{path}: expected an exported survey, got damage: {err}") from err
         if isinstance(version, int) and version > SURVEY_FORMAT_VERSION:
             raise RecordingError(
@@ -486,7 +544,7 @@ def _opened(path: str) -> Iterator[Place]:
 
 
 def _survey(file: Place, path: str) -> dict[str, Any]:
-    """Return the text ``survey`` as JSON data; of version 2 after comparison with its digest."""
+    """Return the JSON content of ``survey``, in version 2 after comparison with its digest."""
     try:
         attributes = read_attributes(file, path)
         expected = attributes.pop(DIGEST, None)
@@ -494,24 +552,24 @@ def _survey(file: Place, path: str) -> dict[str, Any]:
         if attributes["format_version"] == 1:
             # The number is an attribute and not enough to recognise version 1.
             if expected is not None or "format_version" in content:
-                raise RecordingError(f"{path}: expected format version 1, got a file of another")
+                raise RecordingError(f"{path}: states format version 1, but has another layout")
             return content
         survey = Group({"survey": read_dataset(file, "survey", path)}, attributes)
     except RecordingError as err:
         raise _placed(err, path) from err
-    except Exception as err:  # as above
+    except Exception as err:
         raise RecordingError(
             f"{path}: expected a survey, got a damaged file ({err}); copy or export it again"
         ) from err
     if expected != digest(survey):
         raise RecordingError(
-            f"{path}: expected the attributes and the survey that were written, got others"
+            f"{path}: attributes or survey differ from their digest; copy or export it again"
         )
     return content
 
 
 def _write(file: Any, content: SurveyContent, *, from_files: bool) -> dict[int, str]:
-    """Write a survey; return the digests of its drops by number."""
+    """Write a survey into an open HDF5 file; return the digests of its drops by number."""
     survey = bytes.fromhex(content.survey_id) if content.survey_id else b""
     drops = content.drops
     drop_entries = []
@@ -565,7 +623,13 @@ def _write(file: Any, content: SurveyContent, *, from_files: bool) -> dict[int, 
 
 
 def _copy_drop(groups: Any, name: str, image: bytes | None, record: DropRecord) -> str | None:
-    """Copy a drop from its file in a tenth of the time; return its digest, None: not possible."""
+    """Copy a drop from its own file, which is ten times as fast as writing its traces.
+
+    Returns
+    -------
+    str or None
+        Digest of the drop; None: its file has another version or fewer rebounds than the survey.
+    """
     from h5py import File, h5f, h5g, h5o
 
     if image is None:
@@ -575,11 +639,11 @@ def _copy_drop(groups: Any, name: str, image: bytes | None, record: DropRecord) 
         attributes = File(source).attrs
         version, recorded = attributes.get("format_version"), attributes.get(DIGEST)
         if version != FILE_VERSION or not isinstance(recorded, str):
-            return None  # an earlier version: it is written in this one
+            return None  # a drop file of an earlier version is written anew in this one
         root = h5g.open(source, b"/")
         has_rebounds = root.links.exists(b"rebounds")
         rebounds = h5g.open(root, b"rebounds").get_num_objs() if has_rebounds else 0
-        if rebounds != len(record.rebounds):  # they were recorded after it was published
+        if rebounds != len(record.rebounds):  # some were recorded after the file was written
             return None
         h5o.copy(source, b"/", groups.id, name.encode("ascii"))
     finally:
@@ -626,13 +690,24 @@ def _no_drop(path: str, number: int) -> NoReturn:
 
 
 def _read_drop(file: Place, number: int, path: str, expected: str | None) -> DropRecord:
-    """Return a drop of the file; `expected`: its digest, None in format version 1."""
+    """Return a drop of the file.
+
+    Parameters
+    ----------
+    file : Place
+    number : int
+        Number of the drop within the survey.
+    path : str
+        Path of the file, for messages.
+    expected : str or None
+        Digest of the drop; None in format version 1.
+    """
     where = f"{path}, drop {number}"
     try:
         group = find(file, f"drops/{number:06d}", path)
     except RecordingError:
         raise
-    except Exception as err:  # as above
+    except Exception as err:
         raise RecordingError(f"{where}: expected its group, got damage: {err}") from err
     if group is None:
         _no_drop(path, number)
@@ -640,18 +715,18 @@ def _read_drop(file: Place, number: int, path: str, expected: str | None) -> Dro
     if stored.number != number:
         raise RecordingError(f"{where}: expected drop {number}, got drop {stored.number}")
     if (stored.digest if stored.version > 1 else None) != expected:
-        raise RecordingError(f"{where}: expected the content that was written, got another")
+        raise RecordingError(f"{where}: the content differs from its digest")
     return stored.record
 
 
 def _read_results(
     file: Place, number: int, path: str, digests: Sequence[str] | None
 ) -> tuple[Result, ...]:
-    """Return the results of a drop; `digests`: theirs, None in format version 1."""
+    """Return the results of a drop; `digests`: their expected digests, None in format version 1."""
     folder = f"results/{number:06d}"
     names = _names(file, folder, path)
     if digests is not None and names != [str(n) for n in range(1, len(digests) + 1)]:
-        raise RecordingError(f"{path}, {folder}: expected {len(digests)} results, got others")
+        raise RecordingError(f"{path}, {folder}: expected {len(digests)} results, got {len(names)}")
     if not names:
         return ()
     results = []
@@ -660,7 +735,7 @@ def _read_results(
         results.append(_text(file, f"{folder}/{name}", path, expected))
     group = find(file, folder, path)
     if digests is not None and group is not None and read_attributes(group, folder):
-        raise RecordingError(f"{path}, {folder}: expected no attributes, got some")
+        raise RecordingError(f"{path}, {folder}: has unexpected attributes")
     return tuple(results)
 
 
@@ -678,7 +753,18 @@ def _write_text(file: Any, name: str, text: str) -> str:
 
 
 def _text(file: Place, name: str, path: str, expected: str | None = None) -> dict[str, Any]:
-    """Return a JSON text with the right digest; `expected`: that digest, None: not known."""
+    """Return the JSON object in a text dataset after comparison with its digest.
+
+    Parameters
+    ----------
+    file : Place
+    name : str
+        Member of the file.
+    path : str
+        Path of the file, for messages.
+    expected : str, optional
+        Digest that another part of the file states; None: it states none.
+    """
     where = f"{path}, {name}"
     try:
         dataset = read_dataset(file, name, path)
@@ -688,30 +774,30 @@ def _text(file: Place, name: str, path: str, expected: str | None = None) -> dic
         attributes = _text_dataset(text).attributes
     except RecordingError as err:
         raise _placed(err, where) from err
-    except Exception as err:  # as above
+    except Exception as err:
         raise RecordingError(f"{where}: expected a text, got damage: {err}") from err
     actual = attributes["sha256"]
     if dataset.attributes.get("sha256") != actual or expected not in (None, actual):
-        raise RecordingError(f"{where}: expected the text that was written, got another")
+        raise RecordingError(f"{where}: the text differs from its digest")
     if expected is not None and dataset.attributes != attributes:
-        raise RecordingError(f"{where}: expected the attributes that were written, got others")
+        raise RecordingError(f"{where}: the attributes differ from those that were written")
     try:
         content = decode_json(text)
     except RecordingError as err:
         raise _placed(err, where) from err
     if not isinstance(content, dict):
-        raise RecordingError(f"{where}: expected an object of JSON, got another thing")
+        raise RecordingError(f"{where}: expected a JSON object, got {type(content).__name__}")
     return content
 
 
 def _placed(err: RecordingError, where: str) -> RecordingError:
-    """Return the error with its place, unless it names that itself."""
+    """Return the error with file and member in front of its message, unless the file is there."""
     text = str(err)
     return err if text.startswith(where.partition(", ")[0]) else RecordingError(f"{where}: {text}")
 
 
 def _write_capture(file: Any, capture: Path) -> str:
-    """Write the bytes of a link; return their digest."""
+    """Write the bytes received from an instrument; return their digest."""
     size = capture.stat().st_size
     if size > MAX_CAPTURE_BYTES:
         raise RecordingError(
@@ -723,7 +809,7 @@ def _write_capture(file: Any, capture: Path) -> str:
 
 
 def _write_photos(file: Any, content: SurveyContent) -> list[dict[str, str]]:
-    """Write the photos; return point, name and digest of each."""
+    """Write the photos of a survey; return point, name and digest of each."""
     return [
         {
             "point": photo.point,
@@ -737,7 +823,7 @@ def _write_photos(file: Any, content: SurveyContent) -> list[dict[str, str]]:
 
 
 def _write_bytes(file: Any, name: str, stream: BinaryIO, size: int) -> str:
-    """Write the first bytes of a stream; return their digest."""
+    """Write the first `size` bytes of a stream; return their digest."""
     dataset = file.create_dataset(
         name,
         shape=(size,),
@@ -758,9 +844,24 @@ def _write_bytes(file: Any, name: str, stream: BinaryIO, size: int) -> str:
 def _read_bytes(
     file: Place, name: str, path: str, recorded: str | None, max_size: int | None = None
 ) -> bytes | None:
-    """Compare bytes with their digest; return them if they have a `max_size`, None: damaged.
+    """Compare bytes with their digest and return them.
 
-    `recorded` is the digest in the survey, None in format version 1.
+    Parameters
+    ----------
+    file : Place
+    name : str
+        Member of the file.
+    path : str
+        Path of the file, for messages.
+    recorded : str or None
+        Digest that ``survey`` states; None in format version 1.
+    max_size : int, optional
+        Largest size, bytes. None: any size is checked, piece by piece, and no bytes are returned.
+
+    Returns
+    -------
+    bytes or None
+        None: missing or damaged.
     """
     where = f"{path}, {clean(name)}"
     checksum, content = hashlib.sha256(), bytearray()
@@ -781,7 +882,7 @@ def _read_bytes(
             if max_size is not None:  # a capture may be larger than the memory
                 content += chunk
         attributes = read_attributes(place, where)
-    except Exception:  # as above
+    except Exception:
         return None
     actual = checksum.hexdigest()
     if recorded is None:  # format version 1

@@ -1,4 +1,4 @@
-"""Writing of TOML values; reading them is the standard library's."""
+"""Writing of TOML values; the standard library only reads TOML."""
 
 import datetime
 import json

@@ -1,8 +1,8 @@
-"""Trace files: the drops of one test point as text, read and written.
+"""Trace files: reading and writing the drops of one test point as text.
 
-The format is a CSV file with a header of TOML lines, each behind a ``#``. A file is refused with
-one :class:`~pfwd.errors.TraceError`, which names the line; what is odd about a drop in a
-sound file is judged by :mod:`pfwd.analysis.screening.drops`.
+The format is a CSV file with a header of TOML lines, each behind a ``#``. A damaged file is refused
+with one :class:`~pfwd.errors.TraceError`, which names the line. Implausible drops in an intact
+file are reported by :mod:`pfwd.analysis.screening.drops`.
 """
 
 import contextlib
@@ -41,20 +41,20 @@ from pfwd_device import Channel, Drop, Quantity
 from pfwd_device.recording import SurveyDrop
 
 MAX_FILE_BYTES = 500_000_000
-"""Largest trace file; a point of ten drops takes under 10 MB, so a larger file is no trace file."""
+"""Largest trace file; a point of ten drops takes under 10 MB."""
 
 MAX_FILE_NUMBERS = 20_000_000
 """Numbers in a file: three drops of 10 s at 50 kHz with 8 channels, a hundred times a typical
-point. They take 160 MB, and as much again as drops."""
+point. In memory they take 160 MB as a table, and again as drops."""
 
 MAX_FILE_DROPS = 10_000
 """Drops in a file; a file is one point, which has about ten."""
 
 MIN_SAMPLES = 16
-"""Samples of a drop; with fewer a pulse cannot be separated from what precedes and follows it."""
+"""Samples of a drop; with fewer, pulse and rest cannot be distinguished."""
 
 RELATIVE_STEP_TOLERANCE = 0.01
-"""Largest deviation of a time step over the step: more than rounding, less than a lost sample."""
+"""Largest relative deviation of a time step: more than rounding, less than a missing sample."""
 
 MAX_DROP_NUMBER = 1_000_000
 """Largest drop number; larger values belong to another column."""
@@ -63,7 +63,7 @@ MAX_TEXT_LINE_CHARACTERS = 65_536
 """Longest line; a file with a longer one is no text."""
 
 _BLOCK_LINES = 4096
-"""Lines that are parsed together in the search for a damaged one."""
+"""Lines that are parsed together in the search for a damaged line."""
 
 DROP_COLUMN, TIME_COLUMN, LOAD_COLUMN = "drop", "time_s", "load_N"
 
@@ -85,7 +85,7 @@ class Sensor:
     """Column with the trace of a sensor."""
 
     index: int
-    """Position of the column, from 0."""
+    """Index of the column, from 0."""
     quantity: Quantity
     """Measured quantity."""
     offset: float
@@ -94,18 +94,18 @@ class Sensor:
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Columns of a trace file by their meaning."""
+    """Columns of a trace file, by their indices from 0."""
 
     names: tuple[str, ...]
-    """All names, in their order."""
+    """Names of all columns, in the order of the file."""
     drop: int | None
-    """Position of the drop numbers; None: all rows are drop 1."""
+    """Column with the drop numbers; None: all rows belong to drop 1."""
     time: int
-    """Position of the time."""
+    """Column with the time."""
     load: int
-    """Position of the load."""
+    """Column with the load."""
     sensors: tuple[Sensor, ...]
-    """The sensors, in their order."""
+    """Columns with the traces of sensors, in the order of the file."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -119,9 +119,9 @@ class TracePoint:
     drops: tuple[Drop, ...]
     """The drops in the order of the file."""
     warnings: tuple[Notice, ...] = ()
-    """Remarks that concern the whole point."""
+    """Warnings that concern all drops of the point."""
     survey_drops: tuple[SurveyDrop, ...] = field(default=(), compare=False, repr=False)
-    """The same drops in their survey; empty: read from another file."""
+    """The same drops as entries of their survey; empty: the point was not read from a survey."""
 
 
 def read_traces(
@@ -135,10 +135,10 @@ def read_traces(
     ----------
     path : path of a trace file
     header : path of a TOML file, optional
-        Its keys override those of the file. With it the file needs no ``pfwd-traces`` line; in a
-        file without that line, lines behind ``#`` are another program's remarks and skipped.
+        Its keys override those of the file. With a header, the line ``pfwd-traces`` may be missing;
+        then the lines behind ``#`` are another program's comments and are skipped.
     overrides : mapping of header key to value, optional
-        Override both.
+        Override those of the file and of the header.
 
     Returns
     -------
@@ -172,7 +172,7 @@ def read_traces(
 
 
 def is_trace_file(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file begins with the line of a trace file."""
+    """Return whether a file begins with the line ``# pfwd-traces = ...``."""
     try:
         _check_file(os.fspath(path))
         with _open(os.fspath(path), errors="replace") as stream:
@@ -182,18 +182,18 @@ def is_trace_file(path: str | os.PathLike[str]) -> bool:
 
 
 def write_traces(path: str | os.PathLike[str], point: TracePoint) -> None:
-    """Write a test point as a trace file without loss of digits; the file is replaced as a whole.
+    """Write a test point as a trace file, with all digits of its numbers.
 
     Parameters
     ----------
-    path : path of the file, which is replaced
+    path : path of the file, which is replaced in one step
     point : TracePoint
-        Its drops share one set of sensors.
+        All its drops have the same sensors.
 
     Raises
     ------
     TraceError
-        If the drops do not share their sensors, or a text cannot be written as UTF-8.
+        If the drops do not have the same sensors, or a text cannot be written as UTF-8.
     OSError
         If the file cannot be written.
     """
@@ -265,7 +265,17 @@ def _open(file: str, errors: str = "strict") -> TextIO:
 
 
 def _read_top(stream: TextIO, file: str, *, foreign: bool) -> _Top:
-    """Read up to the column names, inclusive; `foreign`: no ``pfwd-traces`` line is needed."""
+    """Read the header and the column names.
+
+    Parameters
+    ----------
+    stream : TextIO
+        At its beginning; afterwards at the first row of numbers.
+    file : str
+        Path, for messages.
+    foreign : bool
+        True: the file may begin without the line ``pfwd-traces``.
+    """
     declarations: Declarations = {}
     native = False
     length = 0
@@ -314,7 +324,7 @@ def _declare(declarations: Declarations, text: str, where: str) -> None:
 
 
 def _read_numbers(stream: TextIO, file: str, top: _Top) -> NDArray[np.float64]:
-    """Return the numbers below the column names, (rows, columns), all finite."""
+    """Return the numbers below the column names, (rows, columns); refuse NaN and infinity."""
     width = len(top.columns.names)
     refuse_long(file, width)
     try:
@@ -338,17 +348,14 @@ def _read_numbers(stream: TextIO, file: str, top: _Top) -> NDArray[np.float64]:
 
 
 def refuse_long(file: str, width: int) -> None:
-    """Refuse a text with a line without end or too many numbers, before it is parsed.
+    """Raise TraceError if a text has an endless line or too many numbers to be parsed.
 
     Parameters
     ----------
     file : str
+        Path of the text.
     width : int
         Numbers in a line.
-
-    Raises
-    ------
-    TraceError
     """
     ends = 0
     with open(file, "rb") as stream:
@@ -368,7 +375,7 @@ def refuse_long(file: str, width: int) -> None:
 
 
 def _data_lines(file: str, top: _Top) -> Iterator[tuple[int, str]]:
-    """Yield line number and text of the rows that numpy does not skip."""
+    """Yield line number and text of the rows of numbers; numpy skips the other lines."""
     with _open(file, errors="surrogateescape") as stream:
         for line, text in enumerate(stream, start=1):
             if line > top.names_line and text != "\n":
@@ -381,7 +388,9 @@ def _row_place(file: str, top: _Top, row: int) -> str:
 
 
 def _find_bad_line(file: str, top: _Top) -> str | None:
-    """Return the error of the first row without one number for each column; None: all have."""
+    """Return a message about the first row without one number in each column; None: there is no
+    such row.
+    """
     lines = _data_lines(file, top)
     while block := list(itertools.islice(lines, _BLOCK_LINES)):
         # numpy is thirty times as fast as a check of each number, of which there may be millions.
@@ -420,7 +429,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _split(table: NDArray[np.float64], file: str, top: _Top) -> tuple[Drop, ...]:
-    """Return the drops of the table, each checked for its length and its time steps."""
+    """Return the drops of a table; refuse drops that are too short or have uneven time steps."""
     if table.shape[0] < MIN_SAMPLES:
         raise TraceError(_too_short(_at(file, top.names_line), "", table.shape[0]))
     columns = top.columns
@@ -461,13 +470,14 @@ def _check_drop_numbers(numbers: NDArray[np.float64], file: str, top: _Top) -> N
         if numbers[row] in numbers_before:
             actual = f"drop {numbers[row]:g} again after another drop"
             where = _row_place(file, top, row)
-            raise TraceError(refusal(where, "the rows of a drop together", actual))
+            hint = "sort the rows by drop"
+            raise TraceError(refusal(where, "the rows of a drop together", actual, hint))
         numbers_before.add(numbers[row])
 
 
 def _check_time(time: NDArray[np.float64], start: int, file: str, top: _Top) -> None:
     steps = np.diff(time)
-    step = float(np.median(steps))  # unlike the mean not moved by a gap
+    step = float(np.median(steps))  # a gap changes the mean, but not the median
     uneven = ~(np.abs(steps - step) <= RELATIVE_STEP_TOLERANCE * step) | (steps <= 0)
     if uneven.any():
         row = int(np.argmax(uneven))
@@ -480,7 +490,7 @@ def _check_time(time: NDArray[np.float64], start: int, file: str, top: _Top) -> 
 
 
 def parse_columns(row: str, where: str) -> Columns:
-    """Return the columns of a trace file.
+    """Return the columns of a trace file from its line of column names.
 
     Parameters
     ----------
@@ -496,7 +506,7 @@ def parse_columns(row: str, where: str) -> Columns:
     Raises
     ------
     TraceError
-        If a column is unknown, given twice, or missing.
+        If a column is unknown, occurs twice, or is missing.
     """
     names = [name.strip() for name in next(csv.reader([row.strip()]), [])]
     sensors = [

@@ -1,4 +1,4 @@
-"""Recovery and check of a survey, with the results that the command line prints."""
+"""Recovery and check of a survey, as ``pfwd recover`` and ``pfwd check`` print them."""
 
 import os
 from pathlib import Path
@@ -14,12 +14,11 @@ from pfwd_device.recording.layout import Layout, refuse_links
 
 
 def refuse_links_in(folder: str | os.PathLike[str]) -> None:
-    """Refuse the folder of a survey, existing or new, with a link that leads out of it.
+    """Raise RecordingError if the folder of a survey contains a link that leads out of it.
 
-    Raises
-    ------
-    RecordingError
-        The message names the link.
+    Parameters
+    ----------
+    folder : path of a survey, or of a new folder
     """
     refuse_links(Layout(Path(folder).absolute()))
 
@@ -27,15 +26,28 @@ def refuse_links_in(folder: str | os.PathLike[str]) -> None:
 def recover_survey(
     folder: str | os.PathLike[str], spare: str | os.PathLike[str] | None = None
 ) -> tuple[dict[str, Any], list[str]]:
-    """Repair a survey after a crash; return the record of ``pfwd recover`` and the actions.
+    """Repair a survey after a crash.
 
-    Drops of the survey in the spare folder (by default the platform's) are moved back; a survey of
-    which nothing else remains is restored from it.
+    Drops of the survey in the spare folder are moved back into it. If nothing else remains of a
+    survey, it is restored from the spare folder.
+
+    Parameters
+    ----------
+    folder : path of a survey
+    spare : path, optional
+        Spare folder; None: as `spare_folder` chooses it.
+
+    Returns
+    -------
+    record : dict
+        Keys as in ``pfwd recover --json``.
+    actions : list of str
+        Sentences about what was repaired.
 
     Raises
     ------
     SurveyError, RecordingError
-        If it is no survey, or another program writes it.
+        If the folder is no survey, or another program is writing to it.
     """
     second = spare_folder(spare)
     if not second.parts(home=Path(folder).absolute()):
@@ -47,14 +59,25 @@ def recover_survey(
 def check_survey(
     folder: str | os.PathLike[str], spare: str | os.PathLike[str] | None = None
 ) -> tuple[dict[str, Any], list[str]]:
-    """Check every byte of a survey, in its folder or exported, or of the file of a drop.
+    """Compare every byte of a survey, an exported survey or a drop file with its digests.
 
-    Returns the record of ``pfwd check`` and notes on unfinished work that is no damage.
+    Parameters
+    ----------
+    folder : path of a survey, an exported survey or a drop file
+    spare : path, optional
+        Spare folder; None: as `spare_folder` chooses it.
+
+    Returns
+    -------
+    record : dict
+        Keys as in ``pfwd check --json``.
+    notes : list of str
+        Sentences about unfinished work that is no damage.
 
     Raises
     ------
     SurveyError, RecordingError
-        If it is no survey.
+        If the path is none of the three.
     """
     if is_hdf5(folder):
         return check_survey_file(folder) if is_survey_file(folder) else _check_drop_file(folder)

@@ -1,4 +1,7 @@
-"""Zip archives of untrusted origin: bounded sizes, either slash in names, nothing extracted."""
+r"""Reading of zip archives from an unknown origin.
+
+Sizes are limited, nothing is extracted to the disk, and names with ``/`` or ``\`` are accepted.
+"""
 
 import io
 import zipfile
@@ -10,11 +13,11 @@ MAX_MEMBER_BYTES = 64_000_000
 """Unpacked size of a member; a point takes about 100 kB, the largest known database a few MB."""
 
 MAX_ARCHIVE_BYTES = 128_000_000
-"""Unpacked size of all members that are read: over a thousand points of about 100 kB. As numbers
-they take twice as much, and as much again as drops."""
+"""Unpacked size of all members that are read: over a thousand points of about 100 kB. They take
+twice as much memory as numbers, and as much again as drops."""
 
 MAX_DIRECTORY_BYTES = 4_000_000
-"""Size of the list of members: about 40 000 of them, forty times those of a long day."""
+"""Size of the list of members: about 40,000 of them, forty times those of a long day."""
 
 _END, _END_SIZE, _MAX_END_SIZE = b"PK\x05\x06", 22, 22 + 65_535
 _ZIP64_END, _ZIP64_END_SIZE = b"PK\x06\x07", 20
@@ -22,16 +25,17 @@ _CHUNK_BYTES = 1 << 20
 
 
 class Archive:
-    """Members of a zip archive by name, ``/`` between folders, checked and read into memory.
+    """Zip archive whose members are read by name.
 
     Parameters
     ----------
     file : str
+        Path of the archive.
 
     Raises
     ------
     TraceError
-        If it is no archive, or cannot be read.
+        If the file is no zip archive, or cannot be read.
     """
 
     def __init__(self, file: str) -> None:
@@ -42,7 +46,7 @@ class Archive:
             self._zip = zipfile.ZipFile(file)
         except TraceError:
             raise
-        except Exception as err:  # what zipfile raises on damage is not documented
+        except Exception as err:  # zipfile documents no errors for damaged archives
             reason = getattr(err, "strerror", None) or str(err) or type(err).__name__
             hint = "it may be cut off: copy it again"
             raise TraceError(refusal(file, "a readable zip archive", quote(reason), hint)) from err
@@ -61,16 +65,21 @@ class Archive:
 
     @property
     def names(self) -> list[str]:
-        """Names of all members, in small letters."""
+        """Names of all members in lower case, with ``/`` between folders."""
         return list(self._members)
 
     def read(self, name: str) -> bytes:
         """Return the unpacked content of a member.
 
+        Parameters
+        ----------
+        name : str
+            One of `names`.
+
         Raises
         ------
         TraceError
-            If it is damaged, encrypted, packed in an unknown way, or too large.
+            If the member is damaged, encrypted, packed in an unknown way, or too large.
         """
         member = self._members[name]
         where = f"{self.file}, {quote(name)[1:-1]}"
@@ -94,16 +103,17 @@ class Archive:
                     content.write(chunk)
         except TraceError:
             raise
-        except Exception as err:  # as above
+        except Exception as err:  # zipfile documents no errors for damaged archives
+            hint = "copy the file again"
             raise TraceError(
-                refusal(where, "a whole member", f"damage: {quote(str(err))}")
+                refusal(where, "an intact member", f"damage: {quote(str(err))}", hint)
             ) from err
         self._remaining_bytes -= size
         return content.getvalue()
 
 
 def _check_directory(file: str) -> None:
-    """Refuse a list of members that would fill the memory when the archive is opened."""
+    """Refuse an archive whose list of members would fill the memory."""
     size = Path(file).stat().st_size
     with open(file, "rb") as stream:
         stream.seek(max(0, size - _MAX_END_SIZE))
@@ -117,4 +127,5 @@ def _check_directory(file: str) -> None:
         raise TraceError(refusal(file, "an archive of less than 4 GB", "a zip64 archive"))
     length = int.from_bytes(tail[at + 12 : at + 16], "little")
     if length > MAX_DIRECTORY_BYTES:
-        raise TraceError(refusal(file, "a usual number of members", f"{length} bytes of names"))
+        expected = f"a list of members of at most {MAX_DIRECTORY_BYTES} bytes"
+        raise TraceError(refusal(file, expected, str(length), "import parts of the project"))

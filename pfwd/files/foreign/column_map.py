@@ -1,4 +1,4 @@
-"""Column maps: TOML files that describe the columns of another program's text."""
+"""Column maps: TOML files in which a user describes the columns of another program's text."""
 
 import codecs
 import os
@@ -25,7 +25,7 @@ from pfwd_device.schema import (
 )
 
 DELIMITERS = {",": ",", ";": ";", "\t": "\t", "tab": "\t", "|": "|", "blank": None}
-"""Signs between columns by their names; None: runs of blanks."""
+"""Characters between columns, by the name in a map; None: one or more blanks."""
 
 COLUMN_UNITS: Mapping[str, Mapping[str, float]] = {
     "time": TIME_UNITS,
@@ -36,12 +36,12 @@ COLUMN_UNITS: Mapping[str, Mapping[str, float]] = {
 
 
 class Encoding(Text):
-    """Name of an encoding of text."""
+    """Type of a key whose value names a text encoding."""
 
     expected: ClassVar[str] = "an encoding such as utf-8 or cp1252"
 
     def accepts(self, value: Any) -> bool:
-        """Return whether a value names an encoding of text."""
+        """Return whether a value is the name of a text encoding."""
         try:
             # Some codecs are not for texts (hex, zip).
             return isinstance(value, str) and codecs.lookup(value)._is_text_encoding
@@ -51,12 +51,12 @@ class Encoding(Text):
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Column of numbers and their factor."""
+    """Column of numbers, with the factor that converts them to SI."""
 
     column: str | int
-    """Name, or position from 1."""
+    """Name of the column, or its position from 1."""
     factor: float
-    """Factor to SI, downward positive."""
+    """SI units in one unit of the column; negative: the column is positive upward."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,46 +71,52 @@ class SensorColumn:
 
 @dataclass(frozen=True, slots=True)
 class TextLayout:
-    """Layout of a text with columns."""
+    """Layout of a text with columns of numbers."""
 
     file: str
     """Path of the map or of the text, for messages."""
     delimiter: str | None
-    """Sign between columns; None: runs of blanks."""
+    """Character between columns; None: one or more blanks."""
     decimal: str
     encoding: str
     skip_lines: int
-    """Lines before the names, or before the numbers where there are no names."""
+    """Number of lines to skip before the column names, or before the numbers if there are no names.
+    """
     names: bool
-    """True if a line with names precedes the numbers."""
+    """True if a line with column names precedes the numbers."""
     units_line: bool
-    """True if a line to skip follows the names."""
+    """True if the line after the names is skipped, because it holds units."""
 
 
 @dataclass(frozen=True, slots=True)
 class ColumnMap(TextLayout):
-    """Layout of a text and the meaning of its columns."""
+    """Layout of a text, and the meaning of its columns."""
 
     time: Column | None
+    """Column with the time; None: `rate` replaces it."""
     rate: float | None
-    """Sampling rate, Hz, in place of a column with the time."""
+    """Sampling rate, Hz; None: the text has a column with the time."""
     trigger: float
-    """Time of the trigger by the file's clock, s; it becomes 0."""
+    """Time in the file at which the trigger occurred, s; subtracted from all times."""
     load: Column
     sensors: tuple[SensorColumn, ...]
     drop: str | int | None
-    """Column with the number of the drop; None: the file is drop 1."""
+    """Column with the drop numbers; None: all rows belong to drop 1."""
     declarations: Declarations
-    """Header keys of the map."""
+    """Other keys of the map, which declare the measurement like header keys of a trace file."""
 
 
 def read_map(path: str | os.PathLike[str]) -> ColumnMap:
-    """Read the column map in a TOML file.
+    """Read a column map.
+
+    Parameters
+    ----------
+    path : path of a TOML file
 
     Raises
     ------
     TraceError
-        If it cannot be read, a key is missing or unknown, or a value is outside its range.
+        If the file cannot be read, a key is missing, or a value is outside its range.
     """
     file = os.fspath(path)
     return parse_map(parse_user_toml(read_toml_text(file, TraceError), file, TraceError), file)
@@ -121,7 +127,7 @@ _MAP_EXAMPLE = "an example is examples/column-map.toml"
 
 
 def _column_keys(quantity: str) -> dict[str, Key]:
-    """Return the keys of a column, with the units of its quantity."""
+    """Return the keys that describe a column, with the allowed units of its quantity."""
     return {
         "column": Key(
             _COLUMN_POSITION, meaning="Name of the column, or its position.", hint=_MAP_EXAMPLE
@@ -207,16 +213,23 @@ COLUMN_MAP_KEYS = {
         meaning="Number of the drop; without it the file is one drop.",
     ),
 }
-"""Keys of a column map; the others declare the measurement, as in a header."""
+"""Keys of a column map; any other key declares the measurement, as in a header."""
 
 
 def parse_map(table: Mapping[str, Any], file: str) -> ColumnMap:
-    """Return the column map of a table.
+    """Check the keys of a column map and return it.
+
+    Parameters
+    ----------
+    table : mapping
+        Content of the TOML file.
+    file : str
+        Path of the file, for messages.
 
     Raises
     ------
     TraceError
-        If a key is missing or unknown, or a value is not accepted.
+        If a key is missing, or a value is not accepted.
     """
     entries = {key: value for key, value in table.items() if key in COLUMN_MAP_KEYS}
     values = TableReader(TraceError, file).read(entries, COLUMN_MAP_KEYS)
@@ -288,4 +301,4 @@ def _refuse_contradictions(column_map: ColumnMap) -> None:
     expected = "positions from 1, as the file has no names"
     require(column_map.names or not named, "column", expected, places)
     kinds = [(sensor.quantity, sensor.offset) for sensor in column_map.sensors]
-    require(len(set(kinds)) == len(kinds), "sensor", "every sensor at a place of its own", kinds)
+    require(len(set(kinds)) == len(kinds), "sensor", "every sensor at another offset", kinds)

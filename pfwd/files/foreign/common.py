@@ -1,4 +1,6 @@
-"""Shared parts of the readers of other programs' files: request, checked drops, points."""
+"""Shared parts of the readers: options of the user, drops and points with their checks,
+conversions.
+"""
 
 import datetime
 import math
@@ -28,10 +30,10 @@ from pfwd_device.text import LONGEST_TEXT, clean
 
 MAX_TIME_DEVIATION_STEPS = 0.05
 """Largest deviation of a time from an even axis, in steps: more than the rounding of times that are
-printed with three digits, far less than a lost sample."""
+printed with three digits, less than a missing sample."""
 
 SAME_OFFSET_M = 1e-6
-"""Distance below which two offsets are the same: offsets are stored in single precision."""
+"""Distance below which two offsets are equal: some programs store them in single precision."""
 
 Channels = Literal["raw", "stored"]
 Values = NDArray[np.float64]
@@ -39,18 +41,18 @@ Values = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """Options for reading a file."""
+    """Options of the user for reading a file."""
 
     declarations: Declarations = field(default_factory=dict)
     """Header keys that override those of the file."""
     channels: Channels | None = None
-    """Raw channels, or those that the other program processed and stored; None: raw ones if there
-    are any."""
+    """Channels to read: "raw" as measured, "stored" as processed by the other program; None: raw
+    ones if the file has any."""
     column_map: str | None = None
-    """Path of a TOML file that describes the columns of a text."""
+    """Path of the TOML file that describes the columns of a delimited text."""
 
     def without(self, key: str) -> tuple["Request", Declaration | None]:
-        """Return the request without one declared key, and the declaration of that key."""
+        """Return a copy without one declared header key, and the declaration of that key."""
         remaining = {name: each for name, each in self.declarations.items() if name != key}
         return replace(self, declarations=remaining), self.declarations.get(key)
 
@@ -71,12 +73,18 @@ def sampled_time(samples: int, rate: float, pre_trigger: float) -> Values:
 
 
 def even_time(times: Values, where: str) -> Values:
-    """Return an exactly even time axis, s, for one that was rounded when it was printed.
+    """Return an exactly even time axis, s, from times that were rounded when they were printed.
+
+    Parameters
+    ----------
+    times : (n,) ndarray of float, s
+    where : str
+        File and place, for messages.
 
     Raises
     ------
     TraceError
-        If a time deviates by more than rounding explains.
+        If a time deviates from an even axis by more than `MAX_TIME_DEVIATION_STEPS`.
     """
     if times.size < MIN_SAMPLES:
         raise TraceError(too_short(where, times.size))
@@ -101,7 +109,7 @@ def make_drop(
     channels: Sequence[tuple[float, Quantity, Values]],
     where: str,
 ) -> Drop:
-    """Return a drop after the checks for drops of trace files.
+    """Return a drop with traces.
 
     Parameters
     ----------
@@ -115,6 +123,7 @@ def make_drop(
     Raises
     ------
     TraceError
+        If it has too few samples, traces of different lengths, NaN or infinity.
     """
     if time.size < MIN_SAMPLES:
         raise TraceError(too_short(where, time.size))
@@ -132,20 +141,22 @@ def make_drop(
 def peaks_drop(
     number: int, load: float, deflections: Sequence[tuple[float, float | None]], where: str
 ) -> Drop:
-    """Return a drop with peaks and without time histories.
+    """Return a drop that has peaks and no traces.
 
     Parameters
     ----------
     number : int
     load : float, N
-    deflections : sequence of offset (m) and peak (m)
-        None: no value; the sensor is omitted.
+        Peak load.
+    deflections : sequence of offset (m) and peak deflection (m)
+        A sensor whose peak is None is omitted.
     where : str
         File and line, for messages.
 
     Raises
     ------
     TraceError
+        If a value is not finite, or no sensor has a peak.
     """
     pairs = tuple((offset, peak) for offset, peak in deflections if peak is not None)
     numbers = [load, *(n for offset_and_peak in pairs for n in offset_and_peak)]
@@ -155,17 +166,12 @@ def peaks_drop(
 
 
 def too_short(where: str, samples: int) -> str:
-    """Return the message for a record that is too short."""
+    """Return the message that a record has fewer than `MIN_SAMPLES` samples."""
     return refusal(where, f"at least {MIN_SAMPLES} samples", str(samples))
 
 
 def refuse_infinite(values: Values, name: str, where: str) -> None:
-    """Refuse NaN and infinity.
-
-    Raises
-    ------
-    TraceError
-    """
+    """Raise TraceError if values are NaN or infinite."""
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
         actual = f"{values[bad[0]]} as sample {int(bad[0]) + 1}"
@@ -173,20 +179,19 @@ def refuse_infinite(values: Values, name: str, where: str) -> None:
 
 
 def distinct_sensors(offsets: Sequence[float]) -> tuple[list[int], list[Notice]]:
-    """Return the sensors to use: of two at one offset the first.
-
-    Equal distances on two sides of the plate are two offsets.
+    """Return the sensors to use: of several with the same offset only the first.
 
     Parameters
     ----------
-    offsets : sequence of float, m, negative on the other side
+    offsets : sequence of float, m
+        Distance from the plate centre, negative on the other side of the plate.
 
     Returns
     -------
     indices : list of int
-        Indices of the sensors to use, in their order.
+        Indices of the sensors to use, in ascending order.
     remarks : list of Notice
-        One for each omitted sensor.
+        A remark on each omitted sensor.
     """
     indices: list[int] = []
     remarks = []
@@ -207,19 +212,21 @@ def point_of(
     noted: Mapping[str, Any] | None = None,
     remarks: Sequence[Notice] = (),
 ) -> TracePoint:
-    """Return a test point from the values of a file and the declarations that override them.
+    """Return a test point from the values in a file and the user's declarations, which override
+    them.
 
     Parameters
     ----------
     file : str
+        Path of the file.
     values : mapping of header key to value
-        Values of the file; None: it has none.
+        Values in the file; a value of None is left out.
     drops : sequence of Drop
     request : Request
     noted : mapping, optional
-        Other data of the file to store, with units in the names.
+        Further data of the file, stored under the header key `IMPORTED`; keys end with the unit.
     remarks : sequence of Notice
-        Remarks on how the file was read, shown with every result.
+        Remarks on how the file was read.
 
     Raises
     ------
@@ -241,16 +248,22 @@ def point_of(
 
 
 def short_text(value: object, limit: int = LONGEST_TEXT) -> str | None:
-    """Return a text on one line and of bounded length; None if it is no text or blank."""
+    """Return a value as one line of text, cut to `limit` characters.
+
+    Returns
+    -------
+    str or None
+        None: the value is blank, or neither text nor number.
+    """
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         return None
     text = clean(str(value), limit=limit)
-    # Programs in C fill fields with NUL, which `clean` makes visible.
+    # Fields of fixed width are filled with NUL, for which `clean` puts a visible character.
     return text.replace("\N{REPLACEMENT CHARACTER}", "").strip() or None
 
 
 def finite(value: object) -> float | None:
-    """Return a finite number, also from a text; None if it is none."""
+    """Convert a number or its text to a finite float; None: it is neither, or not finite."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         return None
     try:
@@ -261,12 +274,21 @@ def finite(value: object) -> float | None:
 
 
 def within(value: object, name: str, low: float, high: float, where: str, hint: str = "") -> float:
-    """Return a number from `low` to `high`.
+    """Convert a number or its text to a float from `low` to `high`.
+
+    Parameters
+    ----------
+    value : object
+    name : str
+        Name of the quantity, for the message.
+    low, high : float
+    where, hint : str
+        File and place, and what to try, for the message.
 
     Raises
     ------
     TraceError
-        The message names the quantity.
+        If the value is no number in the range.
     """
     number = finite(value)
     if number is None or not low <= number <= high:
@@ -276,7 +298,19 @@ def within(value: object, name: str, low: float, high: float, where: str, hint: 
 
 
 def position_of(latitude: object, longitude: object) -> dict[str, float]:
-    """Return the keys of a position; empty if there is none. Receivers without a fix write 0, 0."""
+    """Return the header keys of a position.
+
+    Parameters
+    ----------
+    latitude, longitude : object
+        Numbers or their texts, degrees, north and east positive.
+
+    Returns
+    -------
+    dict
+        Empty: the values are no position, or both are 0, which receivers write before they have a
+        position.
+    """
     north, east = finite(latitude), finite(longitude)
     if north is None or east is None or (north, east) == (0.0, 0.0):
         return {}
@@ -284,7 +318,9 @@ def position_of(latitude: object, longitude: object) -> dict[str, float]:
 
 
 def temperature_of(value: object) -> float | None:
-    """Return a temperature in degrees Celsius; None if it is none, or out of range for ground."""
+    """Convert a number or its text to degrees Celsius; None: it is none, or outside the range of
+    ground.
+    """
     number = finite(value)
     return (
         number
@@ -294,14 +330,26 @@ def temperature_of(value: object) -> float | None:
 
 
 def moment_of(text: object) -> dict[str, str]:
-    """Return a time as `time_utc`, or as `time_local` if it has no time zone; empty: no time."""
+    """Return the header keys of a date and time.
+
+    Parameters
+    ----------
+    text : object
+        ISO 8601.
+
+    Returns
+    -------
+    dict
+        ``time_utc``, or ``time_local`` if the text has no time zone. Empty: no date, or one that
+        programs write in place of none (before 1980).
+    """
     if not isinstance(text, str):
         return {}
     try:
         moment = datetime.datetime.fromisoformat(text.strip())
     except ValueError:
         return {}
-    if moment.year < 1980:  # programs write 0001, 1899 or 1970 for no date
+    if moment.year < 1980:  # programs write the years 1, 1899 or 1970 for an unknown date
         return {}
     if moment.tzinfo is None:
         return {"time_local": moment.isoformat()}
@@ -309,7 +357,7 @@ def moment_of(text: object) -> dict[str, str]:
 
 
 def distinct_names(names: Sequence[str]) -> list[str]:
-    """Return the names with a number behind repeated ones; none is longer than allowed."""
+    """Return the names cut to the allowed length, with a number appended to repeated ones."""
     counts: dict[str, int] = {}
     distinct = []
     for name in names:
@@ -323,7 +371,7 @@ def distinct_names(names: Sequence[str]) -> list[str]:
                 counts[candidate] = 1
                 name = candidate
                 break
-            # Stored, so that no number is tried twice, however many equal names there are.
+            # The count is stored, so that the time does not grow with the square of equal names.
             count = counts[title] = count + 1
         distinct.append(name)
     return distinct

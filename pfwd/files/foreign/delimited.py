@@ -1,4 +1,4 @@
-"""Reader of delimited texts with a column map (:mod:`.column_map`)."""
+"""Reader of a delimited text that a column map (:mod:`.column_map`) describes."""
 
 import csv
 import itertools
@@ -21,19 +21,20 @@ from pfwd.files.traces import (
 from pfwd_device import Drop
 
 MAX_TEXT_COLUMNS = 1024
-"""Columns of a line that are read."""
+"""Number of columns of a line that are read; further ones are ignored."""
 
 Line = tuple[int, list[str]]
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
-    """Read the test point of a text.
+    """Read the test point of a delimited text.
 
     Parameters
     ----------
     file : str
+        Path of the text.
     request : Request
-        With a column map; its declarations override those of the map.
+        With a column map. Its declarations override those of the map.
 
     Raises
     ------
@@ -47,7 +48,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
         with open(file, encoding=columns.encoding, newline=None) as stream:
             table, lines = _numbers(stream, file, columns)
     except UnicodeError as err:
-        hint = f"say text.encoding in {columns.file}"
+        hint = f"declare text.encoding in {columns.file}"
         raise TraceError(refusal(file, f"text in {columns.encoding}", str(err), hint)) from err
     drops = _drops(table, lines, file, columns)
     merged = Request(
@@ -57,7 +58,15 @@ def read(file: str, request: Request) -> list[TracePoint]:
 
 
 def _numbers(stream: TextIO, file: str, columns: ColumnMap) -> tuple[Values, Sequence[int]]:
-    """Return the mapped columns in the order time, load, sensors, drop, and each row's line."""
+    """Read the columns of the map.
+
+    Returns
+    -------
+    values : (rows, columns) ndarray of float, SI
+        In the order time, load, sensors, drop number; time and drop number may be missing.
+    lines : sequence of int
+        Line of each row in the file, from 1.
+    """
     lines = _cells(stream, file, columns)
     names: list[str] = []
     for _ in range(columns.skip_lines):

@@ -1,13 +1,15 @@
-"""Reader of Dynatest's older ``.fwd`` (``R80``) as a viewer of another maker writes it.
+"""Reader of Dynatest's older ``.fwd`` (``R80``) as another maker's viewer writes it: peaks as text.
 
-Line 3 has the radius of the plate and the positions of seven sensors (mm, four letters each).
-After the head follow ``G`` with a position, ``S`` with station and temperatures (surface, air), and
-one line a drop: pressure (kPa) and deflections (um), each of at least four letters and two
-decimals, with nothing between them; a blank and 0.1 replace every value that was not positive. All
-sensors are in these lines, also those at the other side and beyond the seventh. The largest
-deflection, which is in the centre, identifies the columns.
+Line 3 has the radius of the plate and the positions of seven sensors, mm, four characters each.
+The lines from line 5 are of three kinds. ``G`` begins a position, ``S`` a station with the
+temperatures of surface and air. The others are drops: pressure, kPa, and deflections, um, each with
+two decimals and without separators. A value that was not positive is written as a blank and 0.1.
 
-No file of Dynatest's own programs was available; they are refused.
+A drop has a deflection for every sensor of the device, also for sensors on the other side of the
+plate and beyond the seventh, whose positions line 3 does not have. The largest deflection is in
+the centre, which identifies the columns.
+
+No file of Dynatest's own programs was available to test with; such files are refused.
 """
 
 import os
@@ -37,7 +39,7 @@ from pfwd.files.foreign.peaks_text import (
 from pfwd.files.traces import TracePoint
 
 ASSUMED_PLATE_RADIUS_M = 0.15
-"""Radius of nearly every FWD's plate, used with a remark where the file has 0."""
+"""Radius of nearly every plate of an FWD; used with a remark if the file states 0."""
 
 _R80_VALUE = re.compile(r" +0\.1|-?\d{1,5}\.\d\d")
 _R80_VALUES = re.compile(rf"(?:{_R80_VALUE.pattern})+\s*")
@@ -46,18 +48,19 @@ _R80_POSITION = re.compile(r"G\d{7}\+(-?\d{1,2}\.\d{1,20})\+(-?\d{1,3}\.\d{1,20}
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
-    """Read the test points of a file.
+    """Read the test points of a file, one for each station.
 
     Parameters
     ----------
     file : str
+        Path of the file.
     request : Request
-        ``sensor_offsets_m`` declares the offsets of the sensors of all columns.
+        The declaration ``sensor_offsets_m`` replaces the sensor positions of the file.
 
     Raises
     ------
     TraceError
-        If the format is another one, or a line is no drop.
+        If the file has another format, or a line of a drop is damaged.
     """
     request, declared = request.without(OFFSETS_KEY)
     name = os.path.basename(file)
@@ -101,7 +104,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
 
 
 def _head(line: str, where: str) -> tuple[float, list[float]]:
-    """Return the plate radius and the offsets of the sensors, m."""
+    """Return the plate radius and the offsets of the sensors, m, from line 3."""
     fields = [line[start : start + 4] for start in range(0, 32, 4)]
     expected = "eight whole numbers of four letters, mm"
     numbers = [number_of(field, expected, where) for field in fields]
@@ -138,14 +141,15 @@ def _stations(file: str, lines: Sequence[tuple[int, str]], radius: float) -> lis
 def _placed(
     stations: Sequence[Station], offsets: list[float], count: int, where: str
 ) -> list[float]:
-    """Return the offsets of all columns, NaN where the head has none.
+    """Return the offsets of all columns, m, for a file with fewer positions than columns.
 
-    The largest deflection is in the centre.
+    The column that most often has the largest deflection is the centre. Columns without a position
+    get NaN.
 
     Raises
     ------
     TraceError
-        If no sensor of the head is in the centre, or the largest is not in one column.
+        If no position is 0, or the largest deflection changes its column from drop to drop.
     """
     rows = [
         [deflection or 0.0 for deflection in deflections]

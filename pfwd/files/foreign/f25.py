@@ -1,17 +1,28 @@
 """Reader of Dynatest's ``.F25``: peaks of an FWD as text.
 
-A line has a number for its kind, then fields between commas. ``5002`` has the units
-(``"25SI"``), ``5011`` the date, ``5020`` the radius of the plate and the positions of the sensors
-(mm; ``N0``: none), ``5030`` to ``5032`` operator, road and section, ``5280`` a position, ``5301``
-to ``5303`` station, comment and temperatures (asphalt, surface, air). A line whose number is less
-than 5000 is a drop: its number, the pressure under the plate (kPa), deflections (um). Learned from
-one file of Dynatest's own program and one of a viewer; lines of other numbers are not read.
+A line begins with a number that states its kind, then fields between commas follow:
 
-A deflection belongs to the position in the same column of the last ``5020`` line, and that line may
-change within a file. Where a drop has more or fewer deflections than positions, those with a
-position are read and a remark names the line. Two kinds of drops are left out with a remark,
-because their numbers would be wrong: the last line of the file if it is cut off, and a drop with
-surplus deflections whose largest one is not at the plate, where columns and positions do not match.
+=================== ==========================================================================
+number              content
+=================== ==========================================================================
+less than 5000      drop: its number, pressure under the plate (kPa), deflections (um)
+``5002``            units (``"25SI"``)
+``5011``            date
+``5020``            radius of the plate and positions of the sensors, mm (``N0``: no sensor)
+``5030`` to ``5032`` operator, road, section
+``5280``            position on the earth
+``5301`` to ``5303`` station, comment, temperatures of asphalt, surface and air
+=================== ==========================================================================
+
+The layout was inferred from one file of Dynatest's own program and one of a viewer. Lines of other
+kinds are not read.
+
+A deflection belongs to the position in the same column of the preceding ``5020`` line, of which a
+file may have several. If a drop has more or fewer deflections than there are positions, those
+with a position are read and a remark names the line. Two kinds of drops are left out with a remark,
+because their numbers would be wrong: a last line of the file that is cut off, and a drop with
+surplus deflections whose largest one is not at the plate, so that columns and positions do not
+match.
 """
 
 import os
@@ -44,16 +55,16 @@ from pfwd.files.header import RADIUS_KEY
 from pfwd.files.traces import TracePoint
 
 MISSING_FIELD = "N0"
-"""Field without a measurement."""
+"""Content of a field without a measurement."""
 
 _CELL = re.compile(r'((?:"[^"]*"|[^",]|"(?=[^"]*$))*),')
 
 FIRST_HEADER_CODE = 5000
-"""Smallest number of a line that is no drop."""
+"""Smallest number of a kind of line that is not a drop."""
 
 _LEADING_DIGITS = re.compile(r"\s*[1-9]\d{0,2}")
 _THREE_DIGITS = re.compile(r"\d{3}(\.\d*)?\s*")
-"""Two neighbouring fields can be one number with a comma between the thousands."""
+"""Second field of a number that a comma between the thousands divides into two fields."""
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
@@ -62,12 +73,13 @@ def read(file: str, request: Request) -> list[TracePoint]:
     Parameters
     ----------
     file : str
+        Path of the file.
     request : Request
 
     Raises
     ------
     TraceError
-        If the format is another one, the units are not SI, or a line is no drop.
+        If the file has another format or other units than SI, or a line of a drop is damaged.
     """
     reader = _Reader(file, request)
     for number, line in lines_of(file):
@@ -83,9 +95,9 @@ class _DropLine:
     station: Station
     line: int
     load: float
-    """N"""
+    """Peak load, N."""
     deflections: dict[int, float]
-    """Deflections by index of the sensor's position, m."""
+    """Peak deflections, m, by the index of the sensor's position."""
     fields: int
     """Number of deflection columns."""
     too_short: bool
@@ -93,7 +105,7 @@ class _DropLine:
 
 
 class _Reader:
-    """Parser of the lines; header lines apply to the drops after them."""
+    """Parser of the lines in their order; a header line applies to the drops after it."""
 
     def __init__(self, file: str, request: Request) -> None:
         self._file = file
@@ -102,20 +114,20 @@ class _Reader:
         self._offsets: list[float] = []
         """Positions of all sensors of the file, m."""
         self._columns: list[int | None] = []
-        """Index into the positions for each column of a drop; None: no position."""
+        """For each column of a drop the index of its position; None: it has no position."""
         self._radius: float | None = None
         self._radii: list[float] = []
         self._stations: list[Station] = []
         self._position: dict[str, float] = {}
         self._unreadable_lines: list[int] = []
-        """Lines without a number for their kind."""
+        """Numbers of the lines that do not begin with a number."""
         self._drops: list[_DropLine] = []
         self._remarks: dict[str, list[dict[str, Value]]] = {}
-        """Remarks on drop lines by kind."""
+        """Values of the remarks on drop lines, by the code of the remark."""
         self._last_line = 0
 
     def take(self, fields: list[str], line: int) -> None:
-        """Read one line."""
+        """Parse one line, split into its fields."""
         where = f"{self._file}, line {line}"
         cells = [field.strip() for field in fields]
         self._last_line = line
@@ -160,7 +172,10 @@ class _Reader:
             self._radii.append(self._radius)
 
     def _sensor_index(self, offset: float) -> int:
-        """Return the index of a position; two equal ones of one line 5020 have two."""
+        """Return the index of a sensor position, which is added if it is new.
+
+        Two equal positions in one ``5020`` line are two sensors.
+        """
         for index, position in enumerate(self._offsets):
             if position == offset and index not in self._columns:
                 return index
@@ -168,14 +183,14 @@ class _Reader:
         return len(self._offsets) - 1
 
     def _read_position(self, cells: Sequence[str]) -> None:
-        # An error code other than 0: no fix.
+        # The first field is an error code of the receiver, 0 with a valid position.
         failed = len(cells) < 6 or finite(cells[1]) != 0
         self._position = {} if failed else position_of(cells[3], cells[4])
 
     def _add_station(self, cells: Sequence[str]) -> None:
         station = _text(cells, 5) or "?"
         moment = local_moment(*(finite(cell) for cell in cells[9:14]))
-        # Kilometres in one program, metres in another: stored as it is.
+        # Stored as text: the unit is kilometres in one program and metres in another.
         noted: dict[str, object] = {"station": station, "time_local": moment}
         noted["lane"] = _text(cells, 7)
         new_station = Station(f"station {station}", dict(self._position), noted)
@@ -203,7 +218,7 @@ class _Reader:
             expected = f"one plate at a station, of radius {1e3 * radius:g} mm"
             raise TraceError(refusal(where, expected, f"{1e3 * self._radius:g} mm"))
         width = len(self._columns)
-        # A row may end with fields for sensors that do not exist.
+        # A row may end with empty fields for sensors that the device does not have.
         surplus = len(_without_empty_end(cells[2:])) - width
         joined = _with_joined_thousands(fields, surplus)
         if joined is not None and self._largest_is_at_plate(joined[2:]):
@@ -238,8 +253,8 @@ class _Reader:
     def _largest_is_at_plate(self, values: Sequence[str]) -> bool:
         """Return whether the largest deflection is at the position nearest to the plate's centre.
 
-        The surface deflects most under the plate; otherwise the columns of the drop do not match
-        the positions.
+        The ground deflects most under the plate. If another column has the largest deflection,
+        columns and positions do not match.
         """
         deflections = [
             (finite(cell), column) for cell, column in zip_longest(values, self._columns)
@@ -258,19 +273,19 @@ class _Reader:
         self._remarks.setdefault(code, []).append({"file": name, "line": line, **values})
 
     def _drop_lines(self) -> list[_DropLine]:
-        """Return the lines with drops, without a last one that is cut off."""
+        """Return the lines of drops, without a last line that is cut off."""
         if not self._drops:
             return []
         last = self._drops[-1]
         if last.line != self._last_line or not last.too_short:
             return self._drops
         if len(self._drops) > 1 and self._drops[-2].fields <= last.fields:
-            return self._drops  # as few sensors as in the drop before
+            return self._drops  # the drop before is as short: the device has fewer sensors
         self._add_remark("drop-cut-off", last.line)
         return self._drops[:-1]
 
     def points(self) -> list[TracePoint]:
-        """Return the test points of all stations with drops."""
+        """Return the test points of all stations that have drops."""
         if not self._offsets:
             hint = "is it a Dynatest F25 file?"
             raise TraceError(
@@ -304,7 +319,7 @@ def _fields(line: str) -> list[str]:
 
 
 def _without_empty_end(cells: Sequence[str]) -> list[str]:
-    """Return the fields up to the last one that is not empty."""
+    """Return the fields up to the last one that has a measurement."""
     count = max(
         (n for n, cell in enumerate(cells, start=1) if cell not in (MISSING_FIELD, "")), default=0
     )
@@ -312,16 +327,20 @@ def _without_empty_end(cells: Sequence[str]) -> list[str]:
 
 
 def _with_joined_thousands(fields: Sequence[str], surplus: int) -> list[str] | None:
-    """Return the fields of a drop with the numbers joined that a comma between thousands divides.
+    """Join pairs of fields that are one number with a comma between its thousands.
 
     Parameters
     ----------
     fields : sequence of str
-        Fields with the blanks around them: in padded columns three digits that follow a comma
-        without a blank are the rest of a number.
+        Fields of a drop with the blanks around them: in aligned columns, three digits directly
+        behind a comma are the rest of a number.
     surplus : int
-        Number of surplus fields. If it is not the number of pairs that could be one number, the
-        result is None.
+        Number of fields for which there is no position.
+
+    Returns
+    -------
+    list of str or None
+        None: the number of such pairs is not `surplus`.
     """
     joined: list[str] = []
     pairs = 0

@@ -1,11 +1,13 @@
-"""Reader of JILS ``.THY``: time histories of a trailer FWD as text.
+"""Reader of JILS ``.THY``: traces of a trailer FWD as text.
 
-Lines of ``Name: value`` (``Date-Time``, ``Sensors``, ``Weight/spring``, ``Location``, ``Temp`` in
-degrees Fahrenheit, ``Operator``, ``Comments``), then for each drop its ``Station``, ``Lane`` and
-``Milepost``, ``Drop # 1 Desired peak force`` in lbf, the names of the columns, ``Impact`` with
-``Number_of_samples``, and that many rows: time in ms, force in kip, displacements in mil,
-negative downward. Layout as in public files. Plate and distances of the sensors have to be
-declared: the fields that may hold them are not understood.
+The file begins with lines of ``Name: value``: ``Date-Time``, ``Sensors``, ``Weight/spring``,
+``Location``, ``Temp`` in degrees Fahrenheit, ``Operator``, ``Comments``. For each drop follow its
+``Station``, ``Lane`` and ``Milepost``, ``Drop # 1 Desired peak force`` in lbf, the column names,
+``Impact`` with ``Number_of_samples``, and that number of rows: time in ms, force in kip,
+displacements in mil, negative downward.
+
+The layout was inferred from public files. Plate radius and sensor offsets have to be declared: the
+meaning of the fields that may hold them is not known.
 """
 
 import os
@@ -44,7 +46,7 @@ from pfwd.files.traces import MAX_FILE_DROPS, MAX_FILE_NUMBERS, TracePoint
 from pfwd_device import Drop
 
 MAX_DROP_SAMPLES = 1_000_000
-"""Largest number of samples of a drop."""
+"""Largest number of samples of a drop; longer records are damaged headers."""
 
 MAX_JILS_LINE_CHARACTERS = 4096
 """Longest line; a file with a longer one is no text."""
@@ -57,7 +59,7 @@ _THY_COLUMNS = re.compile(r"\s*Time\s+Force((?:\s+Disp\d{1,3})+)\s*$")
 
 @dataclass(slots=True)
 class _Block:
-    """Drop of the file."""
+    """Drop as it stands in the file."""
 
     station: tuple[str, str, str]
     """Station, lane and milepost."""
@@ -67,30 +69,34 @@ class _Block:
     line: int
     """Line of the first row, from 1."""
     width: int
-    """Number of cells of a row."""
+    """Number of columns."""
     numbers: "array[float]" = field(default_factory=lambda: array("d"))
-    """Numbers row by row: ms, kip, mil."""
+    """Values row after row: time (ms), load (kip), displacements (mil)."""
 
     @property
     def table(self) -> Values:
-        """Numbers, (rows, columns)."""
+        """Values, (rows, columns), in the units of the file."""
         return np.frombuffer(self.numbers).reshape(-1, self.width)
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
-    """Read the test points of a file, one for each station, lane and milepost.
+    """Read the test points of a file, one for each combination of station, lane and milepost.
+
+    A ``.DAT`` with the same name in the same folder contributes positions, notes and peaks, which
+    are compared with the traces.
 
     Parameters
     ----------
     file : str
+        Path of the file.
     request : Request
-        Its declarations give ``plate_radius_m`` and, for more than the first sensor,
-        ``sensor_offsets_m``.
+        Declares ``plate_radius_m`` and ``sensor_offsets_m``. Without the latter only the first
+        sensor is read, at the centre.
 
     Raises
     ------
     TraceError
-        If the format is another one, the file is cut off, or the plate is not declared.
+        If the file has another format or is cut off, or the plate radius is not declared.
     """
     with open(file, encoding="latin-1", newline=None) as stream:
         headings, blocks = _parse(_Lines(stream, file))
@@ -128,7 +134,15 @@ def read(file: str, request: Request) -> list[TracePoint]:
 def _read_peaks_file(
     file: str, remarks: list[Notice]
 ) -> tuple[str, dict[tuple[str, str, str], PeaksStation]]:
-    """Return name and stations of the .DAT of a file; add a remark if it is damaged."""
+    """Read the ``.DAT`` that belongs to a ``.THY``; if it is damaged, add a remark.
+
+    Returns
+    -------
+    name : str
+        File name; empty: there is no readable one.
+    stations : dict
+        By station, lane and milepost.
+    """
     path = find_peaks_file(file)
     if path is None:
         return "", {}
@@ -143,14 +157,14 @@ def _read_peaks_file(
 
 
 def _block_peaks(block: _Block) -> tuple[float, list[float]]:
-    """Return the largest load, N, and deflections, m, of a drop."""
+    """Return peak load, N, and peak deflections, m, of a drop."""
     table = block.table
     deflections = -table[:, 2:].min(axis=0) * DISPLACEMENT_UNITS["mil"]
     return float(table[:, 1].max()) * FORCE_UNITS["kip"], deflections.tolist()
 
 
 class _Lines:
-    """Lines with their numbers; too long ones are refused."""
+    """Lines of a text with their numbers; a line that is too long is refused."""
 
     def __init__(self, stream: Iterator[str], file: str) -> None:
         self._stream = stream
@@ -162,7 +176,7 @@ class _Lines:
         return f"{self._file}, line {self.number}"
 
     def next(self) -> str | None:
-        """Return the next line; None at the end."""
+        """Return the next line; None: the end of the text."""
         text: str = self._stream.readline(MAX_JILS_LINE_CHARACTERS)  # type: ignore[attr-defined]
         self.number += 1
         if len(text) == MAX_JILS_LINE_CHARACTERS or "\0" in text:
@@ -196,14 +210,16 @@ def _parse(lines: _Lines) -> tuple[dict[str, str], list[_Block]]:
         elif (match := HEADING_LINE.match(text)) and not blocks:
             headings.setdefault(match[1], match[2])
         elif text.strip() and columns and text.split()[0].lstrip("-").replace(".", "").isdigit():
-            expected = "as many rows as Number_of_samples says"
-            raise TraceError(refusal(lines.where, expected, quote(text.strip())))
+            expected = "the number of rows that Number_of_samples states"
+            actual = f"another row: {quote(text.strip())}"
+            raise TraceError(refusal(lines.where, expected, actual))
     return headings, blocks
 
 
 def _rows(lines: _Lines, block: _Block, samples: int) -> None:
     if not 0 < samples <= MAX_DROP_SAMPLES:
-        raise TraceError(refusal(lines.where, "a number of samples", str(samples)))
+        expected = f"1 to {MAX_DROP_SAMPLES} samples"
+        raise TraceError(refusal(lines.where, expected, str(samples)))
     for row in range(samples):
         text = lines.next()
         if text is None:
@@ -218,7 +234,9 @@ def _rows(lines: _Lines, block: _Block, samples: int) -> None:
 
 
 def _numbered(blocks: Sequence[_Block]) -> Iterator[tuple[int, _Block]]:
-    """Yield the drops with their numbers; a repeated number is replaced by the next free one."""
+    """Yield drops with their numbers; a repeated or missing number is replaced by the next free
+    one.
+    """
     numbers: set[int] = set()
     for block in blocks:
         number = block.number
@@ -237,7 +255,7 @@ def _drop(file: str, number: int, block: _Block, offsets: Sequence[float]) -> Dr
     used = [index for index, offset in enumerate(offsets) if not np.isnan(offset)]
     sensors = []
     for index in used:
-        # Negative is downward in the file; 0.0 - x, so that nothing becomes -0.
+        # The file is positive upward. 0.0 - x and not -x, which would turn 0 into -0.
         values = 0.0 - table[:, 2 + index] * DISPLACEMENT_UNITS["mil"]
         sensors.append((offsets[index], "displacement", values))
     time = even_time(table[:, 0] * TIME_UNITS["ms"], where)

@@ -1,11 +1,13 @@
-"""Reader of JILS ``.DAT``: peaks of a trailer FWD as text, often beside a ``.THY``.
+"""Reader of JILS ``.DAT``: peaks of a trailer FWD as text, often in the folder of a ``.THY``.
 
-Lines of ``Name: value`` as in a ``.THY``, then one line for each drop: station, lane, milepost, a
-number of unknown meaning (1), load in kip, deflections in mil downward, surface temperature in
-degrees Fahrenheit. After the drops of a station follow ``Drop Sequence Completed Time`` with
-the air temperature, ``GPS`` with a position, and ``Note``. Learned from one file.
+The file begins with lines of ``Name: value`` as a ``.THY`` does. Each drop is one line: station,
+lane, milepost, a number of unknown meaning (1), load in kip, deflections in mil, positive downward,
+and the surface temperature in degrees Fahrenheit. After the drops of a station follow ``Drop
+Sequence Completed Time`` with the air temperature, ``GPS`` with a position, and ``Note``. The
+layout was inferred from one file.
 
-Head, names of stations and offsets of sensors are the same for the reader of ``.THY``.
+The reader of ``.THY`` (:mod:`.jils`) uses the functions for the first lines, the names of
+stations and the sensor offsets as well.
 """
 
 import os
@@ -41,7 +43,8 @@ from pfwd.files.header import MAX_REMARK_CHARACTERS
 from pfwd.files.traces import TracePoint
 
 MIN_DROP_CELLS = 7
-"""Cells in the line of a drop: four numbers, load, a deflection and a temperature."""
+"""Smallest number of fields in the line of a drop: four numbers, load, one deflection, temperature.
+"""
 
 HEADING_LINE = re.compile(r"\s*([A-Z][\w/-]*):\s*(.*?)\s*$")
 _DAT_DROP = re.compile(r"\s*[\d+.-]\S{0,15}\s+\S{1,16}\s+-?\d{1,6}\.\d{1,6}\s")
@@ -56,29 +59,34 @@ _DAT_TIME = re.compile(r"Completed Time:\s*(\d{1,2}:\d{2})")
 
 @dataclass(frozen=True, slots=True)
 class PeaksStation:
-    """Station of a ``.DAT``."""
+    """Station of a ``.DAT`` file with its drops."""
 
     key: tuple[str, str, str]
-    """Station, lane and milepost, written as in a ``.THY``."""
+    """Station, lane and milepost as in a ``.THY``."""
     position: dict[str, float] = field(default_factory=dict)
+    """Latitude and longitude, degrees; empty: not in the file."""
     noted: dict[str, object] = field(default_factory=dict)
+    """Further data to store with the point."""
     drops: list[tuple[float, tuple[float, ...], int]] = field(default_factory=list)
-    """Load (N), deflections (m), line."""
+    """Peak load (N), peak deflections (m) and line of each drop."""
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
-    """Read the test points of a file, one for each station, lane and milepost.
+    """Read the test points of a file, one for each combination of station, lane and milepost.
 
     Parameters
     ----------
     file : str
+        Path of the file.
     request : Request
-        Declarations as for a time history.
+        Declares ``plate_radius_m`` and ``sensor_offsets_m``. Without the latter only the first
+        sensor is read, at the centre.
 
     Raises
     ------
     TraceError
-        If the format is another one, a line is no drop, or the plate is not declared.
+        If the file has another format, a line of a drop is damaged, or the plate radius is not
+        declared.
     """
     headings, stations = parse(file)
     if not stations:
@@ -101,12 +109,12 @@ def read(file: str, request: Request) -> list[TracePoint]:
 
 
 def parse(file: str) -> tuple[dict[str, str], list[PeaksStation]]:
-    """Return the headings and stations of a file.
+    """Return the first lines (value by name) and the stations of a file.
 
     Raises
     ------
     TraceError
-        If a line is no drop.
+        If a line of a drop is damaged, or drops have different numbers of deflections.
     """
     headings: dict[str, str] = {}
     by_key: dict[tuple[str, str, str], PeaksStation] = {}
@@ -165,7 +173,9 @@ def _celsius(fahrenheit: float) -> float | None:
 
 
 def find_peaks_file(file: str) -> str | None:
-    """Return the ``.DAT`` of a ``.THY`` in the same folder; None if there is none."""
+    """Return the path of the ``.DAT`` with the name of a ``.THY``, in its folder; None: there is
+    none.
+    """
     path = Path(file)
     for suffix in (".DAT", ".dat", ".Dat"):
         candidate = path.with_suffix(suffix)
@@ -175,27 +185,28 @@ def find_peaks_file(file: str) -> str | None:
 
 
 LOAD_ROUNDING_N = 0.006 * FORCE_UNITS["kip"]
-"""Rounding of a load: two decimals in kip."""
+"""Largest difference of a load that rounding to two decimals in kip explains."""
 
 DEFLECTION_ROUNDING_M = 0.011 * DISPLACEMENT_UNITS["mil"]
-"""Rounding of a deflection: two decimals in mil."""
+"""Largest difference of a deflection that rounding to two decimals in mil explains."""
 
 
 def compare_peaks(
     traced: Sequence[tuple[float, Sequence[float]]], station: PeaksStation, name: str
 ) -> list[Notice]:
-    """Return the differences between the peaks of a .DAT and those of the traces.
+    """Compare the peaks of a ``.DAT`` with those of the traces.
 
     Parameters
     ----------
     traced : sequence of load (N) and deflections (m, NaN: not compared), one for each drop
     station : PeaksStation
     name : str
-        Name of the .DAT.
+        Name of the ``.DAT``.
 
     Returns
     -------
     list of Notice
+        Remarks on differences that rounding does not explain; for each sensor on the largest one.
     """
     if len(traced) != len(station.drops):
         counts: dict[str, Value] = {
@@ -240,7 +251,26 @@ def compare_peaks(
 def sensor_offsets(
     file: str, declared: object, count: int, headings: Mapping[str, str]
 ) -> tuple[list[float], list[Notice]]:
-    """Return the offset of each sensor, m, NaN: omitted, and remarks on them."""
+    """Return the offset of each sensor, m, and remarks.
+
+    Parameters
+    ----------
+    file : str
+        Path of the file, for messages.
+    declared : object
+        Value of ``sensor_offsets_m``; None: not declared, the first sensor is in the centre and the
+        others are omitted.
+    count : int
+        Number of sensors.
+    headings : mapping of str to str
+        First lines of the file.
+
+    Returns
+    -------
+    offsets : list of float, m
+        NaN: the sensor is omitted.
+    remarks : list of Notice
+    """
     if declared is None:
         sensors = short_text(headings.get("Sensors")) or "nothing"
         remark = Notice("positions-not-declared", {"sensors": sensors})
@@ -253,19 +283,36 @@ def sensor_offsets(
 
 
 def station_name(station: tuple[str, str, str]) -> str:
-    """Return the name of a point for station, lane and milepost."""
+    """Return the name of a test point, such as "station 12 lane 1".
+
+    Parameters
+    ----------
+    station : tuple of str
+        Station, lane and milepost.
+    """
     place = f"station {station[0] or '?'}"
     return f"{place} lane {station[1]}" if station[1] else place
 
 
 def first_temperature(text: str) -> float | None:
-    """Return degrees Celsius from the first number of a text (air before surface)."""
+    """Return the first number of a text in degrees Fahrenheit, converted to degrees Celsius.
+
+    The first one is the temperature of the air, a second one that of the surface.
+    """
     match = re.match(r"\s*(-?\d{1,4}(?:\.\d{1,4})?)", text)
     return None if match is None else _celsius(float(match[1]))
 
 
 def head_facts(headings: Mapping[str, str], source: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return values of header keys and other data for all points of a file."""
+    """Return what the first lines of a file state about all its points.
+
+    Returns
+    -------
+    common : dict
+        Values of header keys.
+    noted : dict
+        Further data to store with each point.
+    """
     common = {
         "site": short_text(headings.get("Location")),
         "operator": short_text(headings.get("Operator")),

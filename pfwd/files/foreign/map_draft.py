@@ -1,7 +1,7 @@
-"""Draft of a column map for a delimited text, from its separators, names and units.
+"""Draft of a column map for a delimited text, inferred from its delimiters, column names and units.
 
-Nothing in it is certain: the user checks the draft, answers questions about missing values and
-corrects the file. A distance of a sensor that is in no name is such a question.
+The draft may be wrong: the user checks it and adds what is missing, such as the distance of a
+sensor that no column name states.
 """
 
 import csv
@@ -19,10 +19,10 @@ from pfwd_device.drop import Quantity
 Role = Literal["time", "load", "sensor", "drop", "none"]
 
 DRAFT_BYTES = 200_000
-"""Bytes at the beginning of the text that the draft is based on."""
+"""Number of bytes at the beginning of the text from which the draft is inferred."""
 
 _TRIED_DELIMITERS = (";", "\t", ",", "|", None)
-"""Delimiters in the order of the trials; None: runs of blanks."""
+"""Delimiters in the order in which they are tried; None: one or more blanks."""
 
 _NUMBER_CELL = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
 
@@ -36,7 +36,7 @@ _ROLE_PATTERNS: tuple[tuple[Role, str], ...] = (
         r"\b[sdvw]\d*\b|\bg\d+\b|沉降|位移|速度)",
     ),
 )
-"""Patterns of column names, the most reliable first."""
+"""Patterns of column names for each role of a column, the least ambiguous first."""
 
 _UNIT = re.compile(r"[\[(/,]\s*([A-Za-zµμ]+(?:/s)?)\s*[\])]?\s*$|\b([A-Za-zµμ]+(?:/s)?)\s*$")
 _DISTANCE = re.compile(r"@?\s*([+-]?\d+(?:[.,]\d+)?)\s*(mm|cm|m)\b")
@@ -60,37 +60,37 @@ _UNIT_SPELLINGS = {
 
 @dataclass(frozen=True, slots=True)
 class DraftColumn:
-    """Column and its likely meaning."""
+    """Column with its presumed role."""
 
     position: int
     """Position from 1."""
     name: str
-    """Name in the file; empty: none."""
+    """Name in the file; empty: the file has no names."""
     role: Role = "none"
     unit: str | None = None
-    """Unit; None: not recognised."""
+    """Unit of the numbers; None: not recognised."""
     quantity: Quantity = "displacement"
-    """Quantity of a sensor."""
+    """Quantity, if the column is a sensor."""
     offset: float | None = None
-    """Offset of a sensor, m; None: not in its name."""
+    """Distance of a sensor from the plate centre, m; None: the name does not state it."""
 
 
 @dataclass(frozen=True, slots=True)
 class MapDraft(TextLayout):
-    """Layout that a text seems to have, and the likely meaning of its columns."""
+    """Presumed layout of a text and presumed roles of its columns."""
 
     columns: tuple[DraftColumn, ...]
     plate_radius: float | None = None
-    """Plate radius, m; from the user, as no text has it."""
+    """Plate radius, m, entered by the user; None: not entered. The texts do not state it."""
 
     def with_column(self, column: DraftColumn) -> "MapDraft":
-        """Return a draft with another description of one column."""
+        """Return the draft with the description of one column replaced."""
         columns = tuple(column if c.position == column.position else c for c in self.columns)
         return replace(self, columns=columns)
 
     @property
     def missing(self) -> list[str]:
-        """Missing entries of the map, a few words each."""
+        """Entries that the map still needs, as phrases such as "the unit of F"."""
         roles = [column.role for column in self.columns]
         gaps = [f"which column is the {role}" for role in ("time", "load") if role not in roles]
         if "sensor" not in roles:
@@ -104,12 +104,16 @@ class MapDraft(TextLayout):
 
 
 def draft_map(file: str | os.PathLike[str]) -> MapDraft:
-    """Return the likely layout of a text.
+    """Infer the layout of a text and the roles of its columns.
+
+    Parameters
+    ----------
+    file : path of the text
 
     Raises
     ------
     TraceError
-        If it cannot be read, or holds no rows of numbers.
+        If the text cannot be read, or has no rows of numbers.
     """
     path = os.fspath(file)
     try:
@@ -120,18 +124,18 @@ def draft_map(file: str | os.PathLike[str]) -> MapDraft:
     text, encoding = _decoded(data, path)
     lines = text.splitlines()
     if len(data) == DRAFT_BYTES:
-        lines = lines[:-1]  # cut off
+        lines = lines[:-1]  # the last line is cut off by the limit
     best: tuple[int, int, MapDraft] | None = None
     for delimiter in _TRIED_DELIMITERS:
         for decimal in (".", ","):
             if delimiter == decimal:
                 continue
             reading = _as_table(path, lines, delimiter, decimal, encoding)
-            # The most numbers win: a wrong separator gives few columns, or texts.
+            # The trial with the most numbers is right: a wrong delimiter gives fewer columns.
             if reading is not None and (best is None or reading[:2] > best[:2]):
                 best = reading
     if best is None:
-        hint = "a workbook is saved as CSV first" if data[:2] == b"PK" else ""
+        hint = "save a workbook as CSV first" if data[:2] == b"PK" else ""
         raise TraceError(refusal(path, "rows of two or more numbers", "none", hint))
     return best[2]
 
@@ -140,7 +144,7 @@ def _decoded(data: bytes, path: str) -> tuple[str, str]:
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return data.decode("utf-16", "replace"), "utf-16"
     if b"\0" in data:
-        hint = "a workbook is saved as CSV first" if data[:2] == b"PK" else ""
+        hint = "save a workbook as CSV first" if data[:2] == b"PK" else ""
         raise TraceError(refusal(path, "a text", "binary data", hint))
     try:
         return data.decode("utf-8-sig"), "utf-8-sig"
@@ -153,7 +157,13 @@ def _decoded(data: bytes, path: str) -> tuple[str, str]:
 def _as_table(
     path: str, lines: Sequence[str], delimiter: str | None, decimal: str, encoding: str
 ) -> tuple[int, int, MapDraft] | None:
-    """Return number of numbers, number of columns and draft of a trial; None: no numbers."""
+    """Read the lines with one delimiter and one decimal sign.
+
+    Returns
+    -------
+    tuple of int, int and MapDraft, or None
+        Count of numbers, count of columns, and draft; None: the lines have no rows of numbers.
+    """
     rows = [_cells(line, delimiter) for line in lines]
     numeric = [_is_numeric(row, decimal) for row in rows]
     first = next((i for i, is_number_row in enumerate(numeric) if is_number_row), None)
@@ -217,7 +227,7 @@ def _column(position: int, name: str, unit: str, before: Sequence[DraftColumn]) 
     roles = [role for role, words in _ROLE_PATTERNS if re.search(words, name, re.IGNORECASE)]
     role: Role = next((r for r in roles if r == "sensor" or r not in assigned), "none")
     if role == "none":
-        # An unknown name: the unit decides.
+        # The name matches no pattern, so the unit decides.
         roles_by_kind = {
             "time": "time",
             "load": "load",
@@ -243,14 +253,16 @@ def _column(position: int, name: str, unit: str, before: Sequence[DraftColumn]) 
 
 
 def _unit_of(text: str, kind: str | None) -> str | None:
-    """Return the unit in a text, of one kind or of any."""
+    """Return the unit that a text names; None: it names none of this kind of quantity."""
     spelling = _UNIT_SPELLINGS.get(text, _UNIT_SPELLINGS.get(text.lower(), text))
     tables = COLUMN_UNITS.values() if kind is None else (COLUMN_UNITS[kind],)
     return spelling if any(spelling in table for table in tables) else None
 
 
 def _offset(name: str, *, first: bool) -> float | None:
-    """Return the distance in a name, m; without one the first sensor is in the centre."""
+    """Return the distance in the name of a sensor, m; without one, 0 for the first sensor, else
+    None.
+    """
     if _CENTRE_NAME.search(name):
         return 0.0
     match = _DISTANCE.search(name)
@@ -261,15 +273,15 @@ def _offset(name: str, *, first: bool) -> float | None:
 
 
 def map_text(draft: MapDraft) -> str:
-    """Return the draft as TOML for ``pfwd import --map``; unknown values are comments."""
+    """Return a draft as the text of a column map; unknown values are written as comments."""
     delimiter = {None: "blank", "\t": "tab"}.get(draft.delimiter, draft.delimiter)
     name = os.path.basename(draft.file)
-    lines = [f"# What the columns of {_plain(name)} hold: a first draft, to be looked at."]
+    lines = [f"# Draft of a column map for {_plain(name)}. Check every entry."]
     lines += ["# Every key is explained in examples/column-map.toml.", ""]
     if draft.plate_radius is not None:
         lines.append(toml_line("plate_radius_m", draft.plate_radius))
     else:
-        lines.append("# plate_radius_m = 0.15   # not in the file: say it, here or in --header")
+        lines.append("# plate_radius_m = 0.15   # not in the file: declare it here or in --header")
     lines += ["", "[text]", toml_line("delimiter", delimiter), toml_line("decimal", draft.decimal)]
     lines += [toml_line("encoding", draft.encoding), toml_line("skip_lines", draft.skip_lines)]
     lines += [toml_line("names", draft.names), toml_line("units_line", draft.units_line)]
@@ -300,7 +312,7 @@ def _column_lines(column: DraftColumn) -> list[str]:
         else:
             lines.append(toml_line("offset_m", column.offset))
     if column.role != "time":
-        lines.append('positive = "down"   # "up" where numbers fall when the plate goes down')
+        lines.append('positive = "down"   # "up" if the numbers decrease when the plate moves down')
     return lines
 
 

@@ -1,8 +1,8 @@
-"""Reader of AASHTO's Pavement Deflection Data Exchange (PDDX): peaks as ``key = value`` texts.
+"""Reader of AASHTO's Pavement Deflection Data Exchange (PDDX): peaks as lines ``key = value``.
 
-``[Units]`` has the units of all other sections, ``[Device Configuration]`` the radius of the plate
-and the positions of the sensors, each ``[Test Location N]`` one point with ``DropData_N = load,
-deflections``. Learned from a file that a viewer writes, and from those of this program.
+The section ``[Units]`` has the units of all other sections, ``[Device Configuration]`` the radius
+of the plate and the positions of the sensors. Each ``[Test Location N]`` is one point with
+``DropData_N = load, deflections``. The layout was inferred from a file that a viewer writes.
 """
 
 import os
@@ -35,7 +35,7 @@ from pfwd.files.traces import TracePoint
 
 BEGIN = b"[Pavement Deflection Data Exchange File]"
 MAX_ENTRIES = 200_000
-"""Keys of a file; a point has about twelve."""
+"""Largest number of keys in a file; a point has about twelve."""
 
 LENGTH_UNITS: Mapping[str, float] = {
     "millimeter": 1e-3,
@@ -73,7 +73,7 @@ _PDDX_TIME = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}))?")
 _PDDX_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 
 Section = dict[str, tuple[str, int]]
-"""Text and line by key."""
+"""Value and line of each key of a section."""
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
@@ -82,12 +82,13 @@ def read(file: str, request: Request) -> list[TracePoint]:
     Parameters
     ----------
     file : str
+        Path of the file.
     request : Request
 
     Raises
     ------
     TraceError
-        If the format is another one, or a unit, the plate or a drop is invalid.
+        If the file has another format, or a unit, the plate or a drop is invalid.
     """
     return _Reader(file, request, _sections(file)).points()
 
@@ -100,7 +101,7 @@ def _sections(file: str) -> dict[str, Section]:
         if match := _SECTION.fullmatch(line):
             name = match[1].strip()
             if _LOCATION.match(name) and name in sections:
-                name = f"{name} in line {number}"  # another point under the same number
+                name = f"{name} in line {number}"  # another point has the same number
             section = sections.setdefault(name, {})
         elif match := _ENTRY.fullmatch(line):
             entries += 1
@@ -111,7 +112,7 @@ def _sections(file: str) -> dict[str, Section]:
 
 
 class _Reader:
-    """Converter of the sections to test points."""
+    """Conversion of the sections to test points."""
 
     def __init__(self, file: str, request: Request, sections: Mapping[str, Section]) -> None:
         self._file = file
@@ -125,10 +126,10 @@ class _Reader:
         self._decimal = begin.get("DecimalSymbol", (".", 0))[0] or "."
         self._remarks: list[Notice] = []
         self._viewer = "rincent" in self._get("Device Information", "DeviceDesignationName").lower()
-        """True for a viewer that uses units of its own."""
+        """True if Rincent's viewer wrote the file: its units are not those that it states."""
 
     def points(self) -> list[TracePoint]:
-        """Return all test points of the file."""
+        """Return the test points of the file."""
         device = "Device Configuration"
         length = self._unit("SensorLocationUnits", LENGTH_UNITS)
         deflection_factor = self._unit("DeflectionUnits", LENGTH_UNITS)
@@ -136,7 +137,7 @@ class _Reader:
         across = self._numbers(device, "DeflectionSensorYAxisDistances", needed=False)
         count = int(next(iter(self._numbers(device, "NumberOfDeflectionSensors")), 0))
         if len(offsets) == count + 1 and offsets[0] == 0 and self._viewer:
-            # The viewer lists the load cell as well.
+            # The viewer lists the load cell, at 0, before the sensors.
             offsets = offsets[1:]
         if len(offsets) != count or any(across[: count + 1]):
             expected = f"{count} distances along one line in DeflectionSensorXAxisDistances"
@@ -162,7 +163,7 @@ class _Reader:
         )
 
     def _plate(self) -> tuple[float, float]:
-        """Return plate radius, m, and newtons in one unit of load."""
+        """Return the plate radius, m, and the factor from the file's unit of load to N."""
         key = "LoadPlateRadius"
         text, line = self._sections.get("Device Configuration", {}).get(key, ("", 0))
         where = f"{self._file}, line {line}" if line else self._file
@@ -173,7 +174,7 @@ class _Reader:
         per_load = self._unit("LoadUnits", LOAD_UNITS)
         name = os.path.basename(self._file)
         if self._viewer and PLATE_RADII_M[0] <= recorded / 2 <= PLATE_RADII_M[1]:
-            # A diameter in metres: no plate has a radius of half a millimetre.
+            # The viewer writes the diameter in metres and states millimetres.
             radius = plate_radius(self._request, round(recorded / 2, 6)) or 0.0
             per_load = force_of(1e3, radius)
             values: dict[str, Value] = {"file": name, "line": line, "diameter_m": recorded}
@@ -257,6 +258,6 @@ class _Reader:
 
 
 def _plain(section: Mapping[str, Any], key: str) -> str:
-    """Return the text of a key; empty if there is none or it is ``undefined``."""
+    """Return the value of a key; empty: the key is missing or its value is ``undefined``."""
     text = str(section.get(key, ("", 0))[0]).strip()
     return "" if text.lower() == "undefined" else text

@@ -28,28 +28,30 @@ MAX_TEXT_BYTES = 32_000_000
 PEAKS_REMARK = Notice("peaks-imported")
 
 PLATE_RADII_M = (0.02, 1.0)
-"""Range of plate radii: real ones are 0.05 m, of a light deflectometer for trenches, to 0.4 m. A
-value outside is in another unit."""
+"""Range of plate radii: real ones are 0.05 m, for trenches, to 0.4 m. A value outside the range is
+in another unit."""
 
 OFFSETS_KEY = "sensor_offsets_m"
-"""Key of ``--header``: distances of the sensors, m, in the order of the columns; nan omits one."""
+"""Header key with the offsets of the sensors, m, in the order of the columns; nan omits a sensor.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """Test point of a file with peaks."""
+    """Test point of a file with peaks, before its checks."""
 
     name: str
     declared: dict[str, Any] = field(default_factory=dict)
     """Values of header keys."""
     noted: dict[str, Any] = field(default_factory=dict)
-    """Other data to store."""
+    """Further data to store with the point."""
     drops: list[tuple[float, tuple[float | None, ...], int]] = field(default_factory=list)
-    """Load (N), deflections (m, one for each sensor; None: not measured) and line."""
+    """Peak load (N), peak deflections (m, one for each sensor; None: not measured) and line of each
+    drop."""
 
 
 def lines_of(file: str) -> Iterator[tuple[int, str]]:
-    """Yield the lines of a text with their numbers from 1.
+    """Yield number (from 1) and text of each line of a file.
 
     Raises
     ------
@@ -64,7 +66,7 @@ def lines_of(file: str) -> Iterator[tuple[int, str]]:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("cp1252", errors="replace")
-    # DOS ended a text with this sign.
+    # DOS programs end a text with the control character 1A.
     text = text.rstrip("\x1a\0\r\n")
     for number, line in enumerate(text.split("\n"), start=1):
         if len(line) > MAX_TEXT_LINE_CHARACTERS:
@@ -74,11 +76,18 @@ def lines_of(file: str) -> Iterator[tuple[int, str]]:
 
 
 def number_of(text: str, expected: str, where: str) -> float:
-    """Return a finite number.
+    """Convert a text to a finite number.
+
+    Parameters
+    ----------
+    text : str
+    expected, where : str
+        Expected content, and file and line, for the message.
 
     Raises
     ------
     TraceError
+        If the text is no number.
     """
     number = None if "_" in text else finite(text.strip())
     if number is None:
@@ -87,18 +96,19 @@ def number_of(text: str, expected: str, where: str) -> float:
 
 
 def plate_radius(request: Request, recorded: float | None) -> float | None:
-    """Return the plate radius, m: the declared one, else that of the file."""
+    """Return the plate radius, m: the declared one, else `recorded`, which the file states."""
     declared = request.declarations.get(RADIUS_KEY)
     value = None if declared is None else finite(declared.value)
     return recorded if value is None else value
 
 
 def require_plate_radius(radius: float | None, where: str) -> float:
-    """Return a plate radius in the range of real plates.
+    """Return a plate radius, m, if it is in the range `PLATE_RADII_M`.
 
     Raises
     ------
     TraceError
+        If it is outside the range, or None.
     """
     if radius is None or not PLATE_RADII_M[0] <= radius <= PLATE_RADII_M[1]:
         actual = "none" if radius is None else f"{1e3 * radius:g} mm"
@@ -108,12 +118,21 @@ def require_plate_radius(radius: float | None, where: str) -> float:
 
 
 def declared_offsets(value: object, count: int, where: str) -> list[float]:
-    """Return the declared distances of `count` sensors, m; NaN: the sensor is omitted.
+    """Return the declared sensor offsets, m; NaN: the sensor is omitted.
+
+    Parameters
+    ----------
+    value : object
+        Value of the header key `OFFSETS_KEY`.
+    count : int
+        Number of sensors in the file.
+    where : str
+        Place of the declaration, for messages.
 
     Raises
     ------
     TraceError
-        If it is no list of as many numbers.
+        If the value is not a list of `count` numbers.
     """
     offsets = [
         float(each)
@@ -127,12 +146,18 @@ def declared_offsets(value: object, count: int, where: str) -> list[float]:
 
 
 def force_of(pressure: float, radius: float) -> float:
-    """Return the load, N, of a mean pressure, Pa, under a plate of this radius, m."""
+    """Return the load, N, that causes a mean pressure, Pa, under a plate of the given radius, m."""
     return pressure * pi * radius**2
 
 
 def local_moment(*parts: float | None) -> str | None:
-    """Return date and time without a zone, ISO 8601; None if the parts are no date."""
+    """Return a date and time without time zone in ISO 8601; None: the numbers are no date.
+
+    Parameters
+    ----------
+    *parts : float or None
+        Year, month, day, and optionally hour, minute, second.
+    """
     try:
         numbers = [int(part) for part in parts if part is not None]
         return datetime.datetime(*numbers).isoformat() if len(numbers) == len(parts) else None  # type: ignore[arg-type]
@@ -148,19 +173,21 @@ def points_of_stations(
     request: Request,
     remarks: Sequence[Notice] = (),
 ) -> list[TracePoint]:
-    """Return test points whose drops have peaks and no time histories.
+    """Return test points whose drops have peaks and no traces.
 
     Parameters
     ----------
     file : str
+        Path of the file.
     stations : sequence of Station
         Stations without drops are omitted.
     offsets : sequence of float, m
         NaN: the sensor is omitted.
-    common : mapping
-        Header keys of all stations.
+    common : mapping of header key to value
+        Values that all stations share.
     request : Request
     remarks : sequence of Notice
+        Remarks on how the file was read.
 
     Raises
     ------

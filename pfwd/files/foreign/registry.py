@@ -1,8 +1,8 @@
-"""Formats of other programs' files, recognised by content and by suffix.
+"""Formats of other programs' files, recognised by content, else by suffix.
 
-A new one is a module with a function ``read(file, request)`` and one entry in ``FOREIGN_FORMATS``;
-in another package, an entry point of the group ``pfwd.import_formats``. Readers are imported on
-use.
+A new format is a module with a function ``read(file, request)`` and one entry in
+`FOREIGN_FORMATS`. In another package it is an entry point of the group ``pfwd.import_formats``
+that names a `Format`. A reader is imported when it is used.
 """
 
 import os
@@ -19,7 +19,7 @@ from pfwd.files.foreign.common import Request
 from pfwd.files.traces import MAX_FILE_BYTES, TracePoint, is_trace_file
 
 RECOGNITION_BYTES = 4096
-"""Bytes at the beginning of a file that identify its format."""
+"""Number of bytes at the beginning of a file by which its format is recognised."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,15 +29,15 @@ class Format:
     name: str
     """Name for messages."""
     suffixes: tuple[str, ...]
-    """Suffixes in small letters."""
+    """Suffixes of file names in lower case, with the dot."""
     read: str | Callable[[str, Request], Sequence[TracePoint]]
-    """Function that reads the test points of a file, or its name ``"module:function"``, imported
-    on use."""
+    """Function that reads the test points of a file, or its name ``"module:function"``, which is
+    imported when it is used."""
     recognises: Callable[[bytes], bool]
-    """Function that recognises the format by the first bytes of a file."""
+    """Function that returns whether the first bytes of a file are of this format."""
 
     def reader(self) -> Callable[[str, Request], Sequence[TracePoint]]:
-        """Return the function ``read(file, request)``."""
+        """Return the function ``read(file, request)``, imported if necessary."""
         if not isinstance(self.read, str):
             return self.read
         module, _, function = self.read.partition(":")
@@ -91,7 +91,18 @@ DELIMITED_TEXT = Format(
 
 
 def find_format(file: str) -> Format | None:
-    """Return the format of a file; None: it is no other program's, or cannot be read."""
+    """Return the format of another program's file.
+
+    Parameters
+    ----------
+    file : str
+        Path of the file.
+
+    Returns
+    -------
+    Format or None
+        None: the file has no known format, is a trace file of this program, or cannot be read.
+    """
     try:
         if not stat.S_ISREG(os.stat(file).st_mode):
             return None  # a pipe may wait for ever
@@ -107,14 +118,14 @@ def find_format(file: str) -> Format | None:
 
 
 def foreign_suffixes() -> tuple[str, ...]:
-    """Return the suffixes of all formats, in small letters."""
+    """Return the suffixes of all formats, in lower case with the dot."""
     return tuple(
         suffix for form in (*FOREIGN_FORMATS, *_plugin_formats()) for suffix in form.suffixes
     )
 
 
 def _select(formats: Iterable[Format], file: str, head: bytes) -> Format | None:
-    """Return the format that fits the content, else the suffix; None: no format does."""
+    """Return the format whose content matches, else whose suffix matches; None: no format does."""
     formats = tuple(formats)
     suffix = Path(file).suffix.lower()
     by_content = (form for form in formats if form.recognises(head))
@@ -124,7 +135,7 @@ def _select(formats: Iterable[Format], file: str, head: bytes) -> Format | None:
 
 @cache
 def _plugin_formats() -> tuple[Format, ...]:
-    """Return the formats of other packages; their errors become messages."""
+    """Return the formats of installed plug-ins, whose exceptions are converted to messages."""
     formats = pfwd_plugins.load_all(pfwd_plugins.IMPORT_FORMATS, Format)
     return tuple(_guarded(name, form) for name, form in formats)
 
@@ -136,7 +147,7 @@ def _guarded(name: str, form: Format) -> Format:
         try:
             return bool(form.recognises(head))
         except Exception as err:
-            actual = f"an answer to whether a file is one of it, got {type(err).__name__}: {err}"
+            actual = f"True or False from recognises(), got {type(err).__name__}: {err}"
             pfwd_plugins.remark(pfwd_plugins.IMPORT_FORMATS, name, actual)
             return False
 
@@ -154,6 +165,14 @@ def _guarded(name: str, form: Format) -> Format:
 
 def read_foreign(form: Format, file: str, request: Request) -> list[TracePoint]:
     """Read the test points of another program's file.
+
+    Parameters
+    ----------
+    form : Format
+    file : str
+        Path of the file.
+    request : Request
+        Options of the user.
 
     Raises
     ------

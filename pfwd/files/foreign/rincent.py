@@ -1,8 +1,8 @@
-"""Reader of projects of Rincent's Minidyn, Maxidyn, Heavydyn: ``.dynz``, ``.prjz``, ``.mpvz``.
+"""Reader of projects of Rincent's programs for Minidyn, Maxidyn and Heavydyn.
 
-All three are zip archives with a database and, for each point, the traces that the program stored.
-A ``.dynz`` has the raw channels of every drop as well. Layout as in public files; the maker has
-published no description.
+``.dynz``, ``.prjz`` and ``.mpvz`` are zip archives with a database and, for each point, the stored
+traces: those that the maker's program has processed. A ``.dynz`` has the raw channels of every drop
+as well. The layout was inferred from public files; the maker has published no description.
 """
 
 import itertools
@@ -53,17 +53,17 @@ from pfwd_device.signals import displacement_of, remove_offset, trace_peaks
 JSON_NAME, XML_NAME, TRACE_FOLDER = "database.json", "database.xml", "rawdata/"
 
 RATE_KEY = "sampling_rate_hz"
-"""Key of ``--header``: sampling rate of the stored traces, Hz; overrides that of the file."""
+"""Header key with the sampling rate of the stored traces, Hz; overrides the rate in the file."""
 
 RELATIVE_RATE_TOLERANCE = 1e-6
-"""Relative difference below which two sampling rates in a file are the same."""
+"""Relative difference below which two sampling rates in a file are equal."""
 
 CENTRE_TOLERANCE_M = 1e-3
 """Distance from the plate's centre below which a sensor is the centre sensor."""
 
 RELATIVE_PEAK_TOLERANCE = 5e-3
 """Relative difference below which stored peaks and those of the traces agree. Rounding and the
-offset at rest stay below it; software that smooths first is 1 % lower."""
+offset at rest cause less; peaks of a program that filters the traces are 1 % lower."""
 
 SMOOTHING_HZ, N_SMOOTHING_POLES = 320.0, 6
 """Cut-off and poles of the filter of Minidyn's software. On 45 drops of a rig the filtered traces
@@ -73,7 +73,7 @@ have its peak loads within 0.01 % and its peak deflections within 0.03 %; unfilt
 STORED_REMARK = Notice("stored-traces")
 
 _DEVIATION_CODES = {"stored-load-differs", "stored-deflection-differs"}
-"""Codes of remarks on stored peaks that differ from those of the traces."""
+"""Codes of the remarks that stored peaks differ from those of the traces."""
 
 
 def read(file: str, request: Request) -> list[TracePoint]:
@@ -82,6 +82,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
     Parameters
     ----------
     file : str
+        Path of the archive.
     request : Request
         ``channels`` chooses between raw channels and stored traces.
 
@@ -105,7 +106,7 @@ def read(file: str, request: Request) -> list[TracePoint]:
 
 @dataclass(frozen=True, slots=True)
 class _Source:
-    """Properties that the points of a file share."""
+    """Properties that all points of a file share."""
 
     file: str
     facts: Facts
@@ -117,7 +118,7 @@ class _Source:
 
 
 class _Project:
-    """Opened project: its databases and the names of its traces."""
+    """Project that is open for reading: its databases and the names of its traces."""
 
     def __init__(self, archive: Archive, rate: float | None = None) -> None:
         self.archive = archive
@@ -144,24 +145,28 @@ class _Project:
             self.xml_facts = facts_of(tables, where)
 
     def facts(self) -> Facts:
-        """Return the facts of the JSON database, which is more complete, else of the XML one."""
+        """Return the content of the JSON database, which is more complete, else of the XML
+        database.
+        """
         if self.json is not None:
             return read_json(self.archive.read(self.json), f"{self.file}, {self.json}")
         assert self.xml_facts is not None
         return self.xml_facts
 
     def stored_peaks(self) -> Mapping[str, tuple[StoredPeaks, ...]]:
-        """Return the peaks that the maker's software stored, by name of the point; may be empty."""
+        """Return the peaks in the JSON database by the name of the point; empty: there is none to
+        read.
+        """
         if self.json is None:
             return {}
         try:
             return {point.name: point.peaks for point in self.facts().points}
         except TraceError:
-            return {}  # the raw channels do not need this database
+            return {}  # raw channels can be read without this database
 
 
 def _short(where: str) -> str:
-    """Return the names of file and member without the folder, for stored remarks."""
+    """Return file name and member without the folder, for remarks that are stored."""
     file, _, member = where.rpartition(", ")
     return f"{os.path.basename(file)}, {member}"
 
@@ -171,7 +176,7 @@ def _raw_points(project: _Project, request: Request) -> list[TracePoint]:
         if request.channels is None and project.stored:
             return _stored_points(project, request, Notice("raw-accelerations"))
         expected = "raw velocities or displacements"
-        hint = "give --channels stored"
+        hint = "import the stored traces with --channels stored"
         raise TraceError(refusal(project.file, expected, "accelerations", hint))
     assert project.xml_facts is not None
     facts = project.xml_facts
@@ -208,10 +213,10 @@ def _raw_points(project: _Project, request: Request) -> list[TracePoint]:
 
 
 def _stored_points(project: _Project, request: Request, *remarks: Notice) -> list[TracePoint]:
-    facts = project.facts()  # first: a damaged database is the better message
+    facts = project.facts()  # before the traces, to report a damaged database first
     if not project.stored:
         if request.channels == "stored" and project.drops:
-            hint = "leave --channels stored out"
+            hint = "import it without --channels stored"
             raise TraceError(refusal(project.file, f"traces in {TRACE_FOLDER}", "none", hint))
         source = _Source(project.file, facts, request, "stored", facts.remarks)
         points = [
@@ -235,7 +240,7 @@ def _stored_points(project: _Project, request: Request, *remarks: Notice) -> lis
         for number in _numbers_of(name, traces[name]):
             members_by_number[number].append(name)
     for point in facts.points:
-        # The first one in the archive without a point.
+        # Of several members with this identity, the first that no point has yet.
         candidates = [
             members_by_number[number] for number in point.numbers if number in members_by_number
         ]
@@ -259,7 +264,10 @@ def _stored_points(project: _Project, request: Request, *remarks: Notice) -> lis
 
 
 def _numbers_of(member: str, stored: Stored) -> set[int]:
-    """Return the identities of traces: by the name of the member, and in its content."""
+    """Return the identities of a point to which traces may belong.
+
+    The name of the member and its content each have one, and they may differ.
+    """
     try:
         name_identity = int(member.rpartition("/")[2].partition(".")[0], 16) & IDENTITY_MASK
     except ValueError:
@@ -291,7 +299,7 @@ def _stored_point(source: _Source, point: PointFacts, stored: Stored, member: st
 
 
 def _peaks_point(source: _Source, point: PointFacts) -> list[TracePoint]:
-    """Return a point without traces in the project; an empty list if it has no peaks either."""
+    """Return a point without traces, from its peaks in the database; empty: it has no peaks."""
     where = f"{source.facts.where}, {point.name}"
     remarks, drops = [PEAKS_REMARK], []
     for number, peaks in enumerate(point.peaks, start=1):
@@ -316,7 +324,7 @@ def _peaks_point(source: _Source, point: PointFacts) -> list[TracePoint]:
 
 
 def _rate_remarks(source: _Source, stored: Stored, where: str) -> list[Notice]:
-    """Return remarks on the rate if database and traces differ; the traces are right."""
+    """Return a remark if database and traces state different rates; that of the traces is used."""
     facts, rate = source.facts, stored.rate
     database_rate, samples = finite(facts.recorded_rate[0]), stored.drops[0].load.size
     if source.rate is not None or database_rate is None:
@@ -334,7 +342,7 @@ def _rate_remarks(source: _Source, stored: Stored, where: str) -> list[Notice]:
     if abs(rate - database_rate) <= RELATIVE_RATE_TOLERANCE * rate:
         return []
     file, _, database = _short(facts.where).rpartition(", ")
-    # Without the member of the archive, which differs between points: one remark for all.
+    # The remark does not name the member, so that it is the same for all points and shown once.
     values: dict[str, Value] = {
         "file": file,
         "rate_hz": rate,
@@ -349,22 +357,23 @@ def _rate_remarks(source: _Source, stored: Stored, where: str) -> list[Notice]:
 
 
 def peak_deviations(drops: Sequence[Drop], stored: Sequence[StoredPeaks]) -> Mapping[str, float]:
-    """Return large deviations of load and centre deflection from the stored peaks.
+    """Return by how much load and centre deflection of the traces deviate from the stored peaks.
 
-    The deflection is the maximum of the trace that is nearest to the stored value, as the maker's
-    software uses a maximum within the pulse.
+    The maker's program searches the deflection within the pulse only. It is therefore compared with
+    the maximum of the trace that is nearest to it.
 
     Parameters
     ----------
     drops : sequence of Drop
     stored : sequence of StoredPeaks
-        Peaks in the same order.
+        Peaks in the database, in the same order.
 
     Returns
     -------
     mapping of str to float
-        The larger relative difference by number of the drop, if above `RELATIVE_PEAK_TOLERANCE`.
-        Copies of one drop all have the difference of the first.
+        By drop number the larger of the two relative differences, if it exceeds
+        `RELATIVE_PEAK_TOLERANCE`. If all drops have the same samples, each has the difference of
+        the first.
     """
     if len(drops) != len(stored):
         return {}
@@ -387,25 +396,26 @@ def peak_deviations(drops: Sequence[Drop], stored: Sequence[StoredPeaks]) -> Map
 def compare_peaks(
     drops: Sequence[Drop], stored: Sequence[StoredPeaks], where: str, traces: str
 ) -> list[Notice]:
-    """Return the differences between the peaks that the maker's software stored and the traces.
+    """Compare the peaks of the traces with those in the maker's database.
 
-    Its deflection is a maximum within the pulse, not always the largest value of a drifting trace:
-    any equal maximum of the trace is agreement.
+    The maker's program searches a deflection within the pulse only; the trace may drift to a larger
+    value later. The peaks agree if any maximum of the trace equals the stored one.
 
     Parameters
     ----------
     drops : sequence of Drop
     stored : sequence of StoredPeaks
-        Peaks in the same order.
+        Peaks in the database, in the same order.
     where : str
-        File and member with the stored peaks.
+        File and member of the database, for remarks.
     traces : "stored_traces" or "raw_channels"
+        Kind of the traces, for remarks.
 
     Returns
     -------
     list of Notice
-        Remarks on the number of drops, on copies of one drop, on load and deflections; empty if all
-        agree.
+        Remarks on different numbers of drops, drops with identical samples, and different loads or
+        deflections; empty: all agree.
     """
     if not stored:
         return []
@@ -449,7 +459,20 @@ def compare_peaks(
 def compare_raw_peaks(
     drops: Sequence[Drop], stored: Sequence[StoredPeaks], where: str
 ) -> list[Notice]:
-    """Compare raw channels as :func:`compare_peaks` does; the maker's software smooths them."""
+    """Compare the peaks of raw channels with those in the maker's database.
+
+    The maker's program filters the channels before it searches peaks. If they differ from the peaks
+    of the raw channels but agree with those of filtered ones, a remark says so.
+
+    Parameters
+    ----------
+    drops, stored, where
+        As for :func:`compare_peaks`.
+
+    Returns
+    -------
+    list of Notice
+    """
     as_recorded = compare_peaks(drops, stored, where, "raw_channels")
     if not _DEVIATION_CODES & {remark.code for remark in as_recorded}:
         return as_recorded
@@ -467,10 +490,11 @@ def compare_raw_peaks(
 
 
 def smoothed_as_stored(drop: Drop) -> Drop:
-    """Return a drop as the maker's software processes it before it determines peaks.
+    """Return a drop filtered as by the maker's program.
 
-    The offset at rest is removed, load and sensor pass one causal Butterworth filter, a velocity is
-    integrated. Derived from files with raw channels and stored peaks.
+    The offset at rest is removed, load and sensor pass one causal Butterworth filter, and a
+    velocity is integrated. Filter and order of the steps were inferred from files with raw channels
+    and stored peaks.
     """
     from scipy.signal import butter, lfilter
 
@@ -493,7 +517,7 @@ def smoothed_as_stored(drop: Drop) -> Drop:
 
 
 def _maxima(values: Values, target: float) -> tuple[float, float]:
-    """Return the largest value of a trace, and the maximum of it nearest to `target`, m."""
+    """Return the largest value of a trace and its local maximum nearest to `target`, m."""
     inside = values[1:-1]
     peaks = inside[(inside > values[:-2]) & (inside >= values[2:])]
     largest = float(values.max())
@@ -503,7 +527,7 @@ def _maxima(values: Values, target: float) -> tuple[float, float]:
 
 
 def _with_deviations(point: PointFacts, deviations: Mapping[str, float]) -> PointFacts:
-    """Return the point with the deviations of its peaks among its other data."""
+    """Return the point with the deviations of its peaks under the key `PEAK_DEVIATIONS`."""
     if not deviations:
         return point
     return replace(point, noted={**point.noted, PEAK_DEVIATIONS: dict(deviations)})

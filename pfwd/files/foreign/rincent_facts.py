@@ -1,4 +1,4 @@
-"""Facts of a project in the databases of Rincent's programs, the same for all of them."""
+"""Content of the database of a Rincent project, independent of the database's format."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,33 +15,35 @@ from pfwd.files.foreign.common import (
 )
 
 SAMPLING_RATES_HZ = (1.0, 1e7)
-"""Range of sampling rates."""
+"""Range of plausible sampling rates."""
 
 PRE_TRIGGERS_S = (0.0, 60.0)
-"""Range of pre-triggers."""
+"""Range of plausible times before the trigger."""
 
 MAX_SEATING_DROPS = 1000
-"""Seating drops of a point; a larger number has another meaning."""
+"""Limit of the seating drops of a point; a larger number has another meaning."""
 
 IDENTITY_MASK = (1 << 64) - 1
-"""Mask for identities: signed 64-bit numbers in some files, unsigned hexadecimal in others."""
+"""Mask that makes identities equal, which are signed 64-bit numbers in some files and unsigned
+hexadecimal ones in others."""
 
 
 @dataclass(frozen=True, slots=True)
 class StoredPeaks:
-    """Peaks of a drop in the database."""
+    """Peaks of a drop as stored in the database."""
 
     load: float | None
     """Peak load, N."""
     deflections: tuple[float, ...]
-    """Deflections, m, in the order of the sensors in the database; empty if one is no number."""
+    """Peak deflections, m, in the order of the sensors in the database; empty: one of them is no
+    number."""
     duration: float | None = None
     """Duration of the load pulse, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class PointFacts:
-    """Test point without its traces."""
+    """Content of the database about one test point."""
 
     identity: str
     """Identity as written in the database."""
@@ -49,15 +51,15 @@ class PointFacts:
     declared: Mapping[str, Any] = field(default_factory=dict)
     """Values of header keys."""
     noted: Mapping[str, Any] = field(default_factory=dict)
-    """Other data to store."""
+    """Further data to store with the point."""
     peaks: tuple[StoredPeaks, ...] = ()
-    """Peaks of its drops, in their order."""
+    """Peaks of its drops, in the order of the drops."""
     labels: tuple[float, ...] | None = None
-    """Offsets of the sensors from the names of the deflections, m; None: not in the names."""
+    """Offsets of the sensors, m, from the names of the deflections; None: the names have none."""
 
     @property
     def numbers(self) -> set[int]:
-        """The identity as a number, hexadecimal or decimal: databases have either."""
+        """Possible values of the identity as a number: its text is hexadecimal or decimal."""
         numbers = set()
         for base in (16, 10):
             try:
@@ -69,36 +71,47 @@ class PointFacts:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """Project without its traces."""
+    """Content of the database about the project and its points."""
 
     where: str
-    """File and member, for messages."""
+    """File and member of the database, for messages."""
     recorded_rate: tuple[object, str]
-    """Sampling rate, Hz, as written in the database, and its name there."""
+    """Sampling rate, Hz, unchecked, and the name of its entry in the database."""
     recorded_pre_trigger: tuple[object, str]
-    """Time before the trigger, s, as written in the database, and its name there."""
+    """Time before the trigger, s, unchecked, and the name of its entry in the database."""
     declared: Mapping[str, Any]
-    """Values of header keys of all points; None: not stated."""
+    """Values of header keys for all points; None: not in the database."""
     points: tuple[PointFacts, ...]
     offsets: tuple[float, ...] | None = None
-    """Offsets of the sensors, m, negative on the other side; None: one in the centre."""
+    """Offsets of the sensors, m, negative on the other side; None: one sensor, in the centre."""
     samples: int | None = None
-    """Samples of a trace according to the database."""
+    """Number of samples of a trace that the database states; None: not in the database."""
     remarks: tuple[Notice, ...] = ()
     """Remarks on repairs of the database."""
 
     @property
     def rate(self) -> float:
-        """Sampling rate, Hz; raises TraceError if the database has none.
+        """Sampling rate, Hz.
 
-        Required only for traces without a rate of their own; peaks need none.
+        It is checked when it is used, because only traces without a rate of their own need it.
+
+        Raises
+        ------
+        TraceError
+            If the database has no plausible one.
         """
         hint = "give sampling_rate_hz in a file with --header"
         return within(*self.recorded_rate, *SAMPLING_RATES_HZ, self.where, hint)
 
     @property
     def pre_trigger(self) -> float:
-        """Time before the trigger, s; raises TraceError if the database has none."""
+        """Time before the trigger, s.
+
+        Raises
+        ------
+        TraceError
+            If the database has no plausible one.
+        """
         return within(*self.recorded_pre_trigger, *PRE_TRIGGERS_S, self.where)
 
 
@@ -117,26 +130,30 @@ def project_facts(
     samples: object = None,
     remarks: Sequence[Notice] = (),
 ) -> Facts:
-    """Return the checked facts of a project.
+    """Check the entries of a database and return them as `Facts`.
 
     Parameters
     ----------
     where : str
-        File and member, for messages.
+        File and member of the database, for messages.
     points : sequence of PointFacts
     rate, pre_trigger : (value, name), Hz and s
-        Values as written in the database, with their names there.
-    diameter : diameter of the plate, m
-    poisson_ratio, seating, samples : values as written in the database
+        Values in the database, with the names of their entries.
+    diameter : object, m
+        Diameter of the plate; 0: a test on a rig, without a plate.
+    poisson_ratio, seating, samples : object
+        Values in the database; seating: number of seating drops.
     device, site : str
-    offsets : offsets of the sensors, m
+    offsets : tuple of float, m, optional
+        Offsets of the sensors.
     remarks : sequence of Notice
+        Remarks on repairs of the database.
     """
     width, drops = finite(diameter), finite(seating)
     declared = {
-        # 0.3 in single precision is 0.30000001192092896
+        # Rounded, because 0.3 in single precision is 0.30000001192092896.
         "plate_radius_m": round(width / 2, 6) if width else None,
-        # A rig, which the program calls Raideur, has no plate: diameter 0.
+        # Tests on a rig of springs ("Raideur") have the diameter 0.
         "test": "stiffness" if width == 0 else None,
         "poisson_ratio": finite(poisson_ratio),
         "seating_drops": int(drops)
@@ -169,15 +186,20 @@ def point_facts(
     peaks: Sequence[StoredPeaks] = (),
     labels: tuple[float, ...] | None = None,
 ) -> PointFacts:
-    """Return the facts of a point.
+    """Convert the entries of a database about a point to `PointFacts`.
 
     Parameters
     ----------
     identity, name : str
-    date : date as written in the database
-    position : latitude and longitude as written in the database
-    declared, noted : values of header keys, other data to store
-    peaks, labels : peaks of its drops, offsets in their names
+    date : object
+        Date and time in the database, ISO 8601.
+    position : tuple of object
+        Latitude and longitude in the database, degrees.
+    declared : mapping of header key to value
+    noted : mapping
+        Further data to store with the point.
+    peaks, labels
+        As the fields of `PointFacts`.
     """
     moment = moment_of(date)
     return PointFacts(
@@ -191,5 +213,5 @@ def point_facts(
 
 
 def join_name(*parts: object) -> str:
-    """Return the parts that are not empty as one name."""
+    """Return the parts that are not empty, joined by blanks; "point" if all are empty."""
     return " ".join(str(part) for part in parts if part not in (None, "")) or "point"

@@ -1,4 +1,6 @@
-"""Reader of ``database.json`` of Rincent's programs, acquisition and viewer."""
+"""Reader of ``database.json`` in Rincent projects, as the acquisition program or the viewer writes
+it.
+"""
 
 import json
 import re
@@ -22,29 +24,32 @@ from pfwd_device.recording.payload import json_excess
 Table = Mapping[str, Any]
 
 _DEFLECTION_NAME = re.compile(r"D(-?\d{1,5})")
-"""Label of a deflection: the offset of its sensor in mm."""
+"""Name of a deflection: D and the offset of its sensor in mm."""
 
 LOAD_NAMES, DEFLECTION_LABEL = ("Load", "Fmax"), "Umax"
+"""Names of the peak load, N, and of the peak deflection of a machine with one sensor, m."""
+
 DURATION_NAMES = ("PulseTime", "Time pulse")
-"""Labels of the peak load, N, of the deflection of a machine with one sensor, m, and of the
-duration of the pulse, s. They differ between machines and between versions of their programs."""
+"""Names of the duration of the load pulse, s; like those of the peaks they differ between machines
+and program versions."""
 
 
 def read_json(data: bytes, where: str) -> Facts:
-    """Return the facts of a ``database.json``.
+    """Return the content of a ``database.json``.
 
     Parameters
     ----------
     data : bytes
+        Content of the member.
     where : str
         File and member, for messages.
 
     Raises
     ------
     TraceError
-        If it is no such database, or says neither sampling rate nor pre-trigger.
+        If the data are no such database.
     """
-    if (problem := json_excess(data)) is not None:  # the largest known one has under 1 MB
+    if (problem := json_excess(data)) is not None:  # the largest known database has under 1 MB
         raise TraceError(f"{where}: {problem}")
     remarks: tuple[Notice, ...] = ()
     try:
@@ -53,14 +58,14 @@ def read_json(data: bytes, where: str) -> Facts:
         text = data.decode("cp1252", errors="replace")
         remarks = (Notice("json-not-utf-8", {"file": where}),)
     try:
-        # Not strict: a comment may hold the end of a line as it was typed.
+        # strict=False accepts comments of users with line ends in them.
         database = json.loads(text, strict=False)
     except (ValueError, RecursionError) as err:
         raise TraceError(refusal(where, "JSON", quote(str(err)))) from err
     if isinstance(database, dict) and "project" in database:
         return _viewer(_table(database, "project"), where, remarks)
     if isinstance(database, dict) and "base" in database and "distinct" in database:
-        # Viewers before 2023 had no level of the project.
+        # Viewers before 2023 wrote the content of "project" without that key.
         return _viewer(database, where, remarks)
     if isinstance(database, dict) and "ParamsAcqu" in database:
         return _acquisition(database, where, remarks)
@@ -164,7 +169,15 @@ def _viewed_point(point: Table, report: Table) -> PointFacts:
 
 
 def _stored_peaks(drop: Table, deflections: object) -> StoredPeaks:
-    """Return the peaks of a drop; without a list of deflections that of its only sensor."""
+    """Return the peaks of a drop.
+
+    Parameters
+    ----------
+    drop : mapping
+        Entry of the drop in the database.
+    deflections : object
+        List of deflections, m; anything else: the machine has one sensor, whose peak is in `drop`.
+    """
     values = deflections if isinstance(deflections, list) else [drop.get(DEFLECTION_LABEL)]
     numbers = [finite(value) for value in values]
     finite_numbers = tuple(number for number in numbers if number is not None)
@@ -180,13 +193,13 @@ def _first_number(drop: Table, names: tuple[str, ...]) -> float | None:
 
 
 def _diameter(first: object, second: object) -> float | None:
-    """Return the first stated diameter of the plate, m; 0 is a test without a plate."""
+    """Return the first diameter of the plate that is a number, m; 0: a test without a plate."""
     diameter = finite(first)
     return finite(second) if diameter is None else diameter
 
 
 def _noted(data: Table, comment: object) -> dict[str, Any]:
-    """Return other data of a point, under the names that both programs use."""
+    """Return the further data of a point, under names that do not depend on the program."""
     return {
         "air_temperature_c": finite(data.get("Tair")),
         "surface_temperature_c": finite(data.get("Tsurf")),
@@ -198,7 +211,10 @@ def _noted(data: Table, comment: object) -> dict[str, Any]:
 
 
 def _training(reports: list[Table]) -> int | None:
-    """Return how many drops of a point the maker's program marks as training; None: not stated."""
+    """Return the number of drops of a point that the maker's program marks as seating ("Training").
+
+    None: the database marks no drops.
+    """
     for indexes in _objects_under("indexes", reports):
         kinds = [_table(drop, "distinct").get("type") for drop in _tables(indexes.get("list"))]
         if "Training" in kinds or "Averaging" in kinds:
@@ -207,7 +223,7 @@ def _training(reports: list[Table]) -> int | None:
 
 
 def _objects_under(key: str, value: object, depth: int = 12) -> Iterator[Table]:
-    """Yield the objects under a key at any level, as the level differs between versions."""
+    """Yield the objects under a key at any depth, because the depth differs between versions."""
     if depth == 0:
         return
     if isinstance(value, dict):
@@ -233,7 +249,7 @@ def _offsets(channels: object, kind: str, position: str, load: str) -> tuple[flo
 
 
 def _table(parent: Table, *keys: str) -> Table:
-    """Return the first table under one of these keys, which differ between versions."""
+    """Return the first object under one of several keys, whose names differ between versions."""
     candidates = (parent.get(key) for key in keys)
     return next((value for value in candidates if isinstance(value, dict)), {})
 
@@ -243,9 +259,10 @@ def _tables(value: object) -> list[Table]:
 
 
 def _labelled(value: object) -> dict[str, Any]:
-    """Return a list of labels and values as a table; the first value of a label counts.
+    """Return a list of objects with ``label`` and ``value`` as one mapping.
 
-    Values that the viewer derives, corrected for temperature for instance, follow the original.
+    If a label occurs twice, the first value is used: values that the viewer derives, for instance
+    corrected for temperature, follow the measured one.
     """
     values: dict[str, Any] = {}
     for entry in _tables(value):

@@ -1,11 +1,16 @@
-"""Parser of ``rawdata/<id>`` of Rincent's programs: processed load and displacements.
+"""Parser of the stored traces ``rawdata/<id>`` of Rincent's programs: processed load,
+displacements.
 
-Little-endian. A header of 28 bytes (int32 version, a byte with the length and the letters of
-``ISAANSIMPLEFILE``, uint32 kind of file, int32 version), then int32 version, int64 identity of the
-point, int32 samples, int32 drops, int32 channels, in newer files float64 sampling rate; then for
-each drop int32 n, n times float32 load (N), int32 rows, int32 columns, rows x columns times float32
-displacement (m). An older layout is the same in big-endian numbers, without the byte with the
-length.
+All numbers are little-endian. The file has, one after the other:
+
+- a header of 28 bytes: int32 version, one byte with the length of the text ``ISAANSIMPLEFILE``,
+  the text, uint32 kind of file, int32 version;
+- int32 version, int64 identity of the point, int32 samples, int32 drops, int32 channels, and in
+  newer files float64 sampling rate;
+- for each drop int32 n, n times float32 load (N), int32 rows, int32 columns, and rows x columns
+  times float32 displacement (m).
+
+An older layout is the same with big-endian numbers and without the byte with the length.
 """
 
 import struct
@@ -24,14 +29,14 @@ MAX_STORED_DROPS = 1000
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """Layout of the numbers."""
+    """Byte order and first bytes of one of the two layouts."""
 
     order: str
     """Byte order in the notation of struct and numpy."""
     begin: bytes
-    """Letters at byte 4 of every file with this layout."""
+    """Bytes from byte 4 on that identify the layout."""
     head: struct.Struct
-    """Structure of version, letters, kind and version."""
+    """Structure of the header of 28 bytes."""
 
     @property
     def point(self) -> struct.Struct:
@@ -54,12 +59,12 @@ _LAYOUTS = (
     _Layout("<", bytes([len(STORED_SIGNATURE)]) + STORED_SIGNATURE, struct.Struct("<i16sIi")),
     _Layout(">", STORED_SIGNATURE, struct.Struct(">i15sIi")),
 )
-"""Layouts of newer and of older files."""
+"""The layout of newer files, then that of older ones."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class StoredDrop:
-    """Traces of one drop."""
+    """Stored traces of one drop."""
 
     load: Values
     """Load, (n,), N."""
@@ -69,22 +74,29 @@ class StoredDrop:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Stored:
-    """Traces of one point."""
+    """Stored traces of one point."""
 
     identity: int
-    """Identity of the point, signed, 64 bits."""
+    """Identity of the point, a signed 64-bit number."""
     rate: float | None
-    """Sampling rate, Hz; None in older files."""
+    """Sampling rate, Hz; None: an older file, which does not state it."""
     drops: tuple[StoredDrop, ...]
 
 
 def parse_stored(data: bytes, where: str) -> Stored:
-    """Return the traces of a member ``rawdata/<id>``.
+    """Return the traces of one member ``rawdata/<id>``.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the member.
+    where : str
+        File and member, for messages.
 
     Raises
     ------
     TraceError
-        If the format is another one, or the size differs from that in the header.
+        If the member has another format, or its size differs from that in the header.
     """
     layout = next(
         (candidate for candidate in _LAYOUTS if data[4:].startswith(candidate.begin)), None
@@ -119,7 +131,7 @@ def parse_stored(data: bytes, where: str) -> Stored:
         raise TraceError(_cut_off(where, start + content_size, len(data)))
     traces = []
     for number in range(1, drops + 1):
-        with np.errstate(invalid="ignore"):  # NaN is refused later, with its place
+        with np.errstate(invalid="ignore"):  # NaN is refused later, where its place is known
             place = f"{where}, drop {number}"
             drop, start = _drop(data, layout, start, samples, channels, place)
         traces.append(drop)
@@ -142,7 +154,7 @@ def _drop(
     start += layout.shape.size
     values = np.frombuffer(data, number, channels * samples, start)
     table = values.astype(np.float64).reshape(shape)
-    # One row for each channel, or one row for each sample.
+    # Some versions write one row for each channel, others one row for each sample.
     by_channel = table if shape == (channels, samples) else table.T
     return StoredDrop(load, by_channel), start + 4 * channels * samples
 

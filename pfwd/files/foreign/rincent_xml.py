@@ -1,7 +1,8 @@
-"""Reader of ``database.xml`` of Rincent's Minidyn: tables as elements, raw channels in base64.
+"""Reader of ``database.xml`` in projects of Rincent's Minidyn: tables as XML, raw channels in
+base64.
 
-expat parses it as a stream. A document type, and with it all entities, is refused: none of these
-files has one, and entities can read other files or fill the memory.
+The parser (expat) reads the text as a stream. An XML document type, and with it all entities, is
+refused: none of these files has one, and entities can read other files or fill the memory.
 """
 
 import base64
@@ -36,21 +37,22 @@ MAX_XML_DEPTH = 32
 """Levels of elements; the format has four."""
 
 MAX_XML_CELLS = 500_000
-"""Rows, columns and attributes of the data set; a drop has about twenty."""
+"""Largest number of rows, columns and attributes; a drop has about twenty."""
 
 MAX_XML_NAME_CHARACTERS = 256
 """Characters of a name; those of the format have up to twenty."""
 
 QUANTITY_BY_SENSOR_TYPE: Mapping[int, Quantity | None] = {1: None, 2: "velocity", 3: "displacement"}
-"""Quantities by ``IdTypeCapteur``; trace files have no accelerations, hence None."""
+"""Measured quantity by ``IdTypeCapteur``; None: acceleration, which this program does not read."""
 
 _UNESCAPED_SIGN = re.compile(
     rb"&(?!(?:amp|lt|gt|quot|apos|#[0-9]{1,7}|#x[0-9A-Fa-f]{1,6});)|<(?![A-Za-z_/!?:]|[\x80-\xff])"
 )
-"""Sign of XML that can only be text: the maker's writer does not escape typed texts."""
+"""Character that XML requires to be escaped; the maker's program does not escape what users type.
+"""
 
 MAX_UNESCAPED_SIGNS = 10_000
-"""Signs without escape; users type a few for each point. Each grows from one byte to five."""
+"""Characters without escape; users type a few for each point. Each grows from one byte to five."""
 
 _ENCODING = re.compile(rb"<\?xml[^>]{0,200}encoding")
 
@@ -69,21 +71,29 @@ class RawDrop:
     number: int
     """Number within the point, from 1."""
     load: Values
-    """Load, (n,), N, with the offset of the load cell."""
+    """Load, (n,), N, including the offset of the load cell."""
     quantity: Quantity | None
     """Quantity of the sensor; None: acceleration."""
     sensor: Values
-    """Values of the sensor, (n,), m/s or m, with its offset."""
+    """Values of the sensor, (n,), m/s or m, including its offset."""
 
 
 def repair_xml(data: bytes, where: str) -> tuple[bytes, list[Notice]]:
-    """Repair the XML of a data set where its writer did not follow the standard.
+    """Correct encoding and unescaped characters, which the maker's program writes against the
+    standard.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of ``database.xml``.
+    where : str
+        File and member, for remarks.
 
     Returns
     -------
     data : bytes
     remarks : list of Notice
-        Repairs, with file, member and line.
+        Corrections, with file, member and line.
     """
     remarks = []
     if not _ENCODING.match(data) and not data.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -110,12 +120,24 @@ def repair_xml(data: bytes, where: str) -> tuple[bytes, list[Notice]]:
 
 
 def read_tables(data: bytes, where: str) -> Tables:
-    """Return the tables of a data set by name, as rows by column; ``Force/Data`` is nested.
+    """Return the tables of a ``database.xml``.
+
+    Parameters
+    ----------
+    data : bytes
+    where : str
+        File and member, for messages.
+
+    Returns
+    -------
+    mapping of table name to list of rows
+        A row maps the names of columns to texts. A nested element has a name such as
+        ``Force/Data``.
 
     Raises
     ------
     TraceError
-        If it is no XML, has a document type, or another root.
+        If the data are no XML, have a document type, or another root element.
     """
     cells = sum(1 for _ in itertools.islice(_ATTRIBUTE.finditer(data), MAX_XML_CELLS + 1))
     if cells > MAX_XML_CELLS:
@@ -128,7 +150,7 @@ def read_tables(data: bytes, where: str) -> Tables:
     except expat.ExpatError as err:
         actual = f"{expat.ErrorString(err.code)} in line {err.lineno}"
         hint = "the file was cut off or damaged: copy it again"
-        raise TraceError(refusal(where, "whole XML", actual, hint)) from err
+        raise TraceError(refusal(where, "complete XML", actual, hint)) from err
     except (UnicodeError, ValueError, LookupError) as err:
         if isinstance(err, TraceError):
             raise
@@ -137,7 +159,7 @@ def read_tables(data: bytes, where: str) -> Tables:
 
 
 class _TableReader:
-    """Handler of expat for rows and columns; deeper elements have a path as column."""
+    """Handlers of the XML parser, which collect the rows of all tables."""
 
     def __init__(self, where: str) -> None:
         self.tables: dict[str, list[dict[str, str]]] = {}
@@ -171,7 +193,7 @@ class _TableReader:
             raise TraceError(refusal(self._where, f"a data set {ROOT}", quote(name)))
         if len(self._path) >= MAX_XML_DEPTH:
             raise TraceError(
-                refusal(self._where, f"at most {MAX_XML_DEPTH} levels of tables", "more")
+                refusal(self._where, f"at most {MAX_XML_DEPTH} levels of elements", "more")
             )
         if len(self._path) == 1:
             self.tables.setdefault(name, []).append({})
@@ -191,12 +213,12 @@ class _TableReader:
 
 
 def facts_of(tables: Tables, where: str) -> Facts:
-    """Return the facts of a data set.
+    """Return the content of the tables about the project and its points.
 
     Raises
     ------
     TraceError
-        If sampling rate or pre-trigger are missing or not the same for all points.
+        If the points were recorded with different settings.
     """
     acquired = _only(tables, "ParamsAcqu", ("NbSamples", "FreqAcqu", "PreTrig"), where)
     bearing = _only(tables, "ParamsPortance", ("DPlaque", "CPoisson"), where)
@@ -223,7 +245,7 @@ def facts_of(tables: Tables, where: str) -> Facts:
 
 
 def raw_drops(tables: Tables, where: str) -> list[RawDrop]:
-    """Return the raw channels of every drop, in the order of the data set.
+    """Return the raw channels of every drop, in the order of the file.
 
     Raises
     ------
@@ -254,7 +276,7 @@ def raw_drops(tables: Tables, where: str) -> list[RawDrop]:
 
 def _numbers(row: Row, name: str, where: str) -> Values:
     try:
-        # Line ends within are normal, other characters are damage.
+        # base64 may be divided into lines; any other character is damage.
         text = "".join(row[f"{name}/Data"].split())
         data = base64.b64decode(text, validate=True)
     except (binascii.Error, ValueError) as err:
@@ -285,7 +307,13 @@ def _point(row: Row, report: Row, place: Row) -> PointFacts:
 
 
 def _only(tables: Tables, name: str, keys: tuple[str, ...], where: str) -> Row:
-    """Return the used row of a table of settings; several used rows must have the same values."""
+    """Return the row of a table of settings that the points use; {} if the table is missing.
+
+    Raises
+    ------
+    TraceError
+        If rows in use differ in one of `keys`.
+    """
     rows = _used(tables, name)
     different = {tuple(row.get(key) for key in keys) for row in rows}
     if len(different) > 1:
@@ -296,7 +324,9 @@ def _only(tables: Tables, name: str, keys: tuple[str, ...], where: str) -> Row:
 
 
 def _used(tables: Tables, name: str) -> list[dict[str, str]]:
-    """Return the rows to which other tables refer by ``Id`` and the name; all if none does."""
+    """Return the rows to which other tables refer by an ``Id`` column; if they refer to none, all
+    rows.
+    """
     rows = tables.get(name, [])
     identities = {
         row[f"Id{name}"] for table in tables.values() for row in table if f"Id{name}" in row

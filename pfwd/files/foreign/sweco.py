@@ -1,10 +1,10 @@
-"""Reader of Sweco's ``.fwd`` (ROAD SYSTEM): peaks of an FWD as text, fields between tabs.
+"""Reader of Sweco's ``.fwd`` (ROAD SYSTEM): peaks of an FWD as text, with tabs between fields.
 
-``$1`` begins the head (``Load plate radius [mm]``, ``Radial offset [cm]``, date), ``$2`` a point
-(``Chainage [m]``, position in degrees, minutes and seconds), ``$3`` its drops: a line with the
-names of the columns (``Drop``, ``D(1)`` ..., ``kPa``, ``kN``, ``Air``, ``Sur.``, ``Man.``, ``Pulse
-time``) and one for each drop, deflections in um. Learned from files that a viewer writes; time
-histories that may follow a drop are not read.
+``$1`` begins the first lines (``Load plate radius [mm]``, ``Radial offset [cm]``, date), ``$2`` a
+point (``Chainage [m]``, position in degrees, minutes and seconds), ``$3`` its drops: a line with
+the column names (``Drop``, ``D(1)`` ..., ``kPa``, ``kN``, ``Air``, ``Sur.``, ``Man.``, ``Pulse
+time``) and one line for each drop, deflections in um. The layout was inferred from files that a
+viewer writes. Traces that may follow a drop are not read.
 """
 
 import os
@@ -50,12 +50,13 @@ def read(file: str, request: Request) -> list[TracePoint]:
     Parameters
     ----------
     file : str
+        Path of the file.
     request : Request
 
     Raises
     ------
     TraceError
-        If the format is another one, or a line is no drop.
+        If the file has another format, or a line of a drop is damaged.
     """
     common: dict[str, Any] = {"source": "Sweco .fwd"}
     stations: list[Station] = []
@@ -124,7 +125,7 @@ def _drop(
     for name, key in _SWECO_TEMPERATURE_KEYS.items():
         if name in names:
             station.noted.setdefault(key, temperature_of(cells[names.index(name)]))
-    # In the last column, after one without a name.
+    # The pulse time is in the last column, which has no name of its own.
     duration = finite(cells[-1])
     if duration is not None and "Pulse time" in names:
         station.noted.setdefault("pulse_durations_s", []).append(duration / 1e3)

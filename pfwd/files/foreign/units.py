@@ -1,12 +1,12 @@
-"""Units in other programs' files, as factors to SI."""
+"""Units in other programs' files, as factors from the unit to SI."""
 
 from collections.abc import Mapping
 
 POUND_FORCE_N = 4.4482216152605
-"""A pound-force, exact by the definitions of the pound and of standard gravity."""
+"""One pound-force, exact by the definitions of the pound and of standard gravity."""
 
 INCH_M = 0.0254
-"""An inch, exact."""
+"""One inch, exact."""
 
 TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 FORCE_UNITS: Mapping[str, float] = {

@@ -72,7 +72,7 @@ def test_unknown_edits_are_left_out_and_said_once(survey: Path, tmp_path: Path) 
     drops, remarks = imported(path, tmp_path / "new")
     assert len(drops) == 4
     (remark,) = remarks
-    assert "got 100 unsupported" in remark
+    assert "not imported: 100," in remark
     assert "edit 'colour' (50)" in remark
     assert r"edit '\x1b[31mred' (50)" in remark
     # What is known is there all the same, of points and of drops, and what comes after edits too.
@@ -113,7 +113,7 @@ def test_what_is_no_event_or_check_is_left_out(
     path = strange(survey, tmp_path / "s.h5", lambda said: said[name].insert(0, thing))
     drops, (remark,) = imported(path, tmp_path / "new")
     assert len(drops) == 4
-    assert f"{name[:-1]} that is none (1)" in remark
+    assert f"{name[:-1]} of unknown layout (1)" in remark
     assert len(read_survey(tmp_path / "new").checks) == 1
 
 
@@ -129,7 +129,7 @@ def test_an_edit_that_is_too_long_is_left_out(survey: Path, tmp_path: Path) -> N
         ]  # fmt: skip
 
     _, (remark,) = imported(strange(survey, tmp_path / "s.h5", change), tmp_path / "new")
-    assert "got 1 unsupported" in remark
+    assert "not imported: 1," in remark
     edits = read_survey(tmp_path / "new").points[0].edits
     assert sum(edit["value"] == longest for edit in edits) == 1
     # The limit is the survey's own.
@@ -153,4 +153,4 @@ def test_the_command_says_it_and_is_done(
     assert lines[:2] == ["s.h5, point A/1: 3 drops saved", "s.h5, point CON: 1 drop saved"]
     assert lines[2].endswith("new: 4 drops at 2 points")
     assert output.err.count("\n") == 1
-    assert "left out: edit 'colour' (1)" in output.err
+    assert "not imported: 1, namely edit 'colour' (1)" in output.err

@@ -179,7 +179,7 @@ def test_a_file_that_holds_another_drop_is_noticed(
     monkeypatch.setattr(
         survey_file, "_read_drop", lambda *_: replace(kept, metadata={"key": "another"})
     )
-    with pytest.raises(RecordingError, match="expected the drop of the survey, got another one"):
+    with pytest.raises(RecordingError, match="differs from the drop in the survey"):
         write_survey_file(tmp_path / "t.h5", content)
 
 

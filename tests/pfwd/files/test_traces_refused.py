@@ -41,7 +41,7 @@ from tests.pfwd.files.trace_lines import HEADER, NAMES, Write, rows
         ("plate_mass_kg = 5,0", "expected one TOML key = value, got 'plate_mass_kg = 5,0'"),
         ("site = km 12", "text goes in quotation marks"),
         ("measured on a rainy day", "expected one TOML key = value"),
-        ("[table]", "tables are not used here"),
+        ("[table]", "write the key without a table in square brackets"),
         ("plate_radius_m = 0.15", "expected every key once, got 'plate_radius_m' again"),
         ("a = " + 5000 * "[", "expected one TOML key = value"),
         ("a = " + 5000 * "9", "expected one TOML key = value"),

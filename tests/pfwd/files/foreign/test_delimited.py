@@ -198,7 +198,7 @@ def test_a_wrong_text_is_refused_with_its_line(tmp_path: Path, text: str, messag
 def test_a_wrong_encoding_names_the_map(tmp_path: Path) -> None:
     (tmp_path / "m.toml").write_text(SIMPLE)
     (tmp_path / "a.csv").write_bytes("Zeit Ü\n".encode("cp1252"))
-    with pytest.raises(SurveyError, match=r"say text.encoding in .*m.toml"):
+    with pytest.raises(SurveyError, match=r"declare text.encoding in .*m.toml"):
         read_points(tmp_path / "a.csv", column_map=tmp_path / "m.toml")
 
 

@@ -108,7 +108,7 @@ WRONG = [
     (b"\x00\x01" * 50, HEADER, "a line of text, got binary data"),
     (GOOD[: len(GOOD) // 2], HEADER, "got the end of the file after|expected 5 numbers"),
     (GOOD.replace(b"Time Force", b"Zeit Kraft"), HEADER, "a line Time Force Disp1"),
-    (GOOD.replace(b"samples: 470", b"samples: 469", 1), HEADER, "as many rows as Number_of"),
+    (GOOD.replace(b"samples: 470", b"samples: 469", 1), HEADER, "number of rows that Number_of"),
     (GOOD.replace(b"samples: 470", b"samples: 471", 1), HEADER, "expected 5 numbers, got ''"),
     (GOOD.replace(b"0.1707 ", b"x.1707 ", 1), HEADER, "line 14: expected 5 numbers"),
     (GOOD.replace(b"0.1707 ", b"0.3000 ", 1), HEADER, "even, growing time steps"),

@@ -89,4 +89,4 @@ def test_one_that_cannot_say_what_it_reads_costs_a_remark(offer: Offer, tmp_path
     (tmp_path / "a.other").write_text("x")
     assert registry.find_format(str(tmp_path / "a.other")) is None
     (remark,) = pfwd_plugins.remarks()
-    assert "expected an answer to whether a file is one of it, got AttributeError" in remark
+    assert "expected True or False from recognises(), got AttributeError" in remark

@@ -135,7 +135,7 @@ def test_accelerations_are_no_traces_but_the_stored_ones_are(
     point, _ = read(dynz(RAW, kind=1), "a.dynz")
     assert point.drops[0].channels[0].quantity == "displacement"
     assert any("accelerations" in text for text in point.warnings)
-    with pytest.raises(TraceError, match="got accelerations; give --channels stored"):
+    with pytest.raises(TraceError, match="got accelerations; import the stored traces with"):
         read(dynz(RAW, kind=1), "a.dynz", "raw")
     with pytest.raises(TraceError, match="got accelerations"):
         read(zipped({"database.xml": dataset(RAW, kind=1)}), "a.dynz")
@@ -217,7 +217,7 @@ WRONG: list[tuple[str, bytes, str]] = [
     ("cut.dynz", dynz(RAW)[:-300], "without the end of one; it was cut off"),
     ("other.dynz", zipped({"a.txt": b"x"}), "database.json or database.xml.*got 'a.txt'"),
     ("dtd.dynz", dynz(RAW, head=ENTITIES), "without a document type, got one with entities"),
-    ("xml.dynz", zipped({"database.xml": dataset(RAW)[:500]}), "whole XML, got"),
+    ("xml.dynz", zipped({"database.xml": dataset(RAW)[:500]}), "complete XML, got"),
     ("root.dynz", zipped({"database.xml": b"<a/>"}), "a data set MDDataSet, got 'a'"),
     ("json.prjz", zipped({"database.json": b"{"}), "expected JSON, got"),
     ("deep.prjz", zipped({"database.json": b"[" * 100_000}), "expected JSON, got"),
@@ -316,7 +316,7 @@ def test_names_without_end_are_not_listed(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(archive_module, "MAX_DIRECTORY_BYTES", 100)
     path = tmp_path / "a.prjz"
     path.write_bytes(prjz(HEX, acquired(HEX)))
-    with pytest.raises(TraceError, match="a usual number of members"):
+    with pytest.raises(TraceError, match="a list of members of at most"):
         read_points(path)
 
 

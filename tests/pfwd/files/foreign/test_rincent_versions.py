@@ -250,5 +250,5 @@ def test_no_end_of_signs_is_mended(
     if read_it:
         assert len(read(archive, "a.dynz")) == 1
         return
-    with pytest.raises(TraceError, match="whole XML"):
+    with pytest.raises(TraceError, match="complete XML"):
         read(archive, "a.dynz")
