@@ -1,6 +1,8 @@
-"""Measuring: a session from its feed (instrument, survey, capture) to safe drops and moduli.
+"""Measuring session: from a feed (instrument, recorded survey or capture) to saved drops and
+moduli.
 
-`measure` and `replay` are one call for all of it.
+A drop is safe when it is on the disk; only then it is acknowledged. `measure` and `replay` run a
+complete session.
 """
 
 from pfwd.session.measure import measure, replay, stopped_by_signals

@@ -1,4 +1,7 @@
-"""Inversion of the drops of a session: a quick fit first, the full search after it."""
+"""Inversion of the drops of a session: a quick fit first, then the full search.
+
+Both run in another process, the worker, so that recording never waits for them.
+"""
 
 import contextlib
 import queue
@@ -21,30 +24,30 @@ from pfwd_device.identity import Identity
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _PendingAnalysis:
-    """Analysis that runs in the worker."""
+    """Analysis that was requested from the worker and has no result yet."""
 
     saved: SavedDrop
     urgency: Urgency
     final: bool
-    """True: no further result follows."""
+    """True: no further result of the drop follows."""
 
 
 MAX_PENDING_FOR_FULL_SEARCH = 60
-"""Analyses under way from which on no full search is requested any more: a computer that is too
-slow for them would hold ever more drops in memory. The first modulus is worth nearly as much."""
+"""Number of pending analyses above which no full search is requested: on a computer that is too
+slow for them, more and more drops would wait in memory."""
 
 
 class Analyses:
-    """Analyses of one session.
+    """Requests the inversions of one session and reports their results.
 
     Parameters
     ----------
     options : AnalysisOptions
-        Of the full search; the quick answer has the same with least squares.
+        Options of the full search; the quick fit has the same with the method "least-squares".
     report : callable
-        Receives the outcomes, in the thread that calls the methods.
+        Receives results and notices, in the thread that calls the methods.
     keep_result : callable
-        Given the number within the survey and a result to be saved.
+        Saves a result; called with the number of the drop within the survey and the result.
     """
 
     def __init__(
@@ -60,21 +63,21 @@ class Analyses:
         self._worker = InversionWorker(self._responses.put)
         self._pending: dict[int, _PendingAnalysis] = {}
         self._behind = False
-        # The published method is one search as a whole: no quick answer goes before it.
+        # The published method is one search without a quick fit.
         self._has_single_answer = options.published or options.method == "least-squares"
 
     @property
     def n_pending(self) -> int:
-        """Number of analyses under way."""
+        """Number of analyses without a result."""
         return len(self._pending)
 
     def prepare(self, identity: Identity, setup: PointSetup) -> None:
-        """Build the model's table for drops of this instrument."""
+        """Compute the response tables of the model in advance, for the drops of this instrument."""
         counts = np.zeros((64, len(identity.channels)), np.int32)
         self._worker.prepare(calibrate(1, counts, (), 32, identity), setup, self._options)
 
     def request(self, saved: SavedDrop) -> None:
-        """Request the inversion of a drop."""
+        """Request the inversion of a drop, unless the drop is rejected."""
         if saved.screening.status == "rejected":
             return
         if self._has_single_answer:
@@ -89,7 +92,12 @@ class Analyses:
         self._request(saved, Urgency.QUICK, quick)
         if not self._behind:
             self._behind = True
-            self._report(Notice("the full searches do not keep up; drops are left without them"))
+            text = (
+                "this computer is too slow for a full search of every drop. Drops without it have "
+            )
+            self._report(
+                Notice(text + "the modulus of a quick fit; pfwd invert does the search later")
+            )
 
     def _request(
         self, saved: SavedDrop, urgency: Urgency, options: AnalysisOptions, *, final: bool = True
@@ -100,28 +108,34 @@ class Analyses:
         self._pending[number] = _PendingAnalysis(saved, urgency, final)
 
     def take_responses(self) -> None:
-        """Report the outcomes of the responses."""
+        """Report the results that the worker has returned so far."""
         while not self._responses.empty():
             self._take(self._responses.get())
 
     def wait_for_responses(self, timeout: float) -> None:
-        """Wait a number of seconds for the pending analyses, and report those that did not end."""
+        """Wait for the pending analyses and report their results, or that they did not end in time.
+
+        Parameters
+        ----------
+        timeout : float, s
+        """
         until = time.monotonic() + timeout
         while self._pending and (remaining := until - time.monotonic()) > 0:
             with contextlib.suppress(queue.Empty):
                 self._take(self._responses.get(timeout=remaining))
         if not self._pending:
             return
-        fault = "the analysis did not end in time; the drop is safe, invert it again later"
-        self._report(Notice(f"{len(self._pending)} analyses did not end in time", serious=True))
+        fault = "the analysis did not end in time; the drop is safe, run pfwd invert later"
+        text = f"analyses that did not end in time: {len(self._pending)}. The drops are safe; run "
+        self._report(Notice(text + "pfwd invert on the survey", serious=True))
         unfinished, self._pending = list(self._pending.values()), {}
         for pending in unfinished:
-            if pending.urgency is Urgency.QUICK:  # a drop without any answer
+            if pending.urgency is Urgency.QUICK:  # the drop has no result at all
                 result = _failed(pending.saved, fault)
                 self._report(DropAnalysed(pending.saved, None, result, None, False, True))
 
     def close(self) -> None:
-        """End the worker; pending drops get no result."""
+        """End the worker process; drops with a pending analysis get no result."""
         self._worker.close()
 
     def _take(self, response: TaskResponse | Building) -> None:
@@ -144,6 +158,6 @@ class Analyses:
 
 
 def _failed(saved: SavedDrop, fault: str) -> DropResult:
-    """Return the result of a drop that could not be inverted, with all its keys."""
+    """Return the result of a drop whose inversion failed; it has the reason and no modulus."""
     failed = DropAnalysis(saved.drop, saved.screening, None, fault, saved.setup)
     return drop_result(saved.file, failed)

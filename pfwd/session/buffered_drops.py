@@ -1,4 +1,7 @@
-"""Drops that the instrument detects and buffers: settings of its trigger, conversion of a drop."""
+"""Drops that the instrument itself detects and buffers: trigger settings, conversion to raw drops.
+
+Other instruments stream all samples, and this program detects the drops.
+"""
 
 import math
 from dataclasses import replace
@@ -12,24 +15,24 @@ from pfwd_device.identity import Identity
 from pfwd_device.wire.messages import Trigger
 
 _MIN_SAMPLES_AT_REST = 8
-"""Number of samples before the trigger from which the load at rest is estimated."""
+"""Smallest number of samples before the trigger from which the load at rest is estimated."""
 _MIN_PRE_TRIGGER = 1e-9
-"""Shortest time before the trigger, s; settings do not allow 0."""
+"""Shortest time before the trigger, s, in place of 0, which the settings of a detection refuse."""
 
 
 def trigger_for(identity: Identity, settings: DetectionSettings) -> Trigger:
-    """Return the trigger of the instrument that matches the settings of the detection.
+    """Return the instrument's trigger settings that correspond to the settings of the detection.
 
     Parameters
     ----------
     identity : Identity
-        With the values of the setup file.
+        Identity of the instrument, with the values of the setup file.
     settings : DetectionSettings
 
     Raises
     ------
     SetupError
-        If it has no load cell.
+        If the instrument has no load cell.
     """
     channel = load_channel(identity)
     rate = identity.sampling_rate
@@ -47,15 +50,15 @@ def trigger_for(identity: Identity, settings: DetectionSettings) -> Trigger:
 
 
 def raw_drop_of(item: BufferedDrop, trigger: Trigger | None, identity: Identity) -> RawDrop:
-    """Return a buffered drop in the form that the detection here produces.
+    """Convert a buffered drop to the form of a drop that this program detects.
 
     Parameters
     ----------
     item : BufferedDrop
     trigger : Trigger or None
-        How the instrument looks for drops now.
+        Present trigger settings of the instrument; None: not known.
     identity : Identity
-        Of the time when it fell.
+        Identity of the instrument when the drop fell.
     """
     offer, counts = item.offer, item.counts
     load = counts[:, load_channel(identity)]
@@ -84,7 +87,11 @@ def raw_drop_of(item: BufferedDrop, trigger: Trigger | None, identity: Identity)
 
 
 def settings_of(item: BufferedDrop, settings: DetectionSettings) -> DetectionSettings:
-    """Return the detection's settings with the times of a buffered drop, for its replay."""
+    """Return the settings of the detection with the pre-trigger and post-trigger of a buffered
+    drop.
+
+    With them a replay cuts the drop out of its samples in the same way.
+    """
     rate, offer = item.offer.sampling_rate, item.offer
     return replace(
         settings,
@@ -94,10 +101,10 @@ def settings_of(item: BufferedDrop, settings: DetectionSettings) -> DetectionSet
 
 
 def marks_of_buffered(item: BufferedDrop) -> list[str]:
-    """Return irregularities beyond those of any record."""
+    """Return the irregularities that only buffered drops have, one phrase each."""
     marks = []
     if item.offer.shunt:
         marks.append("the calibration shunt was on")
     if item.offer.earlier:
-        marks.append("kept by the instrument over a reset: its time is that of its arrival")
+        marks.append("buffered before the instrument restarted: its time is that of the transfer")
     return marks

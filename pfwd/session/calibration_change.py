@@ -1,4 +1,4 @@
-"""Comparison of an instrument's calibration with that of its recorded drops."""
+"""Comparison of an instrument's calibration with that of the drops already recorded with it."""
 
 from collections.abc import Iterator
 
@@ -8,17 +8,17 @@ from pfwd_device.recording import SurveyWriter
 
 
 def calibration_changes(before: Identity, now: Identity) -> tuple[str, ...]:
-    """Return the differences that change the values of the same counts, one phrase each.
+    """Return the changes of calibration by which the same raw counts give other SI values.
 
     Parameters
     ----------
     before, now : Identity
-        Of the same instrument, with the values of the setup file.
+        Identities of the same instrument, with the values of the setup file.
 
     Returns
     -------
     tuple of str
-        Empty: the same counts give the same values.
+        One phrase for each change; empty: no change.
     """
     return tuple(_changes(before, now))
 
@@ -38,7 +38,7 @@ def _changes(before: Identity, now: Identity) -> Iterator[str]:
 def _channel_changes(before: ChannelIdentity, now: ChannelIdentity) -> Iterator[str]:
     name = now.name
     if before.name != name:
-        yield f"channel {name!r} stands in the place of {before.name!r}"
+        yield f"channel {name!r} replaces {before.name!r}"
     if before.role != now.role:
         yield f"role of {name} is {now.role}, was {before.role}"
     sensitivity = f"V per {UNIT_OF_ROLE[now.role]}"
@@ -57,16 +57,23 @@ def _text(value: float | None, unit: str) -> str:
 
 
 def last_recorded_identity(writer: SurveyWriter, serial_number: str) -> Identity | None:
-    """Return the identity recorded with the last drop of an instrument; None: there is none.
+    """Return the identity of an instrument that was recorded with its last drop.
 
     Parameters
     ----------
     writer : SurveyWriter
+        Survey to search.
     serial_number : str
+        Serial number of the instrument.
+
+    Returns
+    -------
+    Identity or None
+        None: the survey has no drop of this instrument.
     """
     for drop in reversed(writer.contents().drops):
         if not (drop.key or "").startswith(f"{serial_number}/"):
-            continue  # of another instrument, or imported: nothing of it is read
+            continue  # the drop is of another instrument, or imported
         try:
             identity = identity_from_dict(drop.read().metadata["identity"])
         except (RecordingError, SetupError, KeyError, TypeError):

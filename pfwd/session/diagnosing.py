@@ -1,7 +1,8 @@
-"""Diagnoses of the points of a session while they are measured.
+"""Diagnosis of the points of a session while they are measured.
 
-They have a process of their own: the first modulus of the next drop must not wait for it. Effects
-of the device that the points so far show are used for the next one.
+A diagnosis explains the residual of a point's fit by effects of the ground or of the device. It
+takes long and therefore has a process of its own, so that the first modulus of the next drop does
+not wait. Device effects that several points show are presumed for the next point.
 """
 
 import queue
@@ -19,16 +20,18 @@ from pfwd.procedures import Kind
 from pfwd.session.events import Notice, PointDiagnosed, SavedDrop
 
 MIN_POINTS_WITH_EFFECT = 2
-"""Number of points with a device effect from which the next point is presumed to have it."""
+"""Smallest number of points with a device effect for which the next point is presumed to have it.
+"""
 
 DeviceEffects = dict[str, dict[str, float]]
 KeepDiagnosis = Callable[[int, DiagnosisResult], object]
 EarlierDrops = Callable[[str, int], list[SavedDrop]]
-"""Function that reads the drops of a point before a number from the survey."""
+"""Function that reads the drops of a point (name) before a drop (number) from the survey."""
 
 MAX_POINTS = 20
-"""Points whose traces stay in memory, some 10 MB. A discard at an earlier point requests no new
-diagnosis; when a drop falls there again, the traces of the others are read from the survey."""
+"""Number of points whose traces stay in memory, some 10 MB. A discard at an earlier point requests
+no new diagnosis; the traces of an earlier point are read from the survey when it gets a new drop.
+"""
 
 
 @dataclass(slots=True)
@@ -37,13 +40,13 @@ class _Point:
 
     setup: PointSetup
     drops: dict[int, SavedDrop]
-    """Safe drops by their number within the point."""
+    """Saved drops by their number within the point."""
     task: int | None = None
-    """Number of the waiting or running task."""
+    """Number of the waiting or running diagnosis; None: there is none."""
 
     @property
     def has_measured_drop(self) -> bool:
-        """True: a drop neither seats the plate nor is rejected, and there is a residual."""
+        """True if at least one drop is neither a seating drop nor rejected."""
         return any(_is_measured(drop, self.setup) for drop in self.drops.values())
 
 
@@ -54,7 +57,9 @@ def _is_measured(drop: SavedDrop, setup: PointSetup) -> bool:
 
 
 class PointDiagnoses:
-    """Diagnoses of one session; a new drop of a point replaces the request that still waits.
+    """Requests the diagnoses of one session and reports their results.
+
+    A new drop of a point replaces a request for the same point that has not started.
 
     Parameters
     ----------
@@ -62,7 +67,8 @@ class PointDiagnoses:
     report : callable
         Receives diagnoses and notices, in the thread that calls the methods.
     keep : callable
-        Stores a diagnosis; receives the number within the survey of the point's last drop, too.
+        Saves a diagnosis; called with the number of the point's last drop within the survey and the
+        diagnosis.
     earlier : callable
         Reads the drops of a point that are not in memory.
     """
@@ -84,16 +90,18 @@ class PointDiagnoses:
 
     @property
     def n_pending(self) -> int:
-        """Number of diagnoses under way."""
+        """Number of diagnoses without a result."""
         return len(self._pending)
 
     def request(self, saved: SavedDrop) -> None:
-        """Diagnose the point of a safe drop, unless it seats the plate or is rejected."""
+        """Request the diagnosis of the point of a saved drop; seating and rejected drops request
+        none.
+        """
         point = self._points.pop(saved.point, None)
         if point is None:
             earlier = self._earlier(saved.point, saved.number)
             point = _Point(saved.setup, {drop.number: drop for drop in earlier})
-        self._points[saved.point] = point  # the last one
+        self._points[saved.point] = point  # at the end: the first entry is removed first
         while len(self._points) > MAX_POINTS:
             del self._points[next(iter(self._points))]
         point.setup = saved.setup
@@ -102,7 +110,13 @@ class PointDiagnoses:
             self._request(saved.point, point)
 
     def discard(self, record: int) -> None:
-        """Diagnose the point of a drop without it."""
+        """Request the diagnosis of a point again, without a discarded drop.
+
+        Parameters
+        ----------
+        record : int
+            Number of the drop within the survey.
+        """
         for name, point in self._points.items():
             discarded = [number for number, drop in point.drops.items() if drop.record == record]
             for number in discarded:
@@ -119,7 +133,10 @@ class PointDiagnoses:
         self._pending[point.task] = name, drops[-1].record
 
     def _device(self, name: str) -> DeviceEffects:
-        """Return the medians of the device effects that most of the other points show."""
+        """Return the device effects to presume for a point: their medians over the other points.
+
+        An effect is presumed if at least half of the other points show it.
+        """
         of_points = [effects for point, effects in self._device_effects.items() if point != name]
         device: DeviceEffects = {}
         for effect in {effect for effects in of_points for effect in effects}:
@@ -132,7 +149,7 @@ class PointDiagnoses:
         return device
 
     def take_responses(self) -> None:
-        """Report the outcomes of the responses."""
+        """Report the diagnoses that the process has returned so far."""
         while not self._responses.empty():
             response = self._responses.get()
             if not isinstance(response, Building):
@@ -159,7 +176,10 @@ class PointDiagnoses:
             self._report(PointDiagnosed(name, result))
 
     def _note_device(self, name: str, result: DiagnosisResult) -> None:
-        """Record the device effects that the point showed, without those that were presumed."""
+        """Store the device effects that a point shows.
+
+        A point for which effects were presumed is no independent evidence and is left out.
+        """
         measured: DeviceEffects = {}
         for effect in result.effects or ():
             if effect.scope == "device" and effect.evidence is not None:

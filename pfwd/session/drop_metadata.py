@@ -1,4 +1,8 @@
-"""Metadata recorded with a drop beside its samples, and the way back to a replay."""
+"""Metadata recorded with a drop, and their conversion back for a replay.
+
+Metadata are everything but samples and declarations: identity of the instrument, settings and
+result of the detection, time, state of the instrument. Irregularities are listed as "marks".
+"""
 
 import dataclasses
 import datetime
@@ -16,7 +20,7 @@ from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.wire.messages import Status
 
 SATURATED = "saturated"
-"""Beginning of the mark of a drop of which a channel was at the end of its range."""
+"""Beginning of the mark of a drop in which a channel reached the end of the converter's range."""
 
 
 def metadata_of(
@@ -28,28 +32,28 @@ def metadata_of(
     *,
     by_instrument: bool = False,
 ) -> dict[str, Any]:
-    """Return the metadata recorded with a drop.
+    """Return the metadata to record with a drop.
 
     Parameters
     ----------
     raw : RawDrop
     identity : Identity
-        That the counts were calibrated with.
+        Identity of the instrument, with which the counts were calibrated.
     settings : DetectionSettings
-        That the drop was found with.
+        Settings with which the drop was detected.
     time_utc : datetime
-        Of the trigger, by the host.
+        Time of the trigger by the clock of this computer.
     more : mapping
-        Checks, status, link counters.
+        Further entries, as :func:`state_of` returns them.
     by_instrument : bool
-        The instrument found it, not the detection here.
+        True: the instrument detected the drop, not this program.
     """
     trigger = raw.first + raw.trigger
     return {
-        # The same samples of the same run of the same instrument are the same drop.
+        # By this key a drop is recognised that the instrument transfers a second time.
         "key": f"{identity.serial_number}/{raw.stream}/{trigger}",
         "time_utc": time_utc.isoformat(),
-        "time_local": time_utc.astimezone().isoformat(),  # with the offset of the host's zone
+        "time_local": time_utc.astimezone().isoformat(),  # with this computer's offset from UTC
         "software_version": software_version(),
         "identity": identity_as_dict(identity),
         "detection": {
@@ -71,7 +75,22 @@ def metadata_of(
 def state_of(
     check: Mapping[str, Any] | None, status: Status | None, counters: Mapping[str, float | None]
 ) -> dict[str, Any]:
-    """Return the instrument's recorded state: last check and status, counters of the link."""
+    """Return the state of the instrument to record with a drop.
+
+    Parameters
+    ----------
+    check : mapping or None
+        Result of the last sensor check.
+    status : Status or None
+        Last status of the instrument.
+    counters : mapping
+        Counters of the link.
+
+    Returns
+    -------
+    dict
+        Keys ``check``, ``status`` and ``link``.
+    """
     answers = status and {
         "battery_v": status.battery_v,
         "temperature_c": status.temperature_c,
@@ -81,7 +100,7 @@ def state_of(
 
 
 def marks_of(raw: RawDrop, identity: Identity) -> tuple[str, ...]:
-    """Return the irregularities of a record, one phrase each."""
+    """Return the irregularities of a record, such as missing samples, one phrase each."""
     marks = []
     if raw.cut_off:
         marks.append(f"cut off: {raw.cut_off}")
@@ -100,13 +119,13 @@ def marks_of(raw: RawDrop, identity: Identity) -> tuple[str, ...]:
 
 
 def load_of(counts: float, identity: Identity) -> float:
-    """Return the load of a number of counts above rest, N."""
+    """Convert counts above the load at rest to N."""
     load = identity.channels[load_channel(identity)]
     return counts / abs(counts_per_unit(load, identity))
 
 
 def rebound_of(raw: RawRebound, identity: Identity) -> Rebound:
-    """Return a rebound in SI units."""
+    """Convert a rebound from samples and counts to SI units."""
     return Rebound(
         delay=(raw.trigger - raw.after) / identity.sampling_rate,
         peak_load=load_of(raw.peak, identity),
@@ -116,18 +135,23 @@ def rebound_of(raw: RawRebound, identity: Identity) -> Rebound:
 
 
 def feed_item_of(record: DropRecord, file: str) -> RecordedDrop | ImportedDrop:
-    """Return the item by which a recorded drop goes through the detection again.
+    """Return the item by which a replay begins a recorded drop.
 
     Parameters
     ----------
     record : DropRecord
     file : str
-        Where it is kept.
+        File that holds the drop, for messages.
+
+    Returns
+    -------
+    RecordedDrop or ImportedDrop
+        An imported drop has no record of its detection and is not detected again.
 
     Raises
     ------
     SetupError
-        If what was recorded with it is incomplete.
+        If the record of its detection is incomplete.
     """
     detection = record.metadata.get("detection")
     if record.counts is None or detection is None:
@@ -136,7 +160,7 @@ def feed_item_of(record: DropRecord, file: str) -> RecordedDrop | ImportedDrop:
         for start, length in record.metadata["missing"]:
             _ = operator.index(start) + operator.index(length)
         first = detection["first_sample"]
-        # The trigger was not this detection's: it is given, not looked for.
+        # A trigger by operator or instrument is not detected again but set.
         forced = detection["by_operator"] or detection.get("by_instrument", False)
         return RecordedDrop(
             record,
@@ -150,6 +174,6 @@ def feed_item_of(record: DropRecord, file: str) -> RecordedDrop | ImportedDrop:
         )
     except (KeyError, TypeError, ValueError) as err:
         raise SetupError(
-            f"drop {record.point}/{record.drop.number}: expected a complete record of its "
-            f"detection: {err}"
+            f"drop {record.point}/{record.drop.number}: the record of its detection is incomplete: "
+            f"{err}; the drop cannot be replayed"
         ) from err

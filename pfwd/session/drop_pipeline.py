@@ -1,4 +1,8 @@
-"""Pipeline of a detected drop: screening, saving, acknowledgement, inversion, rebounds."""
+"""Pipeline of a detected drop: screening, saving, acknowledgement, inversion, rebounds.
+
+Screening decides by the record whether a drop is measured, seating or rejected. A rebound is a
+further impact of the weight, which bounces after a drop; it is recorded with the drop.
+"""
 
 import time
 import traceback
@@ -25,35 +29,35 @@ from pfwd_device.recording.record import DropRecord, Rebound
 from pfwd_device.recording.survey_writer import SurveyWriter
 
 LAST_REBOUNDS = 3.0
-"""Time for which the end waits for bounces after the last drop, s by the host's clock."""
+"""Time for which the end of a session waits for rebounds after the last drop, s."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Coming:
-    """Drop that is not acknowledged yet."""
+    """Drop that was screened and is not saved yet."""
 
     view: DropView
-    """The drop, screened by its own record."""
+    """Drop, screened without regard to the other drops of its point."""
     received: float | None
     source: RecordedDrop | ImportedDrop | None
     release: Callable[[], None] | None
 
 
 class DropPipeline:
-    """Pipeline for the drops of a session.
+    """Processes the drops of a session one after the other.
 
     Parameters
     ----------
     listener : callable
         Receives the events.
-    options : AnalysisOptions, optional
+    options : AnalysisOptions or None
         None: no drop is inverted.
-    writer : SurveyWriter, optional
-        None: nothing is saved.
+    writer : SurveyWriter or None
+        Survey to record into; None: nothing is saved.
     view : callable
         Returns the survey as the events so far have made it.
     live : bool
-        Whether bounces may still come by themselves after the last drop.
+        True: rebounds may still follow the last drop.
     """
 
     def __init__(
@@ -76,7 +80,7 @@ class DropPipeline:
                 options, listener, self._keep_diagnosis, self._earlier_drops
             )
         self.acknowledged = 0
-        """How many drops are safe (in a replay: were handed on)."""
+        """Number of saved drops; in a replay without output, of processed drops."""
         self._coming: dict[tuple[str, int], _Coming] = {}
         self._largest: dict[str, float] = {}
         self._rejected: dict[str, int] = {}
@@ -85,33 +89,35 @@ class DropPipeline:
         self._rebounds_until = 0.0
         self._before: DropView | None = None
         self._records: dict[tuple[str, int], int] = {}
-        """Number within the survey of the drop that was saved last, by point and number."""
+        """Number within the survey of the last saved drop, by its point and number."""
 
     @property
     def held(self) -> int:
-        """Number of drops that are not safe."""
+        """Number of drops that wait to be saved."""
         return self.recorder.held if self.recorder is not None else 0
 
     @property
     def settled(self) -> bool:
-        """True: the hammer has come to rest after the last drop."""
+        """True if no more rebounds of the last drop are expected."""
         return self._last is None
 
     @property
     def complete(self) -> bool:
-        """True: all drops are safe, and no rebound is expected."""
+        """True if all drops are saved, and no more rebounds are expected."""
         waiting = not self._live or time.monotonic() <= self._rebounds_until
         return not self.held and (self.settled or not waiting)
 
     def add_stored_point(self, point: PointView) -> None:
-        """Use the largest and the rejected drops of a stored point to screen further ones."""
+        """Add the drops of a stored point, to which further ones are compared."""
         largest = max((drop.pulse_peak for drop in point.drops), default=0.0)
         self._largest[point.name] = max(largest, self._largest.get(point.name, 0.0))
         rejected = sum(fact.kind is Kind.REJECTED for fact in point.facts)
         self._rejected.setdefault(point.name, rejected)
 
     def number_for(self, point: str, requested: int | None = None) -> int:
-        """Return the number of a drop: as recorded if that is free, else the next one."""
+        """Return the number of the next drop of a point: `requested` if it is free, else the next
+        free one.
+        """
         if self.recorder is not None:
             return max(requested or 0, self.recorder.next_number(point))
         return requested or self.acknowledged + 1
@@ -123,16 +129,24 @@ class DropPipeline:
         source: RecordedDrop | ImportedDrop | None = None,
         release: Callable[[], None] | None = None,
     ) -> None:
-        """Save a drop, and acknowledge it when it is safe.
+        """Screen and save a drop, and acknowledge it once it is saved.
 
-        `release` is called then: no other copy of the drop is needed any more.
+        Parameters
+        ----------
+        record : DropRecord
+        received : float, optional
+            Time at which its last sample arrived, s, monotonic clock; None: in a replay.
+        source : RecordedDrop or ImportedDrop, optional
+            Recorded drop of which this is the replay.
+        release : callable, optional
+            Called when the drop is saved, for instance to let the instrument erase its copy.
         """
         if self.recorder is not None and (duplicate := self.recorder.find(record)) is not None:
             self._last = None
             if release is not None and self.recorder.is_safe(record):
                 release()
-            text = f"drop {duplicate} of the survey came again; nothing is recorded twice"
-            self._report(Notice(text, kind="drops that came again"))
+            text = f"drop {duplicate} of the survey was received again; it is not recorded twice"
+            self._report(Notice(text, kind="drops received again"))
             return
         key = record.point, record.drop.number
         view, facts = self._screen(record)
@@ -150,25 +164,28 @@ class DropPipeline:
     def take_buffered(
         self, record: DropRecord, received: float, release: Callable[[], None]
     ) -> None:
-        """Save a drop that the instrument buffers under a key of its own choice; see `take`.
+        """Screen and save a drop that the instrument buffers; see `take`.
 
-        A name that the survey has for other samples is reported, and the drop gets a key of its
-        own: `release` has the instrument erase it.
+        If the instrument used the key of the drop before, for other samples, this is reported and
+        the drop gets a unique key: otherwise it would count as saved, and the instrument would
+        erase it.
         """
         if self.recorder is not None:
             named, remarks = self.recorder.with_unique_key(record)
             if remarks and self.recorder.find(named) is None:
                 text = (
-                    f"drop {record.point}/{record.drop.number}: the instrument used its name "
+                    f"drop {record.point}/{record.drop.number}: the instrument used its key "
                     f"{record.metadata['key']} (serial number, run, sample of the trigger) before, "
                     f"for drop {remarks[-1]}, which has other samples; both are recorded"
                 )
-                self._report(Notice(text, serious=True, kind="names used twice"))
+                self._report(Notice(text, serious=True, kind="keys used twice"))
             record = named
         self.take(record, received, release=release)
 
     def take_rebound(self, rebound: Rebound, *, recorded: bool) -> None:
-        """Add a rebound to its drop, unless it was recorded with it."""
+        """Save a rebound with the last drop; `recorded`: the record of a replayed drop has it
+        already.
+        """
         if self._last is None:
             return
         self._rebounds_until = time.monotonic() + LAST_REBOUNDS
@@ -177,20 +194,20 @@ class DropPipeline:
         self._report(Rebounded(*self._last, rebound.delay, rebound.peak_load))
 
     def take_late_rebound(self, point: str, number: int, rebound: Rebound) -> None:
-        """Record a rebound of a drop whose rebounds seemed to be over."""
+        """Save a rebound with an earlier drop that was already complete."""
         if self.recorder is not None:
             record = self._records.get((point, number))
             self.recorder.keep_rebound(point, number, record, rebound)
         self._report(Rebounded(point, number, rebound.delay, rebound.peak_load))
 
     def end_of_rebounds(self) -> None:
-        """Publish the file of a drop: no further rebound will come."""
+        """Write the file of the last drop, because no further rebound belongs to it."""
         if self.recorder is not None and self._last_record is not None:
             self.recorder.publish(self._last_record)
         self._last = self._last_record = None
 
     def _on_saved(self, record: DropRecord, number: int | None, spare: Path | None) -> None:
-        """Acknowledge a safe drop, then request its inversion."""
+        """Acknowledge a saved drop, then request its inversion."""
         key = record.point, record.drop.number
         coming = self._coming.pop(key)
         if coming.release is not None:
@@ -201,7 +218,7 @@ class DropPipeline:
             file = str(Layout(self.recorder.writer.folder).drop_file(number))
             if key == self._last:
                 self._last_record = number
-            else:  # its rebounds are over, and were held with it
+            else:  # its rebounds are complete and were saved with it
                 self.recorder.publish(number)
         view = replace(coming.view, record=number, screening=self._compare(coming.view, key[0]))
         saved = SavedDrop(
@@ -223,15 +240,23 @@ class DropPipeline:
             self.diagnoses.request(saved)
 
     def _screen(self, record: DropRecord) -> tuple[DropView, MeasuredFacts | None]:
-        """Screen a drop by its own record; return it, and the facts to be stored with it."""
+        """Screen a drop by its record alone.
+
+        Returns
+        -------
+        view : DropView
+            Rejected if its traces cannot be screened.
+        facts : MeasuredFacts or None
+            Peaks and other values to store with the drop; None: they cannot be computed.
+        """
         drop, setup = record.drop, NO_SETUP
         try:
             setup = setup_of(record.declared, f"drop {record.point}")
             recorded = recorded_fields(facts_of(record), self._before)
             view = self._before = drop_from_traces(drop, setup, **recorded)
             return view, facts_to_store(view.own, view.own_pulse_peak, setup)
-        except Exception as err:  # it has to be saved, whatever its traces are
-            fault = f"could not be judged: {type(err).__name__}"
+        except Exception as err:  # a drop is saved in any case
+            fault = f"could not be screened: {type(err).__name__}"
             text = f"drop {record.point}/{drop.number} {fault}: {err}"
             self._report(Notice(text, serious=True, details=traceback.format_exc()))
             facts = PointDrop(drop.number, Kind.REJECTED, reason=fault)
@@ -239,7 +264,7 @@ class DropPipeline:
             return DropView(facts, 0.0, setup, screening=screening, metadata=record.metadata), None
 
     def _compare(self, drop: DropView, point: str) -> Screening:
-        """Compare a drop with those of its point before it."""
+        """Return the screening of a drop after comparison with the earlier drops of its point."""
         assert drop.screening is not None
         screening, peak = drop.screening, drop.own_pulse_peak
         largest = self._largest[point] = max(peak, self._largest.get(point, 0.0))
@@ -249,9 +274,9 @@ class DropPipeline:
         return counted(screening, drop.number, before, drop.setup)
 
     def _earlier_drops(self, point: str, number: int) -> list[SavedDrop]:
-        """Return the drops of a point before a number, without discarded ones.
+        """Read the drops of a point before a number from the survey, without discarded ones.
 
-        Their traces are read from the survey: those of all its drops would fill the memory.
+        They are not held in memory, because the traces of a survey may not fit into it.
         """
         stored = self._view().points.get(point)
         if self.recorder is None or stored is None:

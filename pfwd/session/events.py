@@ -1,4 +1,4 @@
-"""Events of a measuring session for its displays. All are immutable."""
+"""Events that a measuring session reports to a screen, a log or a script. All are immutable."""
 
 import datetime
 import time
@@ -19,34 +19,34 @@ from pfwd_device.wire.messages import Status
 
 @dataclass(frozen=True, slots=True)
 class InstrumentReady:
-    """The instrument answers, and what is declared of it is complete."""
+    """The instrument is connected, and its declarations are complete."""
 
     url: str
     identity: Identity
     """Identity of the instrument, with the values of the setup file in place of its own."""
     setup: PointSetup
-    """Declarations for the points to come."""
+    """Declarations for the points to be measured."""
     differences: tuple[str, ...]
-    """Differences of the setup file from the instrument."""
+    """Values in which the setup file differs from the instrument, one sentence each."""
     warnings: tuple[str, ...]
-    """Warnings on calibration and response of the channels."""
+    """Warnings about calibration and response of the channels."""
     again: bool
-    """True: the instrument was lost before."""
+    """True: the instrument was connected earlier in the session."""
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationChanged:
-    """The instrument is calibrated otherwise than for the drops that the survey has of it."""
+    """The calibration of the instrument differs from that of its earlier drops in the survey."""
 
     serial_number: str
     changes: tuple[str, ...]
     """Changes, one phrase each."""
     waits: bool
-    """Nothing is recorded until `Session.accept_calibration` is called with this event."""
+    """True: nothing is recorded until `Session.accept_calibration` is called with this event."""
 
     @property
     def text(self) -> str:
-        """Sentence for people."""
+        """Sentence to show."""
         return (
             f"calibration of {self.serial_number} changed since its last drop in this survey: "
             f"{'; '.join(self.changes)}"
@@ -55,25 +55,25 @@ class CalibrationChanged:
 
 @dataclass(frozen=True, slots=True)
 class InstrumentLost:
-    """The instrument is gone; the session waits for it."""
+    """The connection to the instrument is lost; the session waits for it."""
 
     reason: str
     time_utc: datetime.datetime
 
     @classmethod
     def of(cls, item: Disconnected) -> "InstrumentLost":
-        """Return the event for a message of the driver."""
+        """Return the event for a disconnection that the driver reports."""
         return cls(item.reason, item.time_utc)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LiveSamples:
-    """Samples as they stream, for a live display."""
+    """Samples that have just arrived, for a live display."""
 
     samples: Samples
     identity: Identity
     drop_load: float
-    """Load above rest that starts a drop, N."""
+    """Load above the load at rest at which a drop is detected, N."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,75 +82,76 @@ class InstrumentStatus:
 
     status: Status
     counters: Mapping[str, float | None]
-    """Counts of discarded items by name, and the drift of the clock."""
+    """Numbers of discarded messages by their kind, and the drift of the instrument's clock, ppm."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """The load at rest is known: the detection finds drops from now on."""
+    """The load at rest is known, and drops can be detected."""
 
 
 @dataclass(frozen=True, slots=True)
 class SensorCheck:
-    """Zero and span of the load cell, noise of every channel."""
+    """Result of a check of the load cell's zero and span, and of the noise of every channel."""
 
     details: Mapping[str, Any]
-    """Details as recorded: zero_n, span_ratio, noise by channel."""
+    """Values as recorded; keys ``zero_n``, ``span_ratio`` and ``channels``."""
     faults: tuple[str, ...]
     """Faults, one sentence each; empty: none."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SavedDrop:
-    """A drop of the survey with its traces, which the view does not keep."""
+    """Saved drop with its traces."""
 
     point: str
     """Name of its test point."""
     view: DropView
-    """The screened drop."""
+    """Drop as screened, without traces."""
     drop: Drop
     """Traces."""
     file: str = ""
-    """Path of the drop for its results."""
+    """Path of the drop that its results state; empty: not in a file."""
     spare: str | None = None
-    """Folder that keeps it because the survey's own does not take it; None: the survey has it."""
+    """Spare folder that holds the drop, because the survey cannot be written; None: it is in the
+    survey."""
     received: float | None = None
-    """Monotonic clock when its last sample had come from the instrument, s; None: in a replay."""
+    """Time at which its last sample arrived, s, monotonic clock; None: in a replay."""
 
     @property
     def number(self) -> int:
-        """Number within the point."""
+        """Number of the drop within its point."""
         return self.view.number
 
     @property
     def record(self) -> int | None:
-        """Number within the survey; None: it is not saved by this session."""
+        """Number of the drop within the survey; None: a replay without output."""
         return self.view.record
 
     @property
     def setup(self) -> PointSetup:
-        """Declared setup."""
+        """Declarations of the drop."""
         return self.view.setup
 
     @property
     def screening(self) -> Screening:
-        """Screening by its record and by the drops before it."""
+        """Result of the screening, by its record and by comparison with the drops before it."""
         assert self.view.screening is not None
         return self.view.screening
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DropSaved:
-    """A drop is safe: it is acknowledged with this. (In a replay it was safe before.)"""
+    """A drop is safe on the disk and thereby acknowledged; in a replay it was so before."""
 
     saved: SavedDrop
     identical: bool | None = None
-    """In a replay: whether the traces are the recorded ones, bit for bit."""
+    """In a replay: True if the traces equal the recorded ones bit by bit. None: not a replay."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DropNotSaved:
-    """A drop is NOT safe: the disk did not take it; it is kept in memory and tried again."""
+    """A drop could not be written; it is NOT safe, stays in memory, and is tried again."""
 
     point: str
     number: int
@@ -159,17 +160,17 @@ class DropNotSaved:
 
 @dataclass(frozen=True, slots=True)
 class SurveyFilesChanged:
-    """Files of the survey were removed, its folder cannot be written, or all is well again."""
+    """Files of the survey were removed, its folder cannot be written, or both is repaired."""
 
     text: str
-    """Sentence for people."""
+    """Sentence to show."""
     safe: bool
-    """Everything acknowledged is in the survey's own folder again."""
+    """True: all acknowledged drops are in the folder of the survey again."""
 
 
 @dataclass(frozen=True, slots=True)
 class DropNotPublished:
-    """A drop has no file of its own yet; it is safe in the journal."""
+    """The HDF5 file of a drop could not be written; the drop is safe in the survey's journal."""
 
     point: str
     number: int
@@ -177,7 +178,7 @@ class DropNotPublished:
 
     @property
     def text(self) -> str:
-        """Sentence for people."""
+        """Sentence to show."""
         return (
             f"drop {self.point}/{self.number} has no file of its own yet (it is safe in the "
             f"journal; pfwd recover makes the file): {self.reason}"
@@ -186,23 +187,23 @@ class DropNotPublished:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DropAnalysed:
-    """Modulus of a drop, or the reason why it has none."""
+    """A drop has a modulus, or a reason why it has none."""
 
     saved: SavedDrop
     delay: float | None
-    """Time from the last sample of the drop to now, s; None: in a replay."""
+    """Time from the arrival of the drop's last sample to this result, s; None: in a replay."""
     result: DropResult
     curves: TimeHistories | None
-    """Time histories for a display; None when the analysis failed."""
+    """Measured and fitted traces for a display; None: the analysis failed."""
     full: bool
-    """Result of the full search; a quick answer came before."""
+    """True: the result is that of the full search. False: that of the quick fit."""
     final: bool
-    """No other answer follows."""
+    """True: no further result of the drop follows."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PointDiagnosed:
-    """Diagnosis of a point with the drops that it has now."""
+    """A point was diagnosed with the drops that it has so far."""
 
     point: str
     result: DiagnosisResult
@@ -210,58 +211,58 @@ class PointDiagnosed:
 
 @dataclass(frozen=True, slots=True)
 class Rebounded:
-    """The hammer bounced after a drop."""
+    """The weight bounced and hit the plate again after a drop."""
 
     point: str
     number: int
     delay: float
-    """Time after the trigger of the drop, s."""
+    """Time from the trigger of the drop to that of the rebound, s."""
     peak_load: float
     """Peak load, N."""
 
 
 @dataclass(frozen=True, slots=True)
 class PointBegan:
-    """Further drops belong to this test point, on request."""
+    """Further drops belong to another test point, which the operator has chosen."""
 
     point: str
 
 
 @dataclass(frozen=True, slots=True)
 class JobReported:
-    """Job of the survey, at the start and after each change."""
+    """Job of the survey (procedure, targets, stations); at the start and after each change."""
 
     job: Job
     differences: tuple[str, ...] = ()
-    """Differences of a request from the job of the survey, one sentence each."""
+    """Values in which the requested job differs from that of the survey, one sentence each."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PointReported:
-    """A point that the survey holds already."""
+    """A point that the survey had before this session."""
 
     point: PointView
-    """The point; its job is that of the listener."""
+    """Point; its values are judged by the listener's job."""
     is_replayed: bool = False
-    """Its drops come again, one by one, in a replay."""
+    """True: its drops follow one by one in a replay."""
 
 
 @dataclass(frozen=True, slots=True)
 class Edited:
-    """An edit of a point or of a drop is safe; nothing recorded has changed."""
+    """An edit of a point or drop is saved; recorded data stay as they are."""
 
     what: str
-    """Kind of the edit, as in `pfwd.files.editing.Edit`."""
+    """Property, as in `pfwd.files.editing.Edit`."""
     value: Any
     point: str | None
-    """Name of the point; None: it is about a drop."""
+    """Name of the edited point; None: a drop was edited."""
     number: int | None
-    """Number of the drop within the survey."""
+    """Number of the edited drop within the survey; None: a point was edited."""
 
 
 @dataclass(frozen=True, slots=True)
 class TableBuilding:
-    """A response table of the model is being built, once for a plate and a Poisson's ratio."""
+    """A response table of the model is being computed, once for a plate and a Poisson's ratio."""
 
     what: str
     fraction: float
@@ -269,28 +270,28 @@ class TableBuilding:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """Message for people."""
+    """Message to show."""
 
     text: str
     serious: bool = False
     details: str = field(default="", repr=False)
-    """Details for the log."""
+    """Text for the log file, such as a traceback."""
     kind: str = ""
-    """Kind of a notice that an instrument can cause as often as it likes: a session reports only
-    some of a kind, see `Repeats`. Empty: it is always reported."""
+    """Kind of a message that an instrument can cause without limit; `Repeats` limits how often it
+    is shown. Empty: the message is always shown."""
 
 
 @dataclass(frozen=True, slots=True)
 class BatteryLow(Notice):
-    """The instrument reports a low battery."""
+    """The instrument reports that its battery is low."""
 
 
 @dataclass(frozen=True, slots=True)
 class StorageLow(Notice):
-    """The disk is filling, or has room again."""
+    """The disk is nearly full, or has room again."""
 
     drops_remaining: int | None = 0
-    """Approximate number of drops for which there is room; None: there is room again."""
+    """Approximate number of drops for which there is room; None: there is enough again."""
 
 
 SessionEvent = (
@@ -318,20 +319,20 @@ SessionEvent = (
 
 
 N_REPORTED_FIRST = 5
-"""Number of notices of a kind that are reported one by one, because each may be news."""
+"""Number of messages of a kind that are shown one by one, before the limit applies."""
 
 REPEAT_INTERVAL = 60.0
-"""s; shortest time between later reports of a kind, each with the number since the last one. An
-instrument can send a hundred thousand messages a second: a day of them is less than 1500 lines."""
+"""Shortest time between later messages of a kind, s; each states the number since the last one. An
+instrument can send 100,000 messages a second: with this limit a day has less than 1500 lines."""
 
 
 class Repeats:
-    """Limits for repeated notices, for each kind by itself: a flood of one kind hides no other.
+    """Limit for repeated messages, separate for each kind, so that many of one kind hide no other.
 
     Parameters
     ----------
     clock : callable
-        Seconds, for tests.
+        Returns the time, s, monotonic; for tests.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -341,8 +342,14 @@ class Repeats:
         self._unreported: dict[str, int] = {}
 
     def due(self, kind: str) -> int | None:
-        """Return the number of unreported notices of the kind; None: this one is not reported
-        either."""
+        """Decide whether a message of a kind is shown now.
+
+        Returns
+        -------
+        int or None
+            Number of messages of the kind that were not shown since the last one; None: this
+            message is not shown either.
+        """
         now = self._clock()
         reported = self._reported.get(kind, 0)
         if reported >= N_REPORTED_FIRST and now - self._last[kind] < REPEAT_INTERVAL:
@@ -352,10 +359,10 @@ class Repeats:
         return self.take(kind)
 
     def take(self, kind: str) -> int:
-        """Return the number of unreported notices of a kind, and forget them."""
+        """Return the number of messages of a kind that were not shown, and reset it to 0."""
         return self._unreported.pop(kind, 0)
 
     def rest(self) -> dict[str, int]:
-        """Return the number of unreported notices of each kind, and forget them."""
+        """Return the numbers of messages that were not shown, by kind, and reset them to 0."""
         unreported, self._unreported = self._unreported, {}
         return unreported

@@ -1,7 +1,8 @@
-"""Feeds of a session: an instrument, a recorded survey, or a recorded link.
+"""Interface of the sources of a session: an instrument, a recorded survey, or a capture.
 
-A session does not depend on which. A recorded drop is announced by `RecordedDrop`, so that the
-detection begins in the state that it had when the drop was measured.
+A capture is a file with every byte of the link to an instrument. A session runs in the same way
+with each source. Before the samples of a recorded drop a feed yields `RecordedDrop`, so that the
+detection starts in the state that it had when the drop was measured.
 """
 
 from dataclasses import dataclass
@@ -16,33 +17,33 @@ from pfwd_device.wire.messages import DropOffer
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RecordedDrop:
-    """Announcement of a recorded drop, whose samples follow."""
+    """Start of a recorded drop, whose samples follow."""
 
     record: DropRecord
     """The drop as it was recorded."""
     identity: Identity
-    """Identity of the instrument by which its counts were calibrated."""
+    """Identity of the instrument with which the counts were calibrated."""
     settings: DetectionSettings
-    """Settings of the detection that found it."""
+    """Settings with which the drop was detected."""
     stream: int
-    """Number of the run of the sampler."""
+    """Number of the instrument's sampling run; samples are counted from its start."""
     first: int
-    """Index of the first sample."""
+    """Number of the first sample within the run."""
     at_rest: AtRest
-    """Load at rest at the time of the detection."""
+    """Load at rest before the drop."""
     operator_trigger: int | None
-    """Index of the sample at which the operator triggered; None: the load did."""
+    """Number of the sample at which operator or instrument triggered; None: the load did."""
     file: str
-    """File that holds it."""
+    """Path of the file that holds the drop."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ImportedDrop:
-    """Drop without samples of a converter, which skips the detection."""
+    """Drop without raw counts, which is not detected again."""
 
     record: DropRecord
     file: str
-    """File that holds it."""
+    """Path of the file that holds the drop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,36 +55,40 @@ FeedItem = Item | RecordedDrop | ImportedDrop | Ended
 
 
 class Feed(Protocol):
-    """Source of samples."""
+    """Interface of a source of samples."""
 
     live: bool
-    """True: an instrument is connected; it can be checked, and its drops are new."""
+    """True: the source is an instrument, whose drops are new and whose sensors can be checked."""
 
     def next(self, timeout: float) -> FeedItem | None:
-        """Return the next item; None: no item within a number of seconds."""
+        """Return the next item; None: none arrived within `timeout`, s."""
         ...
 
     def shunt(self, on: bool) -> None:
-        """Switch the calibration shunt of the load cell."""
+        """Switch the calibration shunt of the load cell on or off; it simulates a known load."""
         ...
 
     def acknowledge(self, offer: DropOffer) -> None:
-        """Report that the buffered drop of an offer is safe: the instrument may erase it."""
+        """Report to the instrument that a buffered drop is saved and may be erased."""
         ...
 
     def settle(self) -> None:
-        """Wait until the instrument has released its safe drops, or a few seconds."""
+        """Wait until the instrument has confirmed the acknowledged drops, but at most a few
+        seconds.
+        """
         ...
 
     def counters(self) -> dict[str, float | None]:
-        """Return counts of discarded items by name, and the drift of the clock in ppm."""
+        """Return the numbers of discarded messages by kind, and the drift of the instrument's
+        clock, ppm.
+        """
         ...
 
     @property
     def lost_since(self) -> float | None:
-        """Monotonic clock when the instrument was lost, s; None: it answers."""
+        """Time at which the connection was lost, s, monotonic clock; None: it is not lost."""
         ...
 
     def close(self) -> None:
-        """End the feed."""
+        """Close the source."""
         ...

@@ -1,4 +1,4 @@
-"""Feed of a session from an instrument."""
+"""Feed of a session from a connected instrument."""
 
 import dataclasses
 import datetime
@@ -14,23 +14,25 @@ from pfwd_device.recording import CaptureWriter
 from pfwd_device.wire.messages import DropOffer
 
 SETTLE_TIME_S = 2.0
-"""Time to wait at the end. A lost Acknowledge is repeated after 1 s, when the drop is offered
-again; later the survey recognises the drop by its key."""
+"""Longest wait for confirmations at the end of a session. An acknowledgement that was lost is
+repeated when the instrument offers the drop again, after 1 s. If that is too late, the survey
+recognises the drop by its key the next time."""
 
 
 class LiveFeed:
-    """Feed of one instrument.
+    """Feed from one instrument.
 
     Parameters
     ----------
     url : str
-        Port of the instrument.
+        Port of the instrument, as in /dev/ttyUSB0, COM3 or socket://127.0.0.1:4000.
     setup : MeasuringSetup
-        Says its language.
+        Declares the dialect (protocol) and the sampling rate of the instrument.
     capture : bool
-        Keep every byte in `captured`, which is set before `open`.
+        True: every byte is written to the attribute `captured`, which is set before `open`.
     first_stream : int, optional
-        Number of the first run of a sampler that does not number its runs; at random otherwise.
+        Number of the first sampling run, for an instrument that does not number its runs; None: a
+        random number.
     """
 
     live = True
@@ -55,7 +57,7 @@ class LiveFeed:
         )
 
     def open_port(self) -> None:
-        """Open the port alone; nothing is read before `open`.
+        """Open the port; nothing is read from it before `open`.
 
         Raises
         ------
@@ -64,7 +66,7 @@ class LiveFeed:
         self._driver.open_port()
 
     def open(self) -> None:
-        """Begin, and open the port unless it is open; without this call `next` does it.
+        """Connect to the instrument, after opening the port if necessary.
 
         Raises
         ------
@@ -73,26 +75,30 @@ class LiveFeed:
         self._driver.open()
 
     def next(self, timeout: float) -> FeedItem | None:
-        """Return the next item; None: no item within a number of seconds."""
+        """Return the next item; None: none arrived within `timeout`, s."""
         return self._driver.next(timeout)
 
     def shunt(self, on: bool) -> None:
-        """Switch the calibration shunt, if the instrument takes commands."""
+        """Switch the calibration shunt of the load cell; no effect if the instrument takes no
+        commands.
+        """
         try:
             self._driver.shunt(on)
         except DeviceRefused:
-            return  # it only sends, and has no shunt that could be switched
+            return  # the instrument takes no commands
 
     def acknowledge(self, offer: DropOffer) -> None:
-        """Report that the buffered drop of an offer is safe."""
+        """Report to the instrument that a buffered drop is saved and may be erased."""
         self._driver.acknowledge(offer)
 
     def settle(self) -> None:
-        """Wait until the instrument has released its safe drops, or `SETTLE_TIME_S`."""
+        """Wait until the instrument has confirmed the acknowledged drops, or `SETTLE_TIME_S`."""
         self._driver.settle(SETTLE_TIME_S)
 
     def counters(self) -> dict[str, float | None]:
-        """Return counts of discarded items by name, and the drift of the clock in ppm."""
+        """Return the numbers of discarded messages by kind, and the drift of the instrument's
+        clock, ppm.
+        """
         nested = dataclasses.asdict(self._driver.counters)
         link: dict[str, Any] = nested.pop("link")
         driver = self._driver
@@ -100,11 +106,11 @@ class LiveFeed:
 
     @property
     def lost_since(self) -> float | None:
-        """Monotonic clock when the instrument was lost, s; None: it answers."""
+        """Time at which the connection was lost, s, monotonic clock; None: it is not lost."""
         return self._driver.lost_since
 
     def close(self) -> None:
-        """Stop the instrument and close the port."""
+        """Stop the instrument's sampling and close the port."""
         self._driver.close()
 
     def _keep(
@@ -115,5 +121,5 @@ class LiveFeed:
 
 
 def random_stream() -> int:
-    """Return a random number for the first run of a sampler: keys of its drops are new."""
+    """Return a random number for a first sampling run, so that the keys of its drops are new."""
     return secrets.randbits(32)

@@ -1,7 +1,7 @@
-"""Last seconds of load and velocity, reduced to the numbers that a screen can show.
+"""Last seconds of load and velocity, reduced to the points that a screen can show.
 
-Samples are reduced to the least and the largest value of short intervals where they arrive, so that
-a peak is kept however narrow, and a display never sees the samples themselves.
+The samples of each short interval are reduced to their smallest and largest value, so that a narrow
+peak stays visible.
 """
 
 import threading
@@ -14,30 +14,30 @@ from pfwd.session.events import LiveSamples
 from pfwd_device.calibration import load_channel, sensor_channels, to_si
 
 ENVELOPE_INTERVAL = 0.01
-"""Interval of the envelope, s: shorter than a pulse. A window has more of them than a terminal has
-columns."""
+"""Length of an interval, s: shorter than a pulse, and short enough that the window has more
+intervals than a terminal has columns."""
 
 WINDOW = 5.0
-"""Length of the trace, s."""
+"""Length of the displayed trace, s."""
 
 RECENT = 3
-"""Number of intervals for the current peak."""
+"""Number of last intervals in which `last_peak` searches."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Envelope:
-    """Smallest and largest values of consecutive intervals, oldest first."""
+    """Smallest and largest values of consecutive intervals, the oldest first."""
 
     interval: float
     """Length of an interval, s."""
     load: NDArray[np.float64]
     """Smallest and largest load, (n, 2), N."""
     velocity: NDArray[np.float64]
-    """Smallest and largest motion, (n, 2), m/s, or m for a sensor of displacement."""
+    """Smallest and largest value of the first sensor, (n, 2), in `unit`."""
     samples: int
-    """Number of samples since the start."""
+    """Number of samples received since the start of the session."""
     unit: str
-    """Unit of the second channel, "m/s" or "m"."""
+    """Unit of the first sensor: "m/s", or "m" for a displacement sensor."""
 
 
 class LiveTrace:
@@ -45,8 +45,8 @@ class LiveTrace:
 
     Parameters
     ----------
-    window : float
-        Seconds that are kept.
+    window : float, s
+        Length of the trace that is kept.
     """
 
     def __init__(self, window: float = WINDOW) -> None:
@@ -62,14 +62,14 @@ class LiveTrace:
         self._stream: int | None = None
 
     def clear(self) -> None:
-        """Remove all samples, after the instrument was lost."""
+        """Remove all samples, because the connection was lost."""
         with self._lock:
             self._clear()
 
     def feed(self, event: LiveSamples) -> None:
-        """Append samples that follow the last ones, or start a new trace."""
+        """Append samples; those of a new sampling run start a new trace."""
         samples, identity = event.samples, event.identity
-        if samples.shunt or not len(samples.counts):  # the shunt is no load
+        if samples.shunt or not len(samples.counts):  # with the shunt on there is no real load
             return
         load, sensor = load_channel(identity), sensor_channels(identity)[0]
         step = max(1, round(ENVELOPE_INTERVAL * identity.sampling_rate))
@@ -98,7 +98,7 @@ class LiveTrace:
             self._open = int(index[-1])
 
     def envelope(self) -> Envelope:
-        """Return the samples of the window as an envelope."""
+        """Return the trace of the last `window` seconds."""
         with self._lock:
             rows = self._rows.copy()
             samples, unit = self._samples, self._unit
@@ -106,11 +106,11 @@ class LiveTrace:
 
     @property
     def samples(self) -> int:
-        """Number of samples since the start."""
+        """Number of samples received since the start of the session."""
         return self._samples
 
     def last_peak(self) -> float:
-        """Largest load of the last intervals above the median of the window, N."""
+        """Return the largest load of the last intervals above the median of the trace, N."""
         with self._lock:
             if len(self._rows) < 2:
                 return 0.0

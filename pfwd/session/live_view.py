@@ -1,7 +1,7 @@
-"""View of a survey while it is measured, updated by the events of the session.
+"""Content of a survey while it is measured, updated by the events of the session.
 
-Screen and headless log apply the same events. A survey that goes on reports its points as
-`PointReported`; in a replay a stored drop counts from when it comes again.
+Screen and command line apply the same events. Points that the survey had before arrive as
+`PointReported`. In a replay their drops do not count until they are replayed.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -26,7 +26,14 @@ from pfwd.session.events import (
 
 
 def apply_event(view: SurveyView, event: SessionEvent) -> tuple[SurveyView, str | None]:
-    """Return the survey after an event, and the name of the point that the event is about."""
+    """Return the survey after an event, and the name of the point that the event concerns.
+
+    Returns
+    -------
+    view : SurveyView
+    name : str or None
+        None: the event concerns no point.
+    """
     match event:
         case JobReported(job):
             return view.with_job(job), None
@@ -53,14 +60,14 @@ def apply_event(view: SurveyView, event: SessionEvent) -> tuple[SurveyView, str 
 def with_stored(
     view: SurveyView, points: Iterable[PointView], *, is_replayed: bool = False
 ) -> SurveyView:
-    """Return the survey with its stored points, and the drops that were measured since.
+    """Return the survey with stored points added, together with the drops measured since.
 
     Parameters
     ----------
     view : SurveyView
     points : iterable of PointView
     is_replayed : bool
-        Whether the stored drops come again, one by one, in a replay.
+        True: the stored drops do not count yet, because they are replayed one by one.
     """
 
     def merged(stored: PointView) -> PointView:
@@ -78,7 +85,7 @@ def with_stored(
 
 
 def _with_edits(drop: DropView, stored: DropView | None) -> DropView:
-    """Return a drop of the session as persons have edited it in the survey."""
+    """Return a drop of the session, discarded or moved as the stored one is."""
     if stored is None or drop.discarded is not None:
         return drop
     return replace(drop, discarded=stored.discarded, moved_to=stored.moved_to)
@@ -108,7 +115,7 @@ def _with_analysis(point: PointView, event: DropAnalysed) -> PointView:
     number, result = event.saved.number, event.result
     stored, drop = _stored_drop(point, number), point.drop(number)
     if drop is None or (stored is not None and stored.facts.modulus is not None):
-        return point  # of a replayed drop the result of the survey counts
+        return point  # a replayed drop keeps the result that is stored in the survey
     if result.is_trial or not is_sound(result) or not rests_on(result, drop.setup):
         return point
     drops = {drop.number: drop for drop in point.drops} | {number: drop.with_result(result)}
@@ -154,7 +161,7 @@ def _with_edited_drop(point: PointView, event: Edited) -> PointView:
 
 
 def _changes(drop: DropView, event: Edited) -> dict[str, Any]:
-    """Return the fields of a drop that an edit changes."""
+    """Return the new values of the fields of a drop that an edit changes."""
     match event.what:
         case "restore":
             return {"discarded": None, "moved_to": None}
@@ -167,17 +174,17 @@ def _changes(drop: DropView, event: Edited) -> dict[str, Any]:
 
 
 class CompletePoints:
-    """Reporter of complete points, and of changes of their verdicts.
+    """Reports points when they are complete and when their verdicts change.
 
-    A reported point that is not complete any more is reported again. One of which only the value
-    has changed is reported at the end of the session.
+    A point that is no longer complete is reported again. If only its value changes, it is reported
+    at the end of the session.
 
     Parameters
     ----------
     report : callable
         Receives the point.
     analysed : bool
-        Whether drops are inverted; the last result of a drop is then waited for.
+        True: drops are inverted, and a point waits for the results of its drops.
     """
 
     def __init__(self, report: Callable[[PointView], None], *, analysed: bool) -> None:
@@ -188,7 +195,7 @@ class CompletePoints:
         self._waiting: dict[str, set[int]] = {}
 
     def take(self, event: SessionEvent) -> None:
-        """Apply an event."""
+        """Apply an event of the session."""
         self._view, name = apply_event(self._view, event)
         if isinstance(event, DropAnalysed) and event.final:
             self._waiting.get(event.saved.point, set()).discard(event.saved.number)
@@ -203,7 +210,7 @@ class CompletePoints:
             self._report_if_changed(name)
 
     def rest(self) -> None:
-        """End the session: report the points that waited for a result."""
+        """Report the remaining points at the end of the session, without waiting for results."""
         self._waiting.clear()
         for name in self._view.points:
             self._report_if_changed(name, last=True)

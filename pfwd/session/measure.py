@@ -1,8 +1,9 @@
-"""Measurement in one call: open port and survey, run the session, close them.
+"""Measurement and replay in one call: open source and survey, run the session, close both.
 
 A script measures with::
 
     from pfwd.session.measure import measure
+
     measure("/dev/ttyUSB0", "site-12", print)
 """
 
@@ -52,16 +53,18 @@ def measure(
     ----------
     url : str
         Port of the instrument: /dev/ttyUSB0, COM3, socket://127.0.0.1:4000, ...
-    survey : path of a folder
+    survey : path of a survey, or of a new folder
     listener : callable
         Receives the events, see `pfwd.session.events`.
     plan : SessionPlan, optional
+        Point, setup and options; None: the defaults.
     capture : bool
-        Keep every byte of the link beside the drops.
+        True: every byte of the link is written to a file in the survey.
     control : callable, optional
-        Given the session, returns the context that it runs in, as `stopped_by_signals`.
+        Returns a context for the session, in which it runs; `stopped_by_signals` is one.
     spare : path, optional
-        Folder for drops that the survey's own does not take; by default the platform's.
+        Spare folder for drops that cannot be written to the survey; None: as `spare_folder` chooses
+        it.
 
     Returns
     -------
@@ -70,7 +73,7 @@ def measure(
     Raises
     ------
     DeviceError, SurveyError
-        If port, survey or setup cannot be used; what was acknowledged is safe.
+        If port, survey or setup cannot be used. Acknowledged drops are safe.
     """
     plan = plan or SessionPlan()
     stream = random_stream()
@@ -101,7 +104,7 @@ def measure(
 def _open_survey(
     folder: str | os.PathLike[str], spare: str | os.PathLike[str] | None, listener: Listener
 ) -> Iterator[SurveyWriter]:
-    """Open a survey for writing; changes of its files found at the end are reported too."""
+    """Open a survey for writing; report changes of its files by other programs at the end."""
     with contextlib.ExitStack() as ends:
         if not is_survey(folder):
             refuse_inside_survey(folder, "--output")
@@ -143,26 +146,24 @@ def replay(
     control: Control = nullcontext,
     spare: str | os.PathLike[str] | None = None,
 ) -> Ending:
-    """Run recorded drops, or the recorded bytes of a link, through the same pipeline.
+    """Run the drops of a survey, or the bytes of a capture, through a session again.
 
     Parameters
     ----------
     recording : path of a survey or of a capture
     listener : callable
-        Receives the events.
+        Receives the events, see `pfwd.session.events`.
     speed : float or Pace
-        Times real time; 0: as fast as possible. A `Pace` can be paused, stepped and changed.
+        Speed over real time; 0: as fast as possible. A `Pace` can be paused and changed meanwhile.
     options : AnalysisOptions, optional
-        None: nothing is inverted.
+        None: no drop is inverted.
     setup : MeasuringSetup, optional
-        For a capture, in place of the recorded one.
-    output : path, optional
-        Survey to record into.
+        Setup for a capture; None: the recorded one.
+    output : path of a survey, optional
+        Survey to record into; None: nothing is recorded.
     drops : int, optional
-        End after this number of drops.
-    control : callable, optional
-        As for `measure`.
-    spare : path, optional
+        Number of drops after which the replay ends; None: at the end of the recording.
+    control, spare : optional
         As for `measure`.
 
     Returns
@@ -172,6 +173,7 @@ def replay(
     Raises
     ------
     DeviceError, SurveyError
+        If recording, setup or output cannot be used.
     """
     path = Path(recording)
     plan = SessionPlan(options=options, drops=drops)
@@ -188,7 +190,7 @@ def replay(
         feed, used, reader = capture_feed(path, speed, setup)
         plan = replace(plan, setup=used)
     else:
-        hint = "pfwd log and pfwd import make surveys"
+        hint = "name a folder that pfwd log or pfwd import has made"
         raise SurveyError(refusal(str(path), "a survey or a capture", "none", hint))
     with nullcontext() if output is None else _open_survey(output, spare, listener) as writer:
         session = Session(feed, listener, plan, writer)
@@ -200,7 +202,7 @@ def replay(
 
 
 def _job_of(survey: Survey, listener: Listener) -> Job:
-    """Return the job of a survey; a procedure that cannot be read does not stop a replay."""
+    """Return the job of a survey, without a procedure that cannot be read, which is reported."""
     try:
         return job_of(survey)
     except SurveyError as err:
@@ -209,7 +211,7 @@ def _job_of(survey: Survey, listener: Listener) -> Job:
 
 
 def _with_stored_points(survey: Survey, listener: Listener) -> Listener:
-    """Return a listener that receives the stored point before its first drop."""
+    """Return a listener that receives each stored point before the first of its drops."""
     waiting = {point.name: point for point in survey.points}
 
     def with_points(event: SessionEvent) -> None:
@@ -224,7 +226,10 @@ def _with_stored_points(survey: Survey, listener: Listener) -> Listener:
 
 @contextmanager
 def stopped_by_signals(session: Session) -> Iterator[None]:
-    """SIGINT and SIGTERM end the session when the drop in hand is safe; a second one at once."""
+    """End the session at the first SIGINT or SIGTERM, once the current drop is saved.
+
+    A second signal ends the program at once.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,4 +1,7 @@
-"""Plan of a measuring session, the job that follows from it, and the way it ended."""
+"""Plan of a measuring session, the job that follows from it, and how a session ended.
+
+The job of a survey is its procedure, targets, stations and operator.
+"""
 
 import dataclasses
 import datetime
@@ -20,14 +23,14 @@ from pfwd_device.recording.survey_content import SurveyContent
 
 
 class Ending(StrEnum):
-    """End of a session."""
+    """Reason for the end of a session."""
 
     DONE = "done"
-    """The session did what was requested, or the feed had ended."""
+    """The requested number of drops is measured, the operator stopped, or the feed ended."""
     LOST = "lost"
-    """The instrument did not come back in time."""
+    """The connection was lost for longer than `SessionPlan.give_up`."""
     UNSAVED = "unsaved"
-    """The disk did not take a drop to the end."""
+    """At least one drop could not be written to the disk."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,28 +40,29 @@ class SessionPlan:
     Raises
     ------
     OptionError
-        If the name of the point cannot be one.
+        If `point` is not a valid name.
     """
 
     point: str | None = None
-    """Name of the test point; None: what the setup declares, the survey's last, or the first."""
+    """Name of the test point; None: that of the setup, else the last one of the survey, else the
+    first station."""
     setup: MeasuringSetup = field(default_factory=MeasuringSetup)
-    """Declarations and detection."""
+    """Declarations, and settings of instrument and detection."""
     drops: int | None = None
-    """Number of drops after which the session ends; None: it goes on."""
+    """Number of drops after which the session ends; None: no limit."""
     options: AnalysisOptions | None = field(default_factory=AnalysisOptions)
     """Options of the analysis; None: no drop is inverted."""
     give_up: float | None = None
-    """s after which a lost instrument ends the session; None: never."""
+    """Time without connection after which the session ends, s; None: it waits without limit."""
     job: JobRequest = field(default_factory=JobRequest)
-    """Changes of the survey's job; the rest of the job stays as it is."""
+    """Changes of the survey's job; everything else of the job stays as it is."""
     default_procedure: Procedure | None = None
-    """Procedure of a new survey for which none was chosen; None: none."""
+    """Procedure for a new survey if none was chosen; None: no procedure."""
     changed_calibration: Literal["refuse", "ask", "accept"] = "refuse"
-    """Response to an instrument whose calibration differs from that of the survey's drops: end with
-    an error, wait for `Session.accept_calibration`, or record."""
+    """What to do if the calibration of the instrument differs from that of the survey's drops:
+    "refuse" raises OptionError, "ask" waits for `Session.accept_calibration`, "accept" records."""
     position: PositionSource | None = None
-    """Source of the position at every drop; None: no receiver."""
+    """Receiver that provides a position with every drop; None: no receiver."""
 
     def __post_init__(self) -> None:
         if self.point is None:
@@ -71,23 +75,23 @@ class SessionPlan:
 
     @property
     def named_point(self) -> str | None:
-        """Name of the point by the plan or the setup; None: it has no name."""
+        """Name of the point in the plan or in the setup; None: neither has one."""
         declared = self.setup.declared.get("point")
         return self.point or (None if declared is None else point_name(str(declared)))
 
 
 @dataclass(frozen=True, slots=True)
 class SessionJob:
-    """Job of a session: that of its survey, and the changes by the plan."""
+    """Job of a session: the job of its survey with the changes of the plan."""
 
     recorded: Job
-    """Job that the survey has."""
+    """Job in the survey."""
     request: JobRequest
-    """Changes that have to be recorded."""
+    """Changes to record."""
     setup: MeasuringSetup
-    """Setup with the procedure in force."""
+    """Setup with the procedure of the job."""
     differences: tuple[str, ...]
-    """Differences from the recorded job, one sentence each."""
+    """Values in which the plan differs from the job in the survey, one sentence each."""
 
     @property
     def job(self) -> Job:
@@ -96,18 +100,19 @@ class SessionJob:
 
 
 def session_job(plan: SessionPlan, survey: SurveyContent | None) -> SessionJob:
-    """Return the job of a session: the plan overrides the survey, and this the defaults.
+    """Return the job of a session: the plan overrides the survey, and the survey overrides
+    defaults.
 
     Parameters
     ----------
     plan : SessionPlan
-    survey : SurveyContent, optional
-        Survey into which the session records; None: it records nothing.
+    survey : SurveyContent or None
+        Survey to record into; None: nothing is recorded.
 
     Raises
     ------
     SurveyError, OptionError
-        If the survey's procedure cannot be read, or the setup contradicts it.
+        If the procedure of the survey cannot be read, or the setup contradicts it.
     """
     chosen = plan.setup.procedure
     recorded = Job() if survey is None else _recorded_job(survey, replaceable=chosen is not None)
@@ -118,7 +123,7 @@ def session_job(plan: SessionPlan, survey: SurveyContent | None) -> SessionJob:
         if chosen is not None:
             setup = with_procedure(setup, chosen, f"procedure {chosen.name} of the survey")
         elif plan.default_procedure is not None:
-            # A survey of an earlier version, without a procedure: only the seating is added.
+            # Surveys of earlier versions have no procedure; only its seating drops are added.
             seating = {"seating_drops": plan.default_procedure.seating_drops or 0}
             setup = dataclasses.replace(setup, declared={**seating, **setup.declared})
     operator = setup.declared.get("operator")
@@ -137,13 +142,16 @@ def _recorded_job(survey: SurveyContent, *, replaceable: bool) -> Job:
     try:
         return job_of(survey)
     except SurveyError:
-        if not replaceable:  # by the one that is chosen now
+        if not replaceable:
             raise
+        # The plan chooses another procedure, which replaces the unreadable one.
         return dataclasses.replace(job_of(survey, NO_PROCEDURE), procedure=None)
 
 
 def instrument_request(identity: Identity) -> JobRequest:
-    """Return the job's serial number and calibration of an instrument, and the local time zone."""
+    """Return a job change with serial number and calibration dates of an instrument and the time
+    zone.
+    """
     calibration: list[Mapping[str, Any]] = []
     for channel in identity.channels:
         dates = {"calibrated": channel.calibrated, "due": channel.due}

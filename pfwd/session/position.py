@@ -1,7 +1,7 @@
-"""Position of the instrument, from a satellite receiver on a port of its own (NMEA 0183).
+"""Position of the instrument from a satellite receiver on a port of its own (NMEA 0183).
 
-The receiver may come and go, send garbage or stand still: a drop is never held up for it. What is
-recorded says how good the position was and how old.
+A drop never waits for the receiver, which may be disconnected or send noise. The record of a
+position states its quality and age.
 """
 
 import math
@@ -19,23 +19,24 @@ from pfwd_device.transport.base import Transport
 from pfwd_device.transport.opening import open_transport
 
 BAUD_RATE = 9600
-"""Baud rate of most receivers; those on USB ignore it."""
+"""Baud rate of most receivers; a receiver on USB ignores it."""
 
 STALE = 10.0
-"""s; a person walks ten metres in it. Receivers send every second."""
+"""Age after which a position is not used, s: a person walks ten metres in it. Receivers send every
+second."""
 
 LONGEST_SENTENCE = 1024
-"""Bytes; NMEA allows 82. What is longer is another protocol or noise."""
+"""Longest accepted sentence, bytes; NMEA allows 82. A longer one is another protocol or noise."""
 
 RECONNECT_INTERVAL = 2.0
-"""s between attempts to open a receiver that is gone."""
+"""Time between attempts to open the port of a lost receiver, s."""
 
 READ_WAIT = 0.2
-"""s; how soon the thread notices that it is to end."""
+"""Longest wait for bytes, s, and thereby for the end of the thread."""
 
 POOR_HDOP = 5.0
-"""Horizontal dilution of precision from which a position is reported as poor; receivers call more
-than 5 moderate at best."""
+"""Horizontal dilution of precision (HDOP) above which a position is reported as poor; receivers
+call values above 5 moderate at best."""
 
 FIX_NAMES = {
     1: "satellites",
@@ -47,56 +48,56 @@ FIX_NAMES = {
     7: "typed into the receiver",
     8: "simulated",
 }
-"""Fix quality of a GGA sentence; 0 is no fix."""
+"""Names of the fix qualities in a GGA sentence; the quality 0 means no position."""
 
 
 class PositionSource(Protocol):
-    """Position of the instrument."""
+    """Interface of a source of positions."""
 
     def record(self) -> dict[str, Any]:
-        """Return the position as JSON, as recorded with a drop."""
+        """Return the position to record with a drop, as JSON data."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fix:
-    """One position of a receiver."""
+    """One position from a receiver."""
 
     latitude: float
     """Degrees, north positive."""
     longitude: float
     """Degrees, east positive."""
     altitude: float | None
-    """m above mean sea level, by the receiver."""
+    """Altitude above mean sea level, m; None: not in the sentence."""
     quality: int
-    """1 satellites, 2 differential, 4 RTK fixed, 5 RTK float, ..., as GGA has it; never 0."""
+    """Quality as in GGA sentences; key of `FIX_NAMES`."""
     hdop: float | None
-    """Horizontal dilution of precision."""
+    """Horizontal dilution of precision; None: not in the sentence."""
     satellites: int | None
     time_utc: str | None
-    """Time of day that the receiver gives, ISO 8601."""
+    """Time of day by the receiver, ISO 8601; None: not in the sentence."""
     received: float
-    """Monotonic clock, s."""
+    """Time of arrival, s, monotonic clock."""
 
 
 class NmeaParser:
-    """Parser of NMEA sentences from bytes in parts of any size.
+    """Parser of NMEA sentences, from bytes that arrive in parts of any size.
 
     Parameters
     ----------
     clock : callable
-        Monotonic clock, s.
+        Returns the time, s, monotonic.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._rest = b""
         self.refused = 0
-        """Sentences with a wrong checksum or no sense."""
+        """Number of sentences with a wrong checksum or invalid content."""
         self.without_fix = 0
         """Number of sentences without a position."""
 
     def feed(self, data: bytes) -> list[Fix]:
-        """Return the positions that are complete with further bytes."""
+        """Parse further bytes and return the positions that they complete."""
         *lines, self._rest = (self._rest + data).split(b"\n")
         if len(self._rest) > LONGEST_SENTENCE:
             self._rest = b""
@@ -105,7 +106,7 @@ class NmeaParser:
         return [fix for fix in fixes if fix is not None]
 
     def _fix(self, line: bytes) -> Fix | None:
-        # Garbage before a sentence costs what is before it, not the sentence.
+        # Noise before a sentence is skipped.
         start = line.rfind(b"$")
         if start < 0 or len(line) > LONGEST_SENTENCE:
             self.refused += bool(line.strip())
@@ -114,7 +115,7 @@ class NmeaParser:
         if text[3:6] != "GGA":
             return None  # other sentences have no position
         try:
-            # A checksum has to be there: a flipped digit is a position elsewhere.
+            # Sentences without checksum are refused: a wrong digit would be a wrong position.
             return self._of(parse(text, check=True))
         except (ParseError, ValueError, TypeError, AttributeError, IndexError):
             self.refused += 1
@@ -122,7 +123,7 @@ class NmeaParser:
 
     def _of(self, sentence: Any) -> Fix | None:
         quality = int(sentence.gps_qual or 0)
-        # Without a fix the library gives 0, 0, which is a place in the Atlantic.
+        # Without a position pynmea2 returns 0, 0, which is a valid position in the Atlantic.
         if quality <= 0 or not sentence.lat or not sentence.lon:
             self.without_fix += 1
             return None
@@ -151,18 +152,18 @@ def _number(value: object) -> float | None:
 
 
 class PositionReceiver:
-    """Reader of a receiver in a thread of its own; a context manager.
+    """Satellite receiver, read in a thread of its own; a context manager.
 
     Parameters
     ----------
     url : str
         Port: /dev/ttyACM0, COM4, socket://host:port.
-    open_port : callable
+    open_port : callable, optional
         Opens the port; for tests.
     clock : callable
-        Monotonic clock, s.
-    stale : float
-        s after which a position is none any more.
+        Returns the time, s, monotonic.
+    stale : float, s
+        Age after which a position is not used.
     """
 
     def __init__(
@@ -185,12 +186,12 @@ class PositionReceiver:
         self._thread = threading.Thread(target=self._run, name="position", daemon=True)
 
     def open(self) -> None:
-        """Open the port and begin to read.
+        """Open the port and start to read.
 
         Raises
         ------
         DeviceError
-            If the port cannot be opened now; later losses are waited out.
+            If the port cannot be opened. A port that is lost later is opened again.
         """
         self._first = self._open()
         self._thread.start()
@@ -209,14 +210,21 @@ class PositionReceiver:
         self.close()
 
     def latest(self) -> Fix | None:
-        """Last position; None: there is none, or it is stale."""
+        """Return the last position; None: there is none, or it is too old."""
         fix = self._last
         if fix is None or self._clock() - fix.received > self._stale:
             return None
         return fix
 
     def record(self) -> dict[str, Any]:
-        """Return the position recorded with a drop, its quality and age, or why there is none."""
+        """Return the position to record with a drop, with quality and age.
+
+        Returns
+        -------
+        dict
+            JSON data. The key ``fault`` has the reason if there is no position; a position that is
+            too old is under ``last_known``.
+        """
         fix, counts = self._last, {"sentences_refused": self._parser.refused}
         if fix is None:
             reason = self._fault or "the receiver has no fix"
@@ -233,13 +241,15 @@ class PositionReceiver:
         }
         place = {"latitude": fix.latitude, "longitude": fix.longitude}
         if age > self._stale:
-            # Stored under another name, so that no reader takes it for the place of the drop.
+            # Stored under another key, so that no reader uses it as the position of the drop.
             reason = f"stale: {age:.0f} s old"
             return {"source": "nmea", "fault": reason, "last_known": place, **details, **counts}
         return {"source": "nmea", **place, **details, **counts}
 
     def warning(self) -> str | None:
-        """Return the warning for the operator; None: the position is good."""
+        """Return a warning for the operator, such as "poor position: HDOP 7"; None: the position is
+        good.
+        """
         fix = self.latest()
         if fix is None:
             return f"no position: {self.record().get('fault')}"

@@ -1,4 +1,4 @@
-"""Feeds of a session from recorded drops of a survey or recorded bytes of a link."""
+"""Feeds of a session from the recorded drops of a survey or the recorded bytes of a link."""
 
 import dataclasses
 import datetime
@@ -22,14 +22,14 @@ from pfwd_device.wire.messages import DropOffer
 
 
 class Pace:
-    """Pace of a replay; every method may be called from any thread.
+    """Speed of a replay, with pause and single steps; all methods may be called from any thread.
 
     Parameters
     ----------
     speed : float
-        Times real time; 0: as fast as possible.
+        Speed over real time; 0: as fast as possible.
     paused : bool
-        Begin paused.
+        True: the replay begins with a pause.
 
     Examples
     --------
@@ -57,16 +57,16 @@ class Pace:
 
     @property
     def paused(self) -> bool:
-        """True: the replay waits, or will after the step."""
+        """True during a pause, also while a single step runs."""
         return self._paused
 
     @property
     def flows(self) -> bool:
-        """True: items may be fed now."""
+        """True if the replay may go on: it is not paused, or a single step runs."""
         return not self._paused or self._stepping
 
     def pause(self) -> None:
-        """Begin a pause."""
+        """Start a pause."""
         with self._lock:
             self._paused, self._steps, self._stepping = True, 0, False
 
@@ -76,13 +76,13 @@ class Pace:
             self._paused, self._steps, self._stepping = False, 0, False
 
     def step(self) -> None:
-        """While it waits: go on to the end of the next drop that begins."""
+        """Replay one more drop during a pause."""
         with self._lock:
             self._steps += 1
             self._stepping = True
 
     def may_begin(self) -> bool:
-        """Return whether the next drop may begin; if not, the step is over."""
+        """Return whether the next drop may begin; False ends a single step."""
         with self._lock:
             if not self._paused:
                 return True
@@ -94,30 +94,31 @@ class Pace:
 
 
 CHUNKS_PER_SECOND = 50
-"""Number of parts of samples per second, like those of an instrument."""
+"""Number of blocks of samples per second, as an instrument sends them."""
 
 LONGEST_PAUSE = 10.0
-"""Longest time between two drops of a replay in real time, s."""
+"""Longest time between two drops at speed 1, s; longer pauses of the recording are shortened."""
 
 FIRST_PAUSE = 1.0
-"""Time before the first drop, s."""
+"""Time before the first drop at speed 1, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pause:
-    """Pause of a number of seconds before the next item."""
+    """Time before the next item of a recording."""
 
     seconds: float
+    """Length at speed 1, s."""
 
 
 class RecordedFeed:
-    """Feed of items from an iterator; base of both replays.
+    """Feed from a sequence of recorded items.
 
     Parameters
     ----------
     items : iterable of FeedItem or Pause
     speed : float or Pace
-        Times real time; 0: as fast as possible. A `Pace` can be changed on the way.
+        Speed over real time; 0: as fast as possible. A `Pace` can be changed during the replay.
     sleep : callable
         Waits for a number of seconds.
     """
@@ -134,11 +135,11 @@ class RecordedFeed:
         self._items = _generator(items)
         self._pace = speed if isinstance(speed, Pace) else Pace(speed)
         self._sleep = sleep
-        self._pause_remaining = 0.0  # of a pause, s of the recording
+        self._pause_remaining = 0.0  # s at speed 1
         self._held: FeedItem | None = None
 
     def next(self, timeout: float) -> FeedItem | None:
-        """Return the next item; None while a pause of a replay in real time goes on."""
+        """Return the next item; None: a pause lasts longer than `timeout`, s."""
         while True:
             if not self._pace.flows:
                 self._sleep(timeout)
@@ -162,7 +163,7 @@ class RecordedFeed:
             return item
 
     def shunt(self, on: bool) -> None:
-        """Do nothing: there is no shunt."""
+        """Do nothing: a recording has no shunt."""
 
     def acknowledge(self, offer: DropOffer) -> None:
         """Do nothing: there is no instrument."""
@@ -171,11 +172,11 @@ class RecordedFeed:
         """Do nothing: there is no instrument."""
 
     def counters(self) -> dict[str, float | None]:
-        """Return no counts: nothing is discarded."""
+        """Return an empty dict: a recording discards no messages."""
         return {}
 
     def close(self) -> None:
-        """End the feed."""
+        """Close the sequence of items."""
         self._items.close()
 
 
@@ -186,13 +187,13 @@ def _generator(items: Iterable[FeedItem | Pause]) -> Generator[FeedItem | Pause,
 def survey_feed(
     survey: Survey, speed: float | Pace = 0.0, sleep: Callable[[float], None] = time.sleep
 ) -> RecordedFeed:
-    """Return a feed of the drops of a survey in the order of measuring, discarded ones included.
+    """Return a feed of the drops of a survey in the order of measurement, discarded ones included.
 
     Parameters
     ----------
     survey : Survey
     speed : float or Pace
-        Times real time; 0: as fast as possible.
+        Speed over real time; 0: as fast as possible.
     sleep : callable
         Waits for a number of seconds.
     """
@@ -204,7 +205,7 @@ def _drops(survey: Survey) -> Iterator[FeedItem | Pause]:
     later = {point.name: later_declarations(point) for point in survey.points}
     for drop in survey.drops:
         record = drop.read()
-        # What was declared of the point since holds for its drops.
+        # Declarations that were edited later apply to the drops as well.
         declared = {**record.declared, **later.get(drop.point, {})}
         record = dataclasses.replace(record, declared=declared)
         now = _time_of(record)
@@ -228,7 +229,7 @@ def _time_of(record: DropRecord) -> datetime.datetime | None:
 
 
 def _samples(item: RecordedDrop) -> Iterator[Samples | Gap | Pause]:
-    """Yield the samples of a drop and its rebounds, and the gaps within and between them."""
+    """Yield the samples of a drop and its rebounds in blocks, with the gaps in and between them."""
     record = item.record
     assert record.counts is not None
     rate = item.identity.sampling_rate
@@ -259,7 +260,7 @@ def _samples(item: RecordedDrop) -> Iterator[Samples | Gap | Pause]:
             utc = datetime.datetime.now(datetime.UTC)
             yield Samples(item.stream, position, part, False, time.monotonic(), utc)
             position = stop
-    # Whatever is not complete yet is complete when nothing more can come.
+    # A gap of 20 s lets the detection complete the drop and its rebounds.
     yield Gap(item.stream, position, round(20 * rate))
 
 
@@ -273,11 +274,11 @@ def capture_feed(
 
     Parameters
     ----------
-    path : path of the capture
+    path : path of a capture
     speed : float or Pace
         Speed over real time; 0: as fast as possible.
     setup : MeasuringSetup, optional
-        Setup in place of the recorded one.
+        Setup with which the bytes are parsed; None: the recorded one.
     sleep : callable
         Waits for a number of seconds.
 
@@ -287,23 +288,23 @@ def capture_feed(
     setup : MeasuringSetup
         Setup with which the bytes are parsed.
     reader : CaptureReader
-        Reader of the capture; it reports damage at the end.
+        Reader of the file; its attribute `damage` is complete when the feed has ended.
 
     Raises
     ------
     SurveyError, DeviceError
-        If it is no capture, or its setup cannot be read.
+        If the file is no capture, or its setup cannot be read.
     """
     reader = CaptureReader(path)
     if not reader.header:
-        hint = "captures are made by pfwd log --capture"
+        hint = "name a file that pfwd log --capture has made"
         raise SurveyError(refusal(os.fspath(path), "a capture", "another file", hint))
     if setup is None:
         text = str(reader.header.get("setup_text") or "")
         procedure = str(reader.header.get("procedure_text") or "")
         where = f"setup recorded in {os.fspath(path)}"
         setup = parse_setup(text, where, procedure)
-        if procedure and setup.procedure is None:  # it was chosen on the command line
+        if procedure and setup.procedure is None:  # the procedure was an option, not in the setup
             setup = with_procedure(setup, parse_procedure(procedure, where), where)
     first_stream = reader.header.get("first_stream")
     dialect = setup.device.make_dialect(first_stream if type(first_stream) is int else 0)
@@ -321,7 +322,7 @@ def _captured(reader: CaptureReader, decoder: Decoder) -> Iterator[FeedItem | Pa
         utc = datetime.datetime.fromtimestamp(captured.utc_ns * 1e-9, datetime.UTC)
         if not captured.data:
             yield from decoder.cut()
-            yield Disconnected("the link was cut when this was recorded", utc)
+            yield Disconnected("the connection was lost at this place of the recording", utc)
         yield from decoder.feed(captured.data, captured.monotonic_ns * 1e-9, utc)
     yield from decoder.idle(float("inf"))
     yield Ended()

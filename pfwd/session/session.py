@@ -1,8 +1,7 @@
-"""Measuring session: samples in, drops safe, moduli out. It does not depend on the kind of feed.
+"""Measuring session: detects drops in the samples of a feed, saves them, and has them inverted.
 
-Everything here happens in the thread that calls `run`, except that an instrument's driver reads in
-a thread of its own and that drops are inverted in a process of their own. Whoever shows the session
-is told events, in that thread.
+A session runs in the thread that calls `run`, and reports events to its listener in that thread.
+The driver of an instrument reads in a thread of its own, and drops are inverted in another process.
 """
 
 import contextlib
@@ -82,49 +81,51 @@ from pfwd_device.wire.messages import Armed, Event, EventKind, Refusal, Status, 
 __all__ = ["Ending", "Listener", "Session", "SessionPlan"]
 
 FIRST_POINT = "1"
-"""Name of a point without a declared name."""
+"""Name of the first point if none is declared."""
 
 FEED_WAIT = 0.02
-"""s; how long an answer of the worker may wait for the session's attention."""
+"""Longest wait for the feed, s, and thereby for the handling of results and requests."""
 
 MAX_UNANSWERED = 4
-"""Analyses that a replay leaves waiting before it goes on."""
+"""Number of pending analyses above which a replay waits before its next item."""
 
 LAST_ANSWERS = 120.0
-"""s; how long the last analyses may take when the session has ended."""
+"""Longest wait for the last analyses at the end of a session, s."""
 
 STOPPED_ANSWERS = 2.0
-"""s; the same when it was told to end, which takes less than 5 s whatever the instrument says: the
-first modulus takes 0.2 s and the full search 0.4 s, and a drop without them is inverted later."""
+"""The same if the session was stopped, s, so that it ends within 5 s: the quick fit takes 0.2 s and
+the full search 0.4 s. A drop without a result can be inverted later."""
 
 STOPPED_DROP = 1.0
-"""s by the host; how much longer than its record takes the drop in hand may hold up the end. An
-instrument that is told to trigger and then sends no samples would do it for ever."""
+"""Time that a stopped session waits for the rest of the current drop beyond its length, s. An
+instrument that triggers and then sends no samples would otherwise prevent the end."""
 
 TRIGGER_PAUSE = 1.0
-"""s of samples between two triggers of the instrument: nobody presses a button more often, and each
-makes a drop."""
+"""Shortest time between two triggers by the instrument, s of samples. Nobody presses a button more
+often, and each trigger makes a drop."""
 
 BOUNCES_END = 2.5
-"""s after a drop within which the weight still bounces, and no hand has lifted it again."""
+"""Time after a drop within which an impact is a bounce of the weight, s: nobody lifts it sooner."""
 
 BOUNCE_OVER_DROP = 0.6
-"""Most of a drop's peak load that its first bounce reaches: with rubber springs half of it."""
+"""Largest peak load of a bounce over that of the drop; with rubber springs the first bounce has
+half of it."""
 
 Listener = Callable[[SessionEvent], None]
 
 
 class Session:
-    """Runs one measurement.
+    """One measurement or replay.
 
     Parameters
     ----------
     feed : Feed
     listener : callable
-        Receives the events, in the thread of `run`; the session waits for it.
-    plan : SessionPlan
+        Receives the events, in the thread of `run`; the session waits for it to return.
+    plan : SessionPlan, optional
+        None: the defaults.
     writer : SurveyWriter, optional
-        None: nothing is saved, as in a replay.
+        Survey to record into; None: nothing is recorded.
     """
 
     def __init__(
@@ -144,7 +145,7 @@ class Session:
         self._job, self._job_request = job.recorded, job.request
         self._differences = job.differences
         self._rules_stored = False
-        """Whether the survey has the event with the rules of this version."""
+        """True: the version of the rules for verdicts is recorded in the survey."""
         self._changed_verdicts: tuple[str, ...] = ()
         if writer is not None and writer.points:
             survey = writer.contents()
@@ -177,25 +178,25 @@ class Session:
         self._last_samples: Samples | None = None
         self._status: Status | None = None
         self._calibrated: dict[str, Identity] = {}
-        """With what an instrument is calibrated in this session, by its serial number."""
+        """Identities with accepted calibration, by serial number."""
         self._unanswered: tuple[Connected, CalibrationChanged] | None = None
-        """A connection whose calibration the operator has not accepted yet."""
+        """Connection whose changed calibration the operator has not accepted yet."""
         self._accepted_changes: set[CalibrationChanged] = set()
         self._postponed: list[BufferedDrop | Armed] = []
-        """Items of the instrument while the operator decides."""
+        """Items that arrived before the operator has accepted the calibration."""
         self._armed: Trigger | None = None
-        """How the instrument finds drops itself; None: they are found here."""
+        """Trigger settings of an instrument that detects drops; None: this program detects them."""
         self._recorded: RecordedDrop | None = None
         self._redetected = True
         self._fell: tuple[datetime.datetime, float, tuple[str, int]] | None = None
-        """When the last drop fell, its peak load (N), its point and number."""
+        """Time of the last drop, its peak load (N), its point and number."""
         self._interrupted = False
-        """Whether the samples broke off since then."""
+        """True: samples are missing since the last drop."""
         self._requests: queue.SimpleQueue[Callable[[Session], None]] = queue.SimpleQueue()
 
     @property
     def point(self) -> str:
-        """Name of the test point that the next drop belongs to."""
+        """Name of the test point to which the next drop belongs."""
         return self._point
 
     @property
@@ -204,15 +205,17 @@ class Session:
         return self._job.with_request(self._job_request)
 
     def change_job(self, request: JobRequest) -> None:
-        """Change the survey's job from now on; a procedure begins with the next session.
+        """Change the job of the survey; another procedure takes effect in the next session.
 
         Raises
         ------
         RecordingError
-            If nothing is saved here, or the disk does not take it.
+            If nothing is recorded, or the survey cannot be written.
         """
         if self._recorder is None:
-            raise RecordingError("job: expected a survey that is written, got a replay")
+            raise RecordingError(
+                "job: expected a session that records, got a replay without output"
+            )
         news = request.news(self.job)
         for kind, details in news.events():
             self._recorder.writer.note_event(kind, details)
@@ -220,16 +223,16 @@ class Session:
         self._report(JobReported(self.job))
 
     def counters(self) -> dict[str, float | None]:
-        """Everything that was discarded so far, by name; from any thread."""
+        """Return the numbers of discarded messages by kind; may be called from any thread."""
         return self._feed.counters()
 
     def set_point(self, name: str) -> None:
-        """The drops to come belong to this point.
+        """Set the test point to which the next drops belong.
 
         Raises
         ------
         RecordingError
-            If no point can have this name.
+            If the name is not valid.
         """
         self._point = point_name(name)
         self._report_stored_point(self._point)
@@ -238,15 +241,17 @@ class Session:
         self._report(PointBegan(self._point))
 
     def edit(self, edit: Edit, *, point: str | None = None, number: int | None = None) -> None:
-        """Edit a point or, by its number within the survey, a drop.
+        """Edit a point by its name, or a drop by its number within the survey.
 
         Raises
         ------
         RecordingError
-            If nothing is saved here, it is not known, or the disk does not take it.
+            If nothing is recorded, there is no such point or drop, or the survey cannot be written.
         """
         if self._recorder is None:
-            raise RecordingError("edit: expected a survey that is written, got a replay")
+            raise RecordingError(
+                "edit: expected a session that records, got a replay without output"
+            )
         if edit.what == "restore" and number is not None:
             self._restore_drop(self._recorder.writer, number)
             return
@@ -256,15 +261,26 @@ class Session:
         self._report(Edited(edit.what, edit.value, point, number))
 
     def move_drop(self, number: int, to: str) -> None:
-        """Move a drop, by its number within the survey, to the point where it belongs.
+        """Move a drop to another point.
+
+        Parameters
+        ----------
+        number : int
+            Number of the drop within the survey.
+        to : str
+            Name or title of the point to which the drop belongs, or a new name.
 
         Raises
         ------
         RecordingError
-            If nothing is saved here, it is not known, or the disk does not take it.
+            If nothing is recorded, there is no such drop, or the survey cannot be written.
+        OptionError
+            If the drop cannot be moved there.
         """
         if self._recorder is None:
-            raise RecordingError("move: expected a survey that is written, got a replay")
+            raise RecordingError(
+                "move: expected a session that records, got a replay without output"
+            )
         writer = self._recorder.writer
         drop = _drop_of(writer, number, "move")
         to = point_called(writer.contents(), to)
@@ -282,9 +298,9 @@ class Session:
         self._report(Edited("restore", None, None, number))
 
     def _report_changed_point(self, writer: SurveyWriter, name: str) -> None:
-        """Report a point that has got a drop from another one.
+        """Report a point after a drop was moved to it.
 
-        The moved drop is a new record of the survey, and its view is made of that record.
+        The moved drop is a new record of the survey, from which the point is read again.
         """
         stored = read_point_event(writer, name)
         if stored is not None:
@@ -292,38 +308,52 @@ class Session:
             self._report(stored)
 
     def keep_result(self, number: int, result: DropResult) -> None:
-        """Save another result of a drop, by its number within the survey; the others stay."""
+        """Save a further result of a drop; earlier results stay.
+
+        Parameters
+        ----------
+        number : int
+            Number of the drop within the survey.
+        result : DropResult
+        """
         if self._recorder is not None:
             self._recorder.keep_result(number, result)
 
     def ask(self, request: Callable[["Session"], None]) -> None:
-        """Have something done with this session in its own thread, soon; from any thread.
+        """Have a function called with this session in the session's thread; may be called from any
+        thread.
 
-        A failure is reported as a `Notice`.
+        A RecordingError or OptionError of the function is reported as a `Notice`.
         """
         self._requests.put(request)
 
     def stop(self) -> None:
-        """End the session when the drop in hand is safe; may be called from any thread."""
+        """End the session once the current drop is saved; may be called from any thread."""
         self._stop = True
 
     def trigger(self) -> None:
-        """Record a drop now, whatever the load does; may be called from any thread."""
+        """Record a drop now, independent of the load; may be called from any thread."""
         self._operator = True
 
     def run(self) -> Ending:
-        """Measure until there is nothing more to come, enough drops are in, or `stop` is called.
+        """Run the session until the feed ends, the planned drops are measured, or `stop` is called.
+
+        Returns
+        -------
+        Ending
 
         Raises
         ------
         SetupError, TraceError
-            If what is declared does not fit the instrument.
+            If the declarations do not fit the instrument.
+        OptionError
+            If the calibration has changed and the plan refuses that.
         """
         try:
             try:
                 ending = self._run()
             except Exception:
-                with contextlib.suppress(Exception):  # the first one is the one to report
+                with contextlib.suppress(Exception):  # report the first error, not a consequence
                     self._save_the_rest(lambda: True)
                 raise
             self._save_the_rest(lambda: self._stop)
@@ -341,7 +371,7 @@ class Session:
         return Ending.UNSAVED if self._pipeline.held else ending
 
     def _last_diagnoses(self) -> None:
-        """Wait for the pending diagnoses, unless the session was stopped."""
+        """Wait for pending diagnoses, unless the session was stopped."""
         diagnoses = self._pipeline.diagnoses
         if diagnoses is None:
             return
@@ -359,7 +389,7 @@ class Session:
         self._feed.settle()
 
     def _report_stored_point(self, name: str) -> None:
-        """Report the drops of a point from before this session; once."""
+        """Report a point with its drops from before this session, once."""
         if self._recorder is None or name in self._reported_points:
             return
         self._reported_points.add(name)
@@ -371,9 +401,9 @@ class Session:
             self._report(stored)
 
     def _report_similar_point(self) -> None:
-        """Report a named point that is new and whose name a known one begins with, or the reverse.
+        """Warn if the point of the plan is new and its name resembles that of another point.
 
-        On the screen the operator decides; here there may be no operator.
+        One of the two names begins with the other. The screen lets the operator choose instead.
         """
         name = self._plan.named_point
         if name is None or self._recorder is None:
@@ -422,7 +452,7 @@ class Session:
                 self._report(Notice(str(err), serious=True))
 
     def _may_go_on(self) -> bool:
-        """Return whether the feed may go on now: an instrument cannot wait, a recording can."""
+        """Return whether the next item may be taken: a replay waits for pending analyses."""
         waiting = self._analyses.n_pending if self._analyses is not None else 0
         return self._feed.live or waiting < MAX_UNANSWERED
 
@@ -436,7 +466,7 @@ class Session:
         return enough and self._pipeline.complete
 
     def _waited_enough(self) -> bool:
-        """Return whether the drop that began before the requested end should have come by now."""
+        """Return whether a stopped session has waited long enough for the current drop."""
         if self._detector is None or not self._feed.live:
             return False
         now = time.monotonic()
@@ -452,16 +482,17 @@ class Session:
 
     def _trigger(self) -> None:
         if self._detector is None or self._stream is None:
-            self._report(Notice("no samples come that could be recorded", kind="no samples"))
+            text = "no drop was triggered, because no samples arrive. Check the connection"
+            self._report(Notice(text, kind="no samples"))
         else:
             self._detector.trigger_by_operator()
 
     def _on_trigger(self) -> None:
-        """The button of the instrument; a person may press it again, an instrument say anything."""
+        """Record a drop at the instrument's trigger button, unless it triggers too often."""
         if self._stop or (self._detector is not None and self._detector.busy):
             return
         if self._sampled < self._next_trigger:
-            text = "the instrument triggers again within a second: no drop is recorded"
+            text = "the instrument triggered again within a second; the trigger is ignored"
             self._report(Notice(text, kind="triggers"))
             return
         if self._identity is not None and self._stream is not None:
@@ -490,7 +521,7 @@ class Session:
             case Armed():
                 self._on_armed(item)
             case StreamBegan():
-                self._finish_drop("the instrument began to sample anew")
+                self._finish_drop("the instrument restarted its sampling")
             case Status():
                 self._status = item
                 self._report(InstrumentStatus(item, self._feed.counters()))
@@ -509,13 +540,13 @@ class Session:
                 self._ended = True
 
     def _on_connected(self, item: Connected) -> None:
-        # First of all, with the calibration that it was measured with.
-        self._finish_drop("the instrument was connected anew")
+        # A drop in progress is completed with the calibration with which it began.
+        self._finish_drop("the instrument was connected again")
         self._detector, self._unanswered = None, None
         setup = self._plan.setup
         identity = setup.identity_with(item.identity)
         declared, checked = setup.declared_with(identity), setup.setup_with(identity)
-        sensor_channels(identity)  # refused now, not when the first drop falls
+        sensor_channels(identity)  # raises before the first drop, not at it
         detector = Detector(identity, setup.device.detection)
         if not self._is_calibration_accepted(item, identity):
             return
@@ -523,9 +554,9 @@ class Session:
         self._identity, self._declared = identity, declared
         self._was_ready, self._armed = False, None
         self._connected, self._connection_stored = item, False
-        untold = self._stored_events.due("connected")
-        if untold is not None:
-            self._keep_connection(untold)
+        n_unreported = self._stored_events.due("connected")
+        if n_unreported is not None:
+            self._keep_connection(n_unreported)
         self._report(
             InstrumentReady(
                 item.url,
@@ -545,12 +576,17 @@ class Session:
             self._analyses.prepare(identity, checked)
 
     def _is_calibration_accepted(self, item: Connected, identity: Identity) -> bool:
-        """Compare the calibration with that of the drops before; False: the operator has to decide.
+        """Compare the calibration of an instrument with that of its earlier drops in the survey.
+
+        Returns
+        -------
+        bool
+            False: it has changed, and the operator has to accept that first.
 
         Raises
         ------
         OptionError
-            If it is another one, and the plan refuses that.
+            If it has changed, and the plan refuses that.
         """
         serial = identity.serial_number
         if self._recorder is None or not self._feed.live or not serial:
@@ -573,24 +609,24 @@ class Session:
                 return False
             if choice == "accept":
                 self._report(event)
-            if (untold := self._stored_events.due("calibration")) is not None:
+            if (n_unreported := self._stored_events.due("calibration")) is not None:
                 details = {"serial_number": serial, "changes": list(changes)}
-                self._recorder.keep_event("calibration changed", details | _count(untold))
+                self._recorder.keep_event("calibration changed", details | _count(n_unreported))
         self._calibrated[serial] = identity
         return True
 
     def accept_calibration(self, event: CalibrationChanged) -> None:
-        """Record with the changed calibration; in the session's thread, by `ask`."""
+        """Accept a changed calibration; must be called in the session's thread, see `ask`."""
         self._accepted_changes.add(event)
         if self._unanswered is None or self._unanswered[1] != event:
-            return  # the instrument was lost meanwhile; the same question is not repeated
+            return  # the connection was lost meanwhile; the next one is accepted without asking
         self._on_connected(self._unanswered[0])
         postponed, self._postponed = self._postponed, []
         for item in postponed:
             self._take(item)
 
-    def _keep_connection(self, unkept: int) -> None:
-        """Keep that the instrument is there, with how many times before were not kept."""
+    def _keep_connection(self, n_unsaved: int) -> None:
+        """Save an event for the connection, with the number of earlier ones that were not saved."""
         item, identity = self._connected, self._identity
         self._connection_stored = True
         if self._recorder is None or item is None or identity is None:
@@ -598,7 +634,7 @@ class Session:
         self._recorder.keep_point(self._point, self._declared)
         number = identity.serial_number
         details = {"url": item.url, "serial_number": number, "again": item.reconnected}
-        self._recorder.keep_event("connected", details | _count(unkept))
+        self._recorder.keep_event("connected", details | _count(n_unsaved))
         if not self._rules_stored:
             self._recorder.keep_event(RULES_EVENT, {"version": RULES_VERSION})
             self._rules_stored = True
@@ -612,53 +648,55 @@ class Session:
         self._finish_drop("the link was lost")
         self._unanswered = None
         self._checker = None
-        unkept = self._stored_events.due("lost")
-        if self._recorder is not None and unkept is not None:
-            self._recorder.keep_event("lost", {"reason": item.reason} | _count(unkept))
+        n_unsaved = self._stored_events.due("lost")
+        if self._recorder is not None and n_unsaved is not None:
+            self._recorder.keep_event("lost", {"reason": item.reason} | _count(n_unsaved))
         self._report(InstrumentLost.of(item))
 
     def _on_event(self, item: Event) -> None:
         if item.kind == EventKind.TRIGGER:
-            if self._armed is None:  # else it keeps that drop itself
+            if self._armed is None:  # otherwise the instrument sends that drop itself
                 self._on_trigger()
         elif item.kind == EventKind.END:
-            self._finish_drop("the instrument has nothing more")
+            self._finish_drop("the instrument reported the end of its data")
             self._ended = True
         elif item.kind == EventKind.LOW_BATTERY:
             text = f"battery of the instrument is low {item.text}".rstrip()
             self._report(BatteryLow(text, serious=True, kind="battery"))
         elif item.kind == EventKind.BOOT:
-            text = f"the instrument started anew {item.text}".rstrip()
-            self._report(Notice(text, kind="starts"))
+            text = f"the instrument restarted {item.text}".rstrip()
+            self._report(Notice(text, kind="restarts"))
 
     def _report(self, event: SessionEvent) -> None:
-        """Report an event to the listener, but only some of those that an instrument may repeat.
+        """Apply an event to the view and report it to the listener.
 
-        A recording has an end.
+        Messages of a kind that a connected instrument repeats are limited.
         """
         if isinstance(event, Notice) and event.kind and self._feed.live:
-            untold = self._repeats.due(event.kind)
-            if untold is None:
+            n_unreported = self._repeats.due(event.kind)
+            if n_unreported is None:
                 return
-            if untold:
-                event = replace(event, text=f"{event.text} ({untold} more of these meanwhile)")
+            if n_unreported:
+                text = f"{event.text} ({n_unreported} more since the last message of this kind)"
+                event = replace(event, text=text)
         self._view, _ = apply_event(self._view, event)
         self._listener(event)
 
     def _report_rest(self) -> None:
-        """Report the number of notices that were not reported one by one."""
+        """Report the numbers of messages that were not shown."""
         for kind, count in self._repeats.rest().items():
-            self._listener(Notice(f"{count} more messages of the instrument: {kind}"))
+            text = f"{count} more messages of the instrument about {kind} were not shown"
+            self._listener(Notice(text))
 
     def _on_samples(self, item: Samples) -> None:
         if self._detector is None or self._identity is None:
             return
         if item.stream != self._stream:
-            self._finish_drop("the instrument began to sample anew")
+            self._finish_drop("the instrument restarted its sampling")
             self._detector.begin(item.stream, item.first)
             self._stream = item.stream
         self._last_samples = item
-        self._sampled += len(item.counts)  # whatever number of its run the instrument gives
+        self._sampled += len(item.counts)  # counted here: numbers of the instrument may be wrong
         self._on_detected(self._detector.feed(item))
         self._report(LiveSamples(item, self._identity, self._detector.drop_load))
         self._check_sensors(item)
@@ -688,7 +726,7 @@ class Session:
             self._report(Ready())
 
     def _on_buffered_drop(self, item: BufferedDrop) -> None:
-        """A drop that the instrument found; it keeps it until it is safe here."""
+        """Save a drop that the instrument detected; it may erase the drop afterwards."""
         if self._detector is None or self._identity is None:
             return
         try:
@@ -705,17 +743,17 @@ class Session:
     def _buffered_record(
         self, item: BufferedDrop, identity: Identity, settings: DetectionSettings
     ) -> DropRecord:
-        """The record of a drop that the instrument found.
+        """Return the record of a drop that the instrument detected.
 
         Raises
         ------
         SetupError
-            If the drop is cut in a way that no replay of its record could repeat.
+            If its settings are invalid, so that the record could not be replayed.
         """
         identity = replace(identity, sampling_rate=item.offer.sampling_rate)
         raw = raw_drop_of(item, self._armed, identity)
         settings = settings_of(item, settings)
-        Detector(identity, settings)  # refuses what a replay would refuse
+        Detector(identity, settings)  # raises SetupError, as a replay would
         time_utc = item.time_utc or datetime.datetime.now(datetime.UTC)
         metadata = metadata_of(raw, identity, settings, time_utc, self._state(), by_instrument=True)
         metadata["marks"] += marks_of_buffered(item)
@@ -745,7 +783,8 @@ class Session:
     def _end_recorded(self) -> None:
         if not self._redetected and self._recorded is not None:
             record = self._recorded.record
-            text = f"drop {record.point}/{record.drop.number} was recorded and is not found again"
+            drop = f"drop {record.point}/{record.drop.number}"
+            text = f"replay: {drop} is not detected again in its recorded samples"
             self._report(Notice(text, serious=True))
         self._recorded, self._redetected = None, True
 
@@ -769,7 +808,7 @@ class Session:
     def _on_detected(self, detected: list[DetectedItem]) -> None:
         for item in detected:
             if self._armed is not None and not (isinstance(item, RawDrop) and item.by_operator):
-                continue  # it comes from the instrument itself
+                continue  # the instrument detects this drop and sends it
             match item:
                 case RawDrop():
                     self._on_drop(item)
@@ -783,13 +822,13 @@ class Session:
                     self._report_pulse(item)
 
     def _report_pulse(self, pulse: PulseReport) -> None:
-        """Report a pulse whose kind is uncertain, on the screen, in the log and in the survey."""
+        """Report a pulse that may be a missed drop, and record it as an event of the survey."""
         if self._recorded is not None or self._identity is None:
-            return  # reported when the drop was measured; a replay has gaps of its own
+            return  # it was reported during the measurement
         peak = load_of(pulse.peak, self._identity)
         seconds = pulse.trigger / self._identity.sampling_rate
-        unkept = self._stored_events.due("pulse")
-        if self._recorder is not None and unkept is not None:
+        n_unsaved = self._stored_events.due("pulse")
+        if self._recorder is not None and n_unsaved is not None:
             details = {
                 "point": self._point,
                 "peak_load_n": peak,
@@ -797,10 +836,10 @@ class Session:
                 "sample": pulse.trigger,
                 "doubt": str(pulse.reason),
             }
-            self._recorder.keep_event("pulse", details | _count(unkept))
+            self._recorder.keep_event("pulse", details | _count(n_unsaved))
         text = (
             f"point {self._point}: pulse of {peak / 1e3:.2f} kN at {seconds:.2f} s of run "
-            f"{pulse.stream}: {pulse.reason}. Look at the last drops and repeat what is missing"
+            f"{pulse.stream}: {pulse.reason}. Check the last drops and repeat a missing one"
         )
         self._report(Notice(text, serious=True, kind="pulses"))
 
@@ -817,9 +856,9 @@ class Session:
             metadata = metadata_of(raw, identity, settings, self._time_of(raw), self._state())
         else:
             if self._redetected:
-                self._report(
-                    Notice("another drop was found in one that was recorded", serious=True)
-                )
+                drop = f"drop {source.record.point}/{source.record.drop.number}"
+                text = f"replay: a second drop is detected in the samples of {drop}; it is ignored"
+                self._report(Notice(text, serious=True))
                 return
             self._redetected = True
             number = self._pipeline.number_for(self._point, source.record.drop.number)
@@ -833,7 +872,7 @@ class Session:
         self._pipeline.take(record, received, source)
 
     def _state(self) -> dict[str, Any]:
-        """Return the state of instrument, link and place, as recorded with a drop."""
+        """Return the state of instrument, link and receiver to record with a drop."""
         state = state_of(self._last_check, self._status, self._feed.counters())
         where = self._plan.position
         return state | ({"position": where.record()} if where is not None else {})
@@ -850,10 +889,14 @@ class Session:
         return DropRecord(self._point, drop, raw.counts, self._declared, metadata, rebounds)
 
     def _is_bounce(self, raw: RawDrop, drop: Drop, identity: Identity) -> bool:
-        """Keep a bounce of the last drop with it, where the link was lost between the two.
+        """Record a bounce with the last drop if the connection was lost between the two.
 
-        The detection has forgotten that drop, and takes the bounce for a drop of its own, which
-        would count as one that seats the plate.
+        Otherwise the detection, which was restarted, would record the bounce as a drop of its own.
+
+        Returns
+        -------
+        bool
+            True: it is a bounce, not a drop.
         """
         now, before, interrupted = self._time_of(raw), self._fell, self._interrupted
         peak = float(np.nanmax(drop.load) - np.nanmedian(drop.load))
@@ -863,17 +906,20 @@ class Session:
             point, number = before[2]
             soon = delay < BOUNCES_END and point == self._point
             if soon and peak < BOUNCE_OVER_DROP * before[1]:
-                self._interrupted = True  # the next one may bounce too
+                self._interrupted = True  # another bounce may follow
                 bounce = Rebound(max(delay, 0.0), peak, raw.first, raw.counts)
                 self._pipeline.take_late_rebound(point, number, bounce)
-                text = f"a bounce of drop {point}/{number} after the link was back: kept with it"
+                text = (
+                    f"the impact after the connection was restored is a bounce of drop "
+                    f"{point}/{number} and is recorded with it"
+                )
                 self._report(Notice(text))
                 return True
         self._fell = now, peak, (self._point, drop.number)
         return False
 
     def _time_of(self, raw: RawDrop) -> datetime.datetime:
-        """Return the time of the trigger, from the time of the last samples."""
+        """Return the time of the trigger, from the arrival of the last samples."""
         last = self._last_samples
         if last is None or self._identity is None:
             return datetime.datetime.now(datetime.UTC)
@@ -882,12 +928,12 @@ class Session:
 
 
 def _drop_of(writer: SurveyWriter, number: int, where: str) -> SurveyDrop:
-    """Return a drop by its number within the survey. Raises RecordingError."""
+    """Return a drop by its number within the survey; raise RecordingError if there is none."""
     for drop in writer.contents().drops:
         if drop.number == number:
             return drop
     raise RecordingError(f"{where}: expected a drop of the survey, got number {number}")
 
 
-def _count(unkept: int) -> dict[str, int]:
-    return {"more_before": unkept} if unkept else {}
+def _count(n_unsaved: int) -> dict[str, int]:
+    return {"more_before": n_unsaved} if n_unsaved else {}

@@ -1,9 +1,9 @@
-"""The setup file of a measurement: what is declared about instrument, plate, ground and procedure.
+"""Setup file of a measurement: declarations about instrument, plate, ground and procedure, as TOML.
 
-One TOML file. On its first level stand the keys of a trace file's header (plate_radius_m,
-poisson_ratio, seating_drops, ...), below them the tables of the instrument: [link], [instrument],
-[[channels]], [detection], and [procedure] with the name or file of a measuring procedure. What the
-file says wins over what the instrument says.
+On its first level are the header keys of a trace file (plate_radius_m, poisson_ratio,
+seating_drops, ...). Below are the tables of the instrument ([link], [instrument], [[channels]],
+[detection]) and [procedure], with the name or file of a measuring procedure. The values of the file
+override those of the instrument.
 """
 
 import datetime
@@ -38,7 +38,7 @@ from pfwd_device.setup import (
 )
 
 MAX_FILE_CHARACTERS = 100_000
-"""Limit of the length of a setup file; a setup has a few thousand characters."""
+"""Largest length of a setup file; it usually has a few thousand characters."""
 
 PROCEDURE_KEY = "procedure"
 PROCEDURE_KEYS = {
@@ -56,40 +56,40 @@ SETUP_KEYS = {
     ),
     **TABLES,
 }
-"""Keys of a setup file."""
+"""Keys of a setup file, with type, unit and range."""
 
 FULL_SCALE_RANGE = 1e-9, 1e12
-"""Full scale of a channel, N, m/s or m: wider than that of any converter with a sensor."""
+"""Range of the full scale of a channel, N, m/s or m: wider than that of any real sensor."""
 
 RESPONSE_TOLERANCE = 0.05
-"""Relative tolerance of natural frequency and damping. Makers match geophones to this, and it moves
-a modulus by less than a tenth of a percent."""
+"""Relative tolerance of natural frequency and damping: makers match geophones to this, and a
+deviation changes a modulus by less than a tenth of a percent."""
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuringSetup:
-    """Declarations before a measurement; empty: all come from the instrument."""
+    """Declarations before a measurement; an empty one leaves everything to the instrument."""
 
     device: DeviceSetup = field(default_factory=DeviceSetup)
-    """Link, channels with calibration, detection."""
+    """Settings of the link, calibration of the channels, settings of the detection."""
     declared: Mapping[str, Any] = field(default_factory=dict)
-    """Keys of a trace file's header with their values."""
+    """Values by header key of a trace file."""
     file: str | None = None
-    """Path of the setup file; None: there is no file."""
+    """Path of the setup file; None: the setup is not from a file."""
     text: str = ""
-    """Text of the file; a recording needs it to be read in the same way."""
+    """Text of the file, recorded so that a replay reads the same setup."""
     procedure: Procedure | None = None
-    """Measuring procedure, None: not declared. Its name and its number of seating drops are in
-    `declared`, too."""
+    """Measuring procedure; None: not declared. Its name and its number of seating drops are in
+    `declared` as well."""
 
     def identity_with(self, identity: Identity) -> Identity:
-        """Return the identity of an instrument with the values of the file in place of its own.
+        """Return the identity of an instrument, with the values of the setup in place of its own.
 
         Raises
         ------
         SetupError
-            If the file does not fit the instrument, or the full scale of a channel is impossible;
-            the message names the file.
+            If the setup does not fit the instrument, or a sensitivity is impossible; the message
+            names the file.
         """
         try:
             effective = self.device.apply(identity)
@@ -100,12 +100,12 @@ class MeasuringSetup:
         return effective
 
     def declared_with(self, identity: Identity) -> dict[str, Any]:
-        """Return the declarations of a point by file and instrument; the file wins.
+        """Return the declarations by header key; the setup overrides the instrument.
 
         Raises
         ------
         SetupError
-            If neither the file nor the instrument declares the plate radius.
+            If neither setup nor instrument declares the plate radius.
         """
         declared: dict[str, Any] = {
             "plate_radius_m": identity.plate_radius,
@@ -117,23 +117,23 @@ class MeasuringSetup:
         }
         if declared["plate_radius_m"] is None:
             raise SetupError(
-                "plate radius: expected it from the instrument or the setup file, got none; "
-                "nothing is armed: write plate_radius_m = 0.15 (in m) into a file and give it "
-                "with --setup"
+                "plate radius: expected it from the instrument or the setup file, got none. "
+                "Recording does not start: write plate_radius_m = 0.15 (in m) into a file and name "
+                "it with --setup"
             )
         return {key: value for key, value in declared.items() if value is not None}
 
     def setup_with(self, identity: Identity) -> PointSetup:
-        """Return the declarations as a checked setup; see `declared_with`."""
+        """Return the declarations of setup and instrument as a checked `PointSetup`."""
         return setup_of(self.declared_with(identity), self.file or "setup")
 
     def differences(self, identity: Identity) -> list[str]:
-        """Return the differences of the file from the instrument, one sentence each."""
+        """Return the values in which setup and instrument differ, one sentence each."""
         effective = self.device.apply(identity)
         reported = MeasuringSetup(declared={"plate_radius_m": 1.0}).declared_with(identity)
         reported["plate_radius_m"] = identity.plate_radius
         lines = [
-            f"{key} = {value!r} from the setup file, not {reported[key]!r} as the instrument says"
+            f"{key} = {value!r} from the setup file; the instrument reports {reported[key]!r}"
             for key, value in self.declared.items()
             if reported.get(key) is not None and reported[key] != value
         ]
@@ -144,13 +144,13 @@ class MeasuringSetup:
         requested, rate = self.device.sampling_rate, identity.sampling_rate
         if requested is not None and requested != rate:
             lines.append(
-                f"sampling_rate_hz = {requested:g} was asked for, the instrument has {rate:g}"
+                f"sampling_rate_hz = {requested:g} was requested, the instrument uses {rate:g}"
             )
         return lines
 
 
 def _refuse_scale(channel: ChannelIdentity, adc_range: float) -> None:
-    """Refuse a sensitivity with which no load and no motion of the ground can be measured."""
+    """Raise SetupError if the sensitivity of a channel is implausible."""
     full_scale = adc_range / abs(channel.sensitivity)
     smallest, largest = FULL_SCALE_RANGE
     if channel.role is not Role.UNUSED and not smallest <= full_scale <= largest:
@@ -158,8 +158,8 @@ def _refuse_scale(channel: ChannelIdentity, adc_range: float) -> None:
         raise SetupError(
             f"channel {channel.name!r}: sensitivity: expected one with a full scale from "
             f"{smallest:g} to {largest:g} {unit}, got {channel.sensitivity:g} V per {unit} and "
-            f"{adc_range:g} V, which is {full_scale:g} {unit}. Nothing is armed: correct the "
-            "calibration of the instrument, or write sensitivity into the setup file"
+            f"{adc_range:g} V, which is {full_scale:g} {unit}. Recording does not start: correct "
+            "the calibration of the instrument, or write sensitivity into the setup file"
         )
 
 
@@ -169,16 +169,16 @@ def _differences(
     keys: Mapping[str, Key],
     where: str,
 ) -> list[str]:
-    """Return one sentence for each key of a table by which file and instrument differ."""
+    """Return one sentence for each key of a table in which setup and instrument differ."""
     lines = []
     for key, rule in keys.items():
         name = rule.attribute or key
         new, old = (getattr(side, name, None) for side in (by_file, by_instrument))
         if new != old:
-            old_text = "nothing" if old is None else _text_of(old)
+            old_text = "none" if old is None else _text_of(old)
             lines.append(
-                f"{where}{key} = {_text_of(new)} from the setup file, not {old_text} as the "
-                "instrument says"
+                f"{where}{key} = {_text_of(new)} from the setup file; the instrument reports "
+                f"{old_text}"
             )
     return lines
 
@@ -188,7 +188,10 @@ def _text_of(value: object) -> str:
 
 
 def _geophone_response(identity: Identity) -> dict[str, float]:
-    """Return the response of the geophone in the centre, which is declared for all."""
+    """Return the header keys for the response of the centre geophone; {}: it is not known.
+
+    One response is declared for all geophones.
+    """
     geophones = _geophones(identity)
     if not geophones:
         return {}
@@ -204,9 +207,10 @@ def _geophones(identity: Identity) -> list[ChannelIdentity]:
 
 
 def response_warnings(identity: Identity) -> list[str]:
-    """Return one sentence for each geophone whose response is not that of the centre one.
+    """Return one sentence for each geophone whose response differs from that of the centre
+    geophone.
 
-    All geophones are treated by the response of the centre one.
+    All geophones are analysed with the response of the centre geophone.
     """
     geophones = _geophones(identity)
     lines = []
@@ -216,25 +220,32 @@ def response_warnings(identity: Identity) -> list[str]:
         pairs = zip(response, first, strict=True)
         if any(abs(a - b) > RESPONSE_TOLERANCE * b for a, b in pairs):
             lines.append(
-                f"geophone {geophone.name} ({response[0]:g} Hz, damping {response[1]:g}) is taken "
-                f"for one like {geophones[0].name} ({first[0]:g} Hz, damping {first[1]:g})"
+                f"geophone {geophone.name} ({response[0]:g} Hz, damping {response[1]:g}) is "
+                f"analysed with the response of {geophones[0].name} ({first[0]:g} Hz, damping "
+                f"{first[1]:g})"
             )
     return lines
 
 
 def setup_of(declared: Mapping[str, Any], where: str) -> PointSetup:
-    """Return the declarations as the setup of an analysis.
+    """Check declarations and return them as the setup of an analysis.
+
+    Parameters
+    ----------
+    declared : mapping of header key to value
+    where : str
+        Place of the declarations, for messages.
 
     Raises
     ------
     TraceError
-        If a value is outside of its range; the message names the key.
+        If a value is outside its range; the message names the key.
     """
     return setup_from({key: Declaration(value, where) for key, value in declared.items()}, where)
 
 
 def read_setup_file(path: str | os.PathLike[str]) -> MeasuringSetup:
-    """Read the setup that a TOML file declares.
+    """Read a setup file.
 
     Parameters
     ----------
@@ -256,15 +267,15 @@ def read_setup_file(path: str | os.PathLike[str]) -> MeasuringSetup:
 
 
 def parse_setup(text: str, file: str, procedure_text: str = "") -> MeasuringSetup:
-    """Return the setup that a TOML text declares; see `read_setup_file`.
+    """Return the setup in the text of a setup file; errors as for `read_setup_file`.
 
     Parameters
     ----------
     text : str
     file : str
-        Path of the text, for messages.
+        Path of the file, for messages.
     procedure_text : str
-        Text of the procedure's file, where that file may be gone; empty: read the file.
+        Text of the procedure's file, recorded in a capture; empty: the file is read.
     """
     declarations = parse_header(text, file)
     chosen = declarations.pop(PROCEDURE_KEY, None)
@@ -286,7 +297,7 @@ def parse_setup(text: str, file: str, procedure_text: str = "") -> MeasuringSetu
         return setup
     try:
         return with_procedure(setup, _procedure(chosen, file, procedure_text), chosen.where)
-    except OptionError as err:  # of a file here, not of the command line
+    except OptionError as err:  # the error is in a file, not in an option
         raise TraceError(str(err)) from err
 
 
@@ -300,7 +311,7 @@ def with_procedure(
     setup : MeasuringSetup
     procedure : Procedure
     where : str
-        Option or file in which it was chosen, for messages.
+        Option or file in which the procedure was chosen, for messages.
 
     Raises
     ------
@@ -312,9 +323,9 @@ def with_procedure(
         raise OptionError(
             refusal(
                 f"{where}: seating_drops",
-                f"{required}, as the procedure {procedure.name} asks for",
+                f"{required}, as the procedure {procedure.name} requires",
                 f"{declared_number}",
-                "leave seating_drops out of the setup, or write a profile of your own",
+                "leave seating_drops out of the setup, or write your own procedure",
             )
         )
     declared = {**setup.declared, PROCEDURE_KEY: procedure.name}

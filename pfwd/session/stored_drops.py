@@ -1,4 +1,4 @@
-"""Stored points and drops of a survey as events, with traces and all results."""
+"""Stored points and drops of a survey as events of a session, with traces and all results."""
 
 import os
 from dataclasses import replace
@@ -16,18 +16,32 @@ from pfwd_device.recording.survey_content import SurveyPoint
 
 
 def stored_results(folder: str | os.PathLike[str], record: int) -> list[DropResult]:
-    """All results of a drop, by its number within the survey: trials, then those that count."""
+    """Return all results of a drop: trials first, then the results that count.
+
+    Parameters
+    ----------
+    folder : path of a survey
+    record : int
+        Number of the drop within the survey.
+    """
     drop = _find(read_survey(folder), record)
     return [*readable_results(drop)][::-1]
 
 
 def add_result(folder: str | os.PathLike[str], record: int, result: DropResult) -> None:
-    """Store another result of a drop of a survey that no session writes; the others stay.
+    """Save a further result of a drop in a survey that no session is writing to.
+
+    Parameters
+    ----------
+    folder : path of a survey
+    record : int
+        Number of the drop within the survey.
+    result : DropResult
 
     Raises
     ------
     RecordingError
-        If another program writes it.
+        If another program is writing to the survey.
     """
     refuse_no_survey(folder)
     with open_for_edits(folder) as writer:
@@ -35,14 +49,20 @@ def add_result(folder: str | os.PathLike[str], record: int, result: DropResult) 
 
 
 def recorded_drop(folder: str | os.PathLike[str], record: int) -> SavedDrop:
-    """Read a drop of a survey with its traces, and screen it beside the drops before it.
+    """Read a drop of a survey with its traces and screen it again.
 
-    Warnings and sensors that take no part in the fit are not stored; the traces show them.
+    It is screened again because warnings and unused sensors are not stored.
+
+    Parameters
+    ----------
+    folder : path of a survey
+    record : int
+        Number of the drop within the survey.
 
     Raises
     ------
     SurveyError, RecordingError
-        If it is not there, or not whole.
+        If there is no such drop, or it is damaged.
     """
     survey = read_survey(folder)
     stored = _find(survey, record)
@@ -66,7 +86,7 @@ def _find(survey: Survey, record: int) -> SurveyDrop:
 
 
 def read_point_event(writer: SurveyWriter, name: str) -> PointReported | None:
-    """Return the event for a point of the survey that is being written; None: it has no drop."""
+    """Return the event for a point of the survey that is open for writing; None: it has no drop."""
     for point in writer.contents().points:
         if point.name == name and point.drops:
             return point_event(point)
@@ -74,5 +94,5 @@ def read_point_event(writer: SurveyWriter, name: str) -> PointReported | None:
 
 
 def point_event(point: SurveyPoint, *, is_replayed: bool = False) -> PointReported:
-    """Return the event for a stored point."""
+    """Return the event that reports a stored point."""
     return PointReported(point_view(point, Job()), is_replayed)

@@ -1,4 +1,4 @@
-"""Keeps the drops of a session: saved at once, or held and tried again while the disk is full."""
+"""Saving of a session's drops; while the disk is full they wait in memory and are tried again."""
 
 import dataclasses
 import time
@@ -32,23 +32,30 @@ from pfwd_device.recording.survey_writer import SurveyWriter
 from pfwd_device.wire.fields import pack_int24
 
 RETRY_INTERVAL = 2.0
-"""s between attempts to save what the disk did not take."""
+"""Time between attempts to save the waiting drops, s."""
 
 LAST_ATTEMPTS = 30.0
-"""s; duration of the last attempts at the end of a session, unless it was stopped."""
+"""Duration of the attempts at the end of a session, s, unless it was stopped."""
 
 PAUSE = 0.05
-"""s between two looks whether it was."""
+"""Time between attempts at the end of a session, s."""
 
 WATCH_INTERVAL = 1.0
-"""s between two looks whether the survey's files are still in place."""
+"""Time between checks that the survey's files are still in place, s."""
 
 Saved = Callable[[DropRecord, int, Path | None], None]
 Report = Callable[[DropNotSaved | DropNotPublished | SurveyFilesChanged | Notice], None]
 
 
 def report_file_changes(writer: SurveyWriter, report: Report) -> None:
-    """Report what happened to the files of a survey since the last call."""
+    """Report the changes of a survey's files since the last call.
+
+    Parameters
+    ----------
+    writer : SurveyWriter
+    report : callable
+        Receives the events.
+    """
     for change in writer.take_reports():
         match change:
             case PublishingFailed(_, point, drop, reason):
@@ -62,7 +69,7 @@ def report_file_changes(writer: SurveyWriter, report: Report) -> None:
 
 
 def _counts_of(record: DropRecord) -> NDArray[np.int32]:
-    assert record.counts is not None  # those of a converter
+    assert record.counts is not None  # only imported drops have none
     return record.counts
 
 
@@ -79,16 +86,16 @@ def _same_samples(recorded: DropRecord, record: DropRecord) -> bool:
 
 
 class SurveyRecorder:
-    """Saves drops in their order; unsaved ones stay in memory and are reported as unsafe.
+    """Saves drops in their order; drops that wait to be saved are reported as not safe.
 
     Parameters
     ----------
     writer : SurveyWriter
     saved : callable
-        Receives every drop once it is safe, with its number within the survey and the spare folder
-        that holds it; None: the survey's own folder does.
+        Called with each saved drop, its number within the survey, and the spare folder that holds
+        it (None: it is in the folder of the survey).
     report : callable
-        Receives what goes wrong.
+        Receives the events about failures.
     """
 
     def __init__(self, writer: SurveyWriter, saved: Saved, report: Report) -> None:
@@ -102,16 +109,18 @@ class SurveyRecorder:
 
     @property
     def held(self) -> int:
-        """Number of drops that are not safe."""
+        """Number of drops that wait to be saved."""
         return len(self._held)
 
     def next_number(self, point: str) -> int:
-        """The number that the next drop of the point gets."""
+        """Return the number that the next drop of a point gets."""
         waiting = [record.drop.number for record in self._held if record.point == point]
         return max([self.writer.next_number(point), *(number + 1 for number in waiting)])
 
     def find(self, record: DropRecord) -> str | None:
-        """Return the stored drop with the same samples; None when they are new."""
+        """Return the number or name of the saved or waiting drop with the same key; None: it is
+        new.
+        """
         key = record.metadata.get("key")
         if not isinstance(key, str):
             return None
@@ -122,17 +131,16 @@ class SurveyRecorder:
         return None if held is None else f"{held.point}/{held.drop.number}"
 
     def with_unique_key(self, record: DropRecord) -> tuple[DropRecord, list[str]]:
-        """A buffered drop under a key that no drop with other samples has.
+        """Return a buffered drop with a key that no drop with other samples has.
 
-        Its own key is the first. Where other samples are recorded under that, the checksum of its
-        samples is added.
+        If other samples have its key, the checksum of its samples is appended to the key.
 
         Returns
         -------
         record : DropRecord
-            Under a key that is free, or that of the same samples.
+            Its key is new, or that of the same samples.
         remarks : list of str
-            The drops with other samples that have the keys before.
+            Drops with other samples that have the former key.
         """
         remarks: list[str] = []
         checksum = zlib.crc32(pack_int24(_counts_of(record)))
@@ -147,30 +155,29 @@ class SurveyRecorder:
         return record, remarks
 
     def _held_with(self, key: str) -> DropRecord | None:
-        """The drop with this key that the disk has not taken yet."""
         held = (record for record in self._held if record.metadata.get("key") == key)
         return next(held, None)
 
     def _read(self, key: str) -> DropRecord | None:
-        """The recorded drop with this key; None: it cannot be read."""
+        """Return the saved drop with this key; None: there is none, or it cannot be read."""
         number = self.writer.find_key(key)
         try:
             return None if number is None else self.writer.contents().read_drop(number)
         except RecordingError:
-            return None  # taken for another one: a drop too many is better than one too few
+            return None  # the caller then saves the drop, perhaps a second time
 
     def is_safe(self, record: DropRecord) -> bool:
-        """Return whether the same samples are on the disk already."""
+        """Return whether a drop with the same key is saved."""
         key = record.metadata.get("key")
         return isinstance(key, str) and self.writer.find_key(key) is not None
 
     def keep(self, record: DropRecord) -> None:
-        """Save a drop, or hold it."""
+        """Save a drop; if that fails, it waits in memory."""
         self._held.append(record)
         self._save()
 
     def retry(self) -> None:
-        """Save the drops that wait from time to time, and keep the survey locked for others."""
+        """Save waiting drops if it is time, and maintain the survey; to be called regularly."""
         now = time.monotonic()
         if self._held and now >= self._next_try:
             self._save()
@@ -182,7 +189,15 @@ class SurveyRecorder:
         self._report_file_changes()
 
     def finish(self, stopped: Callable[[], bool], patience: float = LAST_ATTEMPTS) -> None:
-        """Make the last attempts to save the held drops; one, when the session was stopped."""
+        """Make the last attempts to save waiting drops, and report those that are lost.
+
+        Parameters
+        ----------
+        stopped : callable
+            Returns True if the session was stopped; then there is one attempt.
+        patience : float, s
+            Duration of the attempts otherwise.
+        """
         self.writer.expect_end()
         if self._held:
             self._save()
@@ -192,15 +207,16 @@ class SurveyRecorder:
             self.retry()
         if self._held:
             names = ", ".join(f"{record.point}/{record.drop.number}" for record in self._held)
-            self._report(Notice(f"LOST, the disk did not take it: drop {names}", serious=True))
+            text = f"LOST: drop {names} could not be written to the disk; repeat the measurement"
+            self._report(Notice(text, serious=True))
         self.writer.maintain()
         self._report_file_changes()
         away = self.writer.drops_in_spare()
         if away:
             folder = next(iter(away.values()))
             text = (
-                f"{len(away)} drops are NOT in {self.writer.folder} but in {folder}; "
-                f"pfwd recover {self.writer.folder} brings them home"
+                f"{len(away)} drops are NOT in {self.writer.folder} but in the spare folder "
+                f"{folder}; pfwd recover {self.writer.folder} moves them back"
             )
             self._report(SurveyFilesChanged(text, safe=False))
 
@@ -219,7 +235,7 @@ class SurveyRecorder:
                 return
             del self._held[0]
             self._n_reported = max(0, self._n_reported - 1)
-            self._report_file_changes()  # first: NOT SAFE is reported before the next drop
+            self._report_file_changes()  # before the drop, so that the events are in order
             self._saved(record, number, spare)
         self._announce_filling()
 
@@ -232,7 +248,9 @@ class SurveyRecorder:
             if reported is not None:
                 text = f"The disk has room again in {self.writer.folder}."
                 self._report(StorageLow(text, drops_remaining=None))
-        elif reported is None or (room < reported and room <= reported // 2):  # half of it has gone
+        elif reported is None or (
+            room < reported and room <= reported // 2
+        ):  # warn at each halving
             text = f"The disk is filling: room for about {room} more drops in {self.writer.folder}."
             self._report(StorageLow(text, serious=True, drops_remaining=room))
         else:
@@ -240,7 +258,7 @@ class SurveyRecorder:
         self._reported_room = room
 
     def keep_rebound(self, point: str, drop: int, number: int | None, rebound: Rebound) -> None:
-        """Save a rebound; that of a drop which is held is held with it.
+        """Save a rebound; if its drop waits to be saved, the rebound waits with it.
 
         Parameters
         ----------
@@ -248,7 +266,7 @@ class SurveyRecorder:
         drop : int
             Number of the drop within the point.
         number : int or None
-            Within the survey; None: it is held.
+            Number of the drop within the survey; None: the drop waits to be saved.
         rebound : Rebound
         """
         if number is not None:
@@ -260,19 +278,27 @@ class SurveyRecorder:
                 self._held[index] = dataclasses.replace(record, rebounds=more)
 
     def keep_point(self, name: str, declared: Mapping[str, Any]) -> None:
-        """Save a test point; a full disk must not end a session, and its drops name it too."""
+        """Save the declarations of a test point; a failure is only reported, as drops have them,
+        too.
+        """
         self._attempt(lambda: self.writer.add_point(name, declared), f"the test point {name}")
 
     def keep_check(self, details: Mapping[str, Any]) -> None:
-        """Save a check of the sensors."""
+        """Save the result of a sensor check."""
         self._attempt(lambda: self.writer.save_check(details), "a check of the sensors")
 
     def keep_event(self, kind: str, details: Mapping[str, Any]) -> None:
-        """Save that something happened."""
+        """Save an event of the survey."""
         self._attempt(lambda: self.writer.note_event(kind, details), f"the event {kind}")
 
     def keep_result(self, number: int, result: DropResult) -> Path | None:
-        """Save a result."""
+        """Save a result of a drop, given by its number within the survey.
+
+        Returns
+        -------
+        Path or None
+            File of the result; None: it could not be saved, which is reported.
+        """
         path: Path | None = self._attempt(
             lambda: self.writer.save_result(
                 number, result.to_json(), "trial" if result.is_trial else "drop"
@@ -282,13 +308,13 @@ class SurveyRecorder:
         return path
 
     def keep_diagnosis(self, number: int, result: DiagnosisResult) -> None:
-        """Save a diagnosis with the last measured drop of its point."""
+        """Save the diagnosis of a point with its last drop, a number within the survey."""
         self._attempt(
             lambda: self.writer.save_result(number, result.to_json(), "diagnosis"), "a diagnosis"
         )
 
     def publish(self, number: int) -> None:
-        """Make the file of a drop."""
+        """Write the HDF5 file of a drop, by its number within the survey."""
         self._attempt(lambda: self.writer.publish(number), "the file of a drop")
 
     def _attempt(self, save: Callable[[], Any], subject: str) -> Any:

@@ -131,7 +131,7 @@ def test_drops_that_wait_outlast_the_host_and_the_instrument(
     assert_recorded_bit_for_bit(tmp_path / "survey", played)
     saved = [event for event in events if isinstance(event, DropSaved)]
     assert [event.saved.view.marks for event in saved] == [
-        ("kept by the instrument over a reset: its time is that of its arrival",)
+        ("buffered before the instrument restarted: its time is that of the transfer",)
     ] * 2
     with HostBoard(played, options) as board, Driver(board.url, BinaryDialect()) as driver:
         items = [driver.next(0.5) for _ in range(4)]

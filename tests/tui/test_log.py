@@ -133,7 +133,7 @@ def test_an_instrument_that_only_prints_lines(tmp_path: Path) -> None:
     assert 2e7 < lines[0]["modulus_pa"] < 9e7
     (capture,) = (tmp_path / "survey" / "captures").glob("*.pfwdc")
     again = pfwd("replay", capture, "--json", "--no-invert", "-o", tmp_path / "survey")
-    assert "nothing is recorded twice" in again.stderr
+    assert "not recorded twice" in again.stderr
 
 
 def test_without_a_plate_radius_nothing_is_armed(tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ def test_without_a_plate_radius_nothing_is_armed(tmp_path: Path) -> None:
         done = pfwd("log", instrument.url, "-o", tmp_path / "s", "--json")
         assert (done.returncode, done.stdout) == (1, "")
         assert done.stderr.count("\n") == 1
-        assert "nothing is armed: write plate_radius_m" in done.stderr
+        assert "Recording does not start: write plate_radius_m" in done.stderr
         setup = tmp_path / "setup.toml"
         setup.write_text("plate_radius_m = 0.15")
         options = ("--json", "--setup", setup, "--no-invert", "--drops", 1)
@@ -220,7 +220,7 @@ def test_a_sensitivity_that_measures_nothing_is_refused(sensitivity: float, tmp_
     (line,) = done.stderr.splitlines()
     assert "channel 'centre': sensitivity: expected one with a full scale from" in line
     assert f"got {sensitivity:g} V per m/s" in line
-    assert "Nothing is armed" in line
+    assert "Recording does not start" in line
 
 
 def test_the_log_waits_for_the_folder_of_the_survey(tmp_path: Path) -> None:

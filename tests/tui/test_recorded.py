@@ -110,7 +110,7 @@ def test_a_capture_gives_the_same_drops_and_results(
     # Into the survey that it is from: nothing is recorded twice.
     same = pfwd("replay", capture, "--json", "--no-invert", "-o", survey)
     assert (same.returncode, same.stdout) == (0, "")
-    assert same.stderr.count("nothing is recorded twice") == 2
+    assert same.stderr.count("not recorded twice") == 2
 
 
 def test_invert_of_a_survey_and_of_its_file(captured: tuple[Path, Any]) -> None:

@@ -135,7 +135,7 @@ def test_another_instrument_is_compared_with_its_own_drops(tmp_path: Path) -> No
         (replace(IDENTITY, channels=(LOAD,)), "channels are 1, were 2"),
         (
             replace(IDENTITY, channels=(LOAD, replace(GEOPHONE, name="g1"))),
-            "channel 'g1' stands in the place of 'g0'",
+            "channel 'g1' replaces 'g0'",
         ),
         (
             replace(IDENTITY, channels=(replace(LOAD, zero=0.25), GEOPHONE)),

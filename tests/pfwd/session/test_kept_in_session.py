@@ -92,7 +92,7 @@ def test_a_drop_that_comes_again_is_acknowledged_and_recorded_once(tmp_path: Pat
             feed = ScriptedFeed(scripted_feed.connected(), armed(), kept(), kept(earlier=True))
             Session(feed, log, writer=writer).run()
         assert feed.acknowledged == [(9, 500)] * 2
-        assert "came again" in log.texts
+        assert "was received again" in log.texts
     assert len(read_survey(tmp_path / "survey").drops) == 1
     assert not log.of(DropSaved)
 
@@ -124,9 +124,9 @@ def test_five_drops_under_one_name_are_five_drops_of_the_survey(tmp_path: Path) 
         20_000 + seed for seed in range(5)
     ]
     assert log.texts.count("which has other samples; both are recorded") == 4
-    assert "the instrument used its name T-1/9/700" in log.texts
+    assert "the instrument used its key T-1/9/700" in log.texts
     assert "for drop 1, which has other samples" in log.texts
-    assert log.texts.count("came again") == 5
+    assert log.texts.count("was received again") == 5
     assert recorded[0].metadata["key"] == "T-1/9/700"  # as the version before writes it
 
 

@@ -113,7 +113,7 @@ def test_a_replay_into_another_survey_gives_the_same_drops(recording: Path, tmp_
     log = Log()
     assert replay(recording, log, output=tmp_path / "copy") is Ending.DONE
     assert not log.of(DropSaved)
-    assert log.texts.count("nothing is recorded twice") == len(kept)
+    assert log.texts.count("not recorded twice") == len(kept)
     assert len(traces(tmp_path / "copy")) == len(kept)
 
 
@@ -173,7 +173,7 @@ def test_a_drop_that_is_not_found_again_is_said(recording: Path) -> None:
     assert isinstance(item, RecordedDrop)
     log = Log()
     run(ScriptedFeed(item, live=False), log)  # its samples never come
-    assert "drop B/1 was recorded and is not found again" in log.texts
+    assert "replay: drop B/1 is not detected again" in log.texts
 
 
 def test_other_traces_are_not_called_the_same(recording: Path) -> None:

@@ -126,7 +126,7 @@ def test_the_operator_may_trigger(log: Log, writer: Any) -> None:
     views = [told.saved.view for told in log.of(DropSaved)]
     assert [view.marks for view in views] == [("triggered by the operator",)] * 2
     assert [view.own.kind for view in views] == [Kind.REJECTED] * 2
-    assert "no samples come that could be recorded" in log.texts
+    assert "no drop was triggered, because no samples arrive" in log.texts
 
 
 @pytest.mark.parametrize("counts", [ONE_DROP, stream(3.0)], ids=["a drop", "no drop"])
@@ -189,7 +189,10 @@ def test_the_end_of_the_instrument_is_the_end_of_the_session(log: Log, writer: A
     end = Event(EventKind.END, 0)
     feed = ScriptedFeed(connected(), began(), pieces(ONE_DROP[:10_500]), end, forever=True)
     assert run(feed, log, writer) is Ending.DONE
-    assert log.of(DropSaved)[0].saved.view.marks[0] == "cut off: the instrument has nothing more"
+    assert (
+        log.of(DropSaved)[0].saved.view.marks[0]
+        == "cut off: the instrument reported the end of its data"
+    )
 
 
 def test_enough_drops_end_it_when_the_hammer_is_at_rest(log: Log, writer: Any) -> None:

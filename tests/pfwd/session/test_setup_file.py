@@ -207,18 +207,16 @@ calibrated = 2026-01-02
     assert declared["device"] == "X-9"
     said = setup.differences(IDENTITY)
     assert said[:2] == [
-        "plate_radius_m = 0.1 from the setup file, not 0.15 as the instrument says",
-        "serial_number = 'X-9' from the setup file, not 'T-1' as the instrument says",
+        "plate_radius_m = 0.1 from the setup file; the instrument reports 0.15",
+        "serial_number = 'X-9' from the setup file; the instrument reports 'T-1'",
     ]
-    assert "channel 'g0': offset_m = 0.02 from the setup file, not 0.0 as the instrument says" in (
-        said
-    )
+    assert "channel 'g0': offset_m = 0.02 from the setup file; the instrument reports 0.0" in (said)
     assert any(line.startswith("channel 'g0': sensitivity = 30.0") for line in said)
     assert (
-        "channel 'g0': calibrated = 2026-01-02 from the setup file, not nothing as the instrument "
-        "says" in said
+        "channel 'g0': calibrated = 2026-01-02 from the setup file; the instrument reports none"
+        in said
     )
-    assert said[-1] == "sampling_rate_hz = 9000 was asked for, the instrument has 10000"
+    assert said[-1] == "sampling_rate_hz = 9000 was requested, the instrument uses 10000"
     assert len(said) == 6
 
 
@@ -226,9 +224,7 @@ def test_a_channel_may_stand_on_the_other_side_of_the_plate() -> None:
     setup = parse_setup('[[channels]]\nname = "g0"\noffset_m = -0.3', "field.toml")
     assert setup.identity_with(IDENTITY).channels[1].offset == -0.3
     said = setup.differences(IDENTITY)
-    assert said == [
-        "channel 'g0': offset_m = -0.3 from the setup file, not 0.0 as the instrument says"
-    ]
+    assert said == ["channel 'g0': offset_m = -0.3 from the setup file; the instrument reports 0.0"]
 
 
 def test_a_channel_that_the_instrument_does_not_have_is_named_with_the_file() -> None:
@@ -250,7 +246,7 @@ def test_half_a_response_is_refused_with_the_file() -> None:
 
 def test_without_a_plate_radius_nothing_is_armed() -> None:
     bare = dataclasses.replace(IDENTITY, plate_radius=None)
-    with pytest.raises(SetupError, match=r"nothing is armed: write plate_radius_m = 0\.15"):
+    with pytest.raises(SetupError, match=r"Recording does not start: write plate_radius_m = 0\.15"):
         MeasuringSetup().declared_with(bare)
     assert parse_setup("plate_radius_m = 0.2", "f").setup_with(bare).plate_radius == 0.2
 
@@ -267,11 +263,15 @@ def test_geophones_that_differ_from_the_centre_one_are_named() -> None:
     far = dataclasses.replace(GEOPHONE, name="g2", offset=0.6, natural_frequency=10.0)
     identity = dataclasses.replace(IDENTITY, channels=(LOAD, far, near, GEOPHONE))
     (line,) = response_warnings(identity)
-    assert line.startswith("geophone g2 (10 Hz, damping 0.6) is taken for one like g0 (4.5 Hz")
+    assert line.startswith(
+        "geophone g2 (10 Hz, damping 0.6) is analysed with the response of g0 (4.5 Hz"
+    )
     other_side = dataclasses.replace(far, offset=-0.6)
     identity = dataclasses.replace(IDENTITY, channels=(LOAD, other_side, near, GEOPHONE))
     (line,) = response_warnings(identity)
-    assert line.startswith("geophone g2 (10 Hz, damping 0.6) is taken for one like g0 (4.5 Hz")
+    assert line.startswith(
+        "geophone g2 (10 Hz, damping 0.6) is analysed with the response of g0 (4.5 Hz"
+    )
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:

@@ -159,7 +159,8 @@ def test_a_drop_in_the_spare_folder_is_acknowledged_as_such(
         last = told.events[-1]
         assert isinstance(last, SurveyFilesChanged)
         assert last.text == (
-            f"1 drops are NOT in {survey} but in {part}; pfwd recover {survey} brings them home"
+            f"1 drops are NOT in {survey} but in the spare folder {part}; "
+            f"pfwd recover {survey} moves them back"
         )
         disk.full = False
         recorder._next_watch = 0.0
@@ -180,7 +181,7 @@ def test_a_drop_that_no_place_takes_is_held_and_named(survey: Path, told: Told) 
         recorder.finish(lambda: True)
         last = told.events[-1]
         assert isinstance(last, Notice)
-        assert last.text.startswith("LOST, the disk did not take it: drop P 1/1")
+        assert last.text.startswith("LOST: drop P 1/1")
         disk.full = False
 
 
