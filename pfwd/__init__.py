@@ -1,12 +1,12 @@
-"""PFWD for scientists: read drops, invert them, look at what came out.
+"""PFWD for scripts: read the drops of a portable falling weight deflectometer, invert them, plot.
 
 >>> import pfwd
 >>> result = pfwd.invert(pfwd.example("layer"))[0]
 >>> print(f"{result.modulus / 1e6:.0f} MPa")
 45 MPa
 
-SI units inside, always; MPa, ms and µm only in what is printed or drawn, with the unit shown. The
-names below are loaded on first use, so that the import is quick.
+All values are in SI units. Only printed and drawn ones are in MPa, ms and µm, with the unit shown.
+The names below are imported when they are first used, so that ``import pfwd`` is fast.
 """
 
 from typing import TYPE_CHECKING

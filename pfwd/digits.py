@@ -1,15 +1,16 @@
-"""Numbers with no more digits than what is known of them supports."""
+"""Texts of numbers, with the number of digits that their uncertainty supports."""
 
 import math
 
 _LARGE = 3
-"""A spread with a first digit of this or more is told with that digit alone."""
+"""First digit of a spread from which the spread has one digit in texts; a smaller one has two."""
 
 MOST_DIGITS = 4
-"""That count, of a value, however small the spread of its fit: no load cell knows more."""
+"""Largest number of digits of a value, however small its interval: no load cell is more accurate.
+"""
 
 FEW_DIGITS = 3
-"""That count, of a value whose spread nobody knows."""
+"""Number of digits of a value whose uncertainty is not known."""
 
 _READ_IN = {
     "-": (1.0, ""),
@@ -19,16 +20,21 @@ _READ_IN = {
     "Pa": (1e-3, "kPa"),
     "Pa s": (1e-3, "kPa s"),
 }
-"""Of SI units those that people read effects in, with their scale."""
+"""Factor and unit in which a value of an effect is shown, by its SI unit."""
 
 
 def read_in(unit: str) -> tuple[float, str]:
-    """By what a number of an effect is multiplied for people, and the unit that it then has.
+    """Return the factor and the unit in which a value of an effect is shown.
 
     Parameters
     ----------
     unit : str
-        SI; - for none.
+        SI unit; "-": a number without a unit.
+
+    Returns
+    -------
+    tuple of float and str
+        Shown value over SI value, and the unit of the shown value; "" for "-".
 
     Examples
     --------
@@ -39,17 +45,13 @@ def read_in(unit: str) -> tuple[float, str]:
 
 
 def rounded(value: float, spread: float) -> str:
-    """A number with no more digits than its spread supports.
+    """Return a number as text with the digits that its spread supports.
 
     Parameters
     ----------
     value : float
     spread : float
-        In the same unit: half the width of an interval, or a standard deviation.
-
-    Returns
-    -------
-    str
+        Half the width of an interval, or a standard deviation, in the unit of the value.
 
     Examples
     --------
@@ -62,7 +64,13 @@ def rounded(value: float, spread: float) -> str:
 
 
 def at_place(value: float, place: int) -> str:
-    """A number whose last digit stands at a power of ten; what follows is dropped.
+    """Return a number as text, rounded to a power of ten.
+
+    Parameters
+    ----------
+    value : float
+    place : int
+        Exponent of the last digit: 1 for tens, -1 for tenths.
 
     Examples
     --------
@@ -73,18 +81,19 @@ def at_place(value: float, place: int) -> str:
 
 
 def with_ends(value: float, ends: tuple[float, float]) -> tuple[str, str, str]:
-    """A value and the ends of its interval, each with the digits that the interval supports.
+    """Return a value and the ends of its interval as texts, with the digits that the interval
+    supports.
 
-    The nearer end decides for the value. The farther one is rounded more coarsely: a modulus of 29
-    that may be 561 may as well be 560. All three have two digits at least; with one, 88 beside 92
-    would read 90 beside 90.
+    The distance to the nearer end determines the digits of the value, because a distant end says
+    little: 29 with an interval to 561 is written with an end of 560. All three have at least two
+    digits; with one, 88 and 92 would both be 90.
 
     Parameters
     ----------
     value : float
         Finite.
     ends : pair of float
-        Finite, the lower one first.
+        Finite, the lower end first.
 
     Returns
     -------
@@ -103,10 +112,10 @@ def with_ends(value: float, ends: tuple[float, float]) -> tuple[str, str, str]:
     ('48', '14', '690')
     """
     far = [abs(value - end) for end in ends]
-    # A value at the end of its own interval, where a search was bounded, has one distance only.
-    there = [distance for distance in far if distance > 0.01 * abs(value)] or far
+    # A value at a bound of the search is an end of its interval; this distance of 0 is not used.
+    used = [distance for distance in far if distance > 0.01 * abs(value)] or far
     digits = MOST_DIGITS if any(far) else FEW_DIGITS
-    place = max(_place(min(there)), _top(value) - digits + 1)
+    place = max(_place(min(used)), _top(value) - digits + 1)
     low, high = (
         at_place(end, min(max(place, _top(distance) - 1), _top(end) - 1)) if end else "0"
         for end, distance in zip(ends, far, strict=True)
@@ -115,18 +124,18 @@ def with_ends(value: float, ends: tuple[float, float]) -> tuple[str, str, str]:
 
 
 def modulus_text(modulus: float | None, interval: tuple[float, float] | None) -> str:
-    """Return a modulus with its 95 % interval, as command line, pictures and scripts show it.
+    """Return a modulus with its 95 % interval as text in MPa.
 
     Parameters
     ----------
     modulus : float, Pa, or None
-        None: the data leave it open.
+        None: the data do not determine it.
     interval : pair of float, Pa, or None
 
     Returns
     -------
     str
-        Empty without a modulus and an interval.
+        Empty: neither modulus nor interval.
 
     Examples
     --------
@@ -150,7 +159,7 @@ def modulus_text(modulus: float | None, interval: tuple[float, float] | None) ->
 
 
 def significant(value: float, digits: int = FEW_DIGITS) -> str:
-    """So many digits that count, or all before the point when there are more.
+    """Return a number as text with a number of significant digits, but all digits before the point.
 
     Examples
     --------
@@ -162,7 +171,7 @@ def significant(value: float, digits: int = FEW_DIGITS) -> str:
 
 
 def _place(spread: float) -> int:
-    """Power of ten of the last digit that is told: a tenth of the spread or more."""
+    """Return the exponent of the last digit that a spread supports."""
     if spread <= 0.0:
         return -6
     exponent = _top(spread)
@@ -170,5 +179,5 @@ def _place(spread: float) -> int:
 
 
 def _top(value: float) -> int:
-    """Power of ten of the first digit."""
+    """Return the exponent of the first digit of a number."""
     return math.floor(math.log10(abs(value))) if value else -6

@@ -1,4 +1,8 @@
-"""Errors of the survey. A message says what was expected, what came, where, and what to try."""
+"""Errors of this package; a message states what was expected, what was found, where, and what to
+try.
+
+`refusal` composes such a message, `quote` cuts a value from a file to a short text on one line.
+"""
 
 from pfwd_device.errors import DeviceError, RecordingError, quote, refusal
 
@@ -14,12 +18,14 @@ __all__ = [
 
 
 class SurveyError(Exception):
-    """Base of everything the survey refuses."""
+    """Base of the errors of this package: a survey, file, or request is refused."""
 
 
 class TraceError(SurveyError, ValueError):
-    """A trace file or its header is refused; the message names the file and the line."""
+    """A trace file, a header, or another program's file is refused; the message names file and
+    line.
+    """
 
 
 class OptionError(SurveyError, ValueError):
-    """The options of an analysis are outside their range or contradict each other."""
+    """An option is outside its range, or options contradict each other."""

@@ -1,4 +1,4 @@
-"""matplotlib without the settings that lie in the current folder."""
+"""Import of matplotlib without settings from the current folder."""
 
 import contextlib
 import logging
@@ -11,22 +11,22 @@ SETTINGS = "matplotlibrc"
 
 
 def start_matplotlib() -> None:
-    """Import matplotlib; to be called before anything of it is imported.
+    """Import matplotlib without the settings file in the current folder; call it before other
+    imports.
 
-    It looks for its settings in the current folder first, which may be a survey from a stranger:
-    they could have other programs run (``text.usetex``), or modules loaded (``backend``). The
-    settings that the user keeps for himself, and those that he names by MATPLOTLIBRC, count as
-    ever.
+    matplotlib reads ``matplotlibrc`` in the current folder first. That folder may be a survey of
+    unknown origin, and the file could make matplotlib run programs (``text.usetex``) or import
+    modules (``backend``). Settings in the user's configuration folder and in MATPLOTLIBRC are used
+    as usual.
     """
-    # The drawing code looks for fonts and reports what cannot be drawn; that a family has no bold
-    # letters is of no use to the reader of a report.
+    # Messages about fonts without bold letters do not help the reader of a report.
     logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
     if "matplotlib" in sys.modules or not os.path.exists(SETTINGS):
         return
     spec = find_spec("matplotlib")
     if spec is None or spec.origin is None:
-        return  # the import reports it
-    # It has no option for this. The folder is left only where there are such settings, because it
-    # is left for every thread.
+        return  # the import of matplotlib reports the error
+    # matplotlib has no option for this. The current folder is changed only if it has such settings,
+    # because the change concerns all threads.
     with contextlib.chdir(Path(spec.origin).parent):
         import matplotlib  # noqa: F401

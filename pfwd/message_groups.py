@@ -1,4 +1,8 @@
-"""Groups of equal messages about several things, with their numbers as ranges."""
+"""Groups of equal messages about several points or drops, with their numbers joined to ranges.
+
+"load 53.1 kN is low" of one point and "load 51 kN is low" of another become one message with two
+places: "load 51 and 53.1 kN is low".
+"""
 
 import re
 from collections.abc import Hashable, Iterable, Mapping, Sequence
@@ -13,53 +17,53 @@ _NUMBER_PATTERN = r"[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?"
 _NUMBER = re.compile(
     rf"(?<![\w.:+/-]){_NUMBER_PATTERN}(?: to {_NUMBER_PATTERN})?(?![\w+/-]|[.:]\w)"
 )
-"""A number, or two with a "to" between them. What is part of a name, a date, a time or a chainage
-(12-points.prjz, 2022-01-21, 14:05, 12+320) is none."""
+"""Pattern of a number, or of two numbers with "to" between them. Numbers that are part of a name, a
+date, a time or a chainage (12-points.prjz, 2022-01-21, 14:05, 12+320) do not match."""
 
 GAP = "{}"
-"""Stands for a number in a pattern."""
+"""Placeholder of a number in a pattern."""
 
 DASH = "\N{EN DASH}"
-"""Between the ends of a range; a "to" may stand in the message already."""
+"""Character between the ends of a range; not "to", which may be in the message already."""
 
 MAX_LISTED_VALUES = 2
-"""Different values that are listed; more become a range."""
+"""Largest number of different values that are listed; more are written as a range."""
 
 
 @dataclass(frozen=True, slots=True)
 class MessageGroup(Generic[Place]):
-    """One message and the places that it belongs to."""
+    """One message and the places (points, drops) to which it applies."""
 
     code: str
-    """Code of the warning; ``other`` of any other message."""
+    """Code of the warning; ``other``: a message without a code."""
     patterns: Mapping[str, str]
-    """Text of each gap of the message by name, with ``{}`` in place of its numbers: equal for all
-    that mean the same."""
+    """Texts of the message's parts by name, with ``{}`` in place of numbers; messages with equal
+    patterns belong to one group."""
     numbers: Mapping[str, tuple[str, ...]]
-    """Numbers by name of the gap, at each ``{}``: one number, two, or a range of them."""
+    """Texts for the ``{}`` of each part by name: a number, two numbers, or a range."""
     words: Mapping[str, tuple[str, ...]]
-    """Values that are words of a list, by name of the gap."""
+    """Words of a fixed list in the message, by the name of the part, for translations."""
     places: tuple[Place, ...]
-    """Each once, in the order in which they came."""
+    """Places to which the message applies, in the order of their first message."""
 
     @property
     def key(self) -> Hashable:
-        """Equal for messages that mean the same."""
+        """Value that is equal for messages of one group."""
         return (self.code, *self.patterns.items())
 
     @property
     def texts(self) -> dict[str, str]:
-        """Return the text of each gap in full, by name."""
+        """Texts of the message's parts with numbers, by name."""
         return {name: fill(text, self.numbers[name]) for name, text in self.patterns.items()}
 
     @property
     def text(self) -> str:
-        """The message in full, in English."""
+        """Complete message in English."""
         return fill_template(templates()[self.code], self.texts)
 
 
 def group_messages(messages: Iterable[tuple[Place, str]]) -> list[MessageGroup[Place]]:
-    """Messages that differ in nothing but their numbers as one.
+    """Join messages that differ only in their numbers.
 
     Parameters
     ----------
@@ -68,7 +72,7 @@ def group_messages(messages: Iterable[tuple[Place, str]]) -> list[MessageGroup[P
     Returns
     -------
     list of MessageGroup
-        In the order in which they came first.
+        In the order of the first message of each group.
 
     Examples
     --------
@@ -113,7 +117,7 @@ def _single_group(notice: Notice, place: Place) -> MessageGroup[Place]:
 
 
 def split_numbers(text: str) -> tuple[str, tuple[str, ...]]:
-    """A message as a pattern and its numbers.
+    """Return a text with ``{}`` in place of its numbers, and the numbers.
 
     Examples
     --------
@@ -124,7 +128,7 @@ def split_numbers(text: str) -> tuple[str, tuple[str, ...]]:
 
 
 def fill(pattern: str, numbers: Sequence[str]) -> str:
-    """A pattern with its gaps filled from the left."""
+    """Return a pattern with each ``{}`` replaced by a number, from the left."""
     parts = pattern.split(GAP)
     return parts[0] + "".join(
         number + part for number, part in zip(numbers, parts[1:], strict=True)
@@ -143,14 +147,14 @@ def _together(values: Sequence[str]) -> str:
 
 
 def as_ranges(chosen: Iterable[str], order: Sequence[str]) -> str:
-    """Names as ranges of an order, so that many do not become a list.
+    """Return names as text, with three or more consecutive ones as a range.
 
     Parameters
     ----------
     chosen : iterable of str
-        Among the names of the order.
+        Names, in any order.
     order : sequence of str
-        All names, each once.
+        All names in their order, each once.
 
     Examples
     --------

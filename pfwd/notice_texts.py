@@ -1,11 +1,11 @@
-"""English sentences of warnings about setups, drops and files, see `inversion.notices`.
+"""English sentences of the warnings about setups, drops and files; `inversion.notices` fills them.
 
-The sentences about setups and drops are part of what tells stored results apart: reworded, every
-result that was stored with one is found again.
+A stored result is used again only if its warnings about setup and drop are equal. A reworded
+sentence therefore makes stored results with this warning stale: they are computed again.
 """
 
 STIFFNESS_TEST = "stiffness test: the weight fell on a rig of springs, so there is no modulus"
-"""Also the reason why a drop is not inverted."""
+"""Warning, and reason why a drop is not inverted."""
 
 TEMPLATES: dict[str, str] = {
     # of a setup
@@ -213,7 +213,7 @@ TERMS: dict[str, str] = {
     "against the others": "it moves more than the sensors nearer to the plate",
     "no contact": "it stands still between two that move: no contact with the ground?",
 }
-"""Phrases by the word of the fault, see `inversion.measured.bad_sensors`."""
+"""Phrases for the faults of a sensor, by their name in `inversion.measured.bad_sensors`."""
 
 EARLIER: tuple[tuple[str, str], ...] = (
     (
@@ -228,4 +228,4 @@ EARLIER: tuple[tuple[str, str], ...] = (
     ),
     ("modulus-left-open", TEMPLATES["modulus-left-open"]),  # numbers as 1.0
 )
-"""Sentences of earlier versions, which stored results have."""
+"""Codes and sentences of earlier versions, by which warnings in stored results are recognised."""

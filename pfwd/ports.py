@@ -1,6 +1,6 @@
-"""Ports of this computer: instruments that answer, missing rights, and the conformance test.
+"""Serial ports of this computer: which instruments answer, advice on rights, conformance test.
 
-The terminal uses this module, so that it need not import the protocol of the instrument.
+The terminal uses this module instead of importing the protocol of the instrument.
 """
 
 import importlib
@@ -23,7 +23,20 @@ from pfwd_device.wire.registry import all_dialects
 
 
 def probe_ports(urls: Sequence[str], timeout: float = PROBE_TIMEOUT_S) -> list[Probe]:
-    """Return what answers at each of some ports, in their order; a few seconds for all together."""
+    """Find out which instrument answers at each of several ports; takes a few seconds in all.
+
+    Parameters
+    ----------
+    urls : sequence of str
+        Ports, as for `pfwd log`.
+    timeout : float, s
+        Longest wait for an answer.
+
+    Returns
+    -------
+    list of Probe
+        In the order of the ports.
+    """
     return probe_all(urls, all_dialects(), timeout)
 
 
@@ -32,16 +45,16 @@ USB_DEVICES = Path("/sys/bus/usb/devices")
 UDEV_RULES = (Path("/usr/lib/udev/rules.d"), Path("/etc/udev/rules.d"))
 
 BRLTTY_ADAPTERS = frozenset({"0403:6001", "10c4:ea60", "1a86:7523"})
-"""Serial adapters (FTDI, CP210x, CH340) that the driver of braille displays takes for its own."""
+"""USB adapters (FTDI, CP210x, CH340) that brltty, a driver of braille displays, takes over."""
 
 
 def port_advice(urls: Sequence[str]) -> list[str]:
-    """Return advice on ports that are missing or may not be opened; Linux, one sentence each.
+    """Return advice on ports that are missing or cannot be opened, one sentence each; Linux only.
 
     Parameters
     ----------
     urls : sequence of str
-        Of the ports that are listed.
+        Ports that the operating system lists.
     """
     return [*_rights(urls), *_brltty(USB_DEVICES)]
 
@@ -52,7 +65,8 @@ def _rights(urls: Sequence[str]) -> list[str]:
         return []
     group = _group_of(closed[0])
     return [
-        f"no right to open {', '.join(closed)}: sudo usermod -aG {group} $USER, then log out and in"
+        f"no permission to open {', '.join(closed)}. Run: sudo usermod -aG {group} $USER, then log "
+        "out and in"
     ]
 
 
@@ -64,7 +78,7 @@ def _group_of(path: str) -> str:
 
 
 def _brltty(devices: Path) -> list[str]:
-    """An adapter that is plugged in and has no port, while brltty is installed."""
+    """Return advice if brltty is installed and an adapter has no port because of it."""
     rules = (rule for folder in UDEV_RULES for rule in folder.glob("*brltty*.rules"))
     if shutil.which("brltty") is None and not any(rules):
         return []
@@ -76,8 +90,8 @@ def _brltty(devices: Path) -> list[str]:
         name = ":".join(parts)
         if name in BRLTTY_ADAPTERS and not any(device.glob("**/tty*")):
             return [
-                f"the adapter {name} is plugged in and has no port: brltty (braille displays) "
-                "takes it; sudo apt remove brltty, then plug it in again"
+                f"the adapter {name} is connected, but has no port: brltty (braille displays) has "
+                "taken it over. Run: sudo apt remove brltty, then connect the adapter again"
             ]
     return []
 
@@ -90,27 +104,35 @@ def conform(
     announce: Callable[[str], None] = lambda text: None,
     only: Collection[str] = (),
 ) -> Iterator[Result]:
-    """Try the instrument at a port, requirement by requirement.
+    """Test whether the instrument at a port fulfils the requirements of the protocol.
+
+    The requirements P-1, P-2, ... are those of docs/protocol.md.
 
     Parameters
     ----------
     url : str
-        As for `pfwd log`.
+        Port, as for `pfwd log`.
     baud_rate : int
-        Of a serial port.
+        Baud rate of a serial port.
     drop_wait : float, s
-        How long to wait for a drop.
+        Longest wait for a drop.
     announce : callable
-        Receives what the operator should do.
+        Receives sentences that ask the operator to act, for instance to make a drop.
     only : collection of str
-        Numbers of those to try; empty: all.
+        Numbers of the requirements to test, such as "P-7"; empty: all.
+
+    Yields
+    ------
+    Result
+        One for each tested requirement.
 
     Raises
     ------
     PortError, DeviceRefused
-        If the port cannot be opened, or drops wait in the instrument.
+        If the port cannot be opened, or the instrument has buffered drops, which the test could
+        lose.
     SurveyError
-        If there is no requirement of a number.
+        If `only` has an unknown number.
     """
     wrong = [number for number in only if number not in TITLES]
     if wrong:

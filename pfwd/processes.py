@@ -1,4 +1,4 @@
-"""Start of Python processes for the terminal, by :mod:`pfwd_device.child_python`."""
+"""Start of Python processes for the terminal; see :mod:`pfwd_device.child_python`."""
 
 from pfwd_device.child_python import (
     children_shielded,

@@ -1,4 +1,4 @@
-"""JSON Schemas of the files that people write, for editors that complete and check them."""
+"""JSON Schemas of the files that users write, by which editors complete and check them."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -43,7 +43,7 @@ _DESCRIPTIONS = {
 
 
 def schema_names() -> list[str]:
-    """Return the names of the described files."""
+    """Return the names of the kinds of files that have a schema."""
     return list(_DESCRIPTIONS)
 
 
@@ -56,7 +56,7 @@ def json_schema(name: str) -> dict[str, Any]:
         One of :func:`schema_names`.
     """
     title, keys, more_keys = _DESCRIPTIONS[name]
-    # The radius may stand in another file or on the command line.
+    # Not required, because the radius may be in another file or an option.
     keys = {
         key: item.optional() if key == header.RADIUS_KEY else item for key, item in keys.items()
     }

@@ -1,4 +1,7 @@
-"""Worker processes of `multiprocessing` that take no code from the current folder."""
+"""Worker processes of `multiprocessing` that import no code from the current folder.
+
+The current folder may be a survey of unknown origin.
+"""
 
 import contextlib
 import os
@@ -14,10 +17,10 @@ from pfwd_device.child_python import children_shielded, ignore_interrupts
 
 
 class Closable(Protocol):
-    """Something with processes that are to be ended."""
+    """Interface of an object whose processes have to be ended."""
 
     def close(self) -> None:
-        """End them."""
+        """End the processes."""
 
 
 _C = TypeVar("_C", bound=Closable)
@@ -26,10 +29,10 @@ _R = TypeVar("_R")
 
 
 class ShieldedProcess(SpawnProcess):
-    """A spawned process that takes no code from the current folder."""
+    """Spawned process that imports no code from the current folder."""
 
     def start(self) -> None:
-        """Start it."""
+        """Start the process."""
         with children_shielded():
             super().start()
 
@@ -39,32 +42,36 @@ class _ShieldedContext(SpawnContext):
 
 
 def spawn_context() -> SpawnContext:
-    """Return the context for pools: processes are spawned on every platform, as a fork may hang.
+    """Return a context of `multiprocessing` that spawns processes on every platform.
 
-    What `multiprocessing.get_context("spawn")` gives starts its processes by ``python -c``, whose
-    first import would come from the current folder.
+    A forked process may hang. A process of ``multiprocessing.get_context("spawn")`` would import
+    from the current folder first.
     """
     ensure_tracker()
     return _ShieldedContext()
 
 
 def worker_pool(count: int) -> ProcessPoolExecutor:
-    """Return a pool of processes; Ctrl+C is for the process that started them.
+    """Return a pool of processes that ignore Ctrl+C and end with this process.
 
-    Its processes are spawned on every platform alike, see `spawn_context`, and end with this one
-    though it is killed: each holds both ends of the pipe that its work comes through, so that it
-    would wait for more for ever.
+    Each process watches this one, because after this one is killed it would wait for work without
+    end.
+
+    Parameters
+    ----------
+    count : int
+        Number of processes.
     """
     return ProcessPoolExecutor(count, spawn_context(), initializer=_begin_worker)
 
 
 class HelperProcess:
-    """A process that works on a list from its end, while this one works on it from its beginning.
+    """Process that works on a list from its end while this process works on it from its beginning.
 
     Parameters
     ----------
     load : callable
-        Called first in the process, to import what is needed.
+        Called first in the process, to import the modules that it needs.
     """
 
     def __init__(self, load: Callable[[], None]) -> None:
@@ -74,7 +81,13 @@ class HelperProcess:
     def submit(
         self, function: Callable[[_T], _R], items: Sequence[_T]
     ) -> Sequence[Future[_R] | None]:
-        """Request the result of each item, the last one first; None: the process has ended."""
+        """Request the result of each item, the last item first.
+
+        Returns
+        -------
+        sequence of Future or None
+            In the order of the items; None: the process has ended.
+        """
         requests: list[Future[_R] | None] = [None] * len(items)
         with contextlib.suppress(BrokenProcessPool):
             for number in reversed(range(len(items))):
@@ -82,14 +95,17 @@ class HelperProcess:
         return requests
 
     def close(self) -> None:
-        """End the process; items that it has not begun stay undone."""
+        """End the process; items that it has not started are not computed."""
         self._pool.shutdown(cancel_futures=True)
 
 
 def helper_result(request: Future[_R] | None) -> _R | None:
-    """Return a result that the helper process has or is computing.
+    """Return the result of an item if the helper process has it or is computing it.
 
-    None: this process has to compute it. An error of any kind will come here too, in its order.
+    Returns
+    -------
+    object or None
+        None: this process has to compute it, because the helper has not started it or failed.
     """
     if request is None or request.cancel() or request.exception() is not None:
         return None
@@ -105,10 +121,19 @@ def processors() -> int:
 
 @contextlib.contextmanager
 def beside(start: Callable[[], _C], helps: bool) -> Iterator[_C | None]:
-    """Processes for the block; None where they would not help, or the system starts no more."""
+    """Return a context with a helper object, or with None.
+
+    Parameters
+    ----------
+    start : callable
+        Makes the object and starts its processes.
+    helps : bool
+        False: the processes would not help, and the context has None; so it has if they cannot be
+        started.
+    """
     started = None
     if helps:
-        with contextlib.suppress(OSError):  # this process does it alone
+        with contextlib.suppress(OSError):  # this process then does all the work
             started = start()
     try:
         yield started
@@ -130,7 +155,7 @@ def _end_with_parent() -> None:
 
 
 def ensure_tracker() -> None:
-    """Start the process that takes away what killed workers leave, where there is one."""
+    """Start the process of `multiprocessing` that removes what killed workers leave; POSIX only."""
     if os.name == "posix":
         with children_shielded():
             resource_tracker.ensure_running()

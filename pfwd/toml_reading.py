@@ -1,4 +1,4 @@
-"""Reads TOML of which nobody knows where it is from: what would take minutes is refused first."""
+"""Reading of TOML files of unknown origin; a file that would take minutes to parse is refused."""
 
 import os
 import re
@@ -8,15 +8,15 @@ from typing import Any
 from pfwd_device.errors import refusal
 
 LARGEST_TOML = 1_000_000
-"""Characters of a file; headers, maps and setups have a few thousand. Each takes some 2 us."""
+"""Largest number of characters of a file, each of which takes some 2 us; headers, maps and setups
+have a few thousand."""
 
 MOST_KEY_PARTS = 16
-"""Names with dots between them that make one key; the square of their number is what they cost, and
-32,000 of them fit into a line. No file of this program has more than two."""
+"""Largest number of names joined by dots in a key. The time grows with the square of their number,
+and 32,000 of them fit into a line. No file of this program has more than two."""
 
 LONGEST_INTEGER = 64
-"""Digits behind 0x, 0o or 0b: as many as the 64 bits of TOML have. Longer ones cannot be written
-out again."""
+"""Largest number of digits after 0x, 0o or 0b: the 64 bits of a TOML integer in binary."""
 
 Path = str | os.PathLike[str]
 
@@ -33,16 +33,16 @@ _LONG_INTEGER = re.compile(rf"(?<!\w)0[xob]_?(?:[0-9a-fA-F]_?+){{{LONGEST_INTEGE
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """The tables of a TOML text.
+    """Parse a TOML text.
 
     Raises
     ------
     ValueError
-        If it is no TOML, or one that would take too long; the message says why.
+        If the text is not TOML, or would take too long; the message states why.
     """
     if len(text) > LARGEST_TOML:
         raise ValueError(f"over {LARGEST_TOML} characters")
-    # Dots within texts are no keys.
+    # Quoted texts and comments are removed, because dots in them do not make keys.
     bare = _STRINGS.sub("_", text)
     if _LONG_KEY.search(bare):
         raise ValueError(f"a key of more than {MOST_KEY_PARTS} parts")
@@ -51,21 +51,21 @@ def parse_toml(text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except RecursionError as err:
-        raise ValueError("nesting without end") from err
+        raise ValueError("too many nested brackets") from err
 
 
 def read_toml_text(
     path: Path, error: type[Exception], max_length: int = LARGEST_TOML, *, where: str = ""
 ) -> str:
-    """Return the text of a TOML file that a user names.
+    """Read the text of a TOML file.
 
     Parameters
     ----------
     path : path of the file
     error : type of exception
-        Class of the errors that are raised.
+        Class of the error to raise if the file cannot be read or is too long.
     max_length : int
-        Characters; a longer file is refused.
+        Largest number of characters.
     where : str
         Option and file, for messages; empty: the file.
     """
@@ -83,8 +83,17 @@ def read_toml_text(
 
 
 def parse_user_toml(text: str, file: str, error: type[Exception]) -> dict[str, Any]:
-    """Return the tables of a TOML text; the error names the file."""
+    """Parse a TOML text.
+
+    Parameters
+    ----------
+    text : str
+    file : str
+        Path of the file, for messages.
+    error : type of exception
+        Class of the error to raise if the text is not TOML.
+    """
     try:
         return parse_toml(text)
-    except ValueError as err:  # also numbers without end
+    except ValueError as err:  # tomllib raises it also for very long numbers
         raise error(refusal(file, "TOML", str(err))) from err

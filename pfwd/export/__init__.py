@@ -1,1 +1,1 @@
-"""Surveys as files for other programs; the formats are listed in :mod:`.registry`."""
+"""Exports of surveys as files for other programs; :mod:`.registry` lists the formats."""

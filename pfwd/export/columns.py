@@ -1,4 +1,4 @@
-"""Columns of the exported tables of drops and points: name with unit, kind, and meaning."""
+"""Columns of the exported tables of drops and points: name with unit, type, and meaning."""
 
 from pfwd.analysis.result_columns import ResultColumn, result_columns
 
@@ -22,7 +22,7 @@ DROP_COLUMNS = (
     ResultColumn("reason", "text", "reason of the rejection, or of the missing result"),
     *result_columns("established"),
     ResultColumn("notes", "texts", "of the drop and of its point"),
-    # Columns of later versions come last: programs that read columns by position go on working.
+    # New columns are added at the end, for programs that read columns by position.
     *result_columns("layers"),
     ResultColumn("kind", "text", "traces, peaks (no history) or stiffness (a rig)"),
     ResultColumn("sci_m", "number", "surface curvature index of peaks, d0 - d300, m"),
@@ -56,7 +56,7 @@ DROP_COLUMNS = (
     ),
     *result_columns("last"),
 )
-"""Columns of the table of drops."""
+"""Columns of the table of drops, in their order."""
 
 POINT_COLUMNS = (
     ResultColumn("point", "text", "test point, as it was named last"),
@@ -93,4 +93,5 @@ POINT_COLUMNS = (
     ResultColumn("use", "text", "use of the diagnosed modulus: design, with-care or do-not-use"),
     ResultColumn("use_reason", "text", "reason for that use, one sentence; empty: not diagnosed"),
 )
-"""Columns of a point in every export."""
+"""Columns of the table of points, in their order, and properties of a point in every other format.
+"""

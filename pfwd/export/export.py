@@ -17,7 +17,7 @@ from pfwd_device.recording.index import no_collections
 
 @dataclass(frozen=True, slots=True)
 class ExportSummary:
-    """Summary of an export."""
+    """Summary of an export, for messages."""
 
     survey: str
     format: str
@@ -29,7 +29,7 @@ class ExportSummary:
     results: int | None
     """Number of drops with a result; None: the format holds no results."""
     notes: tuple[str, ...]
-    """One sentence for each omission."""
+    """One sentence for each omission or damage."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the record of ``pfwd export --json``."""
@@ -57,7 +57,7 @@ def export_survey(
     delimiter: str | None = None,
     decimal: str | None = None,
 ) -> ExportSummary:
-    """Write a survey to a file, or for ``csv`` to a folder, which is complete or absent.
+    """Write a survey to a file, or for ``csv`` to a folder; after an error nothing is left there.
 
     Parameters
     ----------
@@ -66,28 +66,29 @@ def export_survey(
         Name of a format in `pfwd.export.registry`; None: the format that the path's ending names.
     path : path of the file or folder, in an existing folder
     force : bool
-        Whether an existing file may be replaced.
+        True: an existing file may be replaced.
     invert : bool
-        Invert the drops instead of using the stored results. Nothing is written to the survey.
+        True: the drops are inverted for the export; their stored results are not used, and nothing
+        is written to the survey.
     seed : int
         Random seed of the inversion, >= 0.
     jobs : int
         Number of processes that may work on it. A script with more than one needs a guard
         ``if __name__ == "__main__"``, as for `multiprocessing`.
     delimiter : str, optional
-        Sign between the columns of a text, or ``tab``; default: a comma, or a semicolon where the
+        Character between the columns of a text, or ``tab``; default: a comma, or a semicolon if the
         decimal sign is a comma.
     decimal : str, optional
         Decimal sign of a text, ``.`` (default) or ``,``.
 
     Returns
     -------
-    Exported
+    ExportSummary
 
     Raises
     ------
     OptionError
-        If the format is unknown, or holds no results although `invert` is set, or the name is in
+        If the format is unknown, or holds no results although `invert` is set, or the path is in
         use.
     SurveyError
         If the survey cannot be read, or does not fit into the format.
@@ -95,13 +96,13 @@ def export_survey(
     form = _format_of_path(path) if form is None else form
     chosen = _format(form, invert=invert)
     signs = _signs(chosen, delimiter, decimal)
-    refuse_existing(path, force=force)  # before the work, not after it
+    refuse_existing(path, force=force)  # early, because an export may take minutes
     with ExitStack() as stack:
         row_maker = None
         if chosen.by_parts and not invert:
             from pfwd.export.parts import second_process
 
-            stack.enter_context(no_collections())  # all that is read is needed to the end
+            stack.enter_context(no_collections())  # nothing that is read becomes garbage
             row_maker = stack.enter_context(second_process(os.fspath(survey), jobs))
         content = survey_content(survey)
         inverted = _inverted(os.fspath(survey), seed) if invert else None
@@ -125,7 +126,9 @@ def export_survey(
 def _written(
     form: ExportFormat, order: Order, path: str | os.PathLike[str]
 ) -> tuple[list[str], int | None]:
-    """Write the format; return the omissions and the number of drops with a result."""
+    """Write the file; return the notes and the number of drops with a result (None: not in the
+    format).
+    """
     try:
         notes = list(form.writer()(order, path))
         return notes, order.results if form.with_results else None
@@ -142,9 +145,9 @@ def _written(
 
 
 def _format_of_path(path: str | os.PathLike[str]) -> str:
-    """Return the name of the format that a path's ending names.
+    """Return the name of the format that the ending of a path names.
 
-    Several formats are CSV, one of them a folder: the ending ``.csv`` names none of them.
+    The ending ``.csv`` is refused, because several formats are CSV, one of them a folder.
     """
     name = os.path.splitext(path)[1].removeprefix(".").lower()
     if name in BUILT_IN_FORMATS and name != "csv":
@@ -167,7 +170,7 @@ def _format(name: str, *, invert: bool) -> ExportFormat:
 
 
 def _signs(form: ExportFormat, delimiter: str | None, decimal: str | None) -> tuple[str, str]:
-    """Return the sign between the columns, and the decimal sign."""
+    """Return the character between columns and the decimal sign, checked."""
     for option, sign in (("--delimiter", delimiter), ("--decimal", decimal)):
         if sign is not None and not form.delimited:
             formats = BUILT_IN_FORMATS.values()
@@ -181,10 +184,11 @@ def _signs(form: ExportFormat, delimiter: str | None, decimal: str | None) -> tu
         between = "\t" if delimiter in ("tab", "\\t") else delimiter
     printable = len(between) == 1 and (between == "\t" or between.isprintable())
     if not printable or between in "\"'+-." or between.isalnum():
-        raise OptionError(refusal("--delimiter", "a sign such as ; or tab", quote(delimiter)))
+        expected = "one character such as ; or the word tab"
+        raise OptionError(refusal("--delimiter", expected, quote(delimiter)))
     if between == point:
         text = f"{quote(between)} for both"
-        raise OptionError(refusal("--delimiter and --decimal", "two signs", text))
+        raise OptionError(refusal("--delimiter and --decimal", "different characters", text))
     return between, point
 
 

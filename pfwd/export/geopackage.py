@@ -1,6 +1,6 @@
-"""OGC GeoPackage 1.3 (``gpkg``, OGC 12-128r17) with a feature for each point, written by SQLite.
+"""Format ``gpkg``: OGC GeoPackage 1.3 (OGC 12-128r17) with a feature for each point, in SQLite.
 
-The standard asks for the tables ``gpkg_spatial_ref_sys``, ``gpkg_contents`` and
+The standard requires the tables ``gpkg_spatial_ref_sys``, ``gpkg_contents`` and
 ``gpkg_geometry_columns``. The R-tree index is an extension of the standard (its annex F.3).
 """
 
@@ -19,21 +19,21 @@ from pfwd.export.rows import Order
 from pfwd.judging.places import Place
 
 LAYER_NAME = "points"
-"""Name of the layer, which is the name of its table."""
+"""Name of the layer and of its table."""
 
 APPLICATION_ID = 0x47504B47
-"""The letters GPKG."""
+"""Application number of a GeoPackage in SQLite: the letters GPKG."""
 USER_VERSION = 10300
-"""Version 1.3.0 of the standard."""
+"""Version 1.3.0 of the standard, as SQLite stores it."""
 
 _WGS_84 = 4326
-"""EPSG number of the coordinates of receivers."""
+"""EPSG number of the reference system in which satellite receivers report positions."""
 
 _POINT, _POINT_Z = 1, 1001
 """Kinds of geometry in well-known binary (ISO 13249-3)."""
 
 _COLUMN_TYPES = {"number": "REAL", "whole": "INTEGER", "flag": "BOOLEAN"}
-"""SQL type for each kind of column; TEXT for the others."""
+"""SQL type of each type of column; TEXT for the others."""
 
 _TABLES_SQL = """
 CREATE TABLE gpkg_spatial_ref_sys (
@@ -91,7 +91,7 @@ _REFERENCE_SYSTEMS = (
     ("Undefined geographic SRS", 0, "NONE", 0, "undefined", "undefined geographic coordinates"),
     ("WGS 84 geodetic", _WGS_84, "EPSG", _WGS_84, _WGS_84_DEFINITION, "longitude and latitude"),
 )
-"""The three that every GeoPackage has to define."""
+"""The three reference systems that every GeoPackage has to define."""
 
 _EXTENT_OF_NEW = (
     "NEW.fid, ST_MinX(NEW.geom), ST_MaxX(NEW.geom), ST_MinY(NEW.geom), ST_MaxY(NEW.geom)"
@@ -125,16 +125,22 @@ CREATE TRIGGER rtree_points_geom_delete AFTER DELETE ON points
 WHEN OLD.geom NOT NULL
 BEGIN DELETE FROM rtree_points_geom WHERE id = OLD.fid; END;
 """
-"""Triggers of annex F.3. The functions ST_... are those of the program that edits the file."""
+"""Triggers of annex F.3, which keep the index up to date. The program that edits the file provides
+the functions ST_... that they call."""
 
 
 def write_gpkg(order: Order, path: str | os.PathLike[str]) -> list[str]:
-    """Write a feature for each point; discarded ones are marked.
+    """Write a feature for each point; discarded points are marked.
+
+    Parameters
+    ----------
+    order : Order
+    path : path of the file
 
     Returns
     -------
     list of str
-        Number of points without a position: their geometry is null.
+        A sentence with the number of points without a position, whose geometry is null.
     """
     rows = point_rows(order)
     with new_file(path, force=order.force) as draft, _new_database(draft) as database:
@@ -144,16 +150,16 @@ def write_gpkg(order: Order, path: str | os.PathLike[str]) -> list[str]:
 
 @contextlib.contextmanager
 def _new_database(path: os.PathLike[str]) -> Iterator[sqlite3.Connection]:
-    """Open a new SQLite file, commit when the block ends well, and close it.
+    """Open a new SQLite file for a block, then commit and close it.
 
     Raises
     ------
     OSError
-        If the disk refuses the file; SQLite reports this by an error of its own.
+        If the file cannot be written; SQLite raises OperationalError instead.
     """
     try:
         with contextlib.closing(sqlite3.connect(path)) as database:
-            # The file is a draft that is synchronised later; no second file stands beside it.
+            # `new_file` waits for the disk; a journal on the disk would only be a second file.
             database.execute("PRAGMA journal_mode = MEMORY")
             database.execute("PRAGMA synchronous = OFF")
             yield database
@@ -163,7 +169,7 @@ def _new_database(path: os.PathLike[str]) -> Iterator[sqlite3.Connection]:
 
 
 def _add_points(database: sqlite3.Connection, rows: Sequence[PointValues]) -> None:
-    """Create the tables of the standard and the layer with its features."""
+    """Create the tables of the standard, and the layer with its features."""
     places = [place_of_row(row) for row in rows]
     located = [place for place in places if place is not None]
     has_heights = all(place.altitude is not None for place in located)
@@ -217,7 +223,7 @@ def _add_index(database: sqlite3.Connection, places: Sequence[Place | None]) -> 
             "CREATE VIRTUAL TABLE rtree_points_geom USING rtree(id, minx, maxx, miny, maxy)"
         )
     except sqlite3.OperationalError:
-        return  # an SQLite that was built without R-trees: the index is optional
+        return  # this SQLite has no R-trees; the index is optional
     database.executemany(
         "INSERT INTO rtree_points_geom VALUES (?, ?, ?, ?, ?)",
         (
@@ -234,7 +240,8 @@ def _add_index(database: sqlite3.Connection, places: Sequence[Place | None]) -> 
 
 
 def _geometry(place: Place, has_heights: bool) -> bytes:
-    """Return a point as GeoPackageBinary: a header without an envelope, then well-known binary.
+    """Return a position in the GeoPackage form: a header without an envelope, then well-known
+    binary.
 
     All numbers are little-endian; the longitude comes first.
     """

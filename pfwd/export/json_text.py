@@ -1,4 +1,4 @@
-"""JSON that every program can read: without NaN and infinity."""
+"""JSON without NaN and infinity, which the standard does not allow."""
 
 import json
 import math
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def json_text(data: Any) -> str:
-    """Return `data` as JSON on one line, with null for NaN and infinity.
+    """Return data as JSON on one line, with null in place of NaN and infinity.
 
     Examples
     --------
@@ -18,7 +18,7 @@ def json_text(data: Any) -> str:
 
 
 def without_nan(value: Any) -> Any:
-    """Return `value` with None for NaN and infinity, which JSON does not have."""
+    """Return a value with None in place of every NaN and infinity in it; arrays become lists."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     match value:

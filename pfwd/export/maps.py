@@ -1,5 +1,5 @@
-"""Results on the map: ``geojson`` with a feature for each drop (RFC 7946), ``points-geojson`` with
-a feature for each point, and ``gpx`` (1.1) with a way point for each point that has a position.
+"""Formats for maps: ``geojson`` with a feature for each drop and ``points-geojson`` with one for
+each point (RFC 7946), and ``gpx`` (1.1) with a way point for each point that has a position.
 """
 
 import datetime
@@ -25,12 +25,18 @@ _XSI = "http://www.w3.org/2001/XMLSchema-instance"
 
 
 def write_geojson(order: Order, path: str | os.PathLike[str]) -> list[str]:
-    """Write a feature for each drop that is not discarded; without a position its geometry is null.
+    """Write a feature for each drop that is not discarded.
+
+    Parameters
+    ----------
+    order : Order
+    path : path of the file
 
     Returns
     -------
     list of str
-        Numbers of drops without a position and of omitted drops.
+        Sentences with the numbers of drops without a position, whose geometry is null, and of
+        omitted drops.
     """
     rows = order.rows
     used = [row for row in rows if row.used]
@@ -46,12 +52,17 @@ def write_geojson(order: Order, path: str | os.PathLike[str]) -> list[str]:
 
 
 def write_points_geojson(order: Order, path: str | os.PathLike[str]) -> list[str]:
-    """Write a feature for each point; discarded ones are marked.
+    """Write a feature for each point; discarded points are marked.
+
+    Parameters
+    ----------
+    order : Order
+    path : path of the file
 
     Returns
     -------
     list of str
-        Number of points without a position: their geometry is null.
+        A sentence with the number of points without a position, whose geometry is null.
     """
     rows = point_rows(order)
     features = []
@@ -71,7 +82,7 @@ def write_points_geojson(order: Order, path: str | os.PathLike[str]) -> list[str
 
 
 def without_position(rows: Sequence[PointValues]) -> list[str]:
-    """Return a note with the number of points without a position; no note where all have one."""
+    """Return a sentence with the number of points without a position; empty: all have one."""
     without_place = sum(place_of_row(row) is None for row in rows)
     if not without_place:
         return []
@@ -105,7 +116,7 @@ def _feature(row: Row) -> dict[str, Any]:
 
 
 def _geometry(place: Place) -> dict[str, Any]:
-    # Longitude comes first, and there is no member for the datum: it is WGS 84.
+    # RFC 7946: the longitude comes first, and the datum is always WGS 84.
     coordinates = [place.longitude, place.latitude]
     if place.altitude is not None:
         coordinates.append(place.altitude)
@@ -115,10 +126,15 @@ def _geometry(place: Place) -> dict[str, Any]:
 def write_gpx(order: Order, path: str | os.PathLike[str]) -> list[str]:
     """Write a way point for each point that has a position and a drop that is not discarded.
 
+    Parameters
+    ----------
+    order : Order
+    path : path of the file
+
     Returns
     -------
     list of str
-        Number of omitted points.
+        A sentence with the number of omitted points.
     """
     root = ElementTree.Element(
         "gpx",
@@ -133,7 +149,7 @@ def write_gpx(order: Order, path: str | os.PathLike[str]) -> list[str]:
     metadata = ElementTree.SubElement(root, "metadata")
     _add(metadata, "name", f"PFWD survey {order.content.survey_id}".strip())
     omitted = 0
-    # By the name in the drops: two points may have the same title.
+    # Grouped by name and not by title, which two points may share.
     for _, group in groupby(order.rows, key=lambda row: row.point.name):
         rows = [row for row in group if row.used]
         place = next((row.place for row in rows if row.place is not None), None)
@@ -149,7 +165,7 @@ def write_gpx(order: Order, path: str | os.PathLike[str]) -> list[str]:
 
 
 def _way_point(root: ElementTree.Element, place: Place, rows: list[Row]) -> None:
-    # As decimals: the schema has no exponents.
+    # The schema of GPX allows no exponents.
     latitude, longitude = f"{place.latitude:.9f}", f"{place.longitude:.9f}"
     point = ElementTree.SubElement(root, "wpt", {"lat": latitude, "lon": longitude})
     if place.altitude is not None:
@@ -164,7 +180,7 @@ def _way_point(root: ElementTree.Element, place: Place, rows: list[Row]) -> None
 
 
 def _moment(row: Row) -> str | None:
-    """Return the time of a drop with its time zone, in the form of the schema; None: unknown."""
+    """Return the time of a drop in UTC in the form that the schema requires; None: not known."""
     try:
         moment = datetime.datetime.fromisoformat(str(row.values["time_utc"]))
     except ValueError:
@@ -181,14 +197,14 @@ def _add(parent: ElementTree.Element, name: str, text: str) -> None:
 
 
 def _verdict_words(row: Row) -> str:
-    """Return value and verdict of the point of a drop on one line, with units."""
+    """Return value and verdict of the point of a drop as one line of text, with units."""
     values = row.values
     unit, scale = ("mm", 1e3) if values["unit"] == "m" else ("MPa", 1e-6)
     parts = []
     if values["value"] is not None:
         parts.append(f"{values['quantity']} = {values['value'] * scale:.4g} {unit}")
         if values["quantity"] == Quantity.MODULUS and values["modulus_source"] == "diagnosed":
-            parts[-1] += " after the diagnosis, which counts in place of the fits below"
+            parts[-1] += " after the diagnosis, which replaces the fits below"
     if values["interval_low"] is not None:
         low, high = values["interval_low"] * scale, values["interval_high"] * scale
         parts.append(f"95 % {low:.4g} to {high:.4g} {unit}")
@@ -201,7 +217,7 @@ def _verdict_words(row: Row) -> str:
 
 
 def _result_words(row: Row) -> str:
-    """Return the result of a drop on one line, with units."""
+    """Return the result of a drop as one line of text, with units."""
     values = row.values
     if values["modulus_pa"] is None:
         reason = values["reason"] or "; ".join(values["warnings"]) or "no modulus"

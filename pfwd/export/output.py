@@ -1,15 +1,15 @@
-"""Files and folders that are complete or absent, and replace another one only on request.
+"""Writing of files and folders in one step; an existing one is replaced only on request.
 
 An export writes a draft in the same folder::
 
     NAME.3f9c0a52.tmp    the draft
     NAME.3f9c0a52.lock   locked by the writing process through the operating system
-    NAME.3f9c0a52.old    the replaced folder, for the moment of the exchange
+    NAME.3f9c0a52.old    the replaced folder, while the draft is renamed
 
-A program that is killed leaves these files, and the next export to the same place removes them. A
-file that no process locks belongs to a program that has ended, on every system; the number of a
-process would not show it, because numbers are used again. A draft is never continued: a folder is
-written in seconds, and the survey may have changed since.
+A program that is killed leaves these files, and the next export to the same path removes them. It
+recognises them by the lock, which the operating system releases when a process ends. The number of
+the process would not do, because numbers are used again. A draft is never continued: writing takes
+seconds, and the survey may have changed since.
 """
 
 import contextlib
@@ -35,20 +35,20 @@ from pfwd.files.output_path import (
 
 @contextlib.contextmanager
 def new_file(path: str | os.PathLike[str], *, force: bool) -> Iterator[Path]:
-    """Yield a draft in the folder of `path`, and rename it to `path` when the block ends well.
+    """Yield the path of a draft, and rename it to `path` when the block ends without error.
 
     Parameters
     ----------
     path : path of the file to write
     force : bool
-        Whether an existing file may be replaced.
+        True: an existing file may be replaced.
 
     Raises
     ------
     OptionError
-        If the name is in use, or its folder does not exist.
+        If the path is in use, or its folder does not exist.
     SurveyError
-        If the disk refuses the file.
+        If the file cannot be written.
     """
     target = Path(path)
     clear_leftovers(target)
@@ -65,7 +65,9 @@ def new_file(path: str | os.PathLike[str], *, force: bool) -> Iterator[Path]:
 def new_text_file(
     path: str | os.PathLike[str], *, force: bool, newline: str = "\n"
 ) -> Iterator[TextIO]:
-    """Yield a stream of UTF-8 text for a new file; see :func:`new_file`."""
+    """Yield a stream for the UTF-8 text of a new file; parameters and errors as for
+    :func:`new_file`.
+    """
     with (
         new_file(path, force=force) as draft,
         open(draft, "w", encoding="utf-8", newline=newline) as stream,
@@ -75,17 +77,31 @@ def new_text_file(
 
 @contextlib.contextmanager
 def new_folder(path: str | os.PathLike[str], suffix: str, *, force: bool) -> Iterator[Path]:
-    """Yield the draft of a folder, see :func:`new_file`; it may replace one of *suffix files."""
+    """Yield the path of a draft folder, and rename it to `path` when the block ends without error.
+
+    Parameters
+    ----------
+    path : path of the folder to write
+    suffix : str
+        Only a folder whose files all have this suffix may be replaced.
+    force : bool
+        True: an existing folder may be replaced.
+
+    Raises
+    ------
+    OptionError, SurveyError
+        As for :func:`new_file`.
+    """
     target = Path(path)
     refuse_inside_survey(target, "--output")
     clear_leftovers(target)
     if target.is_dir() and not any(target.iterdir()):
-        target.rmdir()  # nothing is replaced
+        target.rmdir()  # an empty folder may be replaced without `force`
     _check(target, force=force)
     existing = [path.name for path in target.iterdir()] if target.is_dir() else []
     if any(not name.endswith(suffix) for name in existing) or target.is_file():
         expected = f"a folder with nothing but *{suffix} files to replace"
-        raise OptionError(refusal(str(target), expected, "something else", "name another one"))
+        raise OptionError(refusal(str(target), expected, "other files", "name another folder"))
     with _locked_draft(target) as draft, disk_errors(target):
         draft.mkdir()
         yield draft
@@ -104,10 +120,10 @@ def new_folder(path: str | os.PathLike[str], suffix: str, *, force: bool) -> Ite
 
 
 def clear_leftovers(target: Path) -> None:
-    """Remove the files of killed exports to this place.
+    """Remove the drafts of killed exports to a path.
 
-    A folder that was about to be replaced is put back. Files of a running export stay, and so do
-    those that cannot be removed: they do no harm.
+    A folder whose replacement was interrupted is restored. Files of a running export stay, and so
+    do those that cannot be removed.
     """
     if not target.name:
         return
@@ -115,10 +131,10 @@ def clear_leftovers(target: Path) -> None:
     try:
         names = os.listdir(target.parent)
     except OSError:
-        return  # `new_file` reports it
+        return  # `new_file` reports the error
     for name in filter(pattern.fullmatch, names):
         path = target.with_name(name)
-        # The lock is opened for writing, and a link may lead to a user's file.
+        # Locking opens the file for writing, and a link may lead to a user's file.
         if path.is_symlink() or not path.is_file():
             continue
         # Another process writes the draft; or the disk has no locks, and the owner is unknown: then
@@ -136,7 +152,7 @@ def clear_leftovers(target: Path) -> None:
 
 @contextlib.contextmanager
 def _locked_draft(target: Path) -> Iterator[Path]:
-    """Yield the name of a locked draft; whatever has this name is removed after the block."""
+    """Yield a path for a draft and hold its lock; remove what is at this path after the block."""
     draft = target.with_name(f"{target.name}.{secrets.token_hex(4)}.tmp")
     path = draft.with_suffix(".lock")
     lock = FileLock(path)
@@ -155,7 +171,7 @@ def _locked_draft(target: Path) -> Iterator[Path]:
 
 
 def _remove(path: Path) -> None:
-    """Remove a file or a folder; of a link only the link itself."""
+    """Remove a file or a folder; a link is removed without its target."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
@@ -163,16 +179,18 @@ def _remove(path: Path) -> None:
 
 
 def refuse_existing(path: str | os.PathLike[str], *, force: bool) -> None:
-    """Refuse a name that is in use, or whose folder cannot be written.
+    """Raise OptionError if a path is in use or cannot be written.
 
-    Raises
-    ------
-    OptionError
+    Parameters
+    ----------
+    path : path of the output
+    force : bool
+        True: an existing file may be replaced.
     """
     target = Path(path)
     refuse_inside_survey(target, "--output")
     if target.is_dir() and not any(target.iterdir()):
-        return  # right for a format that makes a folder; `new_file` refuses it for the rest
+        return  # `new_file` refuses it if the format is a file
     _check(target, force=force)
     if not target.is_dir():
         require_writable(target, "--output")
@@ -187,5 +205,5 @@ def _check(target: Path, *, force: bool) -> None:
         hint = "make it first"
         raise OptionError(refusal(str(target), f"the folder {target.parent}", "none", hint))
     if (target.exists() or target.is_symlink()) and not force:
-        hint = "--force writes over it"
-        raise OptionError(refusal(str(target), "a name that is free", "one that is taken", hint))
+        hint = "choose another one, or replace it with --force"
+        raise OptionError(refusal(str(target), "a new name", "an existing one", hint))

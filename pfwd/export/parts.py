@@ -1,10 +1,11 @@
-"""Rows of a large survey as text, made by two processes from both ends.
+"""Rows of a large survey as text, made by two processes at once.
 
-Making rows keeps one processor busy, and threads cannot share it. The second process starts while
-the first one reads the survey. It receives the places of the drops of a part in the journal, and
-makes the last part, then the one before, until it meets the first process, which begins at the
-front. The faster process makes more, and a second process that makes nothing delays little. A part
-with a drop that is not at its place is left to the first process, which has further copies.
+The work needs the processor all the time, which threads of one Python process cannot share. The
+second process starts while the first one still reads the survey. The points are divided into parts.
+The first process works from the first part on and the second one from the last part back, until
+they meet; thus a slow second process delays little. The second process receives the places of the
+drops in the survey's journal and reads them itself. If a drop cannot be read there, its part is
+left to the first process, which finds further copies.
 """
 
 import contextlib
@@ -34,20 +35,21 @@ from pfwd_device.recording.survey_content import (
 )
 
 MIN_LEDGER_BYTES = 600_000
-"""Size of the ledger of 2,000 drops, whose rows take as long as the start of a second process."""
+"""Size of the list of acknowledged drops above which a second process is started: with 2,000 drops
+the rows take as long as the start of the process."""
 
 MIN_DROPS_IN_PART = 250
-"""Some 100 ms of work, for which one process may have to wait for the other at the end. A part ends
-with the point that reaches this number."""
+"""Smallest number of drops in a part, some 100 ms of work, for which one process may have to wait
+for the other at the end. A part ends with the point that reaches this number."""
 
 Texts = Callable[[Iterable[Row]], Iterator[str]]
-"""Function at the top of a module that yields the text of each row."""
+"""Type of a function that yields the texts of rows; it must be importable, not a lambda."""
 
 Points = Sequence[SurveyPoint]
 
 
 class Part(NamedTuple):
-    """Texts from the second process."""
+    """Part that the second process has made."""
 
     text: str
     results: int
@@ -55,7 +57,7 @@ class Part(NamedTuple):
 
 
 class SecondProcess(HelperProcess):
-    """Process that makes the texts of parts of the rows."""
+    """Process that makes parts of the rows as text."""
 
     def __init__(self) -> None:
         super().__init__(_load)
@@ -63,13 +65,28 @@ class SecondProcess(HelperProcess):
     def make(
         self, survey_id: str, job: Job, texts: Texts, parts: Sequence[Points]
     ) -> Sequence[Future[Part] | None]:
-        """Request parts, the last one first; None: the process has ended."""
+        """Request parts, the last one first.
+
+        Parameters
+        ----------
+        survey_id : str
+        job : Job
+        texts : callable
+            Function that yields the texts of rows.
+        parts : sequence of sequences of SurveyPoint
+
+        Returns
+        -------
+        sequence of Future or None
+            One for each part; None: the process has ended.
+        """
         points = [_RemotePoints(part, job) for part in parts]
         return self.submit(partial(_part, texts, survey_id), points)
 
 
 def second_process(survey: str, jobs: int) -> AbstractContextManager[SecondProcess | None]:
-    """Return a second process for a block; None: it would not help, or cannot be started.
+    """Return a context with a second process, or with None if it would not help or cannot be
+    started.
 
     Parameters
     ----------
@@ -83,13 +100,14 @@ def second_process(survey: str, jobs: int) -> AbstractContextManager[SecondProce
 
 
 def row_texts(order: Order, texts: Texts) -> Iterator[str]:
-    """Yield the texts of all rows, point by point; one text may hold several rows.
+    """Yield the texts of all rows, point by point; a text may hold several rows.
 
     Parameters
     ----------
     order : Order
-        Receives the number of drops with a result.
+        Its attribute `results` is set to the number of drops with a result.
     texts : callable
+        Function that yields the texts of rows.
     """
     parts = parts_of(order.content.points)
     futures: Sequence[Future[Part] | None] = [None] * len(parts)
@@ -106,11 +124,11 @@ def row_texts(order: Order, texts: Texts) -> Iterator[str]:
             rows = list(order.rows_of(order.point(point)))
             count += sum(row.has_result for row in rows)
             yield from texts(rows)
-    vars(order)["results"] = count  # the place in which `cached_property` stores it
+    vars(order)["results"] = count  # where `cached_property` stores its value
 
 
 def parts_of(points: Points) -> list[Points]:
-    """Return the points that have drops in parts of `MIN_DROPS_IN_PART`, each point in one part."""
+    """Divide the points with drops into parts of at least `MIN_DROPS_IN_PART` drops."""
     parts: list[Points] = []
     part: list[SurveyPoint] = []
     drops = 0
@@ -126,9 +144,10 @@ def parts_of(points: Points) -> list[Points]:
 
 
 class _RemotePoints:
-    """Points that the second process reads and judges.
+    """Points for the second process, which reads and judges them.
 
-    They are prepared when they are pickled, which most parts of the first process never are.
+    They are prepared when they are pickled, because most parts are made by the first process and
+    never pickled.
     """
 
     def __init__(self, points: Points, job: Job) -> None:
@@ -147,21 +166,21 @@ def _sent(drop: SurveyDrop) -> tuple[Any, ...]:
     if place is None:
         raise RecordingError(f"drop {drop.number} is not in the journal")
     diagnosis = None
-    with contextlib.suppress(RecordingError):  # the first process reports it
+    with contextlib.suppress(RecordingError):  # the first process reports the damage
         diagnosis = drop.read_diagnosis()
     edited = (drop.discarded, drop.notes, drop.position, drop.target, drop.edits)
     return (place, tuple(map(os.fspath, drop.results)), diagnosis, *edited)
 
 
-# The rest runs in the second process.
+# The code below runs in the second process.
 
 
 class _MissingDrop(Exception):
-    """A drop is incomplete at its place; the first process reads another copy, or reports it."""
+    """The second process cannot read a drop; the first process makes its part."""
 
 
 def _load() -> None:
-    """Do nothing: the process imports this module to run it, and all that it needs."""
+    """Import this module in the second process, which happens before the function is called."""
 
 
 def _received_points(job: Job, sent: list[tuple[SurveyPoint, Any]]) -> tuple[Job, Points]:
@@ -194,7 +213,7 @@ def _drop(
 
 
 class _RemoteDrop:
-    """Source of one drop with the methods that its row and the verdict of its point need."""
+    """Data of one drop in the second process, with the interface of a survey."""
 
     def __init__(
         self, place: DropPlace, results: tuple[Path, ...], diagnosis: Result | None
@@ -250,11 +269,11 @@ class _RemoteDrop:
 
 
 def _refuse(number: int) -> NoReturn:
-    raise _MissingDrop(f"drop {number}: this is not read for a row")
+    raise _MissingDrop(f"drop {number}: the second process does not have this")
 
 
 def _part(texts: Texts, survey_id: str, sent: Any) -> Part:
-    """Return the texts of a part; `sent` is a `_RemotePoints` after it was pickled."""
+    """Return the text of a part; `sent` is a `_RemotePoints` after pickling."""
     job, points = sent
     with no_collections():
         rows = [row for point in points for row in point_rows_of(survey_id, point_view(point, job))]

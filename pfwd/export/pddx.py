@@ -1,10 +1,10 @@
-"""``pddx``: peaks of load and deflection in AASHTO's Pavement Deflection Data Exchange, 2.0.
+"""Format ``pddx``: peak loads and deflections in AASHTO's Pavement Deflection Data Exchange, 2.0.
 
-The sections and keys are those of public files of version 1.0. Version 2.0 is appendix C of
+Sections and keys are those of public files of version 1.0. Version 2.0 is appendix C of
 FHWA-HRT-07-040, of which only the introduction was available: sections with descriptive names,
 entries as in .INI files, few changes from 1.0. Four things could not be verified: the required
-keys, the form of time histories (none are written), the first number of a drop (0 or 1), and the
-mark of a comment. Moduli are not part of the format.
+keys, the form of traces (none are written), the first number of a drop (0 or 1), and the
+mark of a comment. The format has no moduli.
 """
 
 import datetime
@@ -52,6 +52,14 @@ _REMARKS = (
 def write_pddx(order: Order, path: str | os.PathLike[str]) -> list[str]:
     """Write the peaks of all drops that have peaks and are not discarded.
 
+    A file has one plate and one set of sensors. Drops with another plate or other sensors go to
+    further files, numbered from 2.
+
+    Parameters
+    ----------
+    order : Order
+    path : path of the first file
+
     Returns
     -------
     list of str
@@ -61,14 +69,9 @@ def write_pddx(order: Order, path: str | os.PathLike[str]) -> list[str]:
     ------
     SurveyError
         If no drop has peaks.
-
-    Notes
-    -----
-    A file has one plate and one set of sensors. Drops of further plates or sets go to files of
-    their own, numbered from 2.
     """
     rows = order.rows
-    # On a rig there is no pavement.
+    # Drops on a rig of springs have no deflection of a pavement.
     on_rig = sum(row.values["kind"] == "stiffness" for row in rows)
     rows = [row for row in rows if row.values["kind"] != "stiffness"]
     used = [row for row in rows if row.used and row.drop.peaks is not None]
@@ -144,7 +147,7 @@ def _lines(
     points = groupby(rows, key=lambda row: row.point.name)
     for index, (_, group) in enumerate(points, start=1):
         yield from _location(index, list(group))
-    # At the end, where they do no harm to a reader without comments.
+    # Comments come last, because a reader may not support them.
     yield from (f"; {line}" for line in (f"pfwd {software_version()}", *_REMARKS))
 
 
@@ -180,7 +183,7 @@ def _location(index: int, rows: list[Row]) -> Iterator[str]:
 
 
 def _verdict_entries(row: Row) -> dict[str, str | None]:
-    """Return procedure, value, target and verdict of the point as entries."""
+    """Return procedure, value, target and verdict of a point as entries of its section."""
     values = row.values
     scale = 1e6 if values["unit"] == "m" else 1e-3
 
@@ -207,7 +210,7 @@ def _section(name: str, **entries: str | None) -> Iterator[str]:
 
 
 def _configuration(where: str, row: Row) -> tuple[float, tuple[float, ...]]:
-    """Return plate radius and distances of the sensors of a drop, m."""
+    """Return the plate radius and the offsets of the sensors of a drop, m."""
     peaks, point = row.drop.peaks, row.point.source
     assert peaks is not None
     assert point is not None
@@ -220,7 +223,7 @@ def _configuration(where: str, row: Row) -> tuple[float, tuple[float, ...]]:
 
 
 def _chainage(row: Row) -> float | None:
-    """Return the chainage in the imported file, m; None: it has none."""
+    """Return the chainage in the imported file, m; None: not in the file."""
     imported = (row.drop.declared or {}).get("imported")
     return number(imported.get("chainage_m")) if isinstance(imported, dict) else None
 
@@ -233,10 +236,10 @@ def _moment(row: Row) -> datetime.datetime | None:
 
 
 def _date(moment: datetime.datetime) -> str:
-    # By hand: strftime would use the language of the system.
+    # strftime would use the language of the system.
     return f"{moment.day:02d}-{_ENGLISH_MONTHS[moment.month - 1]}-{moment.year:04d}"
 
 
 def _text(value: object) -> str | None:
-    """Return a text without delimiters, which would end its entry."""
+    """Return a text without the delimiter, which would end its entry."""
     return None if value is None else str(value).replace(DELIMITER, " ").strip() or None

@@ -18,12 +18,12 @@ _EMPTY_POINT: Mapping[str, Any] = dict.fromkeys(column.name for column in POINT_
 
 
 PointValues = Mapping[str, Any]
-"""Values of a point by the names of ``POINT_COLUMNS``, in their order; None: unknown. Times are
-texts, ISO 8601."""
+"""Values of a point by the names of `POINT_COLUMNS`, in their order; None: unknown. Times are ISO
+8601 texts."""
 
 
 def point_rows(order: Order) -> list[PointValues]:
-    """Return the values of all points of a survey, in their order."""
+    """Return the values of all points of a survey, in the survey's order."""
     folder = Path(order.content.path)
     return [
         {**_row(point, rows), "photos": _photo_files(folder, point.name)}
@@ -63,7 +63,7 @@ def _row(point: PointView, drops: Sequence[Row]) -> PointValues:
 
 
 def judged_values(point: PointView) -> dict[str, Any]:
-    """Return value, target, verdict and moduli of a point under the names of exports."""
+    """Return value, target, verdict and moduli of a point, by the names of `POINT_COLUMNS`."""
     job, progress, diagnosis = point.job, point.progress, point.diagnosis_in_force
     value, fitted, in_force = progress.value, progress.fitted_modulus, progress.modulus_in_force
     low, high = (None, None) if value is None or value.interval is None else value.interval
@@ -90,7 +90,10 @@ def judged_values(point: PointView) -> dict[str, Any]:
 
 
 def _use_values(progress: PointProgress, diagnosis: DiagnosisResult | None) -> dict[str, Any]:
-    """Return the use of the diagnosed modulus at the point; its records may support none."""
+    """Return for what the diagnosed modulus may be used, and why.
+
+    "do-not-use", if the records of the point do not support it.
+    """
     if diagnosis is None:
         return {"use": None, "use_reason": None}
     modulus = progress.modulus

@@ -1,7 +1,8 @@
-"""Registry of export formats, by their name on the command line.
+"""Export formats by their name on the command line.
 
-A new one is a function ``write(order, path)`` in a module and one entry in ``BUILT_IN_FORMATS``; in
-another package, an entry point of the group ``pfwd.export_formats``. Heavy imports stand elsewhere.
+A new format is a function ``write(order, path)`` and one entry in `BUILT_IN_FORMATS`. In
+another package it is an entry point of the group ``pfwd.export_formats`` that names an
+`ExportFormat`. Functions are imported when they are used.
 """
 
 from __future__ import annotations
@@ -26,21 +27,21 @@ class ExportFormat:
     """Format of the files to which a survey can be exported."""
 
     name: str
-    """Name on the command line, in small letters."""
+    """Name on the command line, in lower case."""
     holds: str
-    """Contents of such a file, in a few words for the help."""
+    """Content of the file, as a phrase for the help."""
     write: str | Write
-    """Function that writes an order to a path and returns one sentence for each omission; or its
-    place as ``"module:function"``, which is imported when it is used."""
+    """Function ``write(order, path)`` that writes the file and returns one sentence for each
+    omission, or its name ``"module:function"``, which is imported when it is used."""
     with_results: bool = False
-    """True: it holds results, and drops may be inverted for it."""
+    """True: the format holds results, so that drops may be inverted for it."""
     by_parts: bool = False
-    """True: it writes the text of its rows by `row_texts`, and a second process may help."""
+    """True: rows are written as text by `row_texts`, so that a second process may help."""
     delimited: bool = False
-    """True: it is a text whose delimiter and decimal sign may be chosen."""
+    """True: a text in columns, whose delimiter and decimal sign may be chosen."""
 
     def writer(self) -> Write:
-        """Return the function ``write(order, path)``."""
+        """Return the function ``write(order, path)``, imported if necessary."""
         if not isinstance(self.write, str):
             return self.write
         module, _, name = self.write.partition(":")
@@ -82,17 +83,17 @@ BUILT_IN_FORMATS: Mapping[str, ExportFormat] = MappingProxyType(
         )
     }
 )
-"""Formats of this program."""
+"""Formats of this program, by name."""
 
 
 def find_format(name: str) -> ExportFormat | None:
-    """Return the format of a name; None: there is no such format."""
+    """Return a format by its name; None: there is no such format."""
     return BUILT_IN_FORMATS.get(name) or pfwd_plugins.load(
         pfwd_plugins.EXPORT_FORMATS, name, ExportFormat
     )
 
 
 def format_names() -> tuple[str, ...]:
-    """Return the names of all formats, those of other packages last."""
+    """Return the names of all formats; those of plug-ins follow those of this program."""
     added = pfwd_plugins.names(pfwd_plugins.EXPORT_FORMATS)
     return tuple(dict.fromkeys((*BUILT_IN_FORMATS, *added)))

@@ -1,4 +1,6 @@
-"""Row of each drop: position, time, peaks, and the result with its uncertainty and warnings."""
+"""Export request, and row of each drop: position, time, peaks, result with uncertainty and
+warnings.
+"""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -33,7 +35,7 @@ from pfwd_device.text import clean
 NO_RESULT_STATUS = "no result"
 NOT_INVERTED = "not inverted yet: pfwd export --invert does it"
 MAX_CELL_CHARACTERS = 4096
-"""Longest text of a cell; a note may have this length."""
+"""Longest text of a cell; a note may be as long."""
 
 SURVEY_COLUMNS = (
     *("drop", "record", "point", "site", "operator", "device", "time_utc", "notes"),
@@ -41,37 +43,38 @@ SURVEY_COLUMNS = (
     *("procedure", "quantity", "value", "interval_low", "interval_high", "unit", "target"),
     *("verdict", "value_not_supported", "modulus_source"),
 )
-"""Columns with the present values of the survey, not with those at the time of the inversion."""
+"""Columns whose values are those of the survey now. The others are those at the time of the
+inversion."""
 
 _RESULT_KINDS = {c.name: c.kind for c in DROP_COLUMNS if c.name not in SURVEY_COLUMNS}
 _RESULT_KEYS = frozenset(_RESULT_KINDS)
 _EMPTY_ROW: Mapping[str, Any] = dict.fromkeys(column.name for column in DROP_COLUMNS)
 
 MAX_RELATIVE_DIFFERENCE = 1e-9
-"""Relative difference up to which two declared values count as equal."""
+"""Relative difference up to which two declared values are equal."""
 
 
 Results = Mapping[tuple[str, int], DropResult]
-"""Results by title of the point and number of the drop within it."""
+"""Results by the title of the point and the number of the drop within it."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Row:
-    """A drop with the values of its columns."""
+    """A drop with its values for all columns."""
 
     point: PointView
     drop: DropView
     place: Place | None
     values: Mapping[str, Any]
-    """Values by the names of ``DROP_COLUMNS``; None: unknown."""
+    """Values by the names of `DROP_COLUMNS`; None: unknown."""
     time_local: str | None = None
     """Local time, ISO 8601; None: unknown."""
     warnings: tuple[Notice, ...] = ()
-    """Warnings of the result; the values have their sentences."""
+    """Warnings of the result as objects; in `values` they are sentences."""
 
     @property
     def json_values(self) -> dict[str, Any]:
-        """Values for JSON, with the codes of the warnings behind their sentences."""
+        """Values for JSON, with the codes of the warnings after their sentences."""
         written: dict[str, Any] = {}
         for name, value in self.values.items():
             written[name] = value
@@ -81,23 +84,25 @@ class Row:
 
     @property
     def peaks(self) -> Peaks | None:
-        """Peaks as recorded; None: samples around the trigger are missing."""
+        """Recorded peaks; None: samples around the trigger are missing."""
         return self.drop.peaks
 
     @property
     def has_result(self) -> bool:
-        """True: the drop has a result."""
+        """True if the drop has a result."""
         return bool(self.values["status"] != NO_RESULT_STATUS)
 
     @property
     def used(self) -> bool:
-        """True: the drop can be read, and neither it nor its point is discarded."""
+        """True if the drop can be read, and neither it nor its point is discarded."""
         discarded = self.point.discarded or self.drop.discarded is not None
         return not discarded and self.drop.declared is not None
 
 
 class RowMaker(Protocol):
-    """Process that makes the text of rows, such as `pfwd.export.parts.SecondProcess`."""
+    """Interface of a second process that makes rows as text, as `pfwd.export.parts.SecondProcess`
+    does.
+    """
 
     def make(
         self,
@@ -107,25 +112,25 @@ class RowMaker(Protocol):
         parts: Sequence[Sequence[SurveyPoint]],
         /,
     ) -> Sequence[Any]:
-        """Request the texts of parts of the points; None: this process will not make the part."""
+        """Request the texts of parts; see `pfwd.export.parts.SecondProcess.make`."""
         ...
 
 
 @dataclass(frozen=True)  # no slots: `cached_property` needs a dictionary
 class Order:
-    """Export request: a survey, and the options of its format."""
+    """Export request: a survey, and options of the format."""
 
     content: SurveyContent
     inverted: Results | None = None
-    """Results in place of the stored ones."""
+    """Results of an inversion for this export; None: the stored ones are used."""
     force: bool = False
     """True: an existing file may be replaced."""
     jobs: int = 1
-    """Number of processes that may work on it."""
+    """Number of processes that may work on the export."""
     row_maker: RowMaker | None = None
-    """Second process for rows as text."""
+    """Second process that makes rows as text; None: there is none."""
     delimiter: str = ","
-    """Sign between the columns of a text."""
+    """Character between the columns of a text."""
     decimal: str = "."
     """Decimal sign of a text."""
 
@@ -142,13 +147,13 @@ class Order:
 
     @cached_property
     def points(self) -> list[tuple[PointView, tuple[Row, ...]]]:
-        """All points, each with the rows of its drops; read and judged once."""
+        """All points with the rows of their drops, computed once."""
         with no_collections():
             views = map(self.point, self.content.points)
             return [(view, tuple(self.rows_of(view))) for view in views]
 
     def point(self, point: SurveyPoint) -> PointView:
-        """Return one point, read with every call; with the results in place of the stored ones."""
+        """Return a point with the results to export; read and judged again at every call."""
         view = point_view(point, self.job)
         if self.inverted is None:
             return view
@@ -160,7 +165,7 @@ class Order:
 
     @cached_property
     def rows(self) -> list[Row]:
-        """All drops, point by point; made once."""
+        """Rows of all drops, point by point, computed once."""
         return [row for _, rows in self.points for row in rows]
 
     def rows_of(self, point: PointView) -> Iterator[Row]:
@@ -169,7 +174,9 @@ class Order:
 
     @cached_property
     def results(self) -> int:
-        """Number of drops with a result; `row_texts` sets it without making all rows."""
+        """Number of drops with a result; `row_texts` sets it if rows were written without this
+        list.
+        """
         return sum(row.has_result for row in self.rows)
 
 
@@ -181,7 +188,7 @@ def point_rows_of(survey_id: str, point: PointView, *, inverted: bool = False) -
     survey_id : str
     point : PointView
     inverted : bool
-        Whether the results were made for this export; then discarded drops have none.
+        True: the results are of an inversion for this export, and discarded drops have none.
     """
     progress = point.progress
     verdict = _point_columns(point)
@@ -193,7 +200,7 @@ def point_rows_of(survey_id: str, point: PointView, *, inverted: bool = False) -
 
 
 def _point_columns(point: PointView) -> dict[str, Any]:
-    """Return value and verdict of a point as columns of the rows of its drops."""
+    """Return value and verdict of a point by the names of `DROP_COLUMNS`."""
     job, progress = point.job, point.progress
     value = progress.value
     low, high = (None, None) if value is None or value.interval is None else value.interval
@@ -212,11 +219,13 @@ def _point_columns(point: PointView) -> dict[str, Any]:
 
 
 def _corrected_deflection(drop: DropView) -> float | None:
-    """Return the peak of the centre without the response that is declared now, m."""
+    """Return the centre deflection without the presently declared geophone response, m; None: no
+    peak.
+    """
     if drop.own.peak_deflection is not None or drop.declared is None or drop.source is None:
         return drop.own.peak_deflection
     try:
-        # A drop that is rejected by comparison with its point has a peak, too.
+        # A drop that was rejected by comparison with its point has a peak that was not computed.
         return corrected_deflection(drop.source.read_traces().drop, drop.setup)
     except (RecordingError, SurveyError):
         return None
@@ -239,13 +248,13 @@ def _row(
     point : PointView
     drop : DropView
     verdict : mapping
-        Value and verdict of the point, as columns.
+        Value and verdict of the point by column name.
     kind : DropKind or None
-        Kind of the drop among the drops of its point.
+        Seating, measured or rejected by the procedure of the point.
     reason : str or None
-        Reason why the drop takes no part.
+        Reason why the drop is not averaged.
     inverted : bool
-        Whether the results were made for this export.
+        True: the results are of an inversion for this export.
     """
     stored_point = point.source
     assert stored_point is not None  # an export reads a stored survey
@@ -276,7 +285,7 @@ def _row(
     if drop.declared is not None:
         values |= _peak_values(drop, declared, values)
     if values["status"] in ("seating", "measured"):
-        # The kind by the present procedure, not by that at the time of the inversion.
+        # The present procedure decides, not the one at the time of the inversion.
         if kind in (DropKind.SEATING, DropKind.MEASURED):
             values["status"] = kind.value
         elif kind is DropKind.REJECTED and drop.discarded is None:
@@ -287,7 +296,7 @@ def _row(
 
 
 def _obstacle(drop: DropView, declared: Mapping[str, Any]) -> str | None:
-    """Return the reason why a drop is never inverted; None: it can be."""
+    """Return the reason why a drop cannot be inverted; None: it can."""
     if on_rig(declared):
         return STIFFNESS_TEST
     return None if drop.has_traces else ONLY_PEAKS
@@ -296,7 +305,7 @@ def _obstacle(drop: DropView, declared: Mapping[str, Any]) -> str | None:
 def _peak_values(
     drop: DropView, declared: Mapping[str, Any], values: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the indices of a drop without traces, or the stiffness of a rig."""
+    """Return the columns of a drop on a rig (stiffness) or without traces (basin indices)."""
     if on_rig(declared):
         assert drop.source is not None
         try:
@@ -338,12 +347,12 @@ def _peak_values(
 
 
 def _facts(survey_id: str, point: PointView, drop: DropView) -> dict[str, Any]:
-    """Return the columns of a drop apart from its peaks and its result."""
+    """Return the columns of a drop other than peaks, result and verdict."""
     stored_point, stored_drop = point.source, drop.source
     assert stored_point is not None
     assert stored_drop is not None
     declared = {**(drop.declared or {}), **stored_point.declared}
-    # An edit of the point wins over what was recorded with the drop.
+    # An edit of the point overrides what was recorded with the drop.
     edits = stored_point.edits
     operators = [edit.get("value") for edit in edits if edit.get("what") == "operator"]
     identity = drop.metadata.get("identity")
@@ -365,7 +374,7 @@ def _facts(survey_id: str, point: PointView, drop: DropView) -> dict[str, Any]:
 
 
 def _result(result: DropResult, point: SurveyPoint, drop: DropView) -> dict[str, Any]:
-    """Return the result as columns; a modulus without its accessories is left out."""
+    """Return the columns of a result, without a modulus that lacks its uncertainty or model."""
     cells = _cells(result)
     nested = {
         name: value if value is None or name == N_LAYERS else number(value)
@@ -384,16 +393,16 @@ def _result(result: DropResult, point: SurveyPoint, drop: DropView) -> dict[str,
 
 
 def _cells(result: DropResult) -> dict[str, Any]:
-    """Return the values of a result by the names of columns, each as its column's kind."""
+    """Return the values of a result by column name, converted to the type of the column."""
     if result.more.keys().isdisjoint(_RESULT_KEYS):
         return _typed_cells(result)
-    # A result of another version may have such a key, with a value of another type.
+    # A result of another version may have a value of another type under the name of a column.
     values = result.values(_RESULT_KINDS)
     return {name: _CONVERTERS[_RESULT_KINDS[name]](value) for name, value in values.items()}
 
 
 def _typed_cells(result: DropResult) -> dict[str, Any]:
-    """Return the same for a result of this version, fast: kinds and getters are looked up once."""
+    """Return the same for a result of this version, faster by functions that are looked up once."""
     cells: dict[str, Any] = {}
     for name, value in zip(_NUMERIC_NAMES, _NUMERIC_VALUES(result), strict=True):
         # Nearly always a float: `number` without the call.
@@ -407,7 +416,17 @@ def _typed_cells(result: DropResult) -> dict[str, Any]:
 
 
 def missing_parts(result: DropResult) -> list[str]:
-    """Return the parts that a result lacks and without which a modulus must not be shown."""
+    """Return the parts that a result lacks and without which its modulus must not be shown.
+
+    Parameters
+    ----------
+    result : DropResult
+
+    Returns
+    -------
+    list of str
+        Phrases such as "the plate radius"; empty: nothing is missing.
+    """
     interval = result.modulus_interval_pa
     uncertain = number(result.modulus_sd_pa) is not None or (
         interval is not None and number(interval[0]) is not None
@@ -423,7 +442,7 @@ def missing_parts(result: DropResult) -> list[str]:
 
 
 def _stale(result: DropResult, point: SurveyPoint, drop: DropView) -> list[Notice]:
-    """Return one warning for each declaration that changed since the result was made."""
+    """Return a warning for each declaration that has changed since the inversion."""
     now = {**(drop.declared or {})}
     for edit in point.edits:
         value = edit.get("value")
@@ -442,7 +461,9 @@ def _stale(result: DropResult, point: SurveyPoint, drop: DropView) -> list[Notic
 
 
 def _text(value: object) -> str | None:
-    """Return a text on one line, of a list the first one; None: it is no text or empty."""
+    """Return a value, or the first usable one of a list, as one line of text; None: there is no
+    text.
+    """
     if isinstance(value, list):
         return next((text for item in value if (text := _text(item)) is not None), None)
     if isinstance(value, bool) or not isinstance(value, str | int | float):
@@ -473,9 +494,9 @@ _CONVERTERS: Mapping[Kind, Callable[[Any], Any]] = {
     "text": _text,
     "texts": _texts,
 }
-"""Conversion of a value of a result to a value of a column."""
+"""Functions that convert a value of a result to the type of its column."""
 
-# Nested records have columns of their own, see `nested_cells`.
+# Nested values have columns of their own, see `nested_cells`.
 _FIELDS = [f.name for f in fields(DropResult) if f.name in _RESULT_KEYS and f.name != N_LAYERS]
 _WITHHELD = [column.name for column in result_columns("layers")]
 _NUMERIC_NAMES = tuple(name for name in _FIELDS if _RESULT_KINDS[name] == "number")

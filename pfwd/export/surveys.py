@@ -1,4 +1,6 @@
-"""Formats that ``pfwd import`` reads: ``h5``, the whole survey, and ``csv``, a folder of traces."""
+"""Formats that ``pfwd import`` reads again: ``h5``, the whole survey, and ``csv``, a folder of
+traces.
+"""
 
 import os
 import re
@@ -19,13 +21,25 @@ from pfwd_device import Drop
 from pfwd_device.errors import RecordingError
 
 MAX_FILE_NAME_CHARACTERS = 60
-"""Characters of the point's name in the name of its file."""
+"""Largest number of characters of the point's name in the name of its file."""
 
 TRACE_SUFFIX = ".csv"
 
 
 def write_h5(order: Order, path: str | os.PathLike[str]) -> list[str]:
-    """Write the whole survey into one file, which every command reads like the survey."""
+    """Write the whole survey into one HDF5 file, which every command accepts in place of the
+    survey.
+
+    Parameters
+    ----------
+    order : Order
+    path : path of the file
+
+    Returns
+    -------
+    list of str
+        Empty, because nothing is omitted.
+    """
     with new_file(path, force=order.force) as draft:
         write_survey_file(draft, order.content, order.jobs)
     return []
@@ -34,10 +48,20 @@ def write_h5(order: Order, path: str | os.PathLike[str]) -> list[str]:
 def write_csv(order: Order, path: str | os.PathLike[str]) -> list[str]:
     """Write the traces of all drops that are not discarded, one file for each test point.
 
+    Parameters
+    ----------
+    order : Order
+    path : path of the folder
+
     Returns
     -------
     list of str
         One sentence for each omission.
+
+    Raises
+    ------
+    SurveyError
+        If no drop has traces, or a drop is damaged.
     """
     notes: list[str] = []
     numbers = count(1)
@@ -50,7 +74,7 @@ def write_csv(order: Order, path: str | os.PathLike[str]) -> list[str]:
             for point in points:
                 drops = [drop for drop in point.drops if _is_exportable(drop, point, notes)]
                 parts = [unbroken_part(drop)[0] for drop in drops]
-                # A file has one set of sensors.
+                # A trace file has one set of sensors for all its drops.
                 for _, group in groupby(parts, key=_sensors):
                     name = f"{next(numbers):04d}-{safe_name(content.title)}{TRACE_SUFFIX}"
                     write_traces(folder / name, TracePoint(name, _plain(point.setup), tuple(group)))
@@ -67,15 +91,15 @@ def write_csv(order: Order, path: str | os.PathLike[str]) -> list[str]:
 
 
 def _empty_export(path: str, notes: Sequence[str]) -> str:
-    """Return the message for an export without traces, and the formats that can hold peaks."""
+    """Return the message that no drop has traces, with the formats for drops that have peaks."""
     if any(ONLY_PEAKS in note for note in notes):
-        expected = "drops with a time history, which trace files hold, got peaks only"
+        expected = "drops with traces for the format csv, got peaks only"
         return f"{path}: expected {expected}; export them with --format table, jsonl or pddx"
     return refusal(path, "drops to export", "none")
 
 
 def safe_name(text: str) -> str:
-    """Return a name as a part of a file name that every system accepts.
+    """Return a text as a part of a file name that every operating system accepts.
 
     Examples
     --------
@@ -101,7 +125,7 @@ def _sensors(drop: Drop) -> tuple[tuple[str, float], ...]:
 
 
 def _plain(setup: PointSetup) -> PointSetup:
-    """Return the setup without null, which TOML does not have."""
+    """Return the setup without values of None, which TOML cannot hold."""
     extra = {key: value for key, value in setup.extra.items() if value is not None}
     return replace(setup, extra=_without_null(extra))
 

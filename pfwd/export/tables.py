@@ -1,5 +1,8 @@
-"""Tables of drops with their results: ``table`` (CSV, RFC 4180), ``jsonl`` and ``parquet``; and of
-points with their verdicts: ``points`` (CSV)."""
+"""Tables: of drops with results as ``table`` (CSV, RFC 4180), ``jsonl`` and ``parquet``, of points
+with verdicts as ``points`` (CSV).
+
+Each function ``write_...`` takes an `Order` and a path and returns one sentence for each omission.
+"""
 
 import csv
 import os
@@ -17,14 +20,14 @@ from pfwd.export.point_rows import point_rows
 from pfwd.export.rows import Order, Row
 
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
-"""Beginnings of a text that a spreadsheet would run as a formula."""
+"""Characters with which a text begins that a spreadsheet would evaluate as a formula."""
 
 _DROP_COLUMN_NAMES = [column.name for column in DROP_COLUMNS]
 _DROP_VALUES = itemgetter(*_DROP_COLUMN_NAMES)
 
 
 def write_table(order: Order, path: str | os.PathLike[str]) -> list[str]:
-    """Write the rows of all drops, discarded ones marked."""
+    """Write the rows of all drops as CSV; discarded drops are marked."""
     with new_text_file(path, force=order.force, newline="") as stream:  # `csv` ends the lines
         stream.write(csv.writer(_Line(), delimiter=order.delimiter).writerow(_DROP_COLUMN_NAMES))
         texts = partial(table_texts, delimiter=order.delimiter, decimal=order.decimal)
@@ -33,7 +36,7 @@ def write_table(order: Order, path: str | os.PathLike[str]) -> list[str]:
 
 
 def table_texts(rows: Iterable[Row], delimiter: str = ",", decimal: str = ".") -> Iterator[str]:
-    """Yield the lines of rows in a table."""
+    """Yield the lines of a CSV table for rows of drops."""
     writer = csv.writer(_Line(), delimiter=delimiter)
     if decimal != ".":
         for row in rows:
@@ -50,7 +53,7 @@ def table_texts(rows: Iterable[Row], delimiter: str = ",", decimal: str = ".") -
 
 
 def write_points(order: Order, path: str | os.PathLike[str]) -> list[str]:
-    """Write the rows of all points, discarded ones marked."""
+    """Write the rows of all points as CSV; discarded points are marked."""
     with new_text_file(path, force=order.force, newline="") as stream:
         writer = csv.writer(stream, delimiter=order.delimiter)
         writer.writerow([column.name for column in POINT_COLUMNS])
@@ -60,22 +63,21 @@ def write_points(order: Order, path: str | os.PathLike[str]) -> list[str]:
 
 
 class _Line:
-    """Stream that makes `csv.writer` return its text."""
+    """Stream for `csv.writer`, which makes ``writerow`` return the line."""
 
     def write(self, text: str) -> str:
-        """Return the text."""
         return text
 
 
 def write_jsonl(order: Order, path: str | os.PathLike[str]) -> list[str]:
-    """Write all drops, discarded ones marked, with the whole result as a JSON object each."""
+    """Write each drop with its complete result as one line of JSON; discarded drops are marked."""
     with new_text_file(path, force=order.force) as stream:
         stream.writelines(row_texts(order, jsonl_texts))
     return []
 
 
 def jsonl_texts(rows: Iterable[Row]) -> Iterator[str]:
-    """Yield the lines of rows as JSON."""
+    """Yield the lines of JSON for rows of drops."""
     for row in rows:
         result = None if row.drop.last_result is None else row.drop.last_result.to_json()
         more = {"declared": row.drop.declared or {}, "result": result}
@@ -83,7 +85,7 @@ def jsonl_texts(rows: Iterable[Row]) -> Iterator[str]:
 
 
 def write_parquet(order: Order, path: str | os.PathLike[str]) -> list[str]:
-    """Write the rows of all drops, discarded ones marked, with types, units and meanings.
+    """Write the rows of all drops as Parquet, with types, units and meanings of the columns.
 
     Raises
     ------
@@ -120,14 +122,14 @@ def write_parquet(order: Order, path: str | os.PathLike[str]) -> list[str]:
 def cell(value: Any, decimal: str = ".") -> str:
     """Return a value as the text of a cell.
 
-    Text that a spreadsheet would run as a formula begins with an apostrophe.
+    A text that a spreadsheet would evaluate as a formula gets an apostrophe in front.
 
     Examples
     --------
     >>> cell(-1.5), cell("-1.5"), cell(None), cell(True), cell(["a", "=b"]), cell(1.5, ",")
     ('-1.5', "'-1.5", '', 'true', 'a; =b', '1,5')
     """
-    if type(value) is float:  # nearly always
+    if type(value) is float:  # most values: faster than the cases below
         return repr(value).replace(".", decimal)
     match value:
         case None:
@@ -139,5 +141,5 @@ def cell(value: Any, decimal: str = ".") -> str:
         case list() | tuple():
             return cell("; ".join(map(str, value)))
     text = str(value)
-    # Blanks before the sign do not stop every spreadsheet.
+    # Some spreadsheets skip blanks before a formula.
     return f"'{text}" if text.lstrip(" ").startswith(FORMULA_STARTS) else text

@@ -1,6 +1,6 @@
-"""``xlsx``: a workbook for engineers with the job, the points, the drops, the notes and a chart.
+"""Format ``xlsx``: a workbook with the job, the points, the drops, the notes and a chart.
 
-Numbers are numbers in engineering units (MPa, kN, µm, mm, ms), dates are dates.
+Numbers are in engineering units (MPa, kN, µm, mm, ms), and dates are dates of the spreadsheet.
 """
 
 import datetime
@@ -36,9 +36,9 @@ class _Unit(NamedTuple):
     """Engineering unit of a column."""
 
     name: str
-    """Name in the title; empty: a number without a unit."""
+    """Symbol of the unit in the title of a column."""
     factor: float
-    """Value in this unit over SI value."""
+    """Number of these units in one SI unit."""
     number_format: str
 
 
@@ -63,10 +63,10 @@ _UNIT_OF_END = (
     ("_s", _Unit("ms", 1e3, "0.00")),
     ("_m", _MILLIMETRE),
 )
-"""Units by the SI unit at the end of a column's name, longer ends first."""
+"""Units by the SI unit at the end of a column's name; the first end that matches is used."""
 
 _JUDGED = ("value", "interval_low", "interval_high", "target")
-"""Columns whose SI unit is named in the column ``unit`` of the same row."""
+"""Columns whose SI unit is in the column ``unit`` of the same row."""
 _JUDGED_UNITS = {"Pa": _MEGAPASCAL, "m": _MILLIMETRE}
 
 _TITLE_WORDS = {
@@ -94,10 +94,11 @@ _DROP_TITLES = {
     "target": "point_target",
     "target_pa": "declared_target_pa",
 }
-"""Titles that tell the fits of drops from the judged values of points, which stand beside them."""
+"""Names for the titles of columns, which distinguish the fit of a drop from the value of its point.
+"""
 
 _LAYER_COLUMNS = ("layers", "layer_", "effective_")
-"""Beginnings of the names of columns that are left out where no drop has a value."""
+"""Beginnings of the names of columns that are left out if no drop has a value in them."""
 
 _MAX_WIDTH_LETTERS, _MIN_WIDTH_LETTERS = 40, 9
 
@@ -109,9 +110,19 @@ def write_xlsx(order: Order, path: str | os.PathLike[str]) -> list[str]:
     """Write the sheets ``job``, ``points``, ``drops``, ``notes`` and ``chart``.
 
     Discarded points and drops are marked.
+
+    Parameters
+    ----------
+    order : Order
+    path : path of the file
+
+    Returns
+    -------
+    list of str
+        Empty, because nothing is omitted.
     """
     points = point_rows(order)
-    book = Workbook(write_only=True)  # else a survey of many drops would fill the memory
+    book = Workbook(write_only=True)  # otherwise many drops would fill the memory
     _add(book, "job", ("key", "value", "time_utc"), _job(order, points))
     sheet = _add_rows(book, "points", POINT_COLUMNS, points, _POINT_TITLES)
     drops = [row.values for row in order.rows]
@@ -139,7 +150,9 @@ def _add_rows(
     rows: Iterable[Mapping[str, Any]],
     titles_by_name: Mapping[str, str] = MappingProxyType({}),
 ) -> Any:
-    """Add a sheet of rows with each cell in its column's kind and engineering unit."""
+    """Add a sheet of rows, each value with the type and the engineering unit of its column; return
+    it.
+    """
     units = {column.name: _unit(column) for column in columns}
     titles = [
         _title(titles_by_name.get(column.name, column.name), units[column.name])
@@ -157,7 +170,7 @@ def _add_rows(
 
 
 def _unit(column: ResultColumn) -> _Unit | None:
-    """Return the unit of a column of numbers; None: the column has none."""
+    """Return the engineering unit of a column of numbers; None: the column has none."""
     name = column.name
     if name in _UNIT_OF_NAME:
         return _UNIT_OF_NAME[name]
@@ -171,7 +184,7 @@ def _unit(column: ResultColumn) -> _Unit | None:
 
 
 def _title(name: str, unit: _Unit | None) -> str:
-    """Return the name of a column in words, with the unit behind it."""
+    """Return the title of a column: its name in words, and its unit."""
     if unit is not None:
         ends = (end for end, _ in _UNIT_OF_END if name.endswith(end))
         name = name.removesuffix(next(ends, ""))
@@ -182,7 +195,7 @@ def _title(name: str, unit: _Unit | None) -> str:
 
 
 def _in_unit(row: Mapping[str, Any], name: str, unit: _Unit | None) -> tuple[Any, _Unit | None]:
-    """Return the value of a cell in its engineering unit, and that unit."""
+    """Return the value of a cell in its engineering unit, and that unit (None: no unit)."""
     value = row[name]
     if name == "unit" and value in _JUDGED_UNITS:
         return _JUDGED_UNITS[value].name, None
@@ -197,13 +210,13 @@ def _in_unit(row: Mapping[str, Any], name: str, unit: _Unit | None) -> tuple[Any
 
 
 def _add_chart(book: Any, points: Any, n_points: int) -> None:
-    """Add a sheet with the modulus in force of the points and its interval."""
+    """Add a sheet with a chart of the modulus in force of each point and its interval."""
     names = [column.name for column in POINT_COLUMNS]
     chart = LineChart()
     chart.title = "Modulus in force and its 95 % interval"
     chart.width, chart.height = 30, 15  # cm
     chart.x_axis.title, chart.y_axis.title = "Point", "MPa"
-    chart.x_axis.delete = chart.y_axis.delete = False  # else some programs show no axes
+    chart.x_axis.delete = chart.y_axis.delete = False  # otherwise some programs show no axes
     chart.y_axis.scaling.min = 0
     chart.hiLowLines = ChartLines()  # from the lower to the upper end of the interval
     marks = {"": "circle", "_interval_low": "dash", "_interval_high": "dash"}
@@ -225,7 +238,7 @@ def _add(book: Any, title: str, names: Sequence[str], rows: Iterable[Sequence[An
 
 
 def _fill(book: Any, title: str, names: Sequence[str], rows: Iterable[Sequence["_Value"]]) -> Any:
-    """Add a sheet with a frozen, filtered head and rows, and return it."""
+    """Add a sheet with a title row, which is frozen and has filters, and rows; return it."""
     sheet = book.create_sheet(title)
     sheet.freeze_panes = "B2"
     rows = list(rows)
@@ -246,7 +259,7 @@ def _fill(book: Any, title: str, names: Sequence[str], rows: Iterable[Sequence["
 
 
 class _Value:
-    """Value of a cell with its number format."""
+    """Value of a cell with its number format and its width in characters."""
 
     __slots__ = ("_form", "_value", "width")
 
@@ -255,12 +268,12 @@ class _Value:
         self.width = 12 if isinstance(value, int | float) else len(str(value or ""))
 
     def in_sheet(self, sheet: Any) -> Any:
-        """Return the cell of a sheet; None: an empty one."""
+        """Return the value as a cell of a sheet; None: the cell is empty."""
         if self._value is None:
             return None
         cell = WriteOnlyCell(sheet, value=None)
         if isinstance(self._value, str):
-            # A note that begins like a formula stays a text.
+            # A text that begins like a formula is not evaluated.
             cell.value, cell.data_type = self._value, "s"
             cell.quotePrefix = self._value.lstrip(" ").startswith(FORMULA_STARTS)
         else:
@@ -283,7 +296,7 @@ def _cell(value: Any, kind: str, form: str | None) -> _Value:
 
 
 def as_date(text: str) -> datetime.datetime | None:
-    """Return a time as spreadsheets hold it, without a zone and in whole seconds; None: no time.
+    """Return a time as a spreadsheet holds it: without time zone, in whole seconds; None: no time.
 
     Examples
     --------
@@ -310,11 +323,13 @@ _CHANGE_TITLES = {
     "units": "units on the screen",
     "time_zone": "time zone",
 }
-"""Settings of a job whose key is not their name."""
+"""Names of the settings of a job whose key says less."""
 
 
 def _job(order: Order, points: Sequence[PointValues]) -> Iterator[tuple[Any, Any, Any]]:
-    """Yield facts of the survey, the count of each verdict, and the dated changes of its job."""
+    """Yield the rows of the sheet ``job``: facts of the survey, number of points with each verdict,
+    dated changes of the job.
+    """
     content, job, drops = order.content, order.job, order.rows
 
     def several(key: str) -> str:
@@ -344,7 +359,7 @@ def _job(order: Order, points: Sequence[PointValues]) -> Iterator[tuple[Any, Any
 
 
 def _change_text(change: JobChange) -> str:
-    """Return the new value of a setting of a job in words."""
+    """Return the new value of a setting of a job as text."""
     value = change.value
     if value is None:
         return "withdrawn"
@@ -363,7 +378,7 @@ def _change_text(change: JobChange) -> str:
 
 
 def _notes(content: SurveyContent) -> Iterator[tuple[Any, ...]]:
-    """Yield every note and every edit, with its date where it is recorded."""
+    """Yield the rows of the sheet ``notes``: all notes and edits with their dates."""
     for point in content.points:
         for edit in point.edits:
             yield point.title, None, edit.get("what"), _edit_text(edit.get("value")), _moment(edit)

@@ -1,1 +1,4 @@
-"""Drops, surveys, results and diagnoses as objects for scripts and notebooks."""
+"""Objects for scripts and notebooks: drops, points, surveys, results and diagnoses.
+
+``import pfwd`` offers them.
+"""

@@ -1,4 +1,7 @@
-"""Diagnosis of the residual of points: `pfwd.diagnose`."""
+"""Function `pfwd.diagnose`, which explains the residual of points by effects of ground and device.
+
+"Before" is the fit of the base model alone, "after" the fit of the same model with the effects.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +47,7 @@ if TYPE_CHECKING:
 class Diagnosis(ScriptObject):
     """Effects that explain the residual of a point, and their influence on the modulus.
 
-    The keys are those of ``pfwd diagnose --json``: ``diagnosis["held_out"]``.
+    Each key of ``pfwd diagnose --json`` can be used as an index: ``diagnosis["held_out"]``.
     """
 
     __slots__ = ("_diagnosis", "_fault", "_modulus", "_place", "_record")
@@ -74,54 +77,58 @@ class Diagnosis(ScriptObject):
 
     @property
     def corrected(self) -> bool:
-        """True: the residual is explained, and the modulus after counts as corrected."""
+        """True if the residual is explained so well that the modulus after counts as corrected."""
         return bool(self._record["corrected"])
 
     @property
     def modulus(self) -> float | None:
-        """Modulus to use, Pa: that after, or before if `use` is ``do-not-use``; None: none."""
+        """Modulus to use, Pa: the one after, or the one before if `use` is ``do-not-use``; None:
+        neither.
+        """
         return None if self._modulus is None else self._modulus.value
 
     @property
     def modulus_interval(self) -> tuple[float, float] | None:
-        """95 % interval of `modulus`, Pa."""
+        """95 % interval of `modulus`, Pa; None: there is no modulus."""
         return None if self._modulus is None else self._modulus.interval
 
     @property
     def use(self) -> str:
-        """Use of the modulus after: ``design``, ``with-care`` or ``do-not-use``."""
+        """What the modulus after may be used for: ``design``, ``with-care`` or ``do-not-use``."""
         return "do-not-use" if self._fault is not None else str(self._record["use"])
 
     @property
     def use_reason(self) -> str:
-        """Reason of the use, in one sentence."""
+        """Reason for `use`, one sentence."""
         return self._fault or str(self._record["use_reason"])
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Names of the effects, strongest first; details: ``diagnosis["effects"]``."""
+        """Names of the effects, the strongest first; ``diagnosis["effects"]`` has their values."""
         return tuple(str(effect["name"]) for effect in self._record["effects"])
 
     @property
     def before(self) -> dict[str, Any] | None:
-        """Base model: modulus with interval, and residual; None: no drop was measured."""
+        """Fit of the base model: modulus with interval, and residual; None: no measured drop."""
         state: dict[str, Any] | None = self._record["before"]
         return state
 
     @property
     def after(self) -> dict[str, Any] | None:
-        """Base model with the effects, like `before`; None: no drop was measured."""
+        """Fit of the base model with the effects, with the keys of `before`; None: no measured
+        drop.
+        """
         state: dict[str, Any] | None = self._record["after"]
         return state
 
     @property
     def warnings(self) -> tuple[Notice, ...]:
-        """Limits of the diagnosis."""
+        """Warnings about the data and the limits of the diagnosis."""
         return notices.from_json(self._record["warnings"], self._record["warning_codes"])
 
     def __getitem__(self, key: str) -> Any:
         if key not in self._record:
-            raise KeyError(f"expected one of {', '.join(self._record)}, got {key!r}")
+            raise KeyError(f"diagnosis: expected one of {', '.join(self._record)}, got {key!r}")
         return self._record[key]
 
     def __repr__(self) -> str:
@@ -150,7 +157,7 @@ class Diagnosis(ScriptObject):
         return self._modulus is not None and self._modulus.source == source
 
     def _use_words(self) -> str:
-        """Return the use of the modulus after, and what to use in place of one not to use."""
+        """Return a phrase: what the modulus after may be used for, and what to use instead."""
         words = {"design": "design value", "with-care": "use with care"}
         if self.use in words:
             return words[self.use]
@@ -178,19 +185,20 @@ class Diagnosis(ScriptObject):
         return html_table(repr(self), _STATE_COLUMNS, rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the record of ``pfwd diagnose --json``."""
+        """Return all values of the diagnosis, with the keys of ``pfwd diagnose --json``."""
         return dict(self._record)
 
     def to_dataframe(self) -> DataFrame:
-        """Return a row for the model before and one for the model after; needs pandas."""
+        """Return a table with a row for the fit before and one for the fit after; needs pandas."""
         return data_frame(_rows(self))
 
     def predict(self, time: ArrayLike, load: ArrayLike) -> NDArray[np.float64]:
-        """Return the displacement as the instrument records it, for a drop that follows.
+        """Return the displacement that the instrument would record in the next drop.
 
         The prediction uses the drops of the point, and all points of the same instrument that were
-        diagnosed in the same call: the hardening of the ground from drop to drop, and the common
-        properties of the fits. Mains hum is not predicted. The first call fits all these points.
+        diagnosed in the same call: the hardening of the ground from drop to drop, and the effects
+        that the fits have in common. Mains hum is not predicted. The first call fits all these
+        points.
 
         Parameters
         ----------
@@ -220,7 +228,22 @@ class Diagnosis(ScriptObject):
         return np.asarray(instrument.predict_next(place, axis, force), np.float64)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the residual before and after (% of the peak over ms), and return the axes."""
+        """Draw the residual before and after, in % of the peak over ms.
+
+        Parameters
+        ----------
+        ax : Axes of matplotlib, optional
+            None: a new figure is made.
+
+        Returns
+        -------
+        Axes
+
+        Raises
+        ------
+        SurveyError
+            If the point has no measured drop.
+        """
         if self._diagnosis is None:
             raise SurveyError(refusal(self.file, "a diagnosed drop to draw", "none"))
         ax = axes_or_new(ax)
@@ -243,7 +266,7 @@ class Diagnosis(ScriptObject):
 
 
 class Diagnoses(ScriptObject, Sequence[Diagnosis]):
-    """Diagnoses of several points, in their order."""
+    """Diagnoses of several points, in the order of the points."""
 
     __slots__ = ("_diagnoses",)
 
@@ -283,11 +306,13 @@ class Diagnoses(ScriptObject, Sequence[Diagnosis]):
         return html_table(repr(self), ("point", "effects", "verdict"), rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return ``diagnoses``: the record of ``pfwd diagnose --json`` for each point."""
+        """Return a dict with the key ``diagnoses``: one record of ``pfwd diagnose --json`` for each
+        point.
+        """
         return {"diagnoses": [diagnosis.to_dict() for diagnosis in self]}
 
     def to_dataframe(self) -> DataFrame:
-        """Return the models before and after, two rows for each point; needs pandas."""
+        """Return a table with two rows for each point, fit before and fit after; needs pandas."""
         return data_frame(row for diagnosis in self for row in _rows(diagnosis))
 
 
@@ -352,7 +377,7 @@ def diagnose(
     data : a drop, a point, points, a survey, several of these, or a path; or ``time, load, values``
     quantity, offsets, header : as for `pfwd.invert`
     device : path of a TOML file that ``pfwd diagnose --write-device`` wrote, optional
-        Values of device effects.
+        Known device effects, which are not fitted.
     jobs : int
         Number of processes; a script with more than one needs ``if __name__ == "__main__":``.
 
@@ -361,6 +386,10 @@ def diagnose(
     elastic : True: a base model without dashpot, so that viscosity is an effect
     load : "measured" or "half-sine"
     plate_radius, plate_mass, poisson_ratio, density : declared values, m, kg, -, kg/m3
+
+    Returns
+    -------
+    Diagnosis or Diagnoses
 
     Raises
     ------
@@ -401,7 +430,9 @@ def diagnose(
 def _places(
     entries: Sequence[DiagnosisPoint], device_values: DeviceValues | None
 ) -> list[tuple[Instrument, int] | None]:
-    """Return the instrument of each point, and its index there; None: no drop was measured."""
+    """Return for each point the model of its instrument and its index there; None: no measured
+    drop.
+    """
     from inversion.inference.instrument import Instrument
     from pfwd.analysis.diagnosis.entries import instrument_of
 

@@ -1,4 +1,4 @@
-"""Representations that the objects for scripts share: text, table, data frame, axes."""
+"""Output that all objects for scripts share: text, table in a notebook, data frame, plot."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 MAX_NOTEBOOK_ROWS = 20
-"""Rows of a table in a notebook; a longer table would fill the screen."""
+"""Largest number of rows of a table in a notebook, so that it fits on a screen."""
 
 MAX_SHOWN_CHARACTERS = 200
-"""Longest text from a file in a line for people."""
+"""Longest text from a file that is shown."""
 
 
 class ScriptObject:
-    """Base of the objects for scripts; completion lists their public names only."""
+    """Base of the objects for scripts; ``dir`` and completion list public names only."""
 
     __slots__ = ()
 
@@ -31,22 +31,22 @@ class ScriptObject:
 
 
 def text_of(value: object) -> str:
-    """Return a value from a file as a text of limited length on one line."""
+    """Return a value as one line of text of at most `MAX_SHOWN_CHARACTERS`."""
     return clean(str(value), limit=MAX_SHOWN_CHARACTERS)
 
 
 def megapascal(value: float) -> str:
-    """Return a modulus (Pa) in MPa with four digits, without the unit."""
+    """Return a modulus, Pa, as text in MPa with four digits, without the unit."""
     return f"{value / 1e6:.4g}"
 
 
 def count(number: int, noun: str) -> str:
-    """Return a number with its noun: ``1 drop``, ``2 drops``."""
+    """Return a number with its noun in singular or plural: ``1 drop``, ``2 drops``."""
     return f"{number} {noun}" + ("" if number == 1 else "s")
 
 
 def html_table(caption: str, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Return a table for a notebook, with the number of rows beyond `MAX_NOTEBOOK_ROWS`."""
+    """Return a table in HTML; rows beyond `MAX_NOTEBOOK_ROWS` are counted in a last line."""
     head = "".join(f"<th>{html.escape(name)}</th>" for name in columns)
     body = "".join(
         "<tr>" + "".join(f"<td>{html.escape(text_of(cell))}</td>" for cell in row) + "</tr>"
@@ -61,10 +61,15 @@ def html_table(caption: str, columns: Sequence[str], rows: Sequence[Sequence[obj
 
 
 def flatten(record: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the record of a result as columns of a table.
+    """Convert a result with nested values to one row of a table.
 
     An interval becomes two columns (``modulus_interval_low_pa``, ``modulus_interval_high_pa``), a
-    nested record one column for each key (``half_sine_duration_s``), a list of texts one text.
+    nested record one column for each key (``half_sine_duration_s``), and a list of texts one text.
+
+    Parameters
+    ----------
+    record : mapping
+        Result with the keys of ``pfwd invert --json``.
     """
     columns: dict[str, Any] = {}
     for key, value in record.items():
@@ -82,7 +87,7 @@ def flatten(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def data_frame(rows: Iterable[Mapping[str, Any]]) -> DataFrame:
-    """Return the rows as a data frame of pandas.
+    """Return rows as a pandas DataFrame.
 
     Raises
     ------
@@ -98,7 +103,11 @@ def data_frame(rows: Iterable[Mapping[str, Any]]) -> DataFrame:
 
 
 def axes_or_new(ax: Axes | None) -> Axes:
-    """Return `ax`, or the axes of a new figure for None.
+    """Return the given axes; for None, those of a new figure.
+
+    Parameters
+    ----------
+    ax : Axes of matplotlib, or None
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Inversion of drops: `pfwd.invert`."""
+"""Function `pfwd.invert`, which returns the modulus of the ground under drops."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def invert(
     header: Header = None,
     **options: Any,
 ) -> Result | Results:
-    """Return the modulus of the ground under drops, with its uncertainty and conditions.
+    """Return the modulus of the ground under drops, with its uncertainty and assumptions.
 
     ``invert(drop)`` and ``invert(time, load, values, plate_radius=0.15)`` return one `Result`;
     a path, a survey, points, a point or several drops return `Results`, one for each drop.
@@ -63,7 +63,7 @@ def invert(
     Parameters
     ----------
     data : a drop, a point, points, a survey, several of these, or a path; or ``time, load, values``
-        for `pfwd.drop`, with ``quantity`` and ``offsets``
+        with ``quantity`` and ``offsets`` as for `pfwd.drop`
     header : path of a TOML file, or its keys as a dict, optional
         Overrides the declarations of the file; with a path only.
 
@@ -77,10 +77,10 @@ def invert(
     load : "measured" or "half-sine"
     plate : "rigid-rough", "rigid-smooth", "published" or "uniform" (equal pressure)
     sensors : "all" or "centre"
-    joint : True: one soil for all measured drops of a point
+    joint : True: one set of ground properties for all measured drops of a point
     method : "mpga" (genetic search and polish) or "least-squares" (several starts)
     published : True: the published method in all its parts
-    priors : False: no prior on the ground where the record does not determine the depth of rock
+    priors : False: no prior on the ground if the record does not determine the depth of rock
     seed : int, random seed of the search
     plate_radius, plate_mass, poisson_ratio, density : declared values, m, kg, -, kg/m3
         Override the declarations of the file.
@@ -128,14 +128,26 @@ def drop_of_arrays(
     options: AnalysisOptions,
     header: Header,
 ) -> Drop:
-    """Return the drop of ``time, load, values`` with what the options declare.
+    """Return the drop that the arrays ``time, load, values`` and the declarations in the options
+    describe.
+
+    Parameters
+    ----------
+    time : array
+    arrays : tuple
+        The arrays ``load`` and ``values``.
+    quantity, offsets : as for `pfwd.drop`
+    options : AnalysisOptions
+        With the plate radius.
+    header : must be None, because arrays have no file
 
     Raises
     ------
     SurveyError
+        If an array or the plate radius is missing, or the arrays do not fit together.
     """
     if len(arrays) != 2:
-        count = f"{1 + len(arrays)} of them"
+        count = f"{1 + len(arrays)}"
         raise OptionError(refusal("arrays", "three: time, load, values", count))
     if header is not None:
         raise OptionError(refusal("header", "none for arrays", "one", "give plate_radius=..."))
@@ -154,7 +166,9 @@ def drop_of_arrays(
 
 
 def is_array(data: object) -> bool:
-    """Return whether this is the first of the arrays ``time, load, values``."""
+    """Return whether an object is an array or a list of numbers, and thus the first of three
+    arrays.
+    """
     if hasattr(data, "__array__"):
         return True
     return isinstance(data, list | tuple) and bool(data) and isinstance(data[0], int | float)
@@ -168,7 +182,7 @@ def _invert_drop(chosen: Drop, options: AnalysisOptions, header: Header) -> Resu
     if options.joint:
         hint = "give the point, or leave joint out"
         raise OptionError(refusal("joint", "several drops of a point", "one drop", hint))
-    # Screened with all drops of its point: a rebound is recognised by the largest of them.
+    # Screened with all drops of its point, because a rebound is recognised by comparison.
     all_drops = chosen._point
     screening = leave_out_bad_sensors(all_drops, screen_point(all_drops))[chosen._index]
     (point,) = points_of(chosen, header, options.overrides())
@@ -190,7 +204,7 @@ def _result(point: TracePoint, analysis: DropAnalysis) -> Result:
 
 @functools.cache
 def library() -> SurrogateLibrary:
-    """Return the response tables, which many calls share."""
+    """Return the response tables of the model, which are read once and shared by all calls."""
     from inversion import SurrogateLibrary
 
     return SurrogateLibrary()

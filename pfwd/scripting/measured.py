@@ -1,4 +1,4 @@
-"""Measured drops and points, from files of any known format or from arrays."""
+"""Measured drops and points, read from files of any supported format or made from arrays."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 ARRAYS_FILE = "arrays"
-"""File name of a drop from arrays."""
+"""Text in place of the file name, for a drop that was made from arrays."""
 
 
 class Drop(ScriptObject):
-    """One impact as the instrument recorded it; made by `read`, `open` or `drop`."""
+    """One impact with its recorded traces; returned by `read`, `open` and `drop`."""
 
     __slots__ = ("_index", "_point")
 
@@ -63,7 +63,7 @@ class Drop(ScriptObject):
 
     @property
     def file(self) -> str:
-        """Path from which it was read."""
+        """Path of the file or survey from which the drop was read."""
         return self._point.file
 
     @property
@@ -73,7 +73,7 @@ class Drop(ScriptObject):
 
     @property
     def declared(self) -> dict[str, Any]:
-        """Declared values of instrument and ground, by the keys of docs/traces.md."""
+        """Declared values of instrument and ground, by header key (docs/traces.md)."""
         return declared_values(self._point.setup)
 
     @property
@@ -88,7 +88,9 @@ class Drop(ScriptObject):
 
     @property
     def values(self) -> NDArray[np.float64]:
-        """Recorded traces, (n_sensors, n), m/s or m (see `quantities`), downward positive."""
+        """Recorded traces, (n_sensors, n), downward positive; `quantities` has their quantity and
+        unit.
+        """
         return np.array([channel.values for channel in self._drop.channels])
 
     @property
@@ -103,13 +105,13 @@ class Drop(ScriptObject):
 
     @property
     def displacement(self) -> NDArray[np.float64]:
-        """Displacements, (n_sensors, n), m: velocities integrated, offsets removed."""
+        """Displacements, (n_sensors, n), m: velocities are integrated, offsets at rest removed."""
         drop = self._drop
         return np.array([displacement_of(channel, drop.time) for channel in drop.channels])
 
     @property
     def peak_load(self) -> float | None:
-        """Peak load, N, offset removed; None: samples around the trigger are missing."""
+        """Peak load above the load at rest, N; None: samples around the trigger are missing."""
         peaks = self._peaks()
         return None if peaks is None else peaks.load
 
@@ -121,12 +123,12 @@ class Drop(ScriptObject):
 
     @property
     def kind(self) -> Kind:
-        """``traces``; ``peaks``, without time histories; or ``stiffness``, on a rig of springs."""
+        """``traces``; ``peaks``, if the file has no traces; ``stiffness``, on a rig of springs."""
         return kind_of(self._drop, self.declared)
 
     @property
     def peak_displacements(self) -> NDArray[np.float64] | None:
-        """Peak displacement of every sensor, (n_sensors,), m."""
+        """Peak displacement of every sensor, (n_sensors,), m; None: samples are missing."""
         peaks = self._peaks()
         return None if peaks is None else np.array([peak for _, peak in peaks.displacements])
 
@@ -153,19 +155,19 @@ class Drop(ScriptObject):
         return html_table(repr(self), _DROP_TABLE_COLUMNS, [_row(self)])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the declared values, and the arrays as lists by the columns of a trace file."""
+        """Return declared values and traces (as lists), by header key and column name."""
         values = {"file": self.file, **self.declared, DROP_COLUMN: self.number, **self._columns()}
         record: dict[str, Any] = without_nan(values)
         return record
 
     def _columns(self) -> dict[str, NDArray[np.float64]]:
-        """Return the traces by the names of the columns of a trace file."""
+        """Return the traces by the column names of a trace file."""
         drop = self._drop
         sensors = {sensor_name(c.quantity, c.offset): c.values for c in drop.channels}
         return {TIME_COLUMN: drop.time, LOAD_COLUMN: drop.load, **sensors}
 
     def to_dataframe(self) -> DataFrame:
-        """Return the traces with a row for each sample, as in a trace file; needs pandas."""
+        """Return the traces as a table with the columns of a trace file; needs pandas."""
         columns = self._columns()
         rows = zip(*(values.tolist() for values in columns.values()), strict=True)
         return data_frame(
@@ -173,7 +175,7 @@ class Drop(ScriptObject):
         )
 
     def to_xarray(self) -> Dataset:
-        """Return the traces as a dataset of xarray, which has to be installed.
+        """Return the traces as an xarray Dataset.
 
         The variables are ``load`` (time) in N, ``displacement`` (sensor, time) in m, and
         ``velocity`` (sensor, time) in m/s, NaN for a sensor that did not record it. Coordinates are
@@ -205,7 +207,17 @@ class Drop(ScriptObject):
         return xarray.Dataset(variables, coordinates, attributes)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the displacement of every sensor (µm over ms), and return the axes."""
+        """Draw the displacement of every sensor, in µm over ms.
+
+        Parameters
+        ----------
+        ax : Axes of matplotlib, optional
+            None: a new figure is made.
+
+        Returns
+        -------
+        Axes
+        """
         ax = axes_or_new(ax)
         for offset, values in zip(self.offsets, self.displacement, strict=True):
             label = f"drop {self.number}, {offset:g} m"
@@ -217,7 +229,7 @@ class Drop(ScriptObject):
 
 
 class Point(ScriptObject, Sequence[Drop]):
-    """One test point with its declared values and its drops."""
+    """One test point with its declared values and its drops; a sequence of drops."""
 
     __slots__ = ("_drops", "_point")
 
@@ -232,12 +244,12 @@ class Point(ScriptObject, Sequence[Drop]):
 
     @property
     def file(self) -> str:
-        """Path from which it was read."""
+        """Path of the file or survey from which the point was read."""
         return self._point.file
 
     @property
     def declared(self) -> dict[str, Any]:
-        """Declared values of instrument and ground, by the keys of docs/traces.md."""
+        """Declared values of instrument and ground, by header key (docs/traces.md)."""
         return declared_values(self._point.setup)
 
     @property
@@ -269,22 +281,26 @@ class Point(ScriptObject, Sequence[Drop]):
         return html_table(repr(self), _DROP_TABLE_COLUMNS, [_row(drop) for drop in self])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the declared values, and the drops."""
+        """Return the declared values and warnings by their keys, and ``drops`` as `Drop.to_dict`
+        has them.
+        """
         values = {"file": self.file, **self.declared, **notices.to_json(self.warnings)}
         record: dict[str, Any] = without_nan(values)
         return {**record, "drops": [drop.to_dict() for drop in self]}
 
     def to_dataframe(self) -> DataFrame:
-        """Return peaks and declared values with a row for each drop; needs pandas."""
+        """Return a table with peaks (N, m) and declared values of each drop; needs pandas."""
         return data_frame(map(_summary, self))
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the displacements of all drops (µm over ms), and return the axes."""
+        """Draw the displacements of all drops, in µm over ms; parameter and return as for
+        `Drop.plot`.
+        """
         return _plot_drops(self, ax, self)
 
 
 class Points(ScriptObject, Sequence[Point]):
-    """Test points of a file; `drops` has the drops of all of them."""
+    """Test points of one file; a sequence of points."""
 
     __slots__ = ("_file", "_points")
 
@@ -294,7 +310,7 @@ class Points(ScriptObject, Sequence[Point]):
 
     @property
     def file(self) -> str:
-        """Path from which they were read."""
+        """Path of the file or survey from which the points were read."""
         return self._file
 
     @property
@@ -326,15 +342,17 @@ class Points(ScriptObject, Sequence[Point]):
         return html_table(repr(self), _DROP_TABLE_COLUMNS, [_row(drop) for drop in self.drops])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return every point with its declared values and its drops."""
+        """Return ``file`` and ``points``, each as `Point.to_dict` has it."""
         return {"file": self._file, "points": [point.to_dict() for point in self]}
 
     def to_dataframe(self) -> DataFrame:
-        """Return peaks and declared values with a row for each drop; needs pandas."""
+        """Return a table with peaks (N, m) and declared values of each drop; needs pandas."""
         return data_frame(map(_summary, self.drops))
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the displacements of all drops (µm over ms), and return the axes."""
+        """Draw the displacements of all drops, in µm over ms; parameter and return as for
+        `Drop.plot`.
+        """
         return _plot_drops(self.drops, ax, self)
 
 
@@ -346,7 +364,7 @@ def read(
     channels: Literal["raw", "stored"] | None = None,
     **declared: float,
 ) -> Points:
-    """Read the test points of a file of any known format, with their drops.
+    """Read the test points of a file of any supported format, with their drops.
 
     Parameters
     ----------
@@ -357,9 +375,10 @@ def read(
     map : path of a TOML file, optional
         Column map of a text that is no trace file.
     channels : "raw" or "stored", optional
-        Channels to read from a file that has both.
+        Channels to read from a file that has both: as measured, or as another program processed
+        them.
     **declared : plate_radius (m), plate_mass (kg), poisson_ratio, density (kg/m3)
-        Override both.
+        Override the declarations of file and header.
 
     Returns
     -------
@@ -368,7 +387,7 @@ def read(
     Raises
     ------
     SurveyError
-        If the file is refused; the message says what was expected, what came and where.
+        If the file is refused; the message states what was expected, what was read, and where.
 
     Examples
     --------
@@ -398,7 +417,7 @@ def drop(
     geophone_natural_frequency: float | None = None,
     geophone_damping: float | None = None,
 ) -> Drop:
-    """Return a drop from arrays.
+    """Make a drop from arrays.
 
     Parameters
     ----------
@@ -457,12 +476,12 @@ def drop(
 def time_and_load(
     time: ArrayLike, load: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return both as arrays (n,), s and N.
+    """Check the arrays of time and load and return them as (n,) float, s and N.
 
     Raises
     ------
     TraceError
-        If they are no record of a load with uniform steps.
+        If they differ in length, have too few samples, or the time steps are not uniform.
     """
     axis, force = _vector("time", time), _vector("load", load)
     if axis.size < MIN_SAMPLES:
@@ -472,7 +491,8 @@ def time_and_load(
     steps = np.diff(axis)
     step = float(np.median(steps))
     if not (step > 0 and np.all(np.abs(steps - step) <= RELATIVE_STEP_TOLERANCE * step)):
-        raise TraceError(refusal("time", "uniform, rising steps in s", "others", "resample it"))
+        expected = "uniform, rising steps in s"
+        raise TraceError(refusal("time", expected, "other steps", "resample the record"))
     return axis, force
 
 
@@ -518,7 +538,14 @@ def points_of(
     header: str | os.PathLike[str] | Mapping[str, object] | None,
     overrides: Mapping[str, float],
 ) -> list[TracePoint]:
-    """Return the points of a path, a survey, points, a point, or drops.
+    """Return the test points of a path, a survey, points, a point, or drops.
+
+    Parameters
+    ----------
+    data : object
+    header : as for `read`; must be None for data that were read before
+    overrides : mapping of header key to value
+        Override the declarations of the points.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Options of `pfwd.invert` and `pfwd.diagnose`, with the names of the command line."""
+"""Options of `pfwd.invert` and `pfwd.diagnose`, named as on the command line."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _DECLARED = {option: key for key, option in OPTION_OF_KEY.items()}
 
 
 class DiagnoseOptions(TypedDict, total=False):
-    """Options of `pfwd.diagnose`; None: the default."""
+    """Options of `pfwd.diagnose`; None stands for the default."""
 
     elastic: bool
     load: Load | None
@@ -46,7 +46,7 @@ class DiagnoseOptions(TypedDict, total=False):
 
 
 class InvertOptions(DiagnoseOptions, total=False):
-    """Options of `pfwd.invert`; None: the default."""
+    """Options of `pfwd.invert`; None stands for the default."""
 
     model: Model | None
     bedrock_depth: Depth | None
@@ -66,7 +66,7 @@ DIAGNOSE_OPTIONS = tuple(DiagnoseOptions.__annotations__)
 
 
 def analysis_options(names: tuple[str, ...], options: Mapping[str, Any]) -> AnalysisOptions:
-    """Check options and return them as those of an analysis.
+    """Check options and return them as the options of an analysis.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def analysis_options(names: tuple[str, ...], options: Mapping[str, Any]) -> Anal
     Raises
     ------
     OptionError
-        If one is unknown, of the wrong kind, outside its range, or contradicts another.
+        If an option is unknown, of the wrong type, outside its range, or contradicts another.
     """
     values: dict[str, Any] = {}
     for name, array_or_value in options.items():
@@ -124,24 +124,38 @@ def _check(name: str, value: object) -> None:
 
 
 def _as_number(value: Any) -> Any:
-    """Return a number of numpy as a number of Python, all else as it is."""
+    """Convert a numpy scalar to a Python number; return any other value unchanged."""
     return value.item() if hasattr(value, "item") and getattr(value, "ndim", 0) == 0 else value
 
 
 def _as_list(value: Any) -> Any:
-    """Return an array as a list; an array would be compared with a word number by number."""
+    """Convert an array to a list, so that it can be compared with a word; return other values
+    unchanged.
+    """
     return value.tolist() if hasattr(value, "tolist") and getattr(value, "ndim", 0) > 0 else value
 
 
 def reading(
     header: str | os.PathLike[str] | Mapping[str, object] | None, options: AnalysisOptions
 ) -> tuple[str | os.PathLike[str] | None, dict[str, object]]:
-    """Return the file of a header, and the keys that override those of files.
+    """Return the header file to read, and the header keys that override those of files.
+
+    Parameters
+    ----------
+    header : path of a TOML file, its keys as a mapping, or None
+    options : AnalysisOptions
+        Its declared values override the header.
+
+    Returns
+    -------
+    file : path or None
+        None: there is no header file.
+    overrides : dict of header key to value
 
     Raises
     ------
     OptionError
-        If the header is neither a path of a file nor a mapping of known keys.
+        If the header is neither an existing file nor a mapping, or a value is outside its range.
     """
     if isinstance(header, Mapping):
         for key, value in header.items():

@@ -1,4 +1,4 @@
-"""Results of inversions: modulus with its uncertainty, model, plate, Poisson's ratio, warnings."""
+"""Results of inversions: modulus with its uncertainty, assumptions and warnings."""
 
 from __future__ import annotations
 
@@ -33,52 +33,52 @@ if TYPE_CHECKING:
 class Result(DropResult, ScriptObject):
     """Properties of the ground under one drop, or the reason why the drop has none.
 
-    Each key of ``pfwd invert --json`` is an attribute: ``result.viscosity_pa_s``. Frequent ones
-    have a second name without the SI unit: ``result.viscosity``. ``history`` has arrays for plots;
-    it is None for a rejected drop and for a stored result.
+    Each key of ``pfwd invert --json`` is an attribute, with its SI unit: ``result.viscosity_pa_s``.
+    The most used ones have a second name without the unit: ``result.viscosity``. ``result.history``
+    has measured and fitted traces; it is None for a rejected drop and for a stored result.
     """
 
     __slots__ = ()
 
     @classmethod
     def of(cls, record: DropResult, **changes: Any) -> Self:
-        """Return the record of a drop for users of Python, with some of its fields changed."""
+        """Return a result for scripts from that of an analysis, with some fields replaced."""
         values = {field.name: getattr(record, field.name) for field in fields(record)}
         return cls(**values | changes)
 
     @property
     def number(self) -> int | None:
-        """Number of the drop within its point, as ``drop``."""
+        """Number of the drop within its point, also as ``drop``."""
         return self.drop
 
     @property
     def modulus(self) -> float | None:
-        """Young's modulus of the ground, Pa, as ``modulus_pa``."""
+        """Young's modulus of the ground, Pa, also as ``modulus_pa``; None: no modulus."""
         return self.modulus_pa
 
     @property
     def modulus_interval(self) -> tuple[float, float] | None:
-        """95 % interval of the modulus, Pa, as ``modulus_interval_pa``."""
+        """95 % interval of the modulus, Pa, also as ``modulus_interval_pa``; None: no modulus."""
         return self.modulus_interval_pa
 
     @property
     def viscosity(self) -> float | None:
-        """Viscosity of the ground, Pa s, as ``viscosity_pa_s``."""
+        """Viscosity of the ground, Pa s, also as ``viscosity_pa_s``; None: not in the model."""
         return self.viscosity_pa_s
 
     @property
     def density(self) -> float | None:
-        """Density of the ground, kg/m3, as ``density_kg_m3``."""
+        """Density of the ground, kg/m3, also as ``density_kg_m3``; None: no modulus."""
         return self.density_kg_m3
 
     @property
     def bedrock_depth(self) -> float | None:
-        """Depth of the bedrock, m, as ``bedrock_depth_m``."""
+        """Depth of the bedrock, m, also as ``bedrock_depth_m``; None: not in the model."""
         return self.bedrock_depth_m
 
     @property
     def plate_radius(self) -> float | None:
-        """Radius of the plate, m, as ``plate_radius_m``."""
+        """Radius of the plate, m, also as ``plate_radius_m``; None: no modulus."""
         return self.plate_radius_m
 
     def __getitem__(self, key: str) -> Any:
@@ -106,30 +106,40 @@ class Result(DropResult, ScriptObject):
         return f"E {_with_interval(self)}; {_conditions(self)}; {_warning_count([self])}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the record of ``pfwd invert --json``."""
+        """Return all values of the result, with the keys of ``pfwd invert --json``."""
         record: dict[str, Any] = without_nan(self.to_json())
         return record
 
     def to_dataframe(self) -> DataFrame:
-        """Return the record as one row; needs pandas."""
+        """Return a table of one row with all values; needs pandas."""
         return data_frame([flatten(self.to_dict())])
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the displacement, measured and fitted (µm over ms), and return the axes.
+        """Draw the measured and the fitted displacement, in µm over ms.
 
-        A stored result has no time histories: its modulus is drawn with the 95 % interval (MPa).
+        For a stored result, which has no traces, the modulus is drawn with its 95 % interval, in
+        MPa.
+
+        Parameters
+        ----------
+        ax : Axes of matplotlib, optional
+            None: a new figure is made.
+
+        Returns
+        -------
+        Axes
 
         Raises
         ------
         SurveyError
-            If the result has neither time histories nor a modulus with its interval.
+            If the result has neither traces nor a modulus with its interval.
         """
         history = self.history
         if history is None and self.modulus is not None and self.modulus_interval is not None:
             return Results([self]).plot(ax)
         if history is None:
-            hint = self.reason or "pfwd.invert makes a new one"
-            expected = "a result with its time histories"
+            hint = self.reason or "make a new one with pfwd.invert"
+            expected = "a result with traces to draw"
             raise SurveyError(refusal(f"drop {self.number}", expected, "one without", hint))
         ax = axes_or_new(ax)
         time = 1e3 * history.time
@@ -154,7 +164,7 @@ class Result(DropResult, ScriptObject):
 
 
 class Results(ScriptObject, Sequence[Result]):
-    """The results of several drops, in their order."""
+    """Results of several drops, in the order of the drops."""
 
     __slots__ = ("_results",)
 
@@ -163,12 +173,12 @@ class Results(ScriptObject, Sequence[Result]):
 
     @property
     def measured(self) -> Results:
-        """Results of the measured drops: neither seating nor rejected."""
+        """Results with a modulus of drops that are neither seating nor rejected."""
         return Results([drop for drop in self if drop.status == "measured" and drop.modulus])
 
     @property
     def warnings(self) -> tuple[Notice, ...]:
-        """Warnings of all drops, each once."""
+        """Warnings of all drops, equal ones once."""
         return tuple(dict.fromkeys(text for drop in self for text in drop.warnings or ()))
 
     def __len__(self) -> int:
@@ -207,15 +217,29 @@ class Results(ScriptObject, Sequence[Result]):
         return html_table(repr(self), _RESULT_TABLE_COLUMNS, list(map(_row, self)))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return ``results``: one record per drop, as of ``pfwd invert --json``."""
+        """Return a dict with the key ``results``: one record of ``pfwd invert --json`` for each
+        drop.
+        """
         return {"results": [drop.to_dict() for drop in self]}
 
     def to_dataframe(self) -> DataFrame:
-        """Return a row per drop, columns named as in ``pfwd invert --json``; needs pandas."""
+        """Return a table with a row for each drop, columns as in ``pfwd invert --json``; needs
+        pandas.
+        """
         return data_frame(flatten(drop.to_dict()) for drop in self)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the moduli with their 95 % intervals (MPa), and return the axes."""
+        """Draw the moduli of the drops with their 95 % intervals, in MPa.
+
+        Parameters
+        ----------
+        ax : Axes of matplotlib, optional
+            None: a new figure is made.
+
+        Returns
+        -------
+        Axes
+        """
         ax = axes_or_new(ax)
         drawn = [drop for drop in self if drop.modulus is not None and drop.modulus_interval]
         for status, marker in (("measured", "o"), ("seating", "x")):
@@ -271,7 +295,7 @@ def _row(result: Result) -> tuple[object, ...]:
 
 
 def _place(result: Result) -> str:
-    """Return the point of a drop, or its file if no point is declared."""
+    """Return the name of the point of a drop; if none is declared, the name of its file."""
     return str(result.point or os.path.basename(result.file or ""))
 
 
@@ -290,7 +314,7 @@ def _model(result: Result) -> str:
 
 
 def _conditions(result: Result) -> str:
-    """Return the assumptions of a modulus: model, plate, radius and Poisson's ratio."""
+    """Return the assumptions of a modulus as text: model, plate, its radius, Poisson's ratio."""
     return (
         f"{_model(result)}, {result.plate} plate of radius {result.plate_radius:g} m, "
         f"Poisson's ratio {result.poisson_ratio:g}"

@@ -1,4 +1,4 @@
-"""Survey with its points, drops and stored results; examples that ship with the package."""
+"""Survey with its points, drops and stored results, and the examples that ship with the package."""
 
 from __future__ import annotations
 
@@ -29,29 +29,29 @@ DATA_FOLDER = Path(__file__).resolve().parent / "data"
 
 
 class Survey(ScriptObject):
-    """Survey in the state in which `open` read it."""
+    """Survey as it was when `open` read it."""
 
     def __init__(self, content: SurveyContent) -> None:
         self._content = content
 
     @property
     def path(self) -> str:
-        """Folder of the survey, or exported file."""
+        """Path of the survey's folder, or of the exported file."""
         return self._content.path
 
     @property
     def file(self) -> str:
-        """Same as `path`; points and drops have an attribute of this name, too."""
+        """The same as `path`; points and drops have this attribute as well."""
         return self._content.path
 
     @property
     def damage(self) -> tuple[str, ...]:
-        """Description of each loss of data."""
+        """Descriptions of lost data; empty: the survey is intact."""
         return self._content.damage
 
     @cached_property
     def points(self) -> Points:
-        """Points with their drops, without the discarded ones.
+        """Points with their drops; discarded ones are omitted.
 
         Raises
         ------
@@ -62,12 +62,12 @@ class Survey(ScriptObject):
 
     @property
     def drops(self) -> tuple[Drop, ...]:
-        """Drops of all points, without the discarded ones."""
+        """Drops of all points; discarded ones are omitted."""
         return self.points.drops
 
     @cached_property
     def results(self) -> Results:
-        """Last stored result of each drop, without time histories."""
+        """Last stored result of each drop that has one, without traces."""
         stored = (_stored(self.path, row) for row in self._rows)
         return Results([result for result in stored if result is not None])
 
@@ -102,12 +102,15 @@ class Survey(ScriptObject):
         return html_table(repr(self), ("point", "drops", "discarded", "notes"), rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return path, damage, and the row of each drop in an export, discarded ones included."""
+        """Return ``survey`` (path), ``damage``, and ``drops``: the exported values of every drop.
+
+        Discarded drops are included; the keys are the columns of ``pfwd export --format table``.
+        """
         rows: list[Any] = without_nan([dict(row.values) for row in self._rows])
         return {"survey": self.path, "damage": list(self.damage), "drops": rows}
 
     def to_dataframe(self) -> DataFrame:
-        """Return a row for each drop as in ``pfwd export --format table``; needs pandas."""
+        """Return a table of the drops as ``pfwd export --format table`` writes it; needs pandas."""
         return data_frame(
             {
                 name: "; ".join(map(str, value)) if isinstance(value, list) else value
@@ -117,19 +120,29 @@ class Survey(ScriptObject):
         )
 
     def points_dataframe(self) -> DataFrame:
-        """Return a row for each point with value, target, verdict and diagnosis; needs pandas.
+        """Return a table with value, target, verdict and diagnosis of each point; needs pandas.
 
         The columns are those of ``pfwd export --format points``; discarded points are marked. The
-        modulus to use is ``modulus_in_force_pa``, ``use`` and ``use_reason`` say for what.
+        modulus to use is ``modulus_in_force_pa``; ``use`` and ``use_reason`` state what for.
         """
         return data_frame(point_rows(self._order))
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the judged value of each point with its 95 % interval, and return the axes.
+        """Draw the judged value of each point with its 95 % interval.
 
         Moduli are in MPa and deflections in mm. The colour is the verdict, a line the target; a
-        value that the data do not support is hollow. A survey without any value shows the peak
-        displacement of its drops, mm. ``survey.results.plot()`` draws the moduli of single drops.
+        value that the data do not support is hollow. If no point has a value, the peak
+        displacements of the drops are drawn, in mm. ``survey.results.plot()`` draws the moduli of
+        single drops.
+
+        Parameters
+        ----------
+        ax : Axes of matplotlib, optional
+            None: a new figure is made.
+
+        Returns
+        -------
+        Axes
         """
         ax = axes_or_new(ax)
         points = [point for point, _ in self._order.points]
@@ -192,14 +205,14 @@ class Survey(ScriptObject):
 
 
 def open(path: str | os.PathLike[str]) -> Survey:
-    """Read a survey from its folder or from an exported file of the format h5.
+    """Read a survey from its folder or from an exported file (format h5).
 
-    Another program may be writing it.
+    Another program may be writing to it.
 
     Raises
     ------
     SurveyError
-        If the path holds no survey, or cannot be read.
+        If the path is no survey, or cannot be read.
 
     Examples
     --------
@@ -248,9 +261,9 @@ def example(name: str) -> Points | Survey:
 
 
 def _stored(path: str, row: Row) -> Result | None:
-    """Return the stored result of a used drop, under the names that the survey has now.
+    """Return the stored result of a drop; None: it has no result, or is discarded.
 
-    Its modulus is withheld where the export withholds it, with a warning that says why.
+    A modulus without its uncertainty or assumptions is left out, as in exports, with a warning.
     """
     record = row.drop.last_result
     if record is None or not row.used:
@@ -262,6 +275,6 @@ def _stored(path: str, row: Row) -> Result | None:
         "modulus_pa": row.values["modulus_pa"],
         "warnings": row.warnings,
     }
-    # Unreadable values of these keys stay out.
+    # `more` holds unreadable values, which must not replace those of `changes`.
     more = {key: value for key, value in record.more.items() if key not in changes}
     return Result.of(record, more=more, **changes)

@@ -235,7 +235,7 @@ def test_a_stored_result_draws_its_modulus_with_the_interval() -> None:
     ((low, high),) = (segment[:, 1] for segment in bars.lines[2][0].get_segments())
     assert (low, high) == pytest.approx([end / 1e6 for end in result.modulus_interval])
     without = replace(result, modulus_pa=None)
-    with pytest.raises(pfwd.SurveyError, match="a result with its time histories, got one without"):
+    with pytest.raises(pfwd.SurveyError, match="a result with traces to draw, got one without"):
         without.plot()
 
 

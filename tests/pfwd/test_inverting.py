@@ -108,7 +108,7 @@ def test_a_drop_of_a_point_is_judged_among_the_others() -> None:
     assert result.modulus is None
     assert "rejected, false trigger" in repr(result)
     assert "18% of the largest" in result._repr_html_()
-    with pytest.raises(pfwd.SurveyError, match="expected a result with its time histories"):
+    with pytest.raises(pfwd.SurveyError, match="expected a result with traces to draw"):
         result.plot()
 
 

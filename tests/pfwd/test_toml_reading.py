@@ -24,7 +24,7 @@ TOP = Path(__file__).resolve().parents[2]
         ("x = 0x" + "f" * (LONGEST_INTEGER + 1), "a whole number of more than 64 bits"),
         ("x = 0b" + "1_" * LONGEST_INTEGER + "1", "a whole number of more than 64 bits"),
         ("x = " + "1" * 5000, "digits"),
-        ("x = " + "[" * 100_000, "nesting without end"),
+        ("x = " + "[" * 100_000, "too many nested brackets"),
         ("#" * (LARGEST_TOML + 1), "over 1000000 characters"),
         ("x = 'a", "Expected"),
     ],

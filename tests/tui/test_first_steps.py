@@ -55,7 +55,7 @@ def test_a_port_without_rights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert port_advice.port_advice([str(port)]) == []
     monkeypatch.setattr(os, "access", lambda *_: False)
     (said,) = port_advice.port_advice([str(port), "COM3"])
-    assert said.startswith(f"no right to open {port}: sudo usermod -aG ")
+    assert said.startswith(f"no permission to open {port}. Run: sudo usermod -aG ")
 
 
 def test_brltty_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -66,6 +66,6 @@ def test_brltty_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(port_advice, "USB_DEVICES", tmp_path)
     monkeypatch.setattr("shutil.which", lambda _: "/usr/bin/brltty")
     (said,) = port_advice.port_advice([])
-    assert "1a86:7523 is plugged in and has no port: brltty" in said
+    assert "1a86:7523 is connected, but has no port: brltty" in said
     (device / "1-2:1.0" / "ttyUSB0").mkdir(parents=True)
     assert port_advice.port_advice([]) == []

@@ -141,7 +141,7 @@ def test_what_was_declared_since_the_result_is_said(survey: Path, tmp_path: Path
 def test_nothing_is_written_over_by_mistake(survey: Path, tmp_path: Path, form: str) -> None:
     path = tmp_path / "out"
     path.write_text("mine")
-    with pytest.raises(OptionError, match="a name that is free, got one that is taken; --force"):
+    with pytest.raises(OptionError, match="a new name, got an existing one; choose another one"):
         export_survey(survey, form, path)
     assert path.read_text() == "mine"
     if form == "csv":

@@ -99,7 +99,7 @@ def test_a_folder_that_was_about_to_be_replaced_is_put_back(tmp_path: Path) -> N
     assert not (tmp_path / "out").exists()
     # Nobody said --force, so it is there again and stays.
     with (
-        pytest.raises(OptionError, match="--force writes over it"),
+        pytest.raises(OptionError, match="replace it with --force"),
         new_folder(tmp_path / "out", ".csv", force=False),
     ):
         pass

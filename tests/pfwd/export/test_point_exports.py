@@ -128,9 +128,9 @@ def test_decimal_commas_for_european_spreadsheets(judged: Path, tmp_path: Path) 
         ("csv", {"decimal": ","}, "a format in columns"),
         ("points", {"decimal": ";"}, "a point or a comma"),
         ("points", {"delimiter": ",", "decimal": ","}, "two signs"),
-        ("table", {"delimiter": ";;"}, "a sign such as"),
-        ("table", {"delimiter": "5"}, "a sign such as"),
-        ("table", {"delimiter": "\n"}, "a sign such as"),
+        ("table", {"delimiter": ";;"}, "one character such as"),
+        ("table", {"delimiter": "5"}, "one character such as"),
+        ("table", {"delimiter": "\n"}, "one character such as"),
     ],
 )
 def test_signs_that_make_no_table_are_refused(
