@@ -1,4 +1,8 @@
-"""Check of zero and span of the load cell, and of the noise of every channel."""
+"""Check of zero and span of the load cell, and of the noise of every channel.
+
+The shunt is a resistor that the instrument switches to the load cell; it simulates a known load,
+by which the span (sensitivity) is checked.
+"""
 
 from typing import Any, Protocol
 
@@ -10,51 +14,52 @@ from pfwd_device.calibration import load_channel, to_si
 from pfwd_device.identity import UNIT_OF_ROLE, Identity, Role
 
 AT_REST = 0.3
-"""Length of the samples at rest, s: fifteen periods of mains hum."""
+"""Length of the samples at rest that are evaluated, s: fifteen periods of mains hum."""
 
 SHUNTED = 0.2
-"""Length of the samples with the shunt, s, after `SETTLING`."""
+"""Length of the samples with the shunt on that are evaluated, s, after `SETTLING`."""
 
 SETTLING = 0.05
-"""Time after the switching of the shunt whose samples are left out, s."""
+"""Time after switching the shunt whose samples are not evaluated, s."""
 
 LARGEST_ZERO = 0.01
-"""Part of the load channel's range by which its zero may be off: a percent of full scale is what a
-load cell drifts over a season; more means that something leans on it or that it is overstrained."""
+"""Largest zero of the load channel, relative to its range: a load cell drifts by a percent of full
+scale over a season. A larger zero means that something leans on it or that it was overloaded."""
 
 LARGEST_ZERO_FLOOR = 150.0
-"""Weight on its springs, N, which counts as zero, too."""
+"""Load at rest that is accepted in any case, N, such as the weight of parts on the load cell."""
 
 SHUNT_ANSWER = 2.0
-"""Time within which the shunt has to be on, or off again, after the request, s."""
+"""Longest time from the command until the shunt is on, or off again, s."""
 
 HIT = 400.0
-"""Largest change of the load while the shunt is on, N; a larger one is no noise."""
+"""Largest change of the load while the shunt is on, N; a larger change is an impact."""
 
 REPEAT_AFTER = 0.25
-"""Time after which a command without effect is repeated, s."""
+"""Time after which a command to the shunt is repeated if it has no effect, s."""
 
 SPAN_TOLERANCE = 0.02
-"""Relative tolerance of the shunt's reading: the accuracy of a calibration."""
+"""Relative tolerance of the load that the shunt simulates: the accuracy of a calibration."""
 
 CHECK_INTERVAL = 600.0
-"""Time without a drop after which the sensors are checked again, s of samples."""
+"""Time without a drop after which the sensors are checked again, s."""
 
 Finding = tuple[dict[str, Any], tuple[str, ...]]
 
 
 class Switch(Protocol):
-    """Function that switches the calibration shunt of the load cell."""
+    """Type of a function that switches the calibration shunt of the load cell on or off."""
 
     def __call__(self, on: bool) -> None: ...
 
 
 class SensorChecker:
-    """Checks the sensors before the first drop and after a pause, when the instrument is at rest.
+    """Checks the sensors before the first drop and after a pause, while the instrument is at rest.
 
     Parameters
     ----------
     identity : Identity
+        Identity of the instrument, with the values of the setup file.
     shunt : callable
         Switches the calibration shunt.
     """
@@ -72,7 +77,9 @@ class SensorChecker:
 
     @property
     def due(self) -> bool:
-        """A check is under way or due, or the shunt is on, which hides a drop."""
+        """True if a check runs or is due, or if the shunt is on, during which no drop can be
+        recorded.
+        """
         return self._due or self._is_on
 
     def _begin(self) -> None:
@@ -83,14 +90,16 @@ class SensorChecker:
         self._shunt_requested = self._is_measured = False
         self._unanswered = self._unrepeated = 0
 
-    def _want(self, on: bool) -> None:
+    def _switch(self, on: bool) -> None:
         self._shunt_requested = on
         self._unanswered = self._unrepeated = 0
         self._shunt(on)
 
-    def _insist(self, samples: Samples) -> None:
-        """Say again what the instrument has not done: a command may be lost like anything else, or
-        a program that ended in the middle of its check has left the shunt on."""
+    def _repeat_command(self, samples: Samples) -> None:
+        """Repeat the last command to the shunt if it had no effect.
+
+        The command may have been lost, or another program may have left the shunt on.
+        """
         self._is_on = samples.shunt
         if samples.shunt == self._shunt_requested:
             return
@@ -101,22 +110,25 @@ class SensorChecker:
             self._shunt(self._shunt_requested)
 
     def feed(self, samples: Samples, *, at_rest: bool) -> Finding | None:
-        """Return the result of a check that these samples complete.
+        """Evaluate further samples; return the result of a check that they complete.
 
         Parameters
         ----------
         samples : Samples
         at_rest : bool
-            Whether no drop is under way.
+            True: no drop is in progress.
 
         Returns
         -------
+        None
+            No check is complete.
         details : dict
-            ``zero_n``, ``span_ratio`` (None without a shunt) and for every channel its ``noise``
-            (root mean square) with ``unit``.
+            ``zero_n``, ``span_ratio`` (measured over expected load of the shunt; None: no shunt)
+            and ``channels``, a list with ``name``, ``noise`` (root mean square) and ``unit``.
         faults : tuple of str
+            One sentence each.
         """
-        self._insist(samples)
+        self._repeat_command(samples)
         self._detect_hit(samples)
         if not at_rest:
             self._idle = 0
@@ -134,7 +146,7 @@ class SensorChecker:
         return self._feed_shunted(samples)
 
     def _detect_hit(self, samples: Samples) -> None:
-        """Note a hit while the shunt is on: the detector leaves these samples out."""
+        """Detect an impact while the shunt is on, because the detection ignores these samples."""
         if not samples.shunt:
             self._n_on = 0
             self._load_range = (np.inf, -np.inf)
@@ -158,7 +170,7 @@ class SensorChecker:
             return None
         if not self._has_shunt:
             return self._conclude()
-        self._want(True)
+        self._switch(True)
         return None
 
     def _feed_shunted(self, samples: Samples) -> Finding | None:
@@ -167,21 +179,21 @@ class SensorChecker:
         complete = _length(self._shunted) >= (SETTLING + SHUNTED) * self._rate
         if not complete and self._unanswered < SHUNT_ANSWER * self._rate:
             return None
-        self._want(False)
+        self._switch(False)
         self._is_measured = True
         return self._wait_for_off(samples) if not self._is_on else None
 
     def _wait_for_off(self, samples: Samples) -> Finding | None:
-        """Conclude when the shunt is off: until then it hides drops."""
+        """Return the result once the shunt is off, because drops cannot be recorded before."""
         if samples.shunt and self._unanswered < SHUNT_ANSWER * self._rate:
             return None
         return self._conclude()
 
     def _interrupt(self) -> None:
-        """Interrupt a check for a drop; it starts again afterwards."""
+        """Interrupt a check because of a drop; it starts again afterwards."""
         if self._due:
             if self._shunt_requested:
-                self._want(False)
+                self._switch(False)
             self._begin()
 
     def _conclude(self) -> Finding:
@@ -196,14 +208,14 @@ class SensorChecker:
         scale = identity.volts_per_count
         index = self._load_index
         load = identity.channels[index]
-        # The median: a knock while it is looked at is neither zero nor span.
+        # The median, on which a short disturbance has no influence.
         zero = float(np.median(to_si(counts[:, index], load, scale)))
         ratio = None
         faults = _zero_faults(zero, identity)
         if self._has_shunt and _length(self._shunted) < (SETTLING + SHUNTED) * self._rate:
             faults.append(
-                "span of the load cell: expected samples with the shunt on, got none; the "
-                "instrument did not switch it"
+                "span of the load cell: not checked, because the instrument did not switch its "
+                "calibration shunt on"
             )
         elif load.shunt is not None:
             shunted = np.concatenate(self._shunted)[round(SETTLING * self._rate) :]
@@ -213,17 +225,17 @@ class SensorChecker:
             if not abs(ratio - 1) <= SPAN_TOLERANCE:
                 faults.append(
                     f"span of the load cell: expected {load.shunt:.0f} N from the shunt, got "
-                    f"{reading:.0f} N; the calibration does not hold any more"
+                    f"{reading:.0f} N; calibrate the load cell again"
                 )
         if self._is_hit:
             faults.append(
-                "something hit the plate while the shunt was on, which hides a drop: expected "
-                "rest until the instrument is ready; repeat the drop"
+                "impact while the calibration shunt was on: drops cannot be recorded during this "
+                "check. Wait until the instrument is reported as ready and repeat the drop"
             )
         if self._is_on:
             faults.append(
-                "the shunt of the load cell stays on, which hides every drop: expected it off "
-                f"within {SHUNT_ANSWER:.0f} s; switch the instrument off and on again"
+                f"the calibration shunt is still on {SHUNT_ANSWER:.0f} s after it was switched "
+                "off: drops cannot be recorded. Switch the instrument off and on again"
             )
         channels = []
         for channel, column in zip(identity.channels, counts.T, strict=True):
@@ -234,7 +246,7 @@ class SensorChecker:
             if channel.role is not Role.UNUSED and np.ptp(column) == 0:
                 faults.append(
                     f"channel {channel.name}: expected at least the noise of the converter, got "
-                    f"the same value {column[0]} all the time; check its cable"
+                    f"the constant value {column[0]}; check its cable"
                 )
         details = {"zero_n": zero, "span_ratio": ratio, "channels": channels}
         return details, tuple(faults)
@@ -247,7 +259,7 @@ def _zero_faults(zero: float, identity: Identity) -> list[str]:
         return []
     return [
         f"zero of the load cell: expected at most {limit:.0f} N at rest, got {zero:.0f} N; take "
-        "everything off the plate, then check the cell and its cable"
+        "everything off the plate, then check the load cell and its cable"
     ]
 
 

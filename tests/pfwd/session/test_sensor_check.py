@@ -137,12 +137,12 @@ def test_not_ready_while_the_shunt_is_on() -> None:
     bench = Bench(WITH_SHUNT, lost=set(range(1, 1000)))
     bench.run(stream(3.0))
     ((_, faults),) = bench.found
-    assert faults[0].startswith("the shunt of the load cell stays on, which hides every drop")
+    assert faults[0].startswith("the calibration shunt is still on 2 s after")
     assert bench.shunted
     assert bench.due
 
 
-HIT = "something hit the plate while the shunt was on"
+HIT = "impact while the calibration shunt was on"
 
 
 # The span is measured from 0.35 to 0.55 s; a lost command leaves the shunt on until 0.8 s.
